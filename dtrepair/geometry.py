@@ -1,0 +1,136 @@
+"""Triangle meshes as plain arrays: areas, normals, edges, adjacency, components, weld maps."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int32]
+
+
+def as_mesh(points: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, IntArray]:
+    """Points (V, 3) as float64 and faces (F, 3) as int32, checked.
+
+    Raises ValueError for other shapes, numbers that are not finite and indices out of range.
+    """
+    vertices = as_points(points)
+    triangles = np.asarray(faces)
+    if triangles.ndim != 2 or triangles.shape[1] != 3:
+        raise ValueError(
+            f"faces should have shape (F, 3), got {triangles.shape}: triangulate polygons first"
+        )
+    if triangles.size and not np.issubdtype(triangles.dtype, np.integer):
+        raise ValueError(f"faces should be integers, got {triangles.dtype}")
+    if triangles.size:
+        lowest, highest = int(triangles.min()), int(triangles.max())
+        if lowest < 0 or highest >= len(vertices):
+            wrong = lowest if lowest < 0 else highest
+            raise ValueError(
+                f"faces should index 0..{len(vertices) - 1}, got index {wrong}: "
+                "check that points and faces belong together"
+            )
+    return vertices, np.ascontiguousarray(triangles, dtype=np.int32)
+
+
+def as_points(points: ArrayLike, count: int | None = None) -> FloatArray:
+    """Points (V, 3) as float64, finite, and `count` of them if a count is given (ValueError)."""
+    vertices = np.ascontiguousarray(points, dtype=np.float64)
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise ValueError(f"points should have shape (V, 3), got {vertices.shape}")
+    if count is not None and len(vertices) != count:
+        raise ValueError(
+            f"points should have {count} rows as the rest mesh has, got {len(vertices)}: "
+            "a pose must have the topology of its rest"
+        )
+    finite = np.isfinite(vertices).all(axis=1)
+    if not finite.all():
+        raise ValueError(
+            f"points should be finite, got {vertices[~finite][0]} at vertex {np.flatnonzero(~finite)[0]}"
+        )
+    return vertices
+
+
+def vector_areas(points: FloatArray, faces: IntArray) -> FloatArray:
+    """Normal times area of each triangle (F, 3), squared length units."""
+    a, b, c = points[faces[:, 0]], points[faces[:, 1]], points[faces[:, 2]]
+    return 0.5 * np.cross(b - a, c - a)
+
+
+def triangle_areas(points: FloatArray, faces: IntArray) -> FloatArray:
+    """Area of each triangle (F,), squared length units."""
+    return np.linalg.norm(vector_areas(points, faces), axis=1)
+
+
+def triangle_normals(points: FloatArray, faces: IntArray) -> FloatArray:
+    """Unit normal of each triangle (F, 3); zero where the area is zero."""
+    vectors = vector_areas(points, faces)
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
+
+
+def vertex_areas(points: FloatArray, faces: IntArray) -> FloatArray:
+    """A third of the incident triangle areas of each vertex (V,), squared length units."""
+    thirds = np.repeat(triangle_areas(points, faces) / 3.0, 3)
+    return np.bincount(faces.ravel(), weights=thirds, minlength=len(points))
+
+
+def unique_edges(faces: IntArray) -> IntArray:
+    """Edges (E, 2), each once, i < j, sorted."""
+    if len(faces) == 0:
+        return np.zeros((0, 2), dtype=np.int32)
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    edges = edges[edges[:, 0] < edges[:, 1]]
+    keys = np.unique(edges[:, 0].astype(np.int64) << 32 | edges[:, 1].astype(np.int64))
+    return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)
+
+
+def adjacency(faces: IntArray, count: int) -> tuple[IntArray, IntArray]:
+    """Neighbours of each vertex as compressed rows: indptr (count + 1,), indices (2E,), sorted."""
+    edges = unique_edges(faces)
+    both = np.concatenate([edges, edges[:, ::-1]])
+    both = both[np.lexsort((both[:, 1], both[:, 0]))]
+    starts = np.searchsorted(both[:, 0], np.arange(count + 1))
+    return starts.astype(np.int32), np.ascontiguousarray(both[:, 1])
+
+
+def components(faces: IntArray, count: int) -> IntArray:
+    """Label of the connected component of each vertex (count,); unused vertices stand alone."""
+    edges = unique_edges(faces)
+    graph = sparse.coo_matrix(
+        (np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(count, count)
+    )
+    return csgraph.connected_components(graph, directed=False)[1].astype(np.int32)
+
+
+def weld_map(points: ArrayLike) -> IntArray:
+    """For each vertex (V,) the smallest index of a vertex at the same float32 position.
+
+    -0.0 and 0.0 are one position. Vertices duplicated along texture seams weld into one.
+    """
+    positions = np.ascontiguousarray(points, dtype=np.float32) + np.float32(0.0)
+    order = np.lexsort((positions[:, 2], positions[:, 1], positions[:, 0]))
+    ordered = positions[order]
+    starts = np.ones(len(order), dtype=bool)
+    starts[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    # lexsort is stable, so the first of a run is its smallest index.
+    first = order[starts][np.cumsum(starts) - 1] if len(order) else order
+    weld = np.empty(len(order), dtype=np.int32)
+    weld[order] = first
+    return weld
+
+
+def extent(points: ArrayLike) -> float:
+    """Largest minus smallest of all coordinates: the unit of length of the repair."""
+    vertices = np.asarray(points)
+    return float(vertices.max() - vertices.min()) if vertices.size else 0.0
+
+
+def diagonal(points: ArrayLike) -> float:
+    """Diagonal of the bounding box: the unit of the reported displacements."""
+    vertices = np.asarray(points, dtype=np.float64)
+    if not vertices.size:
+        return 0.0
+    return float(np.linalg.norm(vertices.max(axis=0) - vertices.min(axis=0)))

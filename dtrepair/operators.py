@@ -1,0 +1,122 @@
+"""Sparse operators of a triangle mesh and the one factorisation of the project (cholespy)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from dtrepair.geometry import FloatArray, IntArray, unique_edges, vertex_areas
+
+
+def cotangent_laplacian(
+    points: FloatArray, faces: IntArray, *, clamp: tuple[float, float] | None = None
+) -> sparse.csr_matrix:
+    """Cotangent Laplacian (V, V), positive semidefinite, dimensionless (Pinkall & Polthier 1993).
+
+    `clamp` bounds the weight of every edge from below and above: with positive weights the matrix
+    is an M-matrix, so a diffused field never exceeds its source (maximum principle).
+    """
+    count = len(points)
+    rows, columns, weights = [], [], []
+    for corner in range(3):
+        apex, left, right = (faces[:, (corner + k) % 3] for k in range(3))
+        u, v = points[left] - points[apex], points[right] - points[apex]
+        double_area = np.linalg.norm(np.cross(u, v), axis=1)
+        # A zero-area corner has no cotangent: bounded by the lengths of its edges.
+        floor = 1e-12 * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1) + 1e-300
+        rows.append(left)
+        columns.append(right)
+        weights.append(0.5 * np.einsum("ij,ij->i", u, v) / np.maximum(double_area, floor))
+    half = sparse.coo_matrix(
+        (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))),
+        shape=(count, count),
+    )
+    edges = (half + half.T).tocsr()
+    edges.setdiag(0.0)
+    edges.eliminate_zeros()
+    if clamp is not None:
+        edges.data = np.clip(edges.data, *clamp)
+    return _laplacian(edges)
+
+
+def uniform_laplacian(faces: IntArray, count: int) -> sparse.csr_matrix:
+    """Graph Laplacian (count, count): degree on the diagonal, -1 for each edge."""
+    edges = unique_edges(faces)
+    half = sparse.coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), (count, count))
+    return _laplacian((half + half.T).tocsr())
+
+
+def lumped_mass(points: FloatArray, faces: IntArray, *, floor: float = 1e-2) -> FloatArray:
+    """Vertex areas (V,) scaled to mean 1 over the vertices in use, and at least `floor`."""
+    areas = vertex_areas(points, faces)
+    used = areas[areas > 0]
+    return np.maximum(areas / used.mean() if len(used) else areas, floor)
+
+
+def gradient_operator(points: FloatArray, faces: IntArray) -> sparse.csr_matrix:
+    """Gradient of a piecewise linear function: (3F, V), rows 3t..3t+2 of triangle t, 1 / length.
+
+    A zero-area triangle has no gradient: its rows are zero.
+    """
+    double_normals = np.cross(
+        points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]]
+    )
+    squared = np.einsum("ij,ij->i", double_normals, double_normals)
+    inverse = np.divide(1.0, squared, out=np.zeros_like(squared), where=squared > 0)
+    blocks = []
+    for corner in range(3):
+        opposite = points[faces[:, (corner + 2) % 3]] - points[faces[:, (corner + 1) % 3]]
+        blocks.append(np.cross(double_normals, opposite) * inverse[:, None])
+    values = np.stack(blocks, axis=1)  # (F, corner, xyz)
+    rows = 3 * np.arange(len(faces))[:, None, None] + np.arange(3)[None, None, :]
+    columns = np.broadcast_to(faces[:, :, None], values.shape)
+    return sparse.coo_matrix(
+        (values.ravel(), (np.broadcast_to(rows, values.shape).ravel(), columns.ravel())),
+        shape=(3 * len(faces), len(points)),
+    ).tocsr()
+
+
+def _laplacian(edges: sparse.csr_matrix) -> sparse.csr_matrix:
+    return (sparse.diags(np.asarray(edges.sum(axis=1)).ravel()) - edges).tocsr()
+
+
+class Factor:
+    """Sparse Cholesky factor of a symmetric positive definite matrix, computed once.
+
+    `Factor.count` counts the factorisations of the process, so that a test can assert reuse.
+    """
+
+    count: ClassVar[int] = 0
+
+    def __init__(self, matrix: sparse.spmatrix) -> None:
+        """Factorise `matrix` (n, n); ValueError when it is not square or not finite."""
+        from cholespy import CholeskySolverD, MatrixType
+
+        entries = sparse.csc_matrix(matrix)
+        entries.sum_duplicates()
+        entries.sort_indices()
+        if entries.shape[0] != entries.shape[1]:
+            raise ValueError(f"matrix should be square, got {entries.shape}")
+        if not np.isfinite(entries.data).all():
+            raise ValueError("matrix should be finite: check the mesh for points that are not")
+        Factor.count += 1
+        self.size = int(entries.shape[0])
+        self._solver = CholeskySolverD(
+            self.size,
+            entries.indptr.astype(np.int32),
+            entries.indices.astype(np.int32),
+            entries.data.astype(np.float64),
+            MatrixType.CSC,
+        )
+
+    def __call__(self, right_hand_side: NDArray[np.floating]) -> FloatArray:
+        """Solution of matrix @ x = right_hand_side, shape (n,) or (n, k), float64."""
+        rows = np.ascontiguousarray(right_hand_side, dtype=np.float64)
+        if rows.shape[0] != self.size:
+            raise ValueError(f"right-hand side should have {self.size} rows, got {rows.shape}")
+        solution = np.zeros_like(rows)
+        self._solver.solve(rows, solution)
+        return solution

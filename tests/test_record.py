@@ -1,0 +1,180 @@
+"""The JSON report: what is written follows the schema; what does not is refused."""
+
+import copy
+import json
+import os
+
+import pytest
+
+from dtrepair.record import (
+    SCHEMA,
+    SCHEMA_NAME,
+    STATUSES,
+    CountRecord,
+    FramePrimRecord,
+    FrameRecord,
+    PrimRecord,
+    Report,
+    ReportError,
+    read_report,
+    render_report,
+    summarize,
+    validate,
+    write_report,
+)
+
+
+def make_report(**changes):
+    frames = (
+        FrameRecord(
+            time=1.0,
+            status="clean",
+            before=CountRecord(triangles=10, pairs=7, inter_pairs=2),
+            after=CountRecord(),
+            iterations=14,
+            seconds=0.2,
+            displacement_max=0.03,
+            displacement_mean=0.002,
+            prims=(FramePrimRecord(path="/A", before=CountRecord(triangles=4), after=None),),
+        ),
+        FrameRecord(time=None, status="failed", message="points are not finite"),
+        FrameRecord(
+            time=2.5,
+            status="improved",
+            before=CountRecord(triangles=6, pairs=5),
+            after=CountRecord(triangles=2, pairs=1),
+            displacement_max=0.05,
+            displacement_mean=0.004,
+        ),
+    )
+    values = {
+        "command": "repair",
+        "version": "0.1",
+        "input": "shot.usd",
+        "output": "fixed.usdc",
+        "settings": {"iterations": 60},
+        "seconds": {"total": 1.2},
+        "prims": (PrimRecord(path="/A", vertices=8, triangles=12, rest_intersections=0),),
+        "frames": frames,
+    }
+    return Report(**{**values, **changes})
+
+
+def test_document_carries_the_schema_name_and_the_totals():
+    document = make_report().document()
+    assert document["schema"] == SCHEMA_NAME == "dtrepair.report/1"
+    summary = document["summary"]
+    assert (summary["frames"], summary["clean"], summary["failed"]) == (3, 1, 1)
+    assert (summary["triangles_before"], summary["triangles_after"]) == (16, 2)
+    assert (summary["pairs_before"], summary["inter_pairs_before"]) == (12, 2)
+    assert summary["displacement_max"] == 0.05
+    assert summary["displacement_mean"] == pytest.approx(0.003)
+    assert summary["jitter"] is None
+
+
+def test_failed_frames_have_a_null_time_and_no_counts():
+    frame = make_report().document()["frames"][1]
+    assert frame["time"] is None and frame["before"] is None and frame["after"] is None
+
+
+def test_no_frames_is_a_valid_report():
+    document = make_report(frames=()).document()
+    assert document["summary"]["frames"] == 0
+    assert summarize(())["displacement_mean"] == 0.0
+
+
+def test_schema_agrees_with_an_independent_validator():
+    jsonschema = pytest.importorskip("jsonschema")
+    validator = jsonschema.Draft202012Validator(SCHEMA)
+    document = make_report().document()
+    assert list(validator.iter_errors(document)) == []
+    for broken in broken_documents(document):
+        assert list(validator.iter_errors(broken))
+        with pytest.raises(ReportError):
+            validate(broken)
+
+
+def broken_documents(document):
+    def change(edit):
+        copied = copy.deepcopy(document)
+        edit(copied)
+        return copied
+
+    yield change(lambda d: d.pop("summary"))
+    yield change(lambda d: d.update(schema="dtrepair.report/2"))
+    yield change(lambda d: d.update(other=1))
+    yield change(lambda d: d["frames"][0].update(status="fine"))
+    yield change(lambda d: d["frames"][0]["before"].update(triangles=-1))
+    yield change(lambda d: d["frames"][0]["before"].update(triangles=1.5))
+    yield change(lambda d: d["frames"][0].update(iterations=True))
+    yield change(lambda d: d["frames"][0].update(time="1"))
+    yield change(lambda d: d["prims"][0].pop("path"))
+    yield change(lambda d: d["seconds"].update(total=-1.0))
+    yield change(lambda d: d.update(frames={}))
+    yield []
+
+
+@pytest.mark.parametrize(
+    ("edit", "place"),
+    [
+        (
+            lambda d: d["frames"][0].update(status="fine"),
+            r"report\.frames\[0\]\.status: expected one",
+        ),
+        (
+            lambda d: d["frames"][2]["after"].update(pairs=-3),
+            r"frames\[2\]\.after\.pairs.*at least 0",
+        ),
+        (lambda d: d["prims"][0].update(extra=1), r"prims\[0\]: got the unknown property 'extra'"),
+        (lambda d: d.pop("device"), r"report: expected the property 'device'"),
+    ],
+)
+def test_errors_name_the_place(edit, place):
+    document = make_report().document()
+    edit(document)
+    with pytest.raises(ReportError, match=place):
+        validate(document)
+
+
+@pytest.mark.parametrize("status", STATUSES)
+def test_every_status_is_accepted(status):
+    make_report(frames=(FrameRecord(time=1.0, status=status),)).document()
+
+
+def test_values_that_are_not_json_are_refused():
+    with pytest.raises(ReportError, match="finite"):
+        make_report(seconds={"total": float("nan")}).document()
+    with pytest.raises(ReportError, match="plain values"):
+        make_report(settings={"a": object()}).document()
+
+
+def test_write_and_read_back(tmp_path):
+    path = tmp_path / "report.json"
+    write_report(make_report(), path)
+    assert read_report(path) == make_report().document()
+    assert path.read_text() == render_report(make_report())
+    assert path.read_text().endswith("}\n")
+
+
+def test_refused_report_leaves_the_old_file(tmp_path):
+    path = tmp_path / "report.json"
+    path.write_text("old")
+    with pytest.raises(ReportError):
+        write_report(make_report(frames=(FrameRecord(time=1.0, status="fine"),)), path)
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["report.json"]
+
+
+def test_missing_directory_is_an_os_error(tmp_path):
+    with pytest.raises(OSError):
+        write_report(make_report(), tmp_path / "none" / "report.json")
+
+
+def test_reading_something_else_is_refused(tmp_path):
+    path = tmp_path / "report.json"
+    path.write_text("{")
+    with pytest.raises(ReportError, match="expected a JSON report"):
+        read_report(path)
+    path.write_text(json.dumps({"schema": SCHEMA_NAME}))
+    with pytest.raises(ReportError, match=r"report\.json: report: expected the property"):
+        read_report(path)

@@ -1,0 +1,175 @@
+"""All pairs of intersecting triangles of a mesh, exactly, for one pose or a batch of poses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dtrepair.geometry import as_mesh, weld_map
+from dtrepair.intersect.exact import intersect
+from dtrepair.intersect.tree import build_tree
+
+
+class Detector:
+    """Finds intersecting triangles of the poses of one topology; built once per topology.
+
+    A pair counts if its triangles share no vertex (after `weld`) and have a common point; touching
+    counts; coordinates are rounded to float32 first; zero-area triangles take no part.
+
+    Args:
+        rest: Rest positions (V, 3), any length unit: the hierarchy is built on them.
+        faces: Triangles (F, 3).
+        weld: Representative of each vertex (V,); vertices with one representative are one vertex.
+            Default: each vertex stands for itself.
+        device: "cpu" or "cuda:N".
+
+    Raises:
+        ValueError: shapes, indices or numbers that are not those of a mesh.
+    """
+
+    def __init__(
+        self,
+        rest: ArrayLike,
+        faces: ArrayLike,
+        *,
+        weld: ArrayLike | None = None,
+        device: str = "cpu",
+    ) -> None:
+        from dtrepair.device import start_warp
+
+        points, triangles = as_mesh(rest, faces)
+        self.device = device
+        self.vertex_count = len(points)
+        self.faces = triangles
+        self.tree = build_tree(points[triangles].mean(axis=1)) if len(triangles) else None
+        self._warp = start_warp()
+        if self.tree is None:
+            return
+        self._capacity = max(4096, 4 * len(triangles))
+        ordered = triangles[self.tree.order]
+        self._ordered = self._upload(ordered, self._warp.vec3i)
+        self._order = self._upload(self.tree.order, self._warp.int32)
+        self._leaf_start = self._upload(self.tree.leaf_start, self._warp.int32)
+        self._skip = self._upload(self.tree.skip, self._warp.int32)
+        self._welded = self._weld(weld) if weld is not None else self._ordered
+
+    def __call__(
+        self, points: Any, *, weld: ArrayLike | None = None, exact: bool = True
+    ) -> NDArray[np.int32]:
+        """Intersecting pairs of a pose (V, 3) as (K, 2), or of poses (B, V, 3) as (K, 3).
+
+        Columns are (i, j) or (frame, i, j) with i < j; rows are sorted. `weld` replaces the weld
+        map for this call. With `exact=False` pairs that floating point cannot settle count as
+        intersecting: never fewer pairs, and no host arithmetic in an inner loop.
+        """
+        rounded = self._rounded(points)
+        pairs = self.candidates(rounded, weld=weld)
+        if exact:
+            pairs = self._settled(rounded, pairs)
+        pairs = pairs[np.lexsort((pairs[:, 2], pairs[:, 1], pairs[:, 0])), :3]
+        return np.ascontiguousarray(pairs[:, 1:] if np.ndim(points) == 2 else pairs)
+
+    def candidates(
+        self, points: NDArray[np.float32], *, weld: ArrayLike | None = None
+    ) -> NDArray[np.int32]:
+        """Rows (frame, i, j, 1 certain or 2 uncertain), unsorted, of float32 poses (B, V, 3)."""
+        if self.tree is None or points.shape[0] == 0:
+            return np.zeros((0, 4), dtype=np.int32)
+        warp = self._warp
+        welded = self._welded if weld is None else self._weld(weld)
+        positions = warp.array(points, dtype=warp.vec3f, device=self.device, copy=False)
+        boxes = self._refit(positions)
+        while True:
+            pairs = warp.empty(self._capacity, dtype=warp.vec4i, device=self.device)
+            count = warp.zeros(1, dtype=warp.int32, device=self.device)
+            self._launch(
+                "find_pairs",
+                (points.shape[0], self.tree.leaf_count),
+                [positions, self._ordered, welded, self._order, self._leaf_start, self._skip]
+                + [*boxes, pairs, count],
+            )
+            found = int(count.numpy()[0])
+            if found <= self._capacity:
+                return pairs.numpy()[:found]
+            self._capacity = 2 * found
+
+    def _rounded(self, points: Any) -> NDArray[np.float32]:
+        array = points.detach().cpu().numpy() if hasattr(points, "detach") else np.asarray(points)
+        if array.ndim not in (2, 3) or array.shape[-2:] != (self.vertex_count, 3):
+            raise ValueError(
+                f"points should have shape ({self.vertex_count}, 3) or (B, {self.vertex_count}, 3)"
+                f", got {array.shape}: a pose must have the topology of its rest"
+            )
+        rounded = np.ascontiguousarray(array, dtype=np.float32)
+        if not np.isfinite(rounded).all():
+            raise ValueError("points should be finite in float32: check the pose for NaN")
+        return rounded.reshape(-1, self.vertex_count, 3)
+
+    def _settled(self, points: NDArray[np.float32], pairs: NDArray[np.int32]) -> NDArray[np.int32]:
+        uncertain = pairs[:, 3] == 2
+        if not uncertain.any():
+            return pairs
+        frame, i, j, _ = pairs[uncertain].T
+        first = points[frame[:, None], self.faces[i]]
+        second = points[frame[:, None], self.faces[j]]
+        keep = ~uncertain
+        keep[uncertain] = intersect(first, second)
+        return pairs[keep]
+
+    def _refit(self, positions: Any) -> list[Any]:
+        assert self.tree is not None
+        warp, frames = self._warp, positions.shape[0]
+        low, high = (
+            warp.empty((frames, len(self.faces)), dtype=warp.vec3f, device=self.device)
+            for _ in range(2)
+        )
+        node_low, node_high = (
+            warp.empty((frames, self.tree.node_count), dtype=warp.vec3f, device=self.device)
+            for _ in range(2)
+        )
+        boxes = [low, high, node_low, node_high]
+        self._launch(
+            "fit_leaves",
+            (frames, self.tree.leaf_count),
+            [positions, self._ordered, self._leaf_start, *boxes],
+        )
+        for level in reversed(range(self.tree.depth)):
+            self._launch("fit_level", (frames, 1 << level), [(1 << level) - 1, node_low, node_high])
+        return boxes
+
+    def _launch(self, kernel: str, dimensions: tuple[int, int], inputs: list[Any]) -> None:
+        from dtrepair.intersect import kernels
+
+        self._warp.launch(
+            getattr(kernels, kernel), dim=dimensions, inputs=inputs, device=self.device
+        )
+
+    def _weld(self, weld: ArrayLike) -> Any:
+        assert self.tree is not None
+        welded = np.asarray(weld, dtype=np.int32)
+        if welded.shape != (self.vertex_count,):
+            raise ValueError(f"weld should have shape ({self.vertex_count},), got {welded.shape}")
+        return self._upload(welded[self.faces[self.tree.order]], self._warp.vec3i)
+
+    def _upload(self, values: NDArray[np.int32], dtype: Any) -> Any:
+        return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
+
+
+def find_intersections(points: ArrayLike, faces: ArrayLike) -> NDArray[np.int32]:
+    """Intersecting pairs (K, 2) of a mesh (V, 3), (F, 3): i < j, sorted, exact.
+
+    Vertices at one float32 position count as one vertex. For several poses of one topology build a
+    `Detector` once.
+    """
+    vertices, triangles = as_mesh(points, faces)
+    return Detector(vertices, triangles, weld=weld_map(vertices))(vertices)
+
+
+def triangle_count(pairs: NDArray[np.int32]) -> int:
+    """Number of distinct triangles in pairs (K, 2)."""
+    return len(np.unique(pairs))
+
+
+__all__ = ["Detector", "find_intersections", "triangle_count"]

@@ -1,0 +1,168 @@
+"""Mesh files: obj, ply and off with their polygons; stl, glb and others through trimesh.
+
+Vertex order, faces and texture coordinates stay as the file has them; untouched points are written
+back bit for bit. STL stores no shared vertices, so equal positions are joined when reading.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dtrepair.atomic_files import write_atomically
+from dtrepair.obj_files import read_obj, write_obj
+from dtrepair.ply_files import read_ply, write_ply
+from dtrepair.polygon_mesh import MeshFileError, PolygonMesh, polygon_mesh
+
+__all__ = ["WRITABLE", "MeshFileError", "PolygonMesh", "losses", "read_mesh", "write_mesh"]
+
+WRITABLE = ("obj", "ply", "off", "stl", "glb")
+_POLYGONS = ("obj", "ply", "off")
+
+
+def read_mesh(path: str | os.PathLike[str]) -> PolygonMesh:
+    """Read one mesh file; the format follows from the extension.
+
+    Raises MeshFileError: no such file, not readable as this format, no faces, several meshes in one
+    file, coordinates that are not finite, or face indices out of range.
+    """
+    source = Path(path)
+    format = _format(source)
+    try:
+        data = source.read_bytes()
+    except OSError as error:
+        raise MeshFileError(f"{source}: cannot be read: {error.strerror}") from None
+    readers = {"obj": read_obj, "ply": read_ply, "off": _read_off}
+    try:
+        mesh = readers[format](data) if format in readers else _read_trimesh(data, format)
+    except MeshFileError as error:
+        raise MeshFileError(f"{source}: {error}") from None
+    if not len(mesh.points) or not len(mesh.faces()):
+        raise MeshFileError(f"{source}: expected a mesh with faces, got none")
+    if not np.isfinite(mesh.points).all():
+        raise MeshFileError(f"{source}: expected finite coordinates, got NaN or infinity")
+    return mesh
+
+
+def write_mesh(path: str | os.PathLike[str], mesh: PolygonMesh, points: ArrayLike) -> None:
+    """Write `mesh` with `points` (V, 3), rounded to float32, to a file, whole or not at all.
+
+    A file of the input's own format keeps everything else of it. `losses` tells what another format
+    drops. Raises MeshFileError for a format that cannot be written, ValueError, OSError.
+    """
+    format = writable_format(path)
+    mesh.changed(points)  # shape and finiteness
+    rounded = np.asarray(points).astype(np.float32).astype(np.float64)
+    writers = {"obj": write_obj, "ply": write_ply, "off": _write_off}
+    writer = writers.get(format)
+    content = writer(mesh, rounded) if writer else _write_trimesh(mesh, rounded, format)
+    write_atomically(path, content)
+
+
+def writable_format(path: str | os.PathLike[str]) -> str:
+    """Return the format of an output path. Raises MeshFileError where it cannot be written."""
+    format = _format(Path(path))
+    if format not in WRITABLE:
+        raise MeshFileError(f"{path}: expected one of {', '.join(WRITABLE)} to write, got {format}")
+    return format
+
+
+def losses(mesh: PolygonMesh, format: str) -> tuple[str, ...]:
+    """Say in short phrases what writing `mesh` as `format` drops."""
+    lost = []
+    if format not in _POLYGONS and (mesh.counts != 3).any():
+        lost.append("polygons become triangles")
+    if format == "stl":
+        lost.append("vertices are no longer shared")
+    if mesh.texture is not None and format != mesh.format:
+        shared = np.array_equal(mesh.texture_corners, mesh.corners)
+        if format in ("off", "stl") or (format in ("ply", "glb") and not shared):
+            lost.append("texture coordinates are dropped")
+    return tuple(lost)
+
+
+def _format(path: Path) -> str:
+    format = path.suffix.lower().lstrip(".")
+    if not format:
+        raise MeshFileError(f"{path}: expected a file extension such as .obj, got none")
+    return format
+
+
+def _read_off(data: bytes) -> PolygonMesh:
+    lines = (line.partition("#")[0].split() for line in data.decode("utf-8", "replace").split("\n"))
+    rows = [words for words in lines if words]
+    try:
+        if not rows or rows[0][0] != "OFF":
+            raise ValueError("expected a first line OFF")
+        rows = [rows[0][1:], *rows[1:]] if len(rows[0]) > 1 else rows[1:]
+        vertices, polygons = int(rows[0][0]), int(rows[0][1])
+        points = [[float(word) for word in row[:3]] for row in rows[1 : 1 + vertices]]
+        listed = rows[1 + vertices : 1 + vertices + polygons]
+        if len(points) < vertices or len(listed) < polygons:
+            raise ValueError("the file ends early")
+        corners = [[int(word) for word in row[1 : 1 + int(row[0])]] for row in listed]
+    except (IndexError, ValueError) as error:
+        raise MeshFileError(f"not a readable OFF file: {error}") from None
+    return polygon_mesh("off", points, corners, original=data)
+
+
+def _write_off(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
+    moved = mesh.changed(points)
+    if mesh.format == "off" and not moved.any():
+        return bytes(mesh.original)
+    # Untouched vertices keep the digits of their own file; moved ones are float32 values.
+    lines = ["OFF", f"{len(points)} {len(mesh.counts)} 0"]
+    for vertex, row in enumerate(points):
+        values = row.astype(np.float32) if moved[vertex] else mesh.points[vertex]
+        lines.append(" ".join(str(value) for value in values))
+    for polygon in np.split(mesh.corners, np.cumsum(mesh.counts)[:-1]):
+        lines.append(" ".join(str(value) for value in (len(polygon), *polygon)))
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _read_trimesh(data: bytes, format: str) -> PolygonMesh:
+    import trimesh
+
+    if format not in trimesh.available_formats():
+        raise MeshFileError(f"expected a mesh format such as {', '.join(WRITABLE)}, got {format}")
+    stream = trimesh.util.wrap_as_stream(data)
+    try:
+        loaded: Any = trimesh.load_scene(stream, file_type=format, process=False)
+        placed = loaded.dump(concatenate=False)
+    except Exception as error:  # trimesh raises whatever its parsers raise
+        raise MeshFileError(f"not a readable {format} file: {error}") from None
+    meshes = [item for item in placed if isinstance(item, trimesh.Trimesh)]
+    if not meshes:
+        raise MeshFileError(f"not a readable {format} file: there is no mesh in it")
+    if len(meshes) > 1:
+        raise MeshFileError(f"expected one mesh in the file, got {len(meshes)}; convert it to USD")
+    mesh = meshes[0]
+    points, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces)
+    if format.startswith("stl"):
+        points, joined = np.unique(points.astype(np.float32), axis=0, return_inverse=True)
+        return polygon_mesh("stl", points, joined.reshape(-1)[faces])
+    more: dict[str, Any] = {"original": mesh}
+    coordinates = getattr(mesh.visual, "uv", None)
+    if coordinates is not None and len(coordinates) == len(points):
+        more["texture"] = np.asarray(coordinates, dtype=np.float64)
+        more["texture_corners"] = faces.reshape(-1).astype(np.int32)
+    return polygon_mesh(format, points, faces, **more)
+
+
+def _write_trimesh(mesh: PolygonMesh, points: NDArray[np.float64], format: str) -> bytes:
+    import trimesh
+
+    if isinstance(mesh.original, trimesh.Trimesh):
+        result = mesh.original.copy()
+        result.vertices = points
+    else:
+        result = trimesh.Trimesh(points, mesh.faces(), process=False)
+        shared = np.array_equal(mesh.texture_corners, mesh.corners)
+        if mesh.texture is not None and shared:
+            result.visual = trimesh.visual.TextureVisuals(uv=mesh.texture)
+    content = result.export(file_type=format)
+    return content if isinstance(content, bytes) else str(content).encode()

@@ -1,0 +1,122 @@
+"""Wavefront OBJ: polygons and texture coordinates in; out, the same file with moved vertices.
+
+An OBJ that came from an OBJ keeps every line (comments, groups, materials, the order of all) except
+the `v` lines of vertices that moved. Vertex normals go stale when a vertex moves, so then they are
+left out.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.polygon_mesh import MeshFileError, PolygonMesh, polygon_mesh
+
+
+def read_obj(data: bytes) -> PolygonMesh:
+    """Read the bytes of an OBJ file. Raises MeshFileError with the line number."""
+    text = data.decode("utf-8", errors="surrogateescape")
+    lines = text.split("\n")
+    points: list[list[float]] = []
+    texture: list[list[float]] = []
+    polygons: list[list[int]] = []
+    texture_corners: list[int] = []
+    for number, line in enumerate(lines, 1):
+        words = line.split()
+        if not words:
+            continue
+        try:
+            if line.rstrip().endswith("\\"):
+                raise ValueError("a line continued by a backslash; write it as one line")
+            if words[0] == "v":
+                points.append(_floats(words[1:4], 3))
+            elif words[0] == "vt":
+                texture.append([*_floats(words[1:3], 1), 0.0][:2])
+            elif words[0] == "f":
+                corners = [_corner(word, len(points), len(texture)) for word in words[1:]]
+                polygons.append([vertex for vertex, _ in corners])
+                texture_corners.extend(row for _, row in corners)
+        except ValueError as error:
+            raise MeshFileError(f"line {number}: {error}") from None
+    more: dict[str, Any] = {"original": text}
+    if texture and any(row >= 0 for row in texture_corners):
+        more["texture"] = np.asarray(texture)
+        more["texture_corners"] = np.asarray(texture_corners, dtype=np.int32)
+    return polygon_mesh("obj", points, polygons, **more)
+
+
+def write_obj(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
+    """Return the bytes of an OBJ file with `points` (V, 3); untouched vertices keep their text."""
+    if mesh.format == "obj":
+        return _patched(mesh, points)
+    lines = [f"v {_text(row)}" for row in points]
+    rows = None
+    if mesh.texture is not None and mesh.texture_corners is not None:
+        lines += [f"vt {_text(row)}" for row in mesh.texture]
+        rows = mesh.texture_corners
+    start = 0
+    for count in mesh.counts:
+        part = slice(start, start + int(count))
+        words = [str(v + 1) for v in mesh.corners[part]]
+        if rows is not None:
+            words = [f"{v}/{r + 1}" for v, r in zip(words, rows[part], strict=True)]
+        lines.append("f " + " ".join(words))
+        start = part.stop
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _patched(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
+    moved = mesh.changed(points)
+    text: str = mesh.original
+    if not moved.any():
+        return text.encode("utf-8", errors="surrogateescape")
+    result = []
+    vertex = 0
+    for line in text.split("\n"):
+        words = line.split()
+        kind = words[0] if words else ""
+        if kind == "v":
+            if moved[vertex]:
+                line = " ".join(["v", _text(points[vertex]), *words[4:]])
+            vertex += 1
+        elif kind == "f":
+            line = " ".join(["f", *(_without_normal(word) for word in words[1:])])
+        if kind != "vn":
+            result.append(line)
+    return "\n".join(result).encode("utf-8", errors="surrogateescape")
+
+
+def _text(row: NDArray[np.float64]) -> str:
+    # The shortest text that reads back as the same float32: what was counted is what is written.
+    return " ".join(str(value) for value in row.astype(np.float32))
+
+
+def _without_normal(word: str) -> str:
+    parts = word.split("/")[:2]
+    return parts[0] if parts[1:] in ([], [""]) else "/".join(parts)
+
+
+def _floats(words: list[str], least: int) -> list[float]:
+    if len(words) < least:
+        raise ValueError(f"expected {least} numbers, got {len(words)}")
+    values = [float(word) for word in words]
+    if not np.isfinite(values).all():
+        raise ValueError("expected finite numbers, got NaN or infinity")
+    return values
+
+
+def _corner(word: str, vertices: int, textures: int) -> tuple[int, int]:
+    parts = word.split("/")
+    row = _index(parts[1], textures) if len(parts) > 1 and parts[1] else -1
+    return _index(parts[0], vertices), row
+
+
+def _index(word: str, count: int) -> int:
+    # OBJ counts from 1; a negative index counts back from the newest entry.
+    index = int(word)
+    index = index - 1 if index > 0 else count + index
+    if index < 0 or word.lstrip("+-") == "0":
+        raise ValueError(f"expected an index from 1, or a valid negative one, got {word}")
+    return index

@@ -79,8 +79,8 @@ def losses(mesh: PolygonMesh, format: str) -> tuple[str, ...]:
     if format == "stl":
         lost.append("vertices are no longer shared")
     if mesh.texture is not None and format != mesh.format:
-        shared = np.array_equal(mesh.texture_corners, mesh.corners)
-        if format in ("off", "stl") or (format in ("ply", "glb") and not shared):
+        per_corner = format in ("ply", "glb") and not mesh.has_vertex_texture()
+        if format in ("off", "stl") or per_corner:
             lost.append("texture coordinates are dropped")
     return tuple(lost)
 
@@ -161,8 +161,7 @@ def _write_trimesh(mesh: PolygonMesh, points: NDArray[np.float64], format: str) 
         result.vertices = points
     else:
         result = trimesh.Trimesh(points, mesh.faces(), process=False)
-        shared = np.array_equal(mesh.texture_corners, mesh.corners)
-        if mesh.texture is not None and shared:
+        if mesh.has_vertex_texture():
             result.visual = trimesh.visual.TextureVisuals(uv=mesh.texture)
     content = result.export(file_type=format)
     return content if isinstance(content, bytes) else str(content).encode()

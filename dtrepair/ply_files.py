@@ -219,7 +219,7 @@ def _ascii_block(original: _Original, vertices: NDArray[Any], moved: NDArray[np.
 def _fresh(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
     columns = [points.astype("<f4")]
     names = ["x", "y", "z"]
-    if mesh.texture is not None and np.array_equal(mesh.texture_corners, mesh.corners):
+    if mesh.texture is not None and mesh.has_vertex_texture():
         columns.append(mesh.texture.astype("<f4"))
         names += ["s", "t"]
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]

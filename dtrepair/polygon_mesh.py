@@ -19,8 +19,8 @@ class PolygonMesh:
 
     points: (V, 3) float64. counts: (P,) int32 corners of each polygon. corners: (sum of counts,)
     int32 vertex of each corner. texture: (N, 2) float64 or None; texture_corners: (sum of counts,)
-    int32 row of `texture` for each corner, -1 for none. original: what the format's own writer needs
-    to keep everything else of the file (comments, materials, groups, colours).
+    int32 row of `texture` for each corner, -1 for none. original: what the format's own writer
+    needs to keep everything else of the file (comments, materials, groups, colours).
     """
 
     format: str
@@ -39,6 +39,11 @@ class PolygonMesh:
         step = np.arange(len(start)) - np.repeat(np.cumsum(inner) - inner, inner)
         rows = np.stack([start, start + step + 1, start + step + 2], axis=1)
         return np.ascontiguousarray(self.corners[rows], dtype=np.int32).reshape(-1, 3)
+
+    def has_vertex_texture(self) -> bool:
+        """Return whether there is one texture coordinate for each vertex, in vertex order."""
+        rows = self.texture_corners
+        return self.texture is not None and rows is not None and np.array_equal(rows, self.corners)
 
     def changed(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Return (V,) True where a vertex of `points` (V, 3) differs as float32 coordinates."""

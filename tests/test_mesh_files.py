@@ -1,4 +1,4 @@
-"""Mesh files: order, polygons and texture coordinates survive; untouched points are bit-identical."""
+"""Mesh files: order, polygons and texture survive; untouched points are bit-identical."""
 
 import os
 
@@ -141,8 +141,8 @@ def test_stl_joins_equal_positions(tmp_path):
 def make_ply(order):
     points, polygons = quads_and_triangles()
     normals = vertex_normals(points, polygon_mesh("none", points, polygons).faces())
-    rows = np.zeros(6, dtype=[(n, order + "f4") for n in ("x", "y", "z", "nx", "ny", "nz", "s", "t")]
-                    + [("red", "u1")])  # fmt: skip
+    names = ("x", "y", "z", "nx", "ny", "nz", "s", "t")
+    rows = np.zeros(6, dtype=[*((name, order + "f4") for name in names), ("red", "u1")])
     for column, name in enumerate(("x", "y", "z")):
         rows[name], rows["n" + name] = points[:, column], normals[:, column]
     rows["s"], rows["t"], rows["red"] = points[:, 0] / 2, points[:, 1], np.arange(6)

@@ -1,0 +1,132 @@
+"""Meshes made in code: points (V, 3) float64 and faces (F, 3) int32, unless said otherwise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
+
+
+def icosphere(level: int = 2, radius: float = 1.0) -> Mesh:
+    """Icosahedron subdivided `level` times onto the sphere: 20 * 4 ** level triangles."""
+    golden = (1.0 + 5.0**0.5) / 2.0
+    half = [(s, t * golden) for s in (-1, 1) for t in (-1, 1)]
+    corners = [(0, s, t) for s, t in half] + [(s, t, 0) for s, t in half]
+    points = np.array(corners + [(t, 0, s) for s, t in half], dtype=np.float64)
+    # The 20 faces are the triples at mutual distance 2, wound outward.
+    near = np.isclose(np.linalg.norm(points[:, None] - points[None], axis=2), 2.0)
+    triples = [
+        (i, j, k)
+        for i in range(12)
+        for j in range(i + 1, 12)
+        for k in range(j + 1, 12)
+        if near[i, j] and near[j, k] and near[i, k]
+    ]
+    faces = np.array(triples, dtype=np.int32)
+    inward = np.linalg.det(points[faces]) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    for _ in range(level):
+        points, faces = subdivided(points, faces)
+    return radius * points / np.linalg.norm(points, axis=1, keepdims=True), faces
+
+
+def subdivided(points: NDArray[np.float64], faces: NDArray[np.int32]) -> Mesh:
+    """Every triangle split into four at the midpoints of its edges."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    unique, middle = np.unique(edges, axis=0, return_inverse=True)
+    ab, bc, ca = (len(points) + middle.reshape(3, -1)).astype(np.int32)
+    a, b, c = faces.T
+    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    finer = np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
+    return np.concatenate([points, points[unique].mean(axis=1)]), finer
+
+
+def grid_quads(columns: int, rows: int, size: float = 1.0) -> Mesh:
+    """Flat square grid in the xy plane with quads (columns * rows, 4), counter-clockwise."""
+    x, y = np.meshgrid(np.linspace(0, size, columns + 1), np.linspace(0, size, rows + 1))
+    points = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    corner = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)[None]).ravel()
+    quads = np.stack([corner, corner + 1, corner + columns + 2, corner + columns + 1], axis=1)
+    return points, quads.astype(np.int32)
+
+
+def grid(columns: int, rows: int, size: float = 1.0) -> Mesh:
+    """Flat square grid in the xy plane, each square split in two triangles, normals up."""
+    points, quads = grid_quads(columns, rows, size)
+    return points, split_quads(quads)
+
+
+def split_quads(quads: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Fan triangulation of quads (Q, 4): triangles 2q and 2q + 1 of quad q."""
+    return np.stack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
+
+
+def torus_quads(
+    around: int = 32, across: int = 16, radius: float = 1.0, tube_radius: float = 0.3
+) -> Mesh:
+    """Closed torus about the z axis with quads (around * across, 4), wound outward."""
+    u = 2 * np.pi * np.arange(around) / around
+    v = 2 * np.pi * np.arange(across) / across
+    ring = radius + tube_radius * np.cos(v)
+    x, y = np.cos(u)[:, None] * ring, np.sin(u)[:, None] * ring
+    z = np.broadcast_to(tube_radius * np.sin(v), x.shape)
+    i, j = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
+    corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
+    quads = [((p % around) * across + q % across).ravel() for p, q in corners]
+    points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    return points, np.stack(quads, axis=1).astype(np.int32)
+
+
+def torus(
+    around: int = 32, across: int = 16, radius: float = 1.0, tube_radius: float = 0.3
+) -> Mesh:
+    """Closed torus about the z axis, wound outward: 2 * around * across triangles."""
+    points, quads = torus_quads(around, across, radius, tube_radius)
+    return points, split_quads(quads)
+
+
+def tube_quads(around: int = 16, along: int = 20, radius: float = 0.2, length: float = 2.0) -> Mesh:
+    """Open tube along z, centred at the origin, with quads (around * along, 4), wound outward."""
+    u = 2 * np.pi * np.arange(around) / around
+    z = np.linspace(-length / 2, length / 2, along + 1)
+    circle = radius * np.stack([np.cos(u), np.sin(u)], axis=1)
+    rings = np.broadcast_to(circle, (along + 1, around, 2))
+    heights = np.broadcast_to(z[:, None, None], (along + 1, around, 1))
+    points = np.concatenate([rings, heights], axis=2).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(along), np.arange(around), indexing="ij")
+    corners = [(i, j), (i, j + 1), (i + 1, j + 1), (i + 1, j)]
+    quads = [(p * around + q % around).ravel() for p, q in corners]
+    return points, np.stack(quads, axis=1).astype(np.int32)
+
+
+def tube(around: int = 16, along: int = 20, radius: float = 0.2, length: float = 2.0) -> Mesh:
+    """Open tube along z, centred at the origin, wound outward: 2 * around * along triangles."""
+    points, quads = tube_quads(around, along, radius, length)
+    return points, split_quads(quads)
+
+
+def bent_tube(angle: float, around: int = 16, along: int = 40, radius: float = 0.1) -> Mesh:
+    """The tube of length 2 bent in the xz plane by `angle` radians: beyond pi it meets itself."""
+    points, faces = tube(around, along, radius, 2.0)
+    if angle == 0.0:
+        return points, faces
+    bend = 2.0 / angle
+    turn = points[:, 2] / bend
+    x = (bend + points[:, 0]) * np.cos(turn) - bend
+    z = (bend + points[:, 0]) * np.sin(turn)
+    return np.stack([x, points[:, 1], z], axis=1), faces
+
+
+def joined(*meshes: Mesh) -> Mesh:
+    """Several meshes as one, indices shifted."""
+    starts = np.cumsum([0] + [len(points) for points, _ in meshes[:-1]])
+    faces = [faces + start for (_, faces), start in zip(meshes, starts, strict=True)]
+    return np.concatenate([points for points, _ in meshes]), np.concatenate(faces).astype(np.int32)
+
+
+def crossing_tubes(around: int = 16, along: int = 20, offset: float = 0.05) -> Mesh:
+    """Two open tubes that cross at right angles, their axes `offset` apart along y."""
+    points, faces = tube(around, along)
+    other = points[:, [2, 1, 0]] * (1.0, 1.0, -1.0) + (0.0, offset, 0.013)
+    return joined((points, faces), (other, faces))

@@ -1,0 +1,263 @@
+"""Deformation transfer: one factor per target, then poses of the source -> poses of the target."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from dtrepair.geometry import FloatArray, as_mesh, as_points, triangle_areas
+from dtrepair.operators import Factor
+from dtrepair.transfer.arrays import Array, floating_type, like, to_numpy
+from dtrepair.transfer.correspondence import HarmonicFill, averaging_operator, checked_pairs
+from dtrepair.transfer.gradients import (
+    deformation_operator,
+    degenerate_triangles,
+    stacked,
+    surface_gradient,
+)
+from dtrepair.transfer.placement import Match, Pieces, Placement, ground_level, ground_ratio
+
+Weights = Literal["area", "cotan", "count", "uniform"]
+
+# Edge terms that hold degenerate triangles together, relative to the median diagonal entry.
+WEAK_EDGE = 1e-8
+
+
+class Transfer:
+    """Transfers poses of a source mesh to a target mesh (Sumner & Popovic 2004).
+
+    The fourth vertex of each triangle is eliminated; what is left is a Poisson system in the
+    target vertices,
+        min_x  sum_t  w_t || G_t x - S_t P_t ||^2,
+    with S_t the mean deformation gradient of the source triangles paired with t and P_t the
+    projector on its plane. The matrix is factorised once; each frame is one sparse product and
+    one back-substitution. Translations, which the system does not see, follow `Placement`.
+
+    weights: "area" (default; "cotan" is the same: the matrix is the cotangent Laplacian),
+        "count" (number of pairs of the triangle, as in the paper; fails on sliver triangles) or
+        "uniform".
+    rotation: rotation (3, 3) that turns the source's axes into the target's, for stages of
+        different up axis or rests that face different ways: S' = R S R^T.
+    up: the target's up axis, for the height over the ground.
+    scale: factor of the root's translation; None takes the ratio of the heights over the ground.
+    pieces: what connected pieces other than the largest do: "seated" or "separate"; see
+        `Placement`.
+    snap: move each frame along `up` so that the lowest target vertex is as high over the ground
+        as the lowest source vertex, times `scale`.
+    """
+
+    def __init__(
+        self,
+        source: Array,
+        source_faces: Array,
+        target: Array,
+        target_faces: Array,
+        pairs: Array,
+        *,
+        weights: Weights = "area",
+        rotation: ArrayLike | None = None,
+        up: ArrayLike = (0.0, 1.0, 0.0),
+        scale: float | None = None,
+        pieces: Pieces = "seated",
+        snap: bool = False,
+    ) -> None:
+        """Factorise for rests (Vs, 3), (Vt, 3), faces (F, 3) and pairs (K, 2) of triangles.
+
+        Raises ValueError for arrays of wrong shape, indices out of range, a `rotation` that is
+        none, and meshes without a usable pair.
+        """
+        self._turn = _checked_rotation(rotation)
+        source_rest, self.source_faces = as_mesh(to_numpy(source), to_numpy(source_faces))
+        self.source = source_rest @ self._turn.T
+        self.target, self.target_faces = as_mesh(to_numpy(target), to_numpy(target_faces))
+        self.pairs = checked_pairs(pairs, len(self.source_faces), len(self.target_faces))
+        degenerate = degenerate_triangles(self.source, self.source_faces)
+        deformation = deformation_operator(self.source, self.source_faces, degenerate)
+        average = averaging_operator(self.pairs, ~degenerate, len(self.target_faces))
+        self.matched = np.diff(average.indptr) > 0
+        self.gradients = _GradientSource(self.target, self.target_faces, average, deformation)
+        divergence, matrix = _poisson(
+            self.target, self.target_faces, self._weights(weights, average)
+        )
+        match = Match(self.source, self.source_faces, self.target, self.target_faces, average)
+        self.up = _unit(up)
+        ratio = ground_ratio(match, self.up) if scale is None else float(scale)
+        self.placement = Placement(match, deformation, ratio, pieces)
+        self.snap = snap
+        self._assemble(divergence, matrix)
+
+    def _weights(self, weights: Weights, average: sparse.csr_matrix) -> FloatArray:
+        """Weight of each target triangle (Ft,)."""
+        if weights in ("area", "cotan"):
+            areas = triangle_areas(self.target, self.target_faces)
+            return areas / areas.mean()
+        if weights == "count":
+            return np.maximum(np.diff(average.indptr), 1).astype(np.float64)
+        if weights == "uniform":
+            return np.ones(len(self.target_faces))
+        raise ValueError(
+            f"weights should be 'area', 'cotan', 'count' or 'uniform', got {weights!r}"
+        )
+
+    def _assemble(self, divergence: sparse.csr_matrix, matrix: sparse.csr_matrix) -> None:
+        free = np.ones(len(self.target), dtype=bool)
+        free[self.placement.anchors()] = False
+        self.free = np.flatnonzero(free)
+        self.factor = Factor(matrix[self.free][:, self.free]) if len(self.free) else None
+        self._matched_part, self._filled_part = self.gradients.right_hand_sides(
+            divergence[self.free]
+        )
+
+    def __call__(self, poses: Array) -> Array:
+        """Target positions (T, Vt, 3), target units, of source poses (T, Vs, 3), source units.
+
+        A single pose (Vs, 3) gives (Vt, 3). float32 comes back as float32, torch as torch. Raises
+        ValueError for other shapes and numbers that are not finite.
+        """
+        frames = to_numpy(poses)
+        if frames.ndim not in (2, 3):
+            raise ValueError(
+                f"poses should have shape (T, {len(self.source)}, 3), got {frames.shape}"
+            )
+        single = frames.ndim == 2
+        batch = frames[None] if single else frames
+        result = np.empty((len(batch), len(self.target), 3), dtype=floating_type(frames))
+        for index, frame in enumerate(batch):
+            pose = self.turned(frame)
+            stack = stacked(pose, self.source_faces)
+            result[index] = self.placed(self.solve(stack), pose, stack)
+        return like(result[0] if single else result, poses)
+
+    def turned(self, frame: Array) -> FloatArray:
+        """One pose (Vs, 3), checked, in the target's axes."""
+        return as_points(frame, len(self.source)) @ self._turn.T
+
+    def solve(self, stack: FloatArray) -> FloatArray:
+        """Target positions (Vt, 3) up to the translation of each piece, its anchor at zero."""
+        points = np.zeros((len(self.target), 3))
+        if self.factor is None:
+            return points
+        right = self._matched_part @ stack
+        if self._filled_part is not None:
+            right += self._filled_part @ self.gradients.filled(stack)
+        points[self.free] = self.factor(right)
+        return points
+
+    def placed(
+        self,
+        points: FloatArray,
+        pose: FloatArray,
+        stack: FloatArray,
+        held: np.ndarray | None = None,
+    ) -> FloatArray:
+        """A solution moved to its place; pieces in the mask `held` stay where they are."""
+        points = self.placement(points, pose, stack, held)
+        if self.snap and held is None:
+            points += self.up * (self._ground_wanted(pose) - self._lowest(points))
+        return points
+
+    def _ground_wanted(self, pose: FloatArray) -> float:
+        source_ground = ground_level(self.source, self.source_faces, self.up)
+        lift = ground_level(pose, self.source_faces, self.up) - source_ground
+        return self._lowest(self.target) + self.placement.ratio * lift
+
+    def _lowest(self, points: FloatArray) -> float:
+        return ground_level(points, self.target_faces, self.up)
+
+
+class _GradientSource:
+    """Deformation gradients wanted on the target, as linear maps of the source's stack."""
+
+    def __init__(
+        self,
+        target: FloatArray,
+        faces: np.ndarray,
+        average: sparse.csr_matrix,
+        deformation: sparse.csr_matrix,
+    ) -> None:
+        self.matched = np.diff(average.indptr) > 0
+        self.known = (
+            sparse.kron(average[self.matched], sparse.eye(3), format="csr") @ deformation
+        ).tocsr()
+        self.fill = None if self.matched.all() else HarmonicFill(target, faces, self.matched)
+
+    def filled(self, stack: FloatArray) -> FloatArray:
+        """Gradients of the unmatched triangles, stacked as rows (3 * unmatched, 3)."""
+        assert self.fill is not None
+        known = (self.known @ stack).reshape(-1, 9)
+        return self.fill(known).reshape(-1, 3)
+
+    def __call__(self, stack: FloatArray) -> FloatArray:
+        """Deformation gradients S (Ft, 3, 3) wanted on every target triangle."""
+        columns = np.empty((len(self.matched), 9))
+        known = (self.known @ stack).reshape(-1, 9)
+        columns[self.matched] = known
+        if self.fill is not None:
+            columns[~self.matched] = self.fill(known)
+        return np.swapaxes(columns.reshape(-1, 3, 3), 1, 2)
+
+    def right_hand_sides(
+        self, divergence: sparse.csr_matrix
+    ) -> tuple[sparse.csr_matrix, sparse.csr_matrix | None]:
+        """The right-hand side's two factors: on the stack, and on the filled gradients."""
+        matched = np.repeat(self.matched, 3)
+        direct = (divergence[:, matched] @ self.known).tocsr()
+        direct.eliminate_zeros()
+        return direct, None if self.fill is None else divergence[:, ~matched].tocsr()
+
+
+def _poisson(
+    points: FloatArray, faces: np.ndarray, weights: FloatArray
+) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
+    """Divergence (V, 3F) and matrix (V, V) of the Poisson system.
+
+    Degenerate triangles have no gradient term; uniform edge terms |x_j - x_i - S (v_j - v_i)|^2
+    of negligible weight say where their vertices go when nothing else does.
+    """
+    degenerate = degenerate_triangles(points, faces)
+    gradient = surface_gradient(points, faces, degenerate)
+    divergence = gradient.T @ sparse.diags(np.repeat(np.where(degenerate, 0.0, weights), 3))
+    matrix = divergence @ gradient
+    if not degenerate.any():
+        return divergence.tocsr(), matrix.tocsr()
+    diagonal = matrix.diagonal()
+    positive = diagonal[diagonal > 0]
+    weight = WEAK_EDGE * (np.median(positive) if len(positive) else 1.0)
+    triangles = np.flatnonzero(degenerate)
+    first, second = faces[triangles].ravel(), np.roll(faces[triangles], -1, axis=1).ravel()
+    rows, owners = np.arange(len(first)), np.repeat(triangles, 3)
+    differences = sparse.coo_matrix((np.ones(len(rows)), (rows, second)), (len(rows), len(points)))
+    differences = differences - sparse.coo_matrix(
+        (np.ones(len(rows)), (rows, first)), differences.shape
+    )
+    edges = points[second] - points[first]
+    wanted = sparse.coo_matrix(
+        (edges.ravel(), (np.repeat(rows, 3), (3 * owners[:, None] + np.arange(3)).ravel())),
+        (len(rows), 3 * len(faces)),
+    )
+    divergence = divergence + weight * (differences.T @ wanted)
+    return divergence.tocsr(), (matrix + weight * (differences.T @ differences)).tocsr()
+
+
+def _checked_rotation(rotation: ArrayLike | None) -> FloatArray:
+    if rotation is None:
+        return np.eye(3)
+    matrix = np.asarray(to_numpy(rotation), dtype=np.float64)
+    if matrix.shape != (3, 3):
+        raise ValueError(f"rotation should have shape (3, 3), got {matrix.shape}")
+    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6) or np.linalg.det(matrix) < 0:
+        raise ValueError(
+            f"rotation should be orthogonal with determinant 1, got {matrix.tolist()}: "
+            "take scale and reflection out of it"
+        )
+    return matrix
+
+
+def _unit(vector: ArrayLike) -> FloatArray:
+    values = np.asarray(to_numpy(vector), dtype=np.float64)
+    if values.shape != (3,) or not np.linalg.norm(values) > 0:
+        raise ValueError(f"up should be a vector (3,) other than zero, got {values}")
+    return values / np.linalg.norm(values)

@@ -1,0 +1,88 @@
+"""Deformation gradients of posed triangles as one sparse operator on [pose; scaled normals]."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from dtrepair.geometry import FloatArray, IntArray, triangle_normals, vector_areas
+from dtrepair.operators import gradient_operator
+
+# A triangle lower than this part of its longest edge has no usable gradient.
+DEGENERATE_HEIGHT = 1e-6
+
+
+def scaled_normals(points: FloatArray, faces: IntArray) -> FloatArray:
+    """Fourth vertex minus first of each triangle (F, 3): n / sqrt|n| with n the cross product.
+
+    Sumner & Popovic 2004, eq. 1. The square root makes it scale with the edges, so that a scaled
+    triangle has a scaled deformation gradient.
+    """
+    cross = 2.0 * vector_areas(points, faces)
+    root = np.sqrt(np.linalg.norm(cross, axis=1, keepdims=True))
+    return np.divide(cross, root, out=np.zeros_like(cross), where=root > 0)
+
+
+def degenerate_triangles(points: FloatArray, faces: IntArray) -> NDArray[np.bool_]:
+    """Mask (F,) of triangles whose height is below 1e-6 of their longest edge."""
+    corners = points[faces]
+    edges = corners - np.roll(corners, 1, axis=1)
+    longest = np.einsum("fij,fij->fi", edges, edges).max(axis=1, initial=0.0)
+    double_area = 2.0 * np.linalg.norm(vector_areas(points, faces), axis=1)
+    return ~(double_area > DEGENERATE_HEIGHT * longest)
+
+
+def surface_gradient(
+    points: FloatArray, faces: IntArray, degenerate: NDArray[np.bool_]
+) -> sparse.csr_matrix:
+    """Gradient operator (3F, V) with zero rows for the degenerate triangles, 1 / length."""
+    good = np.flatnonzero(~degenerate)
+    entries = gradient_operator(points, faces[good]).tocoo()
+    rows = 3 * good[entries.row // 3] + entries.row % 3
+    shape = (3 * len(faces), len(points))
+    return sparse.coo_matrix((entries.data, (rows, entries.col)), shape=shape).tocsr()
+
+
+def deformation_operator(
+    points: FloatArray, faces: IntArray, degenerate: NDArray[np.bool_]
+) -> sparse.csr_matrix:
+    """Operator A (3F, V + F) with A @ [pose; scaled normals of the pose] = deformation gradients.
+
+    Row 3t + i of the product is column i of the deformation gradient of triangle t (Sumner &
+    Popovic 2004, eq. 3-4, with the fourth vertex kept as an offset). Rows of degenerate
+    triangles are zero.
+    """
+    good = np.flatnonzero(~degenerate)
+    lengths = np.linalg.norm(scaled_normals(points, faces[good]), axis=1, keepdims=True)
+    normal_rows = triangle_normals(points, faces[good]) / lengths
+    rows = (3 * good[:, None] + np.arange(3)).ravel()
+    normal_part = sparse.coo_matrix(
+        (normal_rows.ravel(), (rows, np.repeat(good, 3))), shape=(3 * len(faces), len(faces))
+    )
+    return sparse.hstack([surface_gradient(points, faces, degenerate), normal_part], format="csr")
+
+
+def stacked(pose: FloatArray, faces: IntArray) -> FloatArray:
+    """[positions; scaled normals] of a pose (V + F, 3), positions relative to their mean.
+
+    Gradients do not see a translation; taking it out first keeps poses far from the origin exact.
+    """
+    centred = pose - pose.mean(axis=0)
+    return np.concatenate([centred, scaled_normals(centred, faces)])
+
+
+def shared_edges(faces: IntArray) -> NDArray[np.int64]:
+    """Pairs (K, 2) of triangles with a common edge; all pairs of three or more around one edge."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    triangles = np.tile(np.arange(len(faces)), 3)
+    order = np.lexsort((triangles, edges[:, 1], edges[:, 0]))
+    edges, triangles = edges[order], triangles[order]
+    found = []
+    for step in range(1, len(edges)):
+        same = (edges[step:] == edges[:-step]).all(axis=1)
+        if not same.any():
+            break
+        found.append(np.stack([triangles[:-step][same], triangles[step:][same]], axis=1))
+    pairs = np.concatenate(found) if found else np.zeros((0, 2), dtype=np.int64)
+    return pairs[pairs[:, 0] != pairs[:, 1]]

@@ -1,0 +1,188 @@
+"""Registration: the source's rest deformed onto the target's, from marker vertices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from dtrepair.geometry import (
+    FloatArray,
+    IntArray,
+    as_mesh,
+    components,
+    diagonal,
+    vector_areas,
+)
+from dtrepair.operators import Factor
+from dtrepair.transfer.arrays import Array, floating_type, like, to_numpy
+from dtrepair.transfer.closest_point import ClosestSurface
+from dtrepair.transfer.gradients import (
+    deformation_operator,
+    degenerate_triangles,
+    shared_edges,
+)
+from dtrepair.transfer.markers import checked_markers, similarity
+
+# Weights of the closest-point term, one solve each (Sumner & Popovic 2004, section 4.1).
+CLOSEST_WEIGHTS = (0.0, 1.0, 10.0, 50.0, 250.0, 1000.0, 5000.0)
+
+
+def register(
+    source: Array,
+    source_faces: Array,
+    target: Array,
+    target_faces: Array,
+    markers: Array,
+    *,
+    smoothness: float = 1.0,
+    identity: float = 1e-3,
+    closest: Sequence[float] = CLOSEST_WEIGHTS,
+    neighbors: int = 16,
+) -> Array:
+    """Source rest (Vs, 3) deformed onto the target, target units (Sumner & Popovic 2004, eq. 11).
+
+    Minimises  smoothness * sum over neighbours |T_i - T_j|^2 + identity * sum |T_i - I|^2 +
+    closest * sum |v_i - c_i|^2  over positions and fourth vertices, the markers (K, 2) of (source
+    vertex, target vertex) held exactly; once for each weight in `closest`, c_i being the closest
+    point of the target with a normal within 90 degrees among the triangles of the `neighbors`
+    nearest centroids. The source is aligned by the markers and brought to unit size first, so the
+    weights mean the same for all meshes. Raises ValueError for markers that are given twice, out
+    of range, too few or on a line.
+    """
+    mesh = as_mesh(to_numpy(source), to_numpy(source_faces))
+    goal = as_mesh(to_numpy(target), to_numpy(target_faces))
+    rows = checked_markers(markers, len(mesh[0]), len(goal[0]))
+    if not closest or min(closest) < 0:
+        raise ValueError(f"closest should be weights of 0 or more, at least one, got {closest}")
+    system = RegistrationSystem(mesh, goal, rows, smoothness=smoothness, identity=identity)
+    surface = ClosestSurface(system.target, goal[1], neighbors)
+    points = system.aligned
+    for weight in closest:
+        if weight > 0:
+            attracted, valid = surface(points, _vertex_normals(points, mesh[1]))
+            points = system.solve(weight * valid, attracted)
+        else:
+            points = system.solve(np.zeros(len(points)), points)
+    result = system.in_target_units(points).astype(floating_type(to_numpy(source)), copy=False)
+    return like(result, source)
+
+
+class RegistrationSystem:
+    """The quadratic part of the registration with its markers eliminated, at unit target size.
+
+    Unknowns are the source positions and the offsets of the fourth vertices, (Vs + Fs, 3): the
+    smoothness term couples the normal columns of neighbours, so they cannot be eliminated.
+    """
+
+    def __init__(
+        self,
+        source: tuple[FloatArray, IntArray],
+        target: tuple[FloatArray, IntArray],
+        markers: IntArray,
+        *,
+        smoothness: float,
+        identity: float,
+    ) -> None:
+        """`markers` (K, 2) as `checked_markers` returns them."""
+        self.markers = markers
+        align = similarity(source[0][markers[:, 0]], target[0][markers[:, 1]])
+        self._centre, self._size = target[0].mean(axis=0), diagonal(target[0])
+        self.target = (target[0] - self._centre) / self._size
+        self.aligned = (align(source[0]) - self._centre) / self._size
+        self.matrix, self.right = _smoothness_system(
+            self.aligned, source[1], markers[:, 0], smoothness, identity
+        )
+        self.fixed = markers[:, 0].astype(np.int64)
+        self.values = self.target[markers[:, 1]]
+        free = np.ones(self.matrix.shape[0], dtype=bool)
+        free[self.fixed] = False
+        self.free = np.flatnonzero(free)
+        rows = self.matrix[self.free]
+        self.free_matrix = rows[:, self.free].tocsc()
+        self.coupling = rows[:, self.fixed].tocsr()
+
+    def solve(self, weights: FloatArray, attracted: FloatArray) -> FloatArray:
+        """Positions (Vs, 3) with each vertex drawn to `attracted` (Vs, 3) by `weights` (Vs,)."""
+        count = len(self.aligned)
+        diagonal_terms = np.zeros(self.matrix.shape[0])
+        diagonal_terms[:count] = weights
+        right = self.right.copy()
+        right[:count] += weights[:, None] * attracted
+        right = right[self.free] - self.coupling @ self.values
+        factor = Factor(self.free_matrix + sparse.diags(diagonal_terms[self.free]))
+        solution = np.empty((self.matrix.shape[0], 3))
+        solution[self.fixed] = self.values
+        solution[self.free] = factor(right)
+        return solution[:count]
+
+    def in_target_units(self, points: FloatArray) -> FloatArray:
+        """Positions (V, 3) at unit size back in the target's units."""
+        return points * self._size + self._centre
+
+
+def _smoothness_system(
+    points: FloatArray, faces: IntArray, marked: IntArray, smoothness: float, identity: float
+) -> tuple[sparse.csr_matrix, FloatArray]:
+    """Matrix (V + F, V + F) and right-hand side (V + F, 3) of the smoothness and identity terms."""
+    degenerate = degenerate_triangles(points, faces)
+    gradients = deformation_operator(points, faces, degenerate)
+    links = shared_edges(faces)
+    links = links[~degenerate[links].any(axis=1)]
+    rows = np.arange(len(links))
+    jumps = sparse.coo_matrix(
+        (
+            np.concatenate([np.ones(len(links)), -np.ones(len(links))]),
+            (np.concatenate([rows, rows]), links.T.ravel()),
+        ),
+        shape=(len(links), len(faces)),
+    )
+    jump = sparse.kron(jumps, sparse.eye(3), format="csr") @ gradients
+    matrix = smoothness * (jump.T @ jump) + identity * (gradients.T @ gradients)
+    right = identity * (gradients.T @ np.tile(np.eye(3), (len(faces), 1)))
+    ties, tied = _ties(points, faces, degenerate, marked)
+    padded = sparse.hstack([ties, sparse.csr_matrix((ties.shape[0], len(faces)))])
+    # The fourth vertex of a degenerate triangle is in no equation: any positive entry will do.
+    idle = np.concatenate([np.zeros(len(points)), 1.0 * degenerate])
+    matrix = matrix + identity * (padded.T @ padded) + sparse.diags(idle)
+    return matrix.tocsr(), right + identity * (padded.T @ tied)
+
+
+def _ties(
+    points: FloatArray, faces: IntArray, degenerate: NDArray[np.bool_], marked: IntArray
+) -> tuple[sparse.csr_matrix, FloatArray]:
+    """Edge terms (E, V) and the edges they should keep (E, 3), where gradients say nothing.
+
+    They hold the vertices of degenerate triangles, and tie each piece without a marker, and each
+    unused vertex, to the closest vertex of a piece that has one.
+    """
+    first = faces[degenerate].ravel()
+    second = np.roll(faces[degenerate], -1, axis=1).ravel()
+    labels = components(faces, len(points))
+    held = np.isin(labels, labels[marked])
+    loose = np.flatnonzero(~held)
+    if len(loose):
+        body = np.flatnonzero(held)
+        distances, nearest = cKDTree(points[body]).query(points[loose])
+        order = np.lexsort((distances, labels[loose]))
+        chosen = order[np.unique(labels[loose][order], return_index=True)[1]]
+        first = np.concatenate([first, body[nearest[chosen]]])
+        second = np.concatenate([second, loose[chosen]])
+    rows = np.arange(len(first))
+    shape = (len(first), len(points))
+    ones = np.ones(len(first))
+    difference = sparse.coo_matrix((ones, (rows, second)), shape) - sparse.coo_matrix(
+        (ones, (rows, first)), shape
+    )
+    return difference.tocsr(), points[second] - points[first]
+
+
+def _vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:
+    """Area-weighted vertex normals (V, 3), not normalised: only their direction is asked."""
+    vectors = np.repeat(vector_areas(points, faces), 3, axis=0)
+    return np.stack(
+        [np.bincount(faces.ravel(), vectors[:, axis], len(points)) for axis in range(3)], axis=1
+    )

@@ -56,40 +56,54 @@ class Detector:
         self._welded = self._weld(weld) if weld is not None else self._ordered
 
     def __call__(
-        self, points: Any, *, weld: ArrayLike | None = None, exact: bool = True
+        self,
+        points: Any,
+        *,
+        weld: ArrayLike | None = None,
+        exact: bool = True,
+        active: NDArray[np.bool_] | None = None,
     ) -> NDArray[np.int32]:
         """Intersecting pairs of a pose (V, 3) as (K, 2), or of poses (B, V, 3) as (K, 3).
 
         Columns are (i, j) or (frame, i, j) with i < j; rows are sorted. `weld` replaces the weld
         map for this call. With `exact=False` pairs that floating point cannot settle count as
-        intersecting: never fewer pairs, and no host arithmetic in an inner loop.
+        intersecting: never fewer pairs, and no host arithmetic in an inner loop. `active` (F,)
+        leaves out the pairs of which neither triangle is active.
         """
         rounded = self._rounded(points)
-        pairs = self.candidates(rounded, weld=weld)
+        pairs = self.candidates(rounded, weld=weld, active=active)
         if exact:
             pairs = self._settled(rounded, pairs)
         pairs = pairs[np.lexsort((pairs[:, 2], pairs[:, 1], pairs[:, 0])), :3]
         return np.ascontiguousarray(pairs[:, 1:] if np.ndim(points) == 2 else pairs)
 
     def candidates(
-        self, points: NDArray[np.float32], *, weld: ArrayLike | None = None
+        self,
+        points: NDArray[np.float32],
+        *,
+        weld: ArrayLike | None = None,
+        active: NDArray[np.bool_] | None = None,
     ) -> NDArray[np.int32]:
         """Rows (frame, i, j, 1 certain or 2 uncertain), unsorted, of float32 poses (B, V, 3)."""
         if self.tree is None or points.shape[0] == 0:
             return np.zeros((0, 4), dtype=np.int32)
         warp = self._warp
         welded = self._welded if weld is None else self._weld(weld)
+        kernel, queries = "find_pairs", self.tree.leaf_count
+        extra: list[Any] = []
+        if active is not None:
+            chosen = active[self.tree.order]
+            kernel, queries = "find_active_pairs", int(chosen.sum())
+            extra = [self._upload(np.flatnonzero(chosen).astype(np.int32), warp.int32)]
+            extra += [self._upload(chosen.astype(np.uint8), warp.uint8)]
         positions = warp.array(points, dtype=warp.vec3f, device=self.device, copy=False)
-        boxes = self._refit(positions)
+        boxes = self.boxes(positions)
+        tree = [self._ordered, welded, self._order, self._leaf_start, self._skip]
         while True:
             pairs = warp.empty(self._capacity, dtype=warp.vec4i, device=self.device)
             count = warp.zeros(1, dtype=warp.int32, device=self.device)
-            self._launch(
-                "find_pairs",
-                (points.shape[0], self.tree.leaf_count),
-                [positions, self._ordered, welded, self._order, self._leaf_start, self._skip]
-                + [*boxes, pairs, count],
-            )
+            inputs = [positions, *tree, *boxes, pairs, count, *extra]
+            self._launch(kernel, (points.shape[0], queries), inputs)
             found = int(count.numpy()[0])
             if found <= self._capacity:
                 return pairs.numpy()[:found]
@@ -118,9 +132,11 @@ class Detector:
         keep[uncertain] = intersect(first, second)
         return pairs[keep]
 
-    def _refit(self, positions: Any) -> list[Any]:
+    def boxes(self, points: Any) -> list[Any]:
+        """Boxes of triangles (in leaf order) and nodes, lower and upper, of poses (B, V, 3)."""
         assert self.tree is not None
-        warp, frames = self._warp, positions.shape[0]
+        warp, frames = self._warp, points.shape[0]
+        positions = warp.array(points, dtype=warp.vec3f, device=self.device, copy=False)
         low, high = (
             warp.empty((frames, len(self.faces)), dtype=warp.vec3f, device=self.device)
             for _ in range(2)
@@ -153,7 +169,7 @@ class Detector:
             raise ValueError(f"weld should have shape ({self.vertex_count},), got {welded.shape}")
         return self._upload(welded[self.faces[self.tree.order]], self._warp.vec3i)
 
-    def _upload(self, values: NDArray[np.int32], dtype: Any) -> Any:
+    def _upload(self, values: NDArray[Any], dtype: Any) -> Any:
         return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
 
 

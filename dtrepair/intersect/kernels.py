@@ -347,3 +347,42 @@ def find_pairs(
                 node = 2 * node + 1
         else:
             node = skip[node]
+
+
+@wp.kernel
+def find_active_pairs(
+    points: wp.array2d(dtype=wp.vec3f),
+    faces: wp.array(dtype=wp.vec3i),
+    welded: wp.array(dtype=wp.vec3i),
+    order: wp.array(dtype=wp.int32),
+    leaf_start: wp.array(dtype=wp.int32),
+    skip: wp.array(dtype=wp.int32),
+    low: wp.array2d(dtype=wp.vec3f),
+    high: wp.array2d(dtype=wp.vec3f),
+    node_low: wp.array2d(dtype=wp.vec3f),
+    node_high: wp.array2d(dtype=wp.vec3f),
+    pairs: wp.array(dtype=wp.vec4i),
+    count: wp.array(dtype=wp.int32),
+    queries: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.uint8),
+):
+    """Pairs with an active triangle; one thread a frame and active triangle (in leaf order)."""
+    frame, query = wp.tid()
+    i = queries[query]
+    leaves = leaf_start.shape[0] - 1
+    node = int(0)
+    while node < skip.shape[0]:
+        if overlap(low[frame, i], high[frame, i], node_low[frame, node], node_high[frame, node]):
+            if node >= leaves - 1:
+                leaf = node - leaves + 1
+                for j in range(leaf_start[leaf], leaf_start[leaf + 1]):
+                    # A pair of two active triangles is found from its first one only.
+                    if i < j or active[j] == wp.uint8(0):
+                        test_pair(
+                            frame, i, j, points, faces, welded, order, low, high, pairs, count
+                        )
+                node = skip[node]
+            else:
+                node = 2 * node + 1
+        else:
+            node = skip[node]

@@ -1,0 +1,136 @@
+"""Questions to a mesh beside its intersecting pairs: folds, ring distances, ray crossings."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.geometry import FloatArray, IntArray, adjacency
+from dtrepair.intersect.detector import Detector
+
+# Ring distances are known up to this; what is farther counts as one ring more.
+RING_LIMIT = 20
+
+
+class Queries:
+    """Queries on the mesh of a `Detector`; topological answers are remembered.
+
+    They run on the CPU: their results steer the host's decisions.
+    """
+
+    def __init__(self, detector: Detector) -> None:
+        """Use the tree and faces of `detector`."""
+        from dtrepair.device import start_warp
+        from dtrepair.intersect import query_kernels
+
+        self._detector = detector
+        self._warp = start_warp()
+        self._kernels = query_kernels
+        self._faces = self._array(detector.faces, self._warp.vec3i)
+        self._known_keys = np.zeros(0, dtype=np.int64)
+        self._known_rings = np.zeros(0, dtype=np.int32)
+
+    def folds(
+        self, points: NDArray[np.float32], *, active: NDArray[np.bool_] | None = None
+    ) -> IntArray:
+        """Pairs (K, 2) of triangles that share exactly one vertex and cross beyond it.
+
+        With `active` (V,) only those whose shared vertex is active.
+        """
+        count = len(self._fans)
+        if count == 0:
+            return np.zeros((0, 2), dtype=np.int32)
+        mask = np.ones(self._detector.vertex_count, bool) if active is None else active
+        folded = self._warp.empty(count, dtype=self._warp.uint8, device="cpu")
+        positions = self._array(points, self._warp.vec3f)
+        marks = self._array(mask.astype(np.uint8), self._warp.uint8)
+        inputs = [positions, self._faces, self._fan_array, marks, folded]
+        self._warp.launch(self._kernels.find_folds, dim=count, inputs=inputs, device="cpu")
+        found = self._fans[folded.numpy().astype(bool)][:, [0, 2]]
+        return np.sort(found, axis=1)
+
+    def ring_distance(self, pairs: IntArray) -> IntArray:
+        """Edge rings (K,) between the triangles of pairs (K, 2), at most RING_LIMIT + 1."""
+        keys = pairs[:, 0].astype(np.int64) << 32 | pairs[:, 1].astype(np.int64)
+        unknown = np.setdiff1d(keys, self._known_keys)
+        if len(unknown):
+            rows = np.stack([unknown >> 32, unknown & 0xFFFFFFFF], axis=1).astype(np.int32)
+            every = np.concatenate([self._known_keys, unknown])
+            rings = np.concatenate([self._known_rings, self._search(rows)])
+            order = np.argsort(every)
+            self._known_keys, self._known_rings = every[order], rings[order]
+        return self._known_rings[np.searchsorted(self._known_keys, keys)]
+
+    def crossings(
+        self, points: NDArray[np.float32], vertices: IntArray, directions: FloatArray
+    ) -> IntArray:
+        """Signed surface crossings (R,) of rays from vertices (R,) along directions (R, 3).
+
+        Each exit counts 1 and each entry -1; triangles at the vertex do not count.
+        """
+        warp, detector = self._warp, self._detector
+        tree = detector.tree
+        assert tree is not None
+        result = warp.empty(len(vertices), dtype=warp.int32, device="cpu")
+        positions = warp.array(points[None], dtype=warp.vec3f, device="cpu", copy=False)
+        low, high = self._node_boxes(points)
+        inputs = [positions, self._array(detector.faces[tree.order], warp.vec3i)]
+        inputs += [self._array(tree.leaf_start, warp.int32), self._array(tree.skip, warp.int32)]
+        inputs += [low, high, self._array(vertices.astype(np.int32), warp.int32)]
+        inputs += [self._array(directions, warp.vec3d), result]
+        self._warp.launch(self._kernels.cast_rays, dim=len(vertices), inputs=inputs, device="cpu")
+        return result.numpy()
+
+    def _node_boxes(self, points: NDArray[np.float32]) -> tuple[Any, Any]:
+        boxes = self._detector.boxes(points[None])
+        return boxes[2], boxes[3]
+
+    def _search(self, pairs: IntArray) -> IntArray:
+        warp, count = self._warp, self._detector.vertex_count
+        distance = warp.empty(len(pairs), dtype=warp.int32, device="cpu")
+        indptr, indices = self._adjacency
+        scratch = [warp.zeros((2, count), dtype=warp.int32, device="cpu") for _ in range(2)]
+        queue = warp.empty(count, dtype=warp.int32, device="cpu")
+        half = RING_LIMIT // 2
+        inputs = [self._faces, indptr, indices, self._array(pairs, warp.vec2i)]
+        inputs += [half, RING_LIMIT - half, *scratch, queue, distance]
+        warp.launch(self._kernels.ring_distances, dim=1, inputs=inputs, device="cpu")
+        return distance.numpy()
+
+    @cached_property
+    def _adjacency(self) -> tuple[Any, Any]:
+        indptr, indices = adjacency(self._detector.faces, self._detector.vertex_count)
+        return self._array(indptr, self._warp.int32), self._array(indices, self._warp.int32)
+
+    @cached_property
+    def _fans(self) -> IntArray:
+        return one_vertex_pairs(self._detector.faces, self._detector.vertex_count)
+
+    @cached_property
+    def _fan_array(self) -> Any:
+        return self._array(self._fans, self._warp.vec4i)
+
+    def _array(self, values: NDArray[Any], dtype: Any) -> Any:
+        return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")
+
+
+def one_vertex_pairs(faces: IntArray, count: int) -> IntArray:
+    """Rows (triangle, its corner, triangle, its corner) of pairs that share exactly one vertex."""
+    corners = np.argsort(faces.ravel(), kind="stable")
+    valence = np.bincount(faces.ravel(), minlength=count)
+    starts = np.concatenate([[0], np.cumsum(valence)])
+    rows = []
+    for size in np.unique(valence[valence > 1]):
+        vertices = np.flatnonzero(valence == size)
+        around = corners[starts[vertices][:, None] + np.arange(size)]
+        i, j = np.triu_indices(size, 1)
+        rows.append(np.stack([around[:, i].ravel(), around[:, j].ravel()], axis=1))
+    if not rows:
+        return np.zeros((0, 4), dtype=np.int32)
+    first, second = np.concatenate(rows).T
+    shared = (faces[first // 3][:, :, None] == faces[second // 3][:, None, :]).sum(axis=(1, 2))
+    first, second = first[shared == 1], second[shared == 1]
+    return np.stack([first // 3, first % 3, second // 3, second % 3], axis=1).astype(np.int32)

@@ -1,0 +1,212 @@
+"""Warp kernels for queries on a refit hierarchy: folds, ring distances, rays."""
+
+from __future__ import annotations
+
+from dtrepair.device import start_warp
+
+wp = start_warp()
+wp.set_module_options({"enable_backward": False, "fast_math": False})
+
+
+@wp.func
+def point(points: wp.array(dtype=wp.vec3f), k: int) -> wp.vec3d:
+    """Point k in float64."""
+    p = points[k]
+    return wp.vec3d(wp.float64(p[0]), wp.float64(p[1]), wp.float64(p[2]))
+
+
+@wp.func
+def segment_meets(p: wp.vec3d, q: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d) -> bool:
+    """Whether a segment crosses the plane of a triangle inside the closed triangle (float64)."""
+    normal = wp.cross(b - a, c - a)
+    s = wp.dot(normal, p - a)
+    t = wp.dot(normal, q - a)
+    zero = wp.float64(0.0)
+    if (s > zero) == (t > zero):
+        return False
+    hit = p + (s / (s - t)) * (q - p)
+    return (
+        wp.dot(normal, wp.cross(b - a, hit - a)) >= zero
+        and wp.dot(normal, wp.cross(c - b, hit - b)) >= zero
+        and wp.dot(normal, wp.cross(a - c, hit - c)) >= zero
+    )
+
+
+@wp.kernel
+def find_folds(
+    points: wp.array(dtype=wp.vec3f),
+    faces: wp.array(dtype=wp.vec3i),
+    fans: wp.array(dtype=wp.vec4i),
+    active: wp.array(dtype=wp.uint8),
+    folded: wp.array(dtype=wp.uint8),
+):
+    """Marks the rows (triangle, corner, triangle, corner) of `fans` whose triangles fold.
+
+    Two triangles that share exactly one vertex fold if the edge opposite it of one crosses the
+    other; one thread a row.
+    """
+    row = wp.tid()
+    folded[row] = wp.uint8(0)
+    fan = fans[row]
+    f = faces[fan[0]]
+    g = faces[fan[2]]
+    if active[f[fan[1]]] == wp.uint8(0):
+        return
+    a = point(points, f[fan[1]])
+    b = point(points, f[(fan[1] + 1) % 3])
+    c = point(points, f[(fan[1] + 2) % 3])
+    d = point(points, g[(fan[3] + 1) % 3])
+    e = point(points, g[(fan[3] + 2) % 3])
+    if segment_meets(b, c, a, d, e) or segment_meets(d, e, a, b, c):
+        folded[row] = wp.uint8(1)
+
+
+@wp.kernel
+def ring_distances(
+    faces: wp.array(dtype=wp.vec3i),
+    indptr: wp.array(dtype=wp.int32),
+    indices: wp.array(dtype=wp.int32),
+    pairs: wp.array(dtype=wp.vec2i),
+    near_half: int,
+    far_half: int,
+    stamp: wp.array2d(dtype=wp.int32),
+    rings: wp.array2d(dtype=wp.int32),
+    queue: wp.array(dtype=wp.int32),
+    distance: wp.array(dtype=wp.int32),
+):
+    """Edge rings between the triangles of each pair, capped at near_half + far_half + 1.
+
+    Two breadth-first searches that meet; the first is kept for a run of pairs with the same first
+    triangle, so pairs come sorted. One thread does all: the searches share their scratch arrays.
+    """
+    last = int(-1)
+    tag = int(0)
+    for p in range(pairs.shape[0]):
+        first = pairs[p][0]
+        if first != last:
+            last = first
+            tag = p + 1
+            tail = int(0)
+            f = faces[first]
+            for corner in range(3):
+                v = f[corner]
+                stamp[0, v] = tag
+                rings[0, v] = 0
+                queue[tail] = v
+                tail += 1
+            head = int(0)
+            while head < tail:
+                v = queue[head]
+                head += 1
+                if rings[0, v] < near_half:
+                    for k in range(indptr[v], indptr[v + 1]):
+                        w = indices[k]
+                        if stamp[0, w] != tag:
+                            stamp[0, w] = tag
+                            rings[0, w] = rings[0, v] + 1
+                            queue[tail] = w
+                            tail += 1
+        best = near_half + far_half + 1
+        tail = int(0)
+        g = faces[pairs[p][1]]
+        for corner in range(3):
+            v = g[corner]
+            stamp[1, v] = p + 1
+            rings[1, v] = 0
+            queue[tail] = v
+            tail += 1
+            if stamp[0, v] == tag:
+                best = wp.min(best, rings[0, v])
+        head = int(0)
+        while head < tail:
+            v = queue[head]
+            head += 1
+            reach = rings[1, v] + 1
+            if reach <= far_half and reach < best:
+                for k in range(indptr[v], indptr[v + 1]):
+                    w = indices[k]
+                    if stamp[1, w] != p + 1:
+                        stamp[1, w] = p + 1
+                        rings[1, w] = reach
+                        queue[tail] = w
+                        tail += 1
+                        if stamp[0, w] == tag:
+                            best = wp.min(best, reach + rings[0, w])
+        distance[p] = best
+
+
+@wp.kernel
+def cast_rays(
+    points: wp.array2d(dtype=wp.vec3f),
+    faces: wp.array(dtype=wp.vec3i),
+    leaf_start: wp.array(dtype=wp.int32),
+    skip: wp.array(dtype=wp.int32),
+    node_low: wp.array2d(dtype=wp.vec3f),
+    node_high: wp.array2d(dtype=wp.vec3f),
+    origins: wp.array(dtype=wp.int32),
+    directions: wp.array(dtype=wp.vec3d),
+    crossings: wp.array(dtype=wp.int32),
+):
+    """Signed crossings of rays that start at vertices: +1 leaving the surface, -1 entering it.
+
+    Triangles that have the vertex are left out; one thread a ray.
+    """
+    ray = wp.tid()
+    vertex = origins[ray]
+    start = points[0, vertex]
+    origin = wp.vec3d(wp.float64(start[0]), wp.float64(start[1]), wp.float64(start[2]))
+    direction = directions[ray]
+    inverse = wp.vec3f()
+    for axis in range(3):
+        component = wp.float32(direction[axis])
+        if wp.abs(component) < 1.0e-12:
+            component = 1.0e-12
+        inverse[axis] = 1.0 / component
+    leaves = leaf_start.shape[0] - 1
+    total = int(0)
+    node = int(0)
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    while node < skip.shape[0]:
+        low = wp.cw_mul(node_low[0, node] - start, inverse)
+        high = wp.cw_mul(node_high[0, node] - start, inverse)
+        entry = wp.max(wp.min(low, high))
+        leave = wp.min(wp.max(low, high))
+        # Float32 boxes get a margin: the triangles themselves are tested in float64.
+        if leave * 1.0001 < 0.0 or entry * 0.9999 > leave * 1.0001:
+            node = skip[node]
+            continue
+        if node < leaves - 1:
+            node = 2 * node + 1
+            continue
+        leaf = node - leaves + 1
+        for i in range(leaf_start[leaf], leaf_start[leaf + 1]):
+            f = faces[i]
+            if f[0] == vertex or f[1] == vertex or f[2] == vertex:
+                continue
+            a = points[0, f[0]]
+            b = points[0, f[1]]
+            c = points[0, f[2]]
+            corner = wp.vec3d(wp.float64(a[0]), wp.float64(a[1]), wp.float64(a[2]))
+            u = wp.vec3d(wp.float64(b[0]), wp.float64(b[1]), wp.float64(b[2])) - corner
+            v = wp.vec3d(wp.float64(c[0]), wp.float64(c[1]), wp.float64(c[2])) - corner
+            across = wp.cross(direction, v)
+            determinant = wp.dot(u, across)
+            if determinant == zero:
+                continue
+            offset = origin - corner
+            s = wp.dot(offset, across) / determinant
+            if s < zero or s > one:
+                continue
+            turned = wp.cross(offset, u)
+            t = wp.dot(direction, turned) / determinant
+            if t < zero or s + t > one:
+                continue
+            if wp.dot(v, turned) / determinant > zero:
+                # The determinant is minus the direction times the normal.
+                if determinant < zero:
+                    total += 1
+                else:
+                    total -= 1
+        node = skip[node]
+    crossings[ray] = total

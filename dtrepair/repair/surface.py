@@ -1,0 +1,163 @@
+"""What the repair knows of a mesh before it sees a pose: operators, adjacency, tree, factors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from dtrepair.geometry import FloatArray, IntArray, adjacency, extent, unique_edges, vector_areas
+from dtrepair.intersect.detector import Detector
+from dtrepair.intersect.queries import Queries
+from dtrepair.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
+
+BoolArray = NDArray[np.bool_]
+
+# Weights of the cotangent Laplacian are kept positive: the diffused field then has no overshoot.
+COTANGENT_CLAMP = (1e-3, 1e3)
+# Anchor of the as-rigid-as-possible steps to the input.
+ANCHOR = 0.01
+
+
+@dataclass(frozen=True)
+class BodyRange:
+    """The vertices start..stop of one body and its diffusion strength lambda."""
+
+    start: int
+    stop: int
+    diffusion: float
+
+
+class Surface:
+    """One mesh, or several bodies in one mesh, ready to be repaired in any pose.
+
+    Lengths are in units of `size`, the largest coordinate range of the rest pose, so that step
+    sizes mean the same for every mesh. Everything comes from the rest pose once and is never
+    changed. Several bodies never share a triangle, so every operator is block diagonal; each body
+    has its own diffusion factor (Jang et al. 2025, section 7.5.2).
+
+    Args:
+        rest: Rest positions (V, 3), any length unit.
+        faces: Triangles (F, 3).
+        bodies: Vertex ranges of the bodies; default: one body of strength 99.
+        mobility: How freely each vertex moves (V,), 0 fixed to 1 free; default: all free.
+    """
+
+    def __init__(
+        self,
+        rest: FloatArray,
+        faces: IntArray,
+        *,
+        bodies: Sequence[BodyRange] | None = None,
+        mobility: FloatArray | None = None,
+        device: str = "cpu",
+    ) -> None:
+        self.size = extent(rest) or 1.0
+        self.rest = rest / self.size
+        self.faces = faces
+        self.count = len(rest)
+        self.bodies = tuple(bodies or (BodyRange(0, self.count, 99.0),))
+        self.mobility = np.ones(self.count) if mobility is None else mobility
+        self.edges = unique_edges(faces)
+        self.indptr, self.indices = adjacency(faces, self.count)
+        self.neighbours = sparse.csr_matrix(
+            (np.ones(len(self.indices), dtype=np.float32), self.indices, self.indptr),
+            shape=(self.count, self.count),
+        )
+        self.laplacian = cotangent_laplacian(self.rest, faces, clamp=COTANGENT_CLAMP)
+        self.uniform = uniform_laplacian(faces, self.count)
+        self.mass = lumped_mass(self.rest, faces)
+        self.edge_length = float(
+            np.linalg.norm(self.rest[self.edges[:, 0]] - self.rest[self.edges[:, 1]], axis=1).mean()
+        )
+        self.detector = Detector(rest, faces, device=device)
+        self.queries = Queries(self.detector)
+
+    @cached_property
+    def _diffusion_factors(self) -> list[Factor]:
+        factors = []
+        for body in self.bodies:
+            own = slice(body.start, body.stop)
+            mass = sparse.diags(self.mass[own])
+            factors.append(Factor(mass + body.diffusion * self.laplacian[own, own]))
+        return factors
+
+    @cached_property
+    def rigidity_factor(self) -> Factor:
+        """Factor of L + ANCHOR M for the as-rigid-as-possible steps."""
+        return Factor(self.laplacian + ANCHOR * sparse.diags(self.mass))
+
+    @cached_property
+    def incidence(self) -> sparse.csr_matrix:
+        """(V, F) with 1 where a triangle has a vertex."""
+        columns = np.repeat(np.arange(len(self.faces)), 3)
+        entries = (np.ones(3 * len(self.faces)), (self.faces.ravel(), columns))
+        return sparse.csr_matrix(entries, shape=(self.count, len(self.faces)))
+
+    def diffuse(self, field: FloatArray) -> FloatArray:
+        """A^-1 M A^-1 applied to a field (V, k), with A = M + lambda L of each body."""
+        result = np.empty_like(field)
+        for body, factor in zip(self.bodies, self._diffusion_factors, strict=True):
+            own = slice(body.start, body.stop)
+            mass = self.mass[own, None]
+            result[own] = factor(mass * factor(field[own]))
+        return result
+
+    def written(self, points: FloatArray) -> NDArray[np.float32]:
+        """Points in units of `size` as the float32 coordinates that are counted and written."""
+        return (points * self.size).astype(np.float32)
+
+    def pairs(self, points: FloatArray, *, active: BoolArray | None = None) -> IntArray:
+        """Intersecting pairs (K, 2); with `active` (F,) those with at least one active triangle.
+
+        Pairs that floating point cannot settle count as intersecting here.
+        """
+        return self.detector(self.written(points), exact=False, active=active)
+
+    def vertices_of(self, triangles: NDArray[np.integer]) -> BoolArray:
+        """Mask (V,) of the corners of triangles given by index, any shape."""
+        mask = np.zeros(self.count, dtype=bool)
+        mask[self.faces[np.asarray(triangles).ravel()]] = True
+        return mask
+
+    def triangles_at(self, vertices: BoolArray) -> BoolArray:
+        """Mask (F,) of the triangles with a corner in a vertex mask (V,)."""
+        return vertices[self.faces].any(axis=1)
+
+    def dilate(self, mask: BoolArray, rings: int = 1) -> BoolArray:
+        """A vertex mask (V,) grown by rings of edges."""
+        grown = mask
+        for _ in range(rings):
+            grown = grown | (self.neighbours @ grown.astype(np.float32) > 0)
+        return grown
+
+    def rings_from(self, mask: BoolArray, limit: int) -> IntArray:
+        """Edge rings from each vertex (V,) to a vertex mask, at most `limit`."""
+        distance = np.where(mask, 0, limit).astype(np.int32)
+        grown = mask
+        for ring in range(1, limit):
+            wider = self.dilate(grown)
+            distance[wider & ~grown] = ring
+            grown = wider
+        return distance
+
+    def components(self, mask: BoolArray) -> IntArray:
+        """Label (V,) of the connected component of each vertex of a mask; others stand alone."""
+        kept = self.edges[mask[self.edges].all(axis=1)]
+        return link_labels(kept, self.count)
+
+    def vector_areas(self, points: FloatArray) -> FloatArray:
+        """Vector area (V, 3) of each vertex: a third of its triangles'."""
+        return self.incidence @ (vector_areas(points, self.faces) / 3.0)
+
+
+def link_labels(links: NDArray[np.integer], count: int) -> IntArray:
+    """Connected component (count,) of each of `count` items under undirected links (K, 2)."""
+    graph = sparse.coo_matrix(
+        (np.ones(len(links), dtype=np.int8), (links[:, 0], links[:, 1])), shape=(count, count)
+    )
+    return sparse.csgraph.connected_components(graph, directed=False)[1].astype(np.int32)

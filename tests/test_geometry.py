@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -99,7 +101,7 @@ def test_euler_characteristic(mesh: meshes.Mesh, characteristic: int) -> None:
 def test_adjacency_holds_each_edge_twice_sorted() -> None:
     faces = np.array([[2, 1, 0], [1, 2, 3]], dtype=np.int32)
     starts, neighbours = geometry.adjacency(faces, 5)
-    rows = [neighbours[a:b].tolist() for a, b in zip(starts[:-1], starts[1:], strict=True)]
+    rows = [neighbours[a:b].tolist() for a, b in pairwise(starts)]
     assert rows == [[1, 2], [0, 2, 3], [0, 1, 3], [1, 2], []]
     assert starts.dtype == np.int32 and neighbours.dtype == np.int32
 

@@ -140,5 +140,7 @@ def test_factor_names_what_is_wrong() -> None:
         Factor(sparse.csr_matrix(np.ones((2, 3))))
     with pytest.raises(ValueError, match="finite"):
         Factor(sparse.csr_matrix(np.array([[1.0, 0], [0, np.nan]])))
+    with pytest.raises(ValueError, match="not positive definite"):
+        Factor(sparse.diags([1.0, -1.0]).tocsr())
     with pytest.raises(ValueError, match="3 rows, got"):
         Factor(sparse.identity(3, format="csr"))(np.ones(4))

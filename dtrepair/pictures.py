@@ -1,0 +1,208 @@
+"""Before/after pictures without a display or a GPU: a small software renderer.
+
+Triangles are lit, intersecting ones red, back faces (an open or inside-out surface) blue. The
+renderer needs numpy only; Pillow, which writes the file and the captions, is loaded when used.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dtrepair.atomic_files import atomic_output
+from dtrepair.polygon_mesh import vertex_normals
+
+Image = NDArray[np.uint8]
+BACKGROUND = (250, 250, 252)
+_SURFACE = np.array([0.78, 0.75, 0.71])
+_INTERSECTING = np.array([0.90, 0.09, 0.07])
+_BACK = np.array([0.30, 0.45, 0.85])
+_SAMPLES = 2  # per pixel and direction, against stairs
+_CHUNK = 2_000_000  # candidate pixels looked at together, bounds the memory
+
+
+@dataclass(frozen=True)
+class View:
+    """A parallel projection: rotation (3, 3) to right, up and viewer; centre (3,); half size."""
+
+    rotation: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    half_size: float
+
+
+def make_view(
+    poses: Sequence[ArrayLike],
+    *,
+    up: ArrayLike = (0, 1, 0),
+    azimuth: float = 25.0,
+    elevation: float = 12.0,
+) -> View:
+    """Return a view that shows all `poses` (each (V, 3)); angles in degrees, from the front.
+
+    The front is +Z where Y is up and -Y where Z is up.
+    """
+    points = np.concatenate([np.asarray(pose, dtype=np.float64) for pose in poses])
+    upward = np.asarray(up, dtype=np.float64)
+    front = np.array([0.0, 0, 1]) if abs(upward[2]) < 0.5 else np.array([0.0, -1, 0])
+    right = np.cross(upward, front)
+    a, e = np.radians(azimuth), np.radians(elevation)
+    sideways = np.cos(a) * right - np.sin(a) * front
+    level = np.sin(a) * right + np.cos(a) * front
+    towards = np.cos(e) * level + np.sin(e) * upward
+    rotation = np.stack([sideways, np.cross(towards, sideways), towards])
+    seen = points @ rotation.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    size = float(max(high[0] - low[0], high[1] - low[1]))
+    return View(rotation, (low + high) / 2, 0.53 * size if size > 0 else 1.0)
+
+
+def best_view(
+    points: ArrayLike,
+    faces: NDArray[np.int32],
+    intersecting: NDArray[np.bool_],
+    *,
+    up: ArrayLike = (0, 1, 0),
+) -> View:
+    """Return the one of twelve views around the object that shows most of the intersections."""
+    best, most = make_view([points], up=up), 0
+    for azimuth in (25, -25, 60, -60, 0, 90, -90, 130, -130, 155, -155, 180):
+        view = make_view([points], up=up, azimuth=azimuth)
+        triangle = _visible(view, np.asarray(points, dtype=np.float64), faces, 96)[0]
+        shown = int(intersecting[triangle[triangle >= 0]].sum())
+        if shown > 1.15 * most:  # later views must be clearly better than the usual one
+            best, most = view, shown
+    return best
+
+
+def render(
+    points: ArrayLike,
+    faces: NDArray[np.int32],
+    *,
+    view: View,
+    intersecting: NDArray[np.bool_] | None = None,
+    size: int = 640,
+) -> Image:
+    """Draw a mesh (V, 3), (F, 3); return (size, size, 3) uint8. `intersecting`: (F,) drawn red."""
+    positions = np.asarray(points, dtype=np.float64)
+    fine = size * _SAMPLES
+    triangle, weights = _visible(view, positions, faces, fine)
+    hit = triangle >= 0
+    chosen = triangle[hit]
+    corners = vertex_normals(positions, faces) @ view.rotation.T
+    normal = np.einsum("pk,pkd->pd", weights[hit], corners[faces[chosen]])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    flat = _facing(view, positions, faces)[chosen]
+    colour = np.where((flat > 0)[:, None], _SURFACE, _BACK)
+    if intersecting is not None:
+        colour = np.where(np.asarray(intersecting, bool)[chosen, None], _INTERSECTING, colour)
+    picture = np.tile(np.asarray(BACKGROUND) / 255.0, (fine * fine, 1))
+    picture[hit] = colour * _light(normal * np.where(flat > 0, 1, -1)[:, None])[:, None]
+    blocks = picture.reshape(size, _SAMPLES, size, _SAMPLES, 3).mean(axis=(1, 3))
+    return np.asarray(np.clip(blocks * 255 + 0.5, 0, 255), dtype=np.uint8)
+
+
+def _light(normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Brightness (P,) from a key light, a weak one from the other side, and the sky."""
+    key = np.clip(normal @ np.array([-0.42, 0.57, 0.70]), 0, None)
+    fill = np.clip(normal @ np.array([0.80, 0.05, 0.60]), 0, None)
+    sky = 0.5 + 0.5 * normal[:, 1]
+    return np.asarray(0.24 + 0.62 * key + 0.18 * fill + 0.14 * sky)
+
+
+def _facing(
+    view: View, points: NDArray[np.float64], faces: NDArray[np.int32]
+) -> NDArray[np.float64]:
+    """Twice the signed area (F,) in the picture: positive where the outside is seen."""
+    a, b, c = ((points @ view.rotation.T)[faces[:, k]] for k in range(3))
+    return np.asarray(
+        (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0], dtype=np.float64
+    )
+
+
+def _visible(
+    view: View, points: NDArray[np.float64], faces: NDArray[np.int32], size: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the nearest triangle (size^2,) of each pixel, -1 for none, and its weights (., 3)."""
+    seen = points @ view.rotation.T - view.centre
+    pixels = seen / view.half_size * (size / 2) * (1, -1, 1) + (size / 2, size / 2, 0)
+    corners = pixels[faces]
+    low = np.clip(np.floor(corners[..., :2].min(axis=1)), 0, size).astype(np.int64)
+    high = np.clip(np.ceil(corners[..., :2].max(axis=1)), 0, size).astype(np.int64)
+    extent = np.maximum((high - low).max(axis=1), 0)
+    nearest = np.full(size * size, -np.inf)
+    triangle = np.full(size * size, -1, dtype=np.int64)
+    weights = np.zeros((size * size, 3))
+    # Triangles of similar extent are drawn together, each over a square of candidate pixels.
+    classes = np.where(extent > 0, np.ceil(np.log2(np.maximum(extent, 1))), -1).astype(int)
+    for level in np.unique(classes[classes >= 0]):
+        members = np.flatnonzero(classes == level)
+        side = 2 ** int(level)
+        for part in np.array_split(members, -(-len(members) * side * side // _CHUNK)):
+            found = _fragments(corners[part], low[part], side, size)
+            row, pixel, bary = found
+            depth = np.einsum("pk,pk->p", bary, corners[part][row][:, :, 2])
+            front = depth > nearest[pixel]
+            row, pixel, bary, depth = row[front], pixel[front], bary[front], depth[front]
+            order = np.argsort(depth, kind="stable")  # the nearest is written last
+            row, pixel, bary, depth = row[order], pixel[order], bary[order], depth[order]
+            nearest[pixel], triangle[pixel], weights[pixel] = depth, part[row], bary
+    return triangle, weights
+
+
+def _fragments(
+    corners: NDArray[np.float64], low: NDArray[np.int64], side: int, size: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Return row, pixel and barycentric weights of each pixel centre inside a triangle."""
+    steps = np.arange(side)
+    x = low[:, 0, None, None] + steps[None, None, :]
+    y = low[:, 1, None, None] + steps[None, :, None]
+    px, py = x + 0.5, y + 0.5
+    (ax, ay), (bx, by), (cx, cy) = (
+        (corners[:, k, 0, None, None], corners[:, k, 1, None, None]) for k in range(3)
+    )
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    safe = np.where(area == 0, 1, area)
+    u = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / safe
+    v = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / safe
+    inside = (u >= 0) & (v >= 0) & (u + v <= 1) & (area != 0) & (x < size) & (y < size)
+    row, iy, ix = np.nonzero(inside)
+    pixel = (low[row, 1] + iy) * size + low[row, 0] + ix
+    bary = np.stack([u[inside], v[inside], 1 - u[inside] - v[inside]], axis=1)
+    return row, pixel, bary
+
+
+def save_pictures(
+    path: str | os.PathLike[str],
+    images: Sequence[Image],
+    *,
+    captions: Sequence[str] = (),
+    columns: int | None = None,
+) -> None:
+    """Write pictures of one size side by side as one file (png, jpg), each with a caption below.
+
+    Raises ImportError with the cure where Pillow is not installed, OSError.
+    """
+    try:
+        from PIL import Image as Images
+        from PIL import ImageDraw, ImageFont
+    except ImportError:
+        raise ImportError("pictures need Pillow: pip install pillow") from None
+    height, width = images[0].shape[:2]
+    columns = columns or len(images)
+    rows = -(-len(images) // columns)
+    band = max(width // 13, 20) if captions else 0
+    sheet = Images.new("RGB", (columns * width, rows * (height + band)), BACKGROUND)
+    pen = ImageDraw.Draw(sheet)
+    for index, image in enumerate(images):
+        x, y = index % columns * width, index // columns * (height + band)
+        sheet.paste(Images.fromarray(image), (x, y))
+        if index < len(captions):
+            place = (x + width // 2, y + height + band // 2)
+            font = ImageFont.load_default(size=0.55 * band)
+            pen.text(place, captions[index], fill=(60, 60, 64), font=font, anchor="mm")
+    with atomic_output(path) as temporary:
+        sheet.save(temporary)

@@ -1,0 +1,37 @@
+"""How far a repaired mesh is from its input: displacement, edge lengths, jitter, volume."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dtrepair.geometry import FloatArray, IntArray, diagonal
+
+
+def displacements(before: FloatArray, after: FloatArray) -> FloatArray:
+    """Distance each vertex moved (V,), relative to the bounding-box diagonal of `before`."""
+    return np.linalg.norm(after - before, axis=1) / (diagonal(before) or 1.0)
+
+
+def edge_log_ratio(before: FloatArray, after: FloatArray, edges: IntArray) -> float:
+    """Root mean square of the logarithm of the edges' length ratios: 0 for a rigid motion."""
+    if len(edges) == 0:
+        return 0.0
+    old = np.linalg.norm(before[edges[:, 0]] - before[edges[:, 1]], axis=1)
+    new = np.linalg.norm(after[edges[:, 0]] - after[edges[:, 1]], axis=1)
+    floor = 1e-12 * (diagonal(before) or 1.0)
+    return float(np.sqrt(np.mean(np.log(np.maximum(new, floor) / np.maximum(old, floor)) ** 2)))
+
+
+def volume(points: FloatArray, faces: IntArray) -> float:
+    """Signed volume enclosed by a closed mesh, cubed length units (divergence theorem)."""
+    a, b, c = (points[faces[:, k]] - points.mean(axis=0) for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+
+def jitter(before: FloatArray, after: FloatArray) -> float:
+    """Root mean square second difference of the displacement (T, V, 3) over the diagonal."""
+    moved = after - before
+    if len(moved) < 3:
+        return 0.0
+    second = moved[2:] - 2.0 * moved[1:-1] + moved[:-2]
+    return float(np.sqrt(np.mean(np.sum(second**2, axis=2))) / (diagonal(before[0]) or 1.0))

@@ -1,0 +1,69 @@
+"""What a set of intersecting pairs means: contact regions, near and far contacts, defects."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.repair.surface import BoolArray, Surface, link_labels
+
+
+class Defects(NamedTuple):
+    """Pairs that must go: `crossings` share no vertex, `folds` share one and cross beyond it."""
+
+    crossings: IntArray
+    folds: IntArray
+
+    @property
+    def triangles(self) -> IntArray:
+        """The triangles of all pairs, each once."""
+        return np.unique(np.concatenate([self.crossings, self.folds]))
+
+    @property
+    def rank(self) -> tuple[int, int]:
+        """Crossings first, then all pairs: smaller is better."""
+        return len(self.crossings), len(self.crossings) + len(self.folds)
+
+
+def find_defects(surface: Surface, points: FloatArray) -> Defects:
+    """All intersecting pairs and folds of a pose (V, 3) in units of the surface's size."""
+    return Defects(surface.pairs(points), surface.queries.folds(surface.written(points)))
+
+
+def update_defects(
+    surface: Surface, known: Defects, points: FloatArray, moved: BoolArray
+) -> Defects:
+    """Defects of a pose that differs from one with `known` defects only where `moved` (V,)."""
+    if 3 * np.count_nonzero(moved) > len(moved):
+        return find_defects(surface, points)
+    active = surface.triangles_at(moved)
+    crossings = [known.crossings[~active[known.crossings].any(axis=1)]]
+    crossings.append(surface.pairs(points, active=active))
+    # A fold changes where one of its two triangles moved; both are around the shared vertex.
+    around = surface.vertices_of(np.flatnonzero(active))
+    folds = [known.folds[~active[known.folds].any(axis=1)]]
+    found = surface.queries.folds(surface.written(points), active=around)
+    folds.append(found[active[found].any(axis=1)])
+    return Defects(np.concatenate(crossings), np.concatenate(folds))
+
+
+def near_contacts(surface: Surface, pairs: IntArray, near: int) -> BoolArray:
+    """Which pairs (K,) join triangles at most `near` edge rings apart: the sides of a crease."""
+    return surface.queries.ring_distance(pairs) <= near
+
+
+def contact_regions(surface: Surface, pairs: IntArray, buried: BoolArray) -> tuple[int, IntArray]:
+    """Contact regions: their number and the region of each vertex (V,), -1 outside.
+
+    A region is connected through pairs and through edges between touched or buried vertices.
+    """
+    touched = buried | surface.vertices_of(pairs)
+    edges = surface.edges[touched[surface.edges].all(axis=1)]
+    across = np.stack([surface.faces[pairs[:, 0], 0], surface.faces[pairs[:, 1], 0]], axis=1)
+    labels = link_labels(np.concatenate([edges, across]), surface.count)
+    names, regions = np.unique(labels[touched], return_inverse=True)
+    result = np.full(surface.count, -1, dtype=np.int32)
+    result[touched] = regions
+    return len(names), result

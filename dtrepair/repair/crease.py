@@ -1,0 +1,143 @@
+"""What the push leaves near creases: patches around it, replaced by a smooth continuation."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import linalg
+
+from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.repair.contact import Defects, find_defects, update_defects
+from dtrepair.repair.surface import BoolArray, Surface
+
+BILAPLACIAN, MEMBRANE = 0, 1
+# Patches may cover at most this part of the mesh.
+LARGEST = 0.5
+# Keeps the bi-Laplacian system definite where a patch has no fixed surroundings.
+REGULAR = 1e-10
+
+
+class Filled(NamedTuple):
+    """The best pose (V, 3) found and its defects."""
+
+    points: FloatArray
+    defects: Defects
+
+
+class _Patches:
+    """Vertices to replace: how many rings each seed reaches, how often it failed, by which fill."""
+
+    def __init__(self, count: int) -> None:
+        self.rings = np.zeros(count, dtype=np.int64)
+        self.failures = np.zeros(count, dtype=np.int64)
+        self.fill = np.zeros(count, dtype=np.int64)
+
+    def mask(self, surface: Surface) -> BoolArray:
+        """Vertices (V,) within the reach of any seed."""
+        covered = np.zeros(surface.count, dtype=bool)
+        for ring in range(int(self.rings.max(initial=0)), 1, -1):
+            covered = surface.dilate(covered | (self.rings == ring))
+        return covered | (self.rings > 0)
+
+    def grow(self, surface: Surface, bad: BoolArray, rounds: int) -> None:
+        """Every patch with a defect grows by a ring there; after `rounds` it starts as membrane."""
+        touched = self.mask(surface) | bad
+        labels = surface.components(touched)
+        failing = touched & np.isin(labels, np.unique(labels[bad]))
+        failures = np.zeros(surface.count, dtype=np.int64)
+        np.maximum.at(failures, labels[failing], self.failures[failing] + 1)
+        fill = np.zeros(surface.count, dtype=np.int64)
+        np.maximum.at(fill, labels[failing], self.fill[failing])
+        self.failures[failing] = failures[labels[failing]]
+        self.fill[failing] = fill[labels[failing]]
+        restart = failing & (self.failures > rounds) & (self.fill == BILAPLACIAN)
+        self.fill[restart] = MEMBRANE
+        self.failures[restart] = 1
+        self.rings[restart] = np.maximum(self.rings[restart] - 4, 0)
+        self.rings[bad] += 1
+
+    def settle(self, surface: Surface, mask: BoolArray) -> IntArray:
+        """Fill (V,) of each patch that has grown together: the later fill wins; -1 outside."""
+        labels = surface.components(mask)
+        fill = np.zeros(surface.count, dtype=np.int64)
+        np.maximum.at(fill, labels[mask], self.fill[mask])
+        self.fill[mask] = fill[labels[mask]]
+        return np.where(mask, self.fill, -1)
+
+
+def fill_creases(
+    surface: Surface,
+    points: FloatArray,
+    *,
+    rounds: int = 8,
+    known: Defects | None = None,
+    fixed: BoolArray | None = None,
+) -> Filled:
+    """Replace the surroundings of every defect until none is left or the patches grew too often.
+
+    A patch starts as the smoothest (bi-Laplacian) continuation of its surroundings, grows by a
+    ring where it still fails, up to `rounds` times, and then starts again as a membrane. Folds
+    count as defects. `fixed` vertices (V,) are never replaced.
+    """
+    base = find_defects(surface, points) if known is None else known
+    filled, defects = points, base
+    best = Filled(points, base)
+    patches = _Patches(surface.count)
+    for _ in range(2 * rounds):
+        if len(defects.triangles) == 0:
+            break
+        patches.grow(surface, surface.vertices_of(defects.triangles), rounds)
+        mask = patches.mask(surface)
+        if fixed is not None:
+            mask &= ~fixed
+        if not mask.any() or mask.mean() > LARGEST:
+            break
+        kinds = patches.settle(surface, mask)
+        filled = points
+        for kind, replace in ((BILAPLACIAN, bilaplacian_fill), (MEMBRANE, membrane_fill)):
+            if (kinds == kind).any():
+                filled = replace(surface.uniform, filled, kinds == kind)
+        defects = update_defects(surface, base, filled, mask)
+        if defects.rank < best.defects.rank:
+            best = Filled(filled, defects)
+    return best
+
+
+def membrane_fill(laplacian: sparse.csr_matrix, field: FloatArray, mask: BoolArray) -> FloatArray:
+    """A field (V, k) with the masked values replaced by the harmonic extension of the others."""
+    inner = np.flatnonzero(mask)
+    rows = laplacian[inner]
+    known = rows @ np.where(mask[:, None], 0.0, field)
+    system = rows[:, inner] + REGULAR * sparse.identity(len(inner))
+    return _replaced(field, inner, _solve(system, -known))
+
+
+def bilaplacian_fill(
+    laplacian: sparse.csr_matrix, field: FloatArray, mask: BoolArray
+) -> FloatArray:
+    """A field (V, k) with the masked values replaced such that sum |L field|^2 is least."""
+    inner = np.flatnonzero(mask)
+    rows = laplacian[np.flatnonzero(abs(laplacian) @ mask)]
+    system = rows[:, inner]
+    known = rows @ np.where(mask[:, None], 0.0, field)
+    normal = system.T @ system + REGULAR * sparse.identity(len(inner))
+    return _replaced(field, inner, _solve(normal, -(system.T @ known)))
+
+
+def _solve(matrix: sparse.spmatrix, right_hand_side: FloatArray) -> FloatArray:
+    # Patches come and go: a general factorisation each, with an ordering for symmetric matrices.
+    factor = linalg.splu(
+        sparse.csc_matrix(matrix),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    return factor.solve(np.ascontiguousarray(right_hand_side))
+
+
+def _replaced(field: FloatArray, inner: IntArray, values: FloatArray) -> FloatArray:
+    result = field.copy()
+    result[inner] = values
+    return result

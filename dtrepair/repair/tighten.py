@@ -1,0 +1,190 @@
+"""Back towards the input: every step is accepted only if it is clean and closer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dtrepair.geometry import FloatArray
+from dtrepair.metrics import displacements, edge_log_ratio
+from dtrepair.repair.contact import Defects, find_defects, near_contacts
+from dtrepair.repair.crease import fill_creases, membrane_fill
+from dtrepair.repair.push import push
+from dtrepair.repair.rigidity import Rigidity
+from dtrepair.repair.surface import BoolArray, Surface
+
+# Weight of a pin inside the rigidity solve.
+PIN = 10.0
+# Pins fade by this factor in every cycle, and are gone below the last.
+PIN_FADE, PIN_GONE = 0.5, 0.1
+# Rings over which a step is rolled back around what it would make collide.
+ROLLBACK_RINGS = 8
+# Contacts within this many rings are creases: their surroundings follow, they are not pinned.
+CREASE_RINGS = 12
+
+
+def distortion(surface: Surface, original: FloatArray, points: FloatArray) -> float:
+    """What tightening lowers: edge log-ratio rms + 2 x mean displacement over the diagonal."""
+    moved = float(displacements(original, points).mean())
+    return edge_log_ratio(original, points, surface.edges) + 2.0 * moved
+
+
+def pull_back(
+    surface: Surface,
+    original: FloatArray,
+    points: FloatArray,
+    *,
+    near: int,
+    fraction: float,
+    folds: int,
+    cycles: int = 1,
+    step: float = 0.004,
+) -> FloatArray:
+    """Undo a fraction of the displacement, then push and fill what collides again."""
+    current, best = points, distortion(surface, original, points)
+    failures = 0
+    for _ in range(cycles):
+        trial = original + (1.0 - fraction) * (current - original)
+        defects = find_defects(surface, trial)
+        if len(defects.crossings):
+            pushed = push(
+                surface,
+                trial,
+                near=near,
+                step=step,
+                iterations=6,
+                patience=4,
+                known_pairs=defects.crossings,
+            )
+            trial = pushed.points
+            if len(pushed.pairs):
+                trial, defects = fill_creases(surface, trial, rounds=5)
+            else:
+                defects = find_defects(surface, trial)
+        value = distortion(surface, original, trial)
+        if _acceptable(defects, folds) and value < 0.995 * best:
+            current, best = trial, value
+        else:
+            failures += 1
+            fraction, step = 0.5 * fraction, 0.6 * step
+            if failures == 3:
+                break
+    return current
+
+
+def relax(
+    surface: Surface,
+    original: FloatArray,
+    points: FloatArray,
+    *,
+    cycles: int,
+    folds: int,
+    soften: bool,
+    tries: int = 2,
+) -> FloatArray:
+    """As-rigid-as-possible cycles towards the input's edges.
+
+    What would collide is pinned inside the solve; with `soften`, creases instead follow the
+    membrane extension of the displacement around them. What still collides is rolled back locally.
+    """
+    rigidity = Rigidity(surface, original)
+    current, best = points, distortion(surface, original, points)
+    pins = np.zeros(surface.count)
+    soft = np.zeros(surface.count, dtype=bool)
+    rejected = 0
+    for cycle in range(cycles):
+        target = rigidity.target(current)
+        attempt = _Attempt(surface, current, target, pins, soft, folds)
+        trial = attempt.run(rigidity, tries, soften)
+        value = distortion(surface, original, trial) if trial is not None else np.inf
+        if trial is not None and value < (0.997 if soften else 0.998) * best:
+            current, best = trial, value
+            pins = np.where(attempt.pins > PIN_GONE, PIN_FADE * attempt.pins, 0.0)
+            soft = attempt.soft if cycle % 3 else np.zeros_like(soft)
+        else:
+            rejected += 1
+            pins, soft = attempt.pins, np.zeros_like(soft)
+            if rejected == 2:
+                break
+    return current
+
+
+class _Attempt:
+    """One rigidity step and what it had to pin or soften to stay clean."""
+
+    def __init__(
+        self,
+        surface: Surface,
+        current: FloatArray,
+        target: FloatArray,
+        pins: FloatArray,
+        soft: BoolArray,
+        folds: int,
+    ) -> None:
+        self.surface, self.current, self.target = surface, current, target
+        self.pins, self.soft, self.folds = pins, soft, folds
+
+    def run(self, rigidity: Rigidity, tries: int, soften: bool) -> FloatArray | None:
+        """The clean pose of the step, or None."""
+        for _ in range(tries):
+            trial = rigidity.solve(self.target, PIN * self.pins, self.current)
+            trial = self._softened(trial)
+            defects = find_defects(self.surface, trial)
+            if _acceptable(defects, self.folds):
+                return trial
+            self._learn(defects, soften)
+        return roll_back(
+            self.surface,
+            self.current,
+            trial,
+            defects,
+            lambda found: _acceptable(found, self.folds),
+        )
+
+    def _softened(self, trial: FloatArray) -> FloatArray:
+        if not self.soft.any() or self.soft.mean() >= 0.5:
+            return trial
+        moved = membrane_fill(self.surface.uniform, trial - self.current, self.soft)
+        return self.current + moved
+
+    def _learn(self, defects: Defects, soften: bool) -> None:
+        surface = self.surface
+        pairs = np.concatenate([defects.crossings, defects.folds])
+        creased = (
+            near_contacts(surface, pairs, CREASE_RINGS)
+            if soften
+            else np.zeros(len(pairs), dtype=bool)
+        )
+        far = surface.dilate(surface.vertices_of(pairs[~creased]))
+        self.pins = np.maximum(self.pins, far)
+        near = surface.vertices_of(pairs[creased])
+        again = surface.dilate(self.soft & surface.dilate(near, 3))
+        self.soft = self.soft | again | surface.dilate(near, 2)
+
+
+def roll_back(
+    surface: Surface,
+    current: FloatArray,
+    trial: FloatArray,
+    defects: Defects,
+    acceptable: Callable[[Defects], bool],
+    *,
+    tries: int = 4,
+) -> FloatArray | None:
+    """The step from `current` to `trial` undone around what collides, fading over some rings."""
+    bad = np.zeros(surface.count, dtype=bool)
+    pose = trial
+    for attempt in range(tries):
+        bad |= surface.vertices_of(defects.triangles)
+        rings = surface.rings_from(bad, ROLLBACK_RINGS + 2)
+        kept = np.clip((rings - 1 - attempt) / ROLLBACK_RINGS, 0.0, 1.0)
+        pose = current + kept[:, None] * (trial - current)
+        defects = find_defects(surface, pose)
+        if acceptable(defects):
+            return pose
+    return None
+
+
+def _acceptable(defects: Defects, folds: int) -> bool:
+    return len(defects.crossings) == 0 and len(defects.folds) <= folds

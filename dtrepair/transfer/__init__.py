@@ -3,8 +3,30 @@
 from __future__ import annotations
 
 from dtrepair.transfer.correspondence import identity_pairs, match_triangles
-from dtrepair.transfer.deformation import Transfer
+from dtrepair.transfer.deformation import Transfer, transfer_blend_shapes
+from dtrepair.transfer.files import read_correspondence, read_markers, write_correspondence
+from dtrepair.transfer.marker_check import MarkerCheck, check_markers
 from dtrepair.transfer.markers import Similarity, similarity
+from dtrepair.transfer.pins import Pins
 from dtrepair.transfer.registration import register
+from dtrepair.transfer.report import Coverage, TransferReport, examine, measure_coverage
 
-__all__ = ["Similarity", "Transfer", "identity_pairs", "match_triangles", "register", "similarity"]
+__all__ = [
+    "Coverage",
+    "MarkerCheck",
+    "Pins",
+    "Similarity",
+    "Transfer",
+    "TransferReport",
+    "check_markers",
+    "examine",
+    "identity_pairs",
+    "match_triangles",
+    "measure_coverage",
+    "read_correspondence",
+    "read_markers",
+    "register",
+    "similarity",
+    "transfer_blend_shapes",
+    "write_correspondence",
+]

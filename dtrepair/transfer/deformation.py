@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from dtrepair.geometry import FloatArray, as_mesh, as_points, triangle_areas
+from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, triangle_areas
 from dtrepair.operators import Factor
 from dtrepair.transfer.arrays import Array, floating_type, like, to_numpy
 from dtrepair.transfer.correspondence import HarmonicFill, averaging_operator, checked_pairs
@@ -70,17 +70,19 @@ class Transfer:
         none, and meshes without a usable pair.
         """
         self._turn = _checked_rotation(rotation)
-        source_rest, self.source_faces = as_mesh(to_numpy(source), to_numpy(source_faces))
-        self.source = source_rest @ self._turn.T
+        self.source_rest, self.source_faces = as_mesh(to_numpy(source), to_numpy(source_faces))
+        self.source = self.source_rest @ self._turn.T  # in the target's axes
         self.target, self.target_faces = as_mesh(to_numpy(target), to_numpy(target_faces))
         self.pairs = checked_pairs(pairs, len(self.source_faces), len(self.target_faces))
-        degenerate = degenerate_triangles(self.source, self.source_faces)
-        deformation = deformation_operator(self.source, self.source_faces, degenerate)
-        average = averaging_operator(self.pairs, ~degenerate, len(self.target_faces))
-        self.matched = np.diff(average.indptr) > 0
+        self.degenerate = degenerate_triangles(self.target, self.target_faces)
+        if self.degenerate.all():
+            raise ValueError("the target should have triangles with an area, got none")
+        unusable = degenerate_triangles(self.source, self.source_faces)
+        deformation = deformation_operator(self.source, self.source_faces, unusable)
+        average = averaging_operator(self.pairs, ~unusable, len(self.target_faces))
         self.gradients = _GradientSource(self.target, self.target_faces, average, deformation)
         divergence, matrix = _poisson(
-            self.target, self.target_faces, self._weights(weights, average)
+            self.target, self.target_faces, self.degenerate, self._weights(weights, average)
         )
         match = Match(self.source, self.source_faces, self.target, self.target_faces, average)
         self.up = _unit(up)
@@ -106,7 +108,7 @@ class Transfer:
         free = np.ones(len(self.target), dtype=bool)
         free[self.placement.anchors()] = False
         self.free = np.flatnonzero(free)
-        self.factor = Factor(matrix[self.free][:, self.free]) if len(self.free) else None
+        self.factor = Factor(matrix[self.free][:, self.free])
         self._matched_part, self._filled_part = self.gradients.right_hand_sides(
             divergence[self.free]
         )
@@ -137,21 +139,25 @@ class Transfer:
 
     def solve(self, stack: FloatArray) -> FloatArray:
         """Target positions (Vt, 3) up to the translation of each piece, its anchor at zero."""
-        points = np.zeros((len(self.target), 3))
-        if self.factor is None:
-            return points
         right = self._matched_part @ stack
         if self._filled_part is not None:
             right += self._filled_part @ self.gradients.filled(stack)
+        points = np.zeros((len(self.target), 3))
         points[self.free] = self.factor(right)
         return points
+
+    def back_substitute(self, loads: FloatArray) -> FloatArray:
+        """Responses (Vt, k) to loads (Vt, k), the anchor of each piece at zero."""
+        responses = np.zeros(loads.shape)
+        responses[self.free] = self.factor(loads[self.free])
+        return responses
 
     def placed(
         self,
         points: FloatArray,
         pose: FloatArray,
         stack: FloatArray,
-        held: np.ndarray | None = None,
+        held: NDArray[np.bool_] | None = None,
     ) -> FloatArray:
         """A solution moved to its place; pieces in the mask `held` stay where they are."""
         points = self.placement(points, pose, stack, held)
@@ -168,13 +174,29 @@ class Transfer:
         return ground_level(points, self.target_faces, self.up)
 
 
+def transfer_blend_shapes(transfer: Transfer, offsets: Array) -> Array:
+    """Blend shapes of the target (K, Vt, 3) from those of the source (K, Vs, 3), as offsets.
+
+    Each shape is transferred once, at full weight; the animation of the weights is kept as it is
+    (within 0.2 % of the diagonal of transferring the blended poses).
+    """
+    shapes = to_numpy(offsets)
+    if shapes.ndim != 3 or shapes.shape[1:] != transfer.source.shape:
+        raise ValueError(
+            f"offsets should have shape (K, {len(transfer.source)}, 3), got {shapes.shape}"
+        )
+    rest = transfer.source_rest
+    moved = transfer(rest + shapes.astype(np.float64)) - transfer(rest)
+    return like(moved.astype(floating_type(shapes)), offsets)
+
+
 class _GradientSource:
     """Deformation gradients wanted on the target, as linear maps of the source's stack."""
 
     def __init__(
         self,
         target: FloatArray,
-        faces: np.ndarray,
+        faces: IntArray,
         average: sparse.csr_matrix,
         deformation: sparse.csr_matrix,
     ) -> None:
@@ -210,14 +232,16 @@ class _GradientSource:
 
 
 def _poisson(
-    points: FloatArray, faces: np.ndarray, weights: FloatArray
+    points: FloatArray,
+    faces: IntArray,
+    degenerate: NDArray[np.bool_],
+    weights: FloatArray,
 ) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
     """Divergence (V, 3F) and matrix (V, V) of the Poisson system.
 
     Degenerate triangles have no gradient term; uniform edge terms |x_j - x_i - S (v_j - v_i)|^2
     of negligible weight say where their vertices go when nothing else does.
     """
-    degenerate = degenerate_triangles(points, faces)
     gradient = surface_gradient(points, faces, degenerate)
     divergence = gradient.T @ sparse.diags(np.repeat(np.where(degenerate, 0.0, weights), 3))
     matrix = divergence @ gradient
@@ -226,20 +250,26 @@ def _poisson(
     diagonal = matrix.diagonal()
     positive = diagonal[diagonal > 0]
     weight = WEAK_EDGE * (np.median(positive) if len(positive) else 1.0)
-    triangles = np.flatnonzero(degenerate)
-    first, second = faces[triangles].ravel(), np.roll(faces[triangles], -1, axis=1).ravel()
-    rows, owners = np.arange(len(first)), np.repeat(triangles, 3)
-    differences = sparse.coo_matrix((np.ones(len(rows)), (rows, second)), (len(rows), len(points)))
-    differences = differences - sparse.coo_matrix(
-        (np.ones(len(rows)), (rows, first)), differences.shape
-    )
-    edges = points[second] - points[first]
-    wanted = sparse.coo_matrix(
-        (edges.ravel(), (np.repeat(rows, 3), (3 * owners[:, None] + np.arange(3)).ravel())),
-        (len(rows), 3 * len(faces)),
-    )
+    differences, wanted = _edge_terms(points, faces, np.flatnonzero(degenerate))
     divergence = divergence + weight * (differences.T @ wanted)
     return divergence.tocsr(), (matrix + weight * (differences.T @ differences)).tocsr()
+
+
+def _edge_terms(
+    points: FloatArray, faces: IntArray, triangles: NDArray[np.int64]
+) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
+    """Edges of some triangles as differences (E, V) of positions and S (v_j - v_i) as (E, 3F)."""
+    first, second = faces[triangles].ravel(), np.roll(faces[triangles], -1, axis=1).ravel()
+    count = len(first)
+    rows, ones = np.arange(count), np.ones(count)
+    ends = sparse.coo_matrix((ones, (rows, second)), (count, len(points)))
+    starts = sparse.coo_matrix((ones, (rows, first)), (count, len(points)))
+    edges = points[second] - points[first]
+    columns = 3 * np.repeat(triangles, 3)[:, None] + np.arange(3)
+    wanted = sparse.coo_matrix(
+        (edges.ravel(), (np.repeat(rows, 3), columns.ravel())), (count, 3 * len(faces))
+    )
+    return (ends - starts).tocsr(), wanted.tocsr()
 
 
 def _checked_rotation(rotation: ArrayLike | None) -> FloatArray:
@@ -253,7 +283,8 @@ def _checked_rotation(rotation: ArrayLike | None) -> FloatArray:
             f"rotation should be orthogonal with determinant 1, got {matrix.tolist()}: "
             "take scale and reflection out of it"
         )
-    return matrix
+    left, _, right = np.linalg.svd(matrix)  # a float32 rotation made orthogonal to float64
+    return left @ right
 
 
 def _unit(vector: ArrayLike) -> FloatArray:

@@ -64,7 +64,7 @@ def register(
     for weight in closest:
         if weight > 0:
             attracted, valid = surface(points, _vertex_normals(points, mesh[1]))
-            points = system.solve(weight * valid, attracted)
+            points = system.solve(np.where(valid, weight, 0.0), attracted)
         else:
             points = system.solve(np.zeros(len(points)), points)
     result = system.in_target_units(points).astype(floating_type(to_numpy(source)), copy=False)

@@ -1,0 +1,201 @@
+"""What a transfer should be judged by: coverage, residuals, units, and warnings in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from dtrepair.geometry import FloatArray, as_mesh, diagonal, triangle_areas, triangle_normals
+from dtrepair.transfer.arrays import Array, to_numpy
+from dtrepair.transfer.correspondence import checked_pairs
+from dtrepair.transfer.deformation import Transfer
+from dtrepair.transfer.gradients import shared_edges, stacked, surface_gradient
+from dtrepair.transfer.markers import similarity
+
+UNMATCHED_LIMIT = 0.005  # of the target's triangles
+UNIT_RANGE = (0.67, 1.5)
+FLIPPED_LIMIT = 0.01  # of the target's triangles
+TURN_LIMIT = 45.0  # degrees
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How much of the target has partners on the source."""
+
+    pairs: int
+    target_triangles: int
+    unmatched: int
+    unmatched_area: float  # part of the target's area
+    largest_hole: int  # triangles of the largest connected unmatched patch
+    source_used: float  # part of the source's triangles that occur in a pair
+    warnings: tuple[str, ...]
+
+    @property
+    def unmatched_part(self) -> float:
+        """Part of the target's triangles without a partner."""
+        return self.unmatched / max(self.target_triangles, 1)
+
+
+@dataclass(frozen=True)
+class TransferReport:
+    """Figures of a transferred animation."""
+
+    coverage: Coverage
+    residual_median: float  # of || G x - S P || over triangles and frames; no unit
+    residual_p95: float
+    residual_max: float
+    flipped: float  # largest part of a frame's triangles turned against S n
+    unit_ratio: float  # median over frames of the median det(S)^(1/3)
+    turn: float  # degrees between the two rests, from their pairs
+    rest_error: float  # transfer of the rest against the target's, relative to the diagonal
+    warnings: tuple[str, ...]
+
+
+def measure_coverage(
+    pairs: Array, source_faces: Array, target: Array, target_faces: Array
+) -> Coverage:
+    """Coverage of a target (Vt, 3), faces (Ft, 3), by pairs (K, 2) with source faces (Fs, 3)."""
+    points, faces = as_mesh(to_numpy(target), to_numpy(target_faces))
+    source_count = len(to_numpy(source_faces))
+    rows = checked_pairs(pairs, source_count, len(faces))
+    unmatched = np.ones(len(faces), dtype=bool)
+    unmatched[rows[:, 1]] = False
+    areas = triangle_areas(points, faces)
+    count, hole = int(unmatched.sum()), _largest_patch(faces, unmatched)
+    warnings = []
+    if count > UNMATCHED_LIMIT * len(faces):
+        warnings.append(
+            f"{count} of {len(faces)} target triangles have no partner (largest patch: {hole}); "
+            "they follow their neighbours: add markers there"
+        )
+    return Coverage(
+        pairs=len(rows),
+        target_triangles=len(faces),
+        unmatched=count,
+        unmatched_area=float(areas[unmatched].sum() / max(areas.sum(), np.finfo(float).tiny)),
+        largest_hole=hole,
+        source_used=len(np.unique(rows[:, 0])) / max(source_count, 1),
+        warnings=tuple(warnings),
+    )
+
+
+def examine(transfer: Transfer, poses: Array, result: Array) -> TransferReport:
+    """Figures of `result` (T, Vt, 3), the transfer of `poses` (T, Vs, 3).
+
+    Raises ValueError when the two do not belong together.
+    """
+    frames, outcomes = to_numpy(poses), np.asarray(to_numpy(result), dtype=np.float64)
+    if frames.ndim != 3 or outcomes.shape != (len(frames), len(transfer.target), 3):
+        raise ValueError(
+            f"result should have shape ({len(frames)}, {len(transfer.target)}, 3) as the transfer "
+            f"of poses (T, {len(transfer.source)}, 3), got {outcomes.shape} for {frames.shape}"
+        )
+    coverage = measure_coverage(
+        transfer.pairs, transfer.source_faces, transfer.target, transfer.target_faces
+    )
+    residual = residuals(transfer, frames, outcomes)
+    flipped = float(flipped_parts(transfer, frames, outcomes).max(initial=0.0))
+    units = float(np.median([unit_ratio(transfer, frame) for frame in frames]))
+    turn = _turn_between_rests(transfer)
+    middle, high = np.percentile(residual, [50, 95]) if residual.size else (0.0, 0.0)
+    rest_error = _rest_error(transfer)
+    return TransferReport(
+        coverage,
+        float(middle),
+        float(high),
+        float(residual.max(initial=0.0)),
+        flipped,
+        units,
+        turn,
+        rest_error,
+        coverage.warnings + _warnings(units, turn, flipped, rest_error),
+    )
+
+
+def residuals(transfer: Transfer, poses: Array, result: Array) -> FloatArray:
+    """|| G x - S P ||, Frobenius, of each triangle and frame (T, Ft); a map, no pass or fail."""
+    operator = surface_gradient(transfer.target, transfer.target_faces, transfer.degenerate)
+    normals = triangle_normals(transfer.target, transfer.target_faces)
+    values = np.zeros((len(poses), len(transfer.target_faces)))
+    for index, (pose, points) in enumerate(zip(poses, result, strict=True)):
+        wanted = _wanted(transfer, pose)
+        along = np.einsum("tij,tj->ti", wanted, normals)
+        tangential = wanted - along[:, :, None] * normals[:, None, :]
+        achieved = np.swapaxes((operator @ points).reshape(-1, 3, 3), 1, 2)
+        values[index] = np.linalg.norm(achieved - tangential, axis=(1, 2))
+    values[:, transfer.degenerate] = 0.0
+    return values
+
+
+def flipped_parts(transfer: Transfer, poses: Array, result: Array) -> FloatArray:
+    """Part of the target's triangles whose normal points against S n, per frame (T,)."""
+    rest = triangle_normals(transfer.target, transfer.target_faces)
+    parts = np.zeros(len(poses))
+    for index, (pose, points) in enumerate(zip(poses, result, strict=True)):
+        expected = np.einsum("tij,tj->ti", _wanted(transfer, pose), rest)
+        normals = triangle_normals(points, transfer.target_faces)
+        parts[index] = (np.einsum("tj,tj->t", normals, expected) < 0).mean()
+    return parts
+
+
+def unit_ratio(transfer: Transfer, pose: Array) -> float:
+    """Median det(S)^(1/3) over the target's triangles: 1 when pose and rest share their units."""
+    return float(np.median(np.cbrt(np.linalg.det(_wanted(transfer, pose)))))
+
+
+def _wanted(transfer: Transfer, pose: Array) -> FloatArray:
+    return transfer.gradients(stacked(transfer.turned(pose), transfer.source_faces))
+
+
+def _rest_error(transfer: Transfer) -> float:
+    stack = stacked(transfer.source, transfer.source_faces)
+    moved = transfer.placement(transfer.solve(stack), transfer.source, stack)
+    size = max(diagonal(transfer.target), np.finfo(float).tiny)
+    return float(np.abs(moved - transfer.target).max() / size)
+
+
+def _turn_between_rests(transfer: Transfer) -> float:
+    source = transfer.source[transfer.source_faces[transfer.pairs[:, 0]]].mean(axis=1)
+    target = transfer.target[transfer.target_faces[transfer.pairs[:, 1]]].mean(axis=1)
+    try:
+        return similarity(source, target).angle
+    except ValueError:  # too few triangles, or all on a line: no rotation to speak of
+        return 0.0
+
+
+def _largest_patch(faces: NDArray[np.int32], mask: NDArray[np.bool_]) -> int:
+    if not mask.any():
+        return 0
+    links = shared_edges(faces)
+    links = links[mask[links].all(axis=1)]
+    graph = sparse.coo_matrix((np.ones(len(links)), links.T), (len(faces), len(faces)))
+    labels = csgraph.connected_components(graph, directed=False)[1]
+    return int(np.bincount(labels[mask]).max())
+
+
+def _warnings(units: float, turn: float, flipped: float, rest_error: float) -> tuple[str, ...]:
+    found = []
+    if not UNIT_RANGE[0] <= units <= UNIT_RANGE[1]:
+        found.append(
+            f"the poses are {units:.3g} times the size of the source's rest: are they in other "
+            "units? scale one of them"
+        )
+    if turn > TURN_LIMIT:
+        found.append(
+            f"the rests face ways {turn:.0f} degrees apart: give the rotation between them"
+        )
+    if flipped > FLIPPED_LIMIT:
+        found.append(
+            f"{100 * flipped:.1f} % of the triangles are turned inside out in the worst frame: "
+            "check the markers and the winding of both meshes"
+        )
+    if not rest_error < 1e-6:
+        found.append(
+            f"the source's rest comes out {rest_error:.1g} diagonals from the target's: "
+            "the system is ill-conditioned; use weights='area'"
+        )
+    return tuple(found)

@@ -1,0 +1,110 @@
+"""Animated meshes out of a USD stage, and repaired points back into a layer over it.
+
+    opened = usd_io.open_stage("shot.usd")
+    selection = usd_io.read_meshes(opened)
+    with usd_io.OverrideWriter(opened, "fixed.usdc", settings={}) as writer:
+        for mesh in selection.meshes:
+            for time in mesh.times:
+                writer.write(mesh, time, repaired(usd_io.read_frame(mesh, time)))
+        writer.commit()
+
+Plain numpy arrays come out and go in. The names load pxr on first use.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from usd_io.authoring import AuthoredMesh, write_animation
+    from usd_io.errors import (
+        FrameError,
+        FrameSpecError,
+        OutputError,
+        SelectionError,
+        StageError,
+        UsageError,
+        UsdIoError,
+    )
+    from usd_io.joining import join_layers
+    from usd_io.mesh import AnimatedMesh, MeshSelection
+    from usd_io.reader import read_frame, read_meshes, read_points
+    from usd_io.stages import OpenedStage, open_stage
+    from usd_io.times import FrameSpec, parse_frames
+    from usd_io.transforms import (
+        inverse_matrix,
+        local_points,
+        transform_points,
+        transform_times,
+        world_faces,
+        world_matrix,
+    )
+    from usd_io.writer import OverrideWriter
+
+__all__ = [
+    "AnimatedMesh",
+    "AuthoredMesh",
+    "FrameError",
+    "FrameSpec",
+    "FrameSpecError",
+    "MeshSelection",
+    "OpenedStage",
+    "OutputError",
+    "OverrideWriter",
+    "SelectionError",
+    "StageError",
+    "UsageError",
+    "UsdIoError",
+    "inverse_matrix",
+    "join_layers",
+    "local_points",
+    "open_stage",
+    "parse_frames",
+    "read_frame",
+    "read_meshes",
+    "read_points",
+    "transform_points",
+    "transform_times",
+    "world_faces",
+    "world_matrix",
+    "write_animation",
+]
+
+_MODULES = {
+    "authoring": ("AuthoredMesh", "write_animation"),
+    "errors": (
+        "FrameError",
+        "FrameSpecError",
+        "OutputError",
+        "SelectionError",
+        "StageError",
+        "UsageError",
+        "UsdIoError",
+    ),
+    "joining": ("join_layers",),
+    "mesh": ("AnimatedMesh", "MeshSelection"),
+    "reader": ("read_frame", "read_meshes", "read_points"),
+    "stages": ("OpenedStage", "open_stage"),
+    "times": ("FrameSpec", "parse_frames"),
+    "transforms": (
+        "inverse_matrix",
+        "local_points",
+        "transform_points",
+        "transform_times",
+        "world_faces",
+        "world_matrix",
+    ),
+    "writer": ("OverrideWriter",),
+}
+_HOME = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'usd_io' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"usd_io.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

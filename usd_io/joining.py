@@ -1,0 +1,226 @@
+"""Layers of frame ranges, written by several machines over one input, into one layer."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Tf
+
+from usd_io.attributes import NORMALS, RATES
+from usd_io.errors import StageError, UsageError, one_line, time_text
+from usd_io.layers import AtomicLayer, check_output_path, relative_asset_path, same_file
+from usd_io.metadata import get_record, set_record
+from usd_io.rates import author_rates
+
+LAYER_KEYS = ("subLayers", "subLayerOffsets", "customLayerData")
+RECORD_KEYS = ("version", "input", "settings", "frames", "written", "written_default")
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """One input of a join: its layer, what it lies over, and what it changed."""
+
+    path: str
+    layer: Sdf.Layer
+    sources: tuple[str, ...]
+    record: dict[str, Any]
+    written: dict[str, frozenset[float]]
+
+    def changed(self, prim: Sdf.Path, time: float) -> bool:
+        """Whether the chunk changed a mesh at a time; without a record it changed everything."""
+        if not self.record:
+            return True
+        if math.isnan(time):
+            return str(prim) in self.record.get("written_default", ())
+        return time in self.written.get(str(prim), ())
+
+
+def join_layers(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLike[str]) -> None:
+    """Merge outputs of `OverrideWriter` for parts of one animation into one layer.
+
+    A time code that a chunk changed is taken from it; one that no chunk changed is the kept copy
+    of the input. Times are exact; samples are copied bit by bit and streamed. Velocities and
+    accelerations are computed again across the seams.
+
+    Args:
+        paths: the chunk layers; equal whatever their order.
+        output: .usd, .usdc or .usda; may be neither a chunk nor the input.
+
+    Raises:
+        StageError: a chunk cannot be read, the chunks lie over different inputs, or two chunks
+            disagree about a sample.
+        UsageError: no chunks, or the output is one of them or their input.
+        OutputError: the output cannot be written.
+    """
+    if not paths:
+        raise UsageError("no layers to join; name at least one")
+    target = check_output_path(output)
+    chunks = sorted((_open_chunk(os.fspath(path)) for path in paths), key=_order)
+    _check_chunks(chunks, target)
+    with AtomicLayer(target) as file:
+        assert file.layer is not None
+        first = chunks[0]
+        _copy_info(first.layer.pseudoRoot, file.layer.pseudoRoot, but=LAYER_KEYS)
+        directory = os.path.dirname(target)
+        file.layer.subLayerPaths = [relative_asset_path(item, directory) for item in first.sources]
+        for prim in sorted({path for chunk in chunks for path in _prim_paths(chunk.layer)}):
+            _join_prim(file, chunks, prim)
+            _join_rates(file, chunks, prim)
+        set_record(file.layer, _joined_record(chunks, list(file.layer.subLayerPaths)))
+        file.commit()
+
+
+def _open_chunk(path: str) -> _Chunk:
+    try:
+        layer = Sdf.Layer.FindOrOpen(path)
+    except Tf.ErrorException as error:
+        raise StageError(f"{path}: cannot be opened ({one_line(error)}); write it again") from None
+    if layer is None:
+        raise StageError(f"{path}: no such layer; check the path")
+    sources = tuple(layer.ComputeAbsolutePath(item) for item in layer.subLayerPaths)
+    record = get_record(layer)
+    written = {prim: frozenset(times) for prim, times in record.get("written", {}).items()}
+    return _Chunk(path, layer, sources, record, written)
+
+
+def _order(chunk: _Chunk) -> tuple[float, str]:
+    return min(chunk.record.get("frames", ()), default=math.inf), chunk.path
+
+
+def _check_chunks(chunks: Sequence[_Chunk], target: str) -> None:
+    first = chunks[0]
+    for chunk in chunks:
+        for file in (chunk.layer.realPath, *chunk.sources):
+            if same_file(file, target):
+                raise UsageError(f"{target}: is one of the inputs of the join; choose another")
+        if len(chunk.sources) != len(first.sources) or not all(
+            same_file(one, other) for one, other in zip(chunk.sources, first.sources, strict=True)
+        ):
+            raise StageError(
+                f"{chunk.path} and {first.path} lie over different inputs; join the outputs of "
+                "one input"
+            )
+        if chunk.layer.timeCodesPerSecond != first.layer.timeCodesPerSecond:
+            raise StageError(
+                f"{chunk.path} and {first.path} differ in time codes per second; write them again"
+            )
+
+
+def _prim_paths(layer: Sdf.Layer) -> list[Sdf.Path]:
+    paths: list[Sdf.Path] = []
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    return [path for path in paths if path.IsPrimPath()]
+
+
+def _copy_info(source: Sdf.Spec, target: Sdf.Spec, *, but: Sequence[str]) -> None:
+    for key in source.ListInfoKeys():
+        if key not in but:
+            target.SetInfo(key, source.GetInfo(key))
+
+
+def _join_prim(file: AtomicLayer, chunks: Sequence[_Chunk], path: Sdf.Path) -> None:
+    """Create the `over` and merge its attributes."""
+    assert file.layer is not None
+    target = Sdf.CreatePrimInLayer(file.layer, path)
+    attributes: dict[str, Sdf.AttributeSpec] = {}
+    for chunk in chunks:
+        prim = chunk.layer.GetPrimAtPath(path)
+        if prim:
+            _copy_info(prim, target, but=("specifier",))
+            for attribute in prim.attributes:
+                attributes.setdefault(attribute.name, attribute)
+    for name, attribute in attributes.items():
+        made = Sdf.AttributeSpec(target, name, attribute.typeName)
+        _copy_info(attribute, made, but=("typeName", "variability", "default", "timeSamples"))
+        _join_attribute(file, chunks, made.path)
+
+
+def _join_attribute(file: AtomicLayer, chunks: Sequence[_Chunk], path: Sdf.Path) -> None:
+    assert file.layer is not None
+    holders = [chunk for chunk in chunks if chunk.layer.GetAttributeAtPath(path)]
+    blocked = any(
+        isinstance(chunk.layer.GetAttributeAtPath(path).default, Sdf.ValueBlock)
+        and not chunk.layer.ListTimeSamplesForPath(path)
+        for chunk in holders
+    )
+    if path.name in NORMALS and blocked:
+        file.set_sample(path, math.nan, Sdf.ValueBlock())
+        return
+    times = sorted({t for chunk in holders for t in chunk.layer.ListTimeSamplesForPath(path)})
+    if any(chunk.layer.GetAttributeAtPath(path).HasInfo("default") for chunk in holders):
+        times.append(math.nan)
+    for time in times:
+        file.set_sample(path, time, _joined_value(holders, path, time))
+        file.end_frame()
+
+
+def _joined_value(chunks: Sequence[_Chunk], path: Sdf.Path, time: float) -> object:
+    """The sample all chunks with a say agree on: those that changed it, else those that kept it."""
+    found = [(chunk, _value(chunk.layer, path, time)) for chunk in chunks]
+    found = [(chunk, value) for chunk, value in found if value is not None]
+    changed = [item for item in found if item[0].changed(path.GetPrimPath(), time)]
+    deciding = changed or found
+    first, value = deciding[0]
+    for chunk, other in deciding[1:]:
+        # Rates differ at the seams of the chunks and are computed again.
+        if path.name not in RATES and not _same(value, other):
+            raise StageError(
+                f"{first.path} and {chunk.path} disagree about {path} at {time_text(time)}; "
+                + ("give each chunk frames of its own" if changed else "the inputs have changed")
+            )
+    return value
+
+
+def _value(layer: Sdf.Layer, path: Sdf.Path, time: float) -> Any:
+    if math.isnan(time):
+        attribute = layer.GetAttributeAtPath(path)
+        return attribute.default if attribute.HasInfo("default") else None
+    return layer.QueryTimeSample(path, time)
+
+
+def _same(first: Any, second: Any) -> bool:
+    blocks = [isinstance(value, Sdf.ValueBlock) for value in (first, second)]
+    if any(blocks):
+        return all(blocks)
+    # Bytes, because NaN samples are copied too and differ from themselves.
+    return np.asarray(first).tobytes() == np.asarray(second).tobytes()
+
+
+def _join_rates(file: AtomicLayer, chunks: Sequence[_Chunk], prim: Sdf.Path) -> None:
+    """Velocities and accelerations again, from the joined points."""
+    assert file.layer is not None
+    layer = file.layer
+    times = {
+        time: any(chunk.changed(prim, time) for chunk in chunks)
+        for time in layer.ListTimeSamplesForPath(prim.AppendProperty("points"))
+    }
+    names = [name for name in RATES if layer.GetAttributeAtPath(prim.AppendProperty(name))]
+
+    def copied(name: str, time: float) -> Any:
+        return layer.QueryTimeSample(prim.AppendProperty(name), time)
+
+    author_rates(file, prim, names, times, layer.timeCodesPerSecond, original=copied)
+
+
+def _joined_record(chunks: Sequence[_Chunk], sources: Sequence[str]) -> dict[str, Any]:
+    first = chunks[0].record
+    written: dict[str, set[float]] = {}
+    for chunk in chunks:
+        for prim, times in chunk.written.items():
+            written.setdefault(prim, set()).update(times)
+    rest = [{k: v for k, v in chunk.record.items() if k not in RECORD_KEYS} for chunk in chunks]
+    defaults = {prim for chunk in chunks for prim in chunk.record.get("written_default", ())}
+    return {
+        "version": first.get("version"),
+        "input": sources[0] if sources else None,
+        "settings": first.get("settings"),
+        "frames": sorted(set().union(*written.values())),
+        "written": {prim: sorted(times) for prim, times in written.items()},
+        "written_default": sorted(defaults),
+        "chunks": {f"chunk{number}": record for number, record in enumerate(rest) if record},
+    }

@@ -1,0 +1,73 @@
+"""AnimatedMesh: what a stage says about one mesh, without its animation loaded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from usd_io.errors import StageError
+
+
+@dataclass(frozen=True)
+class AnimatedMesh:
+    """One mesh of a stage; its frames are read one by one with `read_frame`.
+
+    Attributes:
+        path: prim path.
+        rest: rest points (V, 3) float64, local space, stage units: those of the default time where
+            they fit the animation, else of the first usable sample.
+        faces: triangles (F, 3) int32; fans, ear clipping for concave polygons of five and more
+            sides; winding flipped for left-handed meshes; holes and degenerate polygons left out.
+        polygons: source polygon of each triangle (F,) int32.
+        times: time codes of the points (T,) float64, exactly as composed; [nan] for points that
+            exist at the default time only.
+        up: up axis of the stage (3,).
+        meters_per_unit: metres per stage unit.
+        warnings: one line each.
+        rest_time: time code of `rest`, NaN for the default time.
+        skinned: the points come from a skeleton or blend shapes; written points unbind the prim.
+        uninstanced: paths of the instances that were expanded to reach this mesh.
+        stage: the stage; held here because prims die with their stage.
+    """
+
+    path: str
+    rest: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    polygons: NDArray[np.int32]
+    times: NDArray[np.float64]
+    up: NDArray[np.float64]
+    meters_per_unit: float
+    warnings: tuple[str, ...] = ()
+    rest_time: float = float("nan")
+    skinned: bool = False
+    uninstanced: tuple[str, ...] = ()
+    stage: Usd.Stage = field(default=None, repr=False, compare=False)
+
+    @property
+    def prim(self) -> Usd.Prim:
+        """The prim; StageError if it is gone from the stage."""
+        prim = self.stage.GetPrimAtPath(self.path)
+        if not prim:
+            raise StageError(f"{self.path}: no longer on the stage; read the meshes again")
+        return prim
+
+    @property
+    def geometry(self) -> UsdGeom.Mesh:
+        """The mesh schema of the prim."""
+        return UsdGeom.Mesh(self.prim)
+
+
+@dataclass(frozen=True)
+class MeshSelection:
+    """Meshes of a stage in the order of traversal, and what was left out.
+
+    Attributes:
+        meshes: the usable meshes.
+        warnings: one line each: skipped meshes and oddities of the selected ones.
+    """
+
+    meshes: tuple[AnimatedMesh, ...]
+    warnings: tuple[str, ...]

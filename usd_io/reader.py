@@ -1,0 +1,260 @@
+"""Stage to AnimatedMesh, and one frame at a time after that."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pxr import Usd, UsdGeom
+
+from usd_io.errors import FrameError, StageError, time_text
+from usd_io.mesh import AnimatedMesh, MeshSelection
+from usd_io.polygons import Triangulation, nonmanifold_edges, triangulate
+from usd_io.select import Candidate, select_prims
+from usd_io.stages import OpenedStage, as_stage
+from usd_io.times import time_code
+
+UP_AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+
+
+class _Skip(Exception):
+    """A mesh that takes no part; the text is a warning."""
+
+
+def read_meshes(
+    stage: OpenedStage | Usd.Stage,
+    *,
+    prim: str | None = None,
+    exclude: str | None = None,
+    include_invisible: bool = False,
+    include_purposes: bool = False,
+    skip_varying: bool = False,
+    uninstance: bool = False,
+) -> MeshSelection:
+    """Find the meshes of a stage and read their topology and rest points.
+
+    Args:
+        stage: from `open_stage`.
+        prim: `Sdf.PathExpression` such as `//hero//{isa:Mesh}`; None takes every mesh.
+        exclude: expression of prims to leave out.
+        include_invisible: take invisible meshes too.
+        include_purposes: take meshes of purpose proxy and guide too.
+        skip_varying: skip meshes whose topology changes over time, with a warning.
+        uninstance: expand instances (instanceable = false, on the session layer here and in the
+            output of `OverrideWriter`), so that meshes in them can be changed.
+
+    Raises:
+        SelectionError: an expression is ill-formed or matches no usable mesh.
+        StageError: a selected mesh is unusable (bad indices, varying topology, inside an
+            instance, or named explicitly and without points), or the stage has no mesh.
+    """
+    usd = as_stage(stage)
+    candidates, warnings = select_prims(
+        usd,
+        prim=prim,
+        exclude=exclude,
+        include_invisible=include_invisible,
+        include_purposes=include_purposes,
+        uninstance=uninstance,
+    )
+    meshes = []
+    for candidate in candidates:
+        try:
+            mesh = _read_mesh(usd, candidate, skip_varying=skip_varying)
+        except _Skip as skip:
+            if candidate.explicit:
+                raise StageError(str(skip)) from None
+            warnings.append(f"{skip}; skipped")
+            continue
+        warnings.extend(mesh.warnings)
+        meshes.append(mesh)
+    return MeshSelection(tuple(meshes), tuple(warnings))
+
+
+def read_frame(mesh: AnimatedMesh, time: float) -> NDArray[np.float32] | None:
+    """Local points (V, 3) float32 of one frame; None for a blocked sample.
+
+    The array is read-only and shares memory with pxr where it can.
+
+    Raises:
+        FrameError: NaN or infinite points, or another number of points than the topology has.
+    """
+    return check_points(mesh, time, raw_points(mesh, time))
+
+
+def raw_points(mesh: AnimatedMesh, time: float) -> NDArray[np.float32] | None:
+    """Local points (N, 3) float32 of one frame as they are, unchecked; None if blocked."""
+    value = mesh.geometry.GetPointsAttr().Get(time_code(time))
+    if value is None:
+        return None
+    # point3d data hides behind point3f[]: cast.
+    return np.asarray(value, dtype=np.float32).reshape(-1, 3)
+
+
+def check_points(
+    mesh: AnimatedMesh, time: float, points: NDArray[np.float32] | None
+) -> NDArray[np.float32] | None:
+    """The points themselves, or FrameError if they do not fit the mesh or are not finite."""
+    if points is None:
+        return None
+    if len(points) != len(mesh.rest):
+        raise FrameError(
+            mesh.path,
+            time,
+            f"expected {len(mesh.rest)} points as in the topology, got {len(points)}; "
+            "export the frame again",
+        )
+    wrong = ~np.isfinite(points).all(axis=1)
+    if wrong.any():
+        raise FrameError(
+            mesh.path,
+            time,
+            f"{int(wrong.sum())} points are NaN or infinite, first {int(np.argmax(wrong))}; "
+            "export the frame again",
+        )
+    return points
+
+
+def read_points(mesh: AnimatedMesh, times: ArrayLike) -> NDArray[np.float32]:
+    """Local points (T, V, 3) float32 of several frames, all in memory.
+
+    Raises:
+        FrameError: a frame is unusable, or blocked.
+    """
+    times = np.asarray(times, dtype=np.float64).reshape(-1)
+    points = np.empty((len(times), len(mesh.rest), 3), dtype=np.float32)
+    for row, time in enumerate(times):
+        frame = read_frame(mesh, float(time))
+        if frame is None:
+            raise FrameError(mesh.path, float(time), "the sample is blocked; leave the frame out")
+        points[row] = frame
+    return points
+
+
+def _read_mesh(stage: Usd.Stage, candidate: Candidate, *, skip_varying: bool) -> AnimatedMesh:
+    geometry = UsdGeom.Mesh(candidate.prim)
+    path = str(candidate.prim.GetPath())
+    try:
+        _check_fixed_topology(geometry, path)
+    except StageError as error:
+        if skip_varying:
+            raise _Skip(str(error)) from None
+        raise
+    samples = np.array(geometry.GetPointsAttr().GetTimeSamples(), dtype=np.float64)
+    times = samples if len(samples) else np.array([np.nan])
+    values, rest_time = _rest(geometry, path, samples)
+    rest = np.array(values, dtype=np.float64)
+    triangles = _triangles(geometry, path, rest)
+    if not len(triangles.faces):
+        raise _Skip(f"{path}: the mesh has no faces")
+    return AnimatedMesh(
+        path=path,
+        rest=rest,
+        faces=triangles.faces,
+        polygons=triangles.polygons,
+        times=times,
+        up=np.array(UP_AXES[UsdGeom.GetStageUpAxis(stage)]),
+        meters_per_unit=float(UsdGeom.GetStageMetersPerUnit(stage)),
+        warnings=_mesh_warnings(geometry, path, rest, triangles),
+        rest_time=rest_time,
+        uninstanced=candidate.uninstanced,
+        stage=stage,
+    )
+
+
+def _topology(geometry: UsdGeom.Mesh) -> tuple[Usd.Attribute, Usd.Attribute, Usd.Attribute]:
+    return (
+        geometry.GetFaceVertexCountsAttr(),
+        geometry.GetFaceVertexIndicesAttr(),
+        geometry.GetHoleIndicesAttr(),
+    )
+
+
+def _check_fixed_topology(geometry: UsdGeom.Mesh, path: str) -> None:
+    """StageError if counts, indices or holes change over time; many equal samples are fine."""
+    for attribute in _topology(geometry):
+        times = attribute.GetTimeSamples()
+        first = attribute.Get(Usd.TimeCode.EarliestTime())
+        for time in times[1:]:
+            if attribute.Get(time) != first:
+                raise StageError(
+                    f"{path}: the topology changes ({attribute.GetName()} at "
+                    f"{time_text(time)}); skip varying meshes or exclude it"
+                )
+
+
+def _rest(
+    geometry: UsdGeom.Mesh, path: str, samples: NDArray[np.float64]
+) -> tuple[NDArray[np.floating], float]:
+    """Rest points (V, 3) and their time: the default time if it fits, else the first sample."""
+    attribute = geometry.GetPointsAttr()
+    default = attribute.Get(Usd.TimeCode.Default())
+    if not len(samples):
+        if default is None:
+            raise _Skip(f"{path}: the mesh has no points")
+        if not len(default):
+            raise _Skip(f"{path}: the mesh is empty")
+        if not np.isfinite(default).all():
+            raise StageError(f"{path}: points are NaN or infinite; export the mesh again")
+        return np.asarray(default), np.nan
+    used = _highest_index(geometry) + 1
+    for time in samples:
+        value = attribute.Get(time)
+        if value is None or len(value) < max(used, 1) or not np.isfinite(value).all():
+            continue
+        if default is not None and len(default) == len(value) and np.isfinite(default).all():
+            return np.asarray(default), np.nan
+        return np.asarray(value), float(time)
+    values = [attribute.Get(time) for time in samples]
+    if all(value is None for value in values):
+        raise _Skip(f"{path}: the mesh has no points (all samples are blocked)")
+    if all(value is None or not len(value) for value in values):
+        raise _Skip(f"{path}: the mesh is empty")
+    raise StageError(
+        f"{path}: no sample has finite points for all indices (expected at least {used} points); "
+        "export the mesh again"
+    )
+
+
+def _highest_index(geometry: UsdGeom.Mesh) -> int:
+    indices = geometry.GetFaceVertexIndicesAttr().Get(Usd.TimeCode.EarliestTime())
+    return int(np.max(indices)) if indices is not None and len(indices) else -1
+
+
+def _triangles(geometry: UsdGeom.Mesh, path: str, rest: NDArray[np.floating]) -> Triangulation:
+    first = Usd.TimeCode.EarliestTime()
+    counts, indices, holes = (attribute.Get(first) for attribute in _topology(geometry))
+    flip = geometry.GetOrientationAttr().Get(first) == UsdGeom.Tokens.leftHanded
+    try:
+        return triangulate(
+            () if counts is None else counts,
+            () if indices is None else indices,
+            rest,
+            holes=() if holes is None else holes,
+            flip=flip,
+        )
+    except ValueError as error:
+        raise StageError(f"{path}: {error}; mend the mesh or exclude it") from None
+
+
+def _mesh_warnings(
+    geometry: UsdGeom.Mesh, path: str, rest: NDArray[np.float64], triangles: Triangulation
+) -> tuple[str, ...]:
+    warnings = []
+    edges = nonmanifold_edges(triangles.faces)
+    if edges:
+        warnings.append(f"{path}: {edges} non-manifold edges (more than two triangles)")
+    if triangles.degenerate:
+        warnings.append(f"{path}: {triangles.degenerate} degenerate polygons take no part")
+    scheme = geometry.GetSubdivisionSchemeAttr().Get()
+    if scheme != UsdGeom.Tokens.none:
+        warnings.append(
+            f"{path}: subdivision surface ({scheme}); its control cage is used, not its limit"
+        )
+    step = float(np.spacing(np.float32(np.abs(rest).max())))
+    size = float(np.ptp(rest, axis=0).max())
+    if size > 0.0 and step > 1e-4 * size:
+        warnings.append(
+            f"{path}: points lie far from their origin: float32 steps of {step:.3g} units on a "
+            f"mesh of {size:.3g} units"
+        )
+    return tuple(warnings)

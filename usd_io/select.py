@@ -1,0 +1,194 @@
+"""Which meshes of a stage take part: prim expressions, visibility, purpose, instances."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from pxr import Sdf, Tf, Usd, UsdGeom
+
+from usd_io.errors import SelectionError, StageError, one_line
+
+# Lives on the session layer while an expression is evaluated.
+_HELPER = "/__usd_io_selection"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A mesh prim to read.
+
+    Attributes:
+        prim: the prim.
+        explicit: the user named exactly this path.
+        uninstanced: instances that were expanded to reach it.
+    """
+
+    prim: Usd.Prim
+    explicit: bool
+    uninstanced: tuple[str, ...]
+
+
+def select_prims(
+    stage: Usd.Stage,
+    *,
+    prim: str | None,
+    exclude: str | None,
+    include_invisible: bool,
+    include_purposes: bool,
+    uninstance: bool,
+) -> tuple[list[Candidate], list[str]]:
+    """Mesh prims in the order of traversal, and warnings about the skipped ones.
+
+    See `usd_io.read_meshes` for the arguments and errors.
+    """
+    expanded: list[str] = []
+    matched = _matching_meshes(stage, prim, exclude)
+    while uninstance and any(mesh.IsInstanceProxy() for mesh in matched):
+        expanded.extend(_expand(stage, matched))
+        matched = _matching_meshes(stage, prim, exclude)
+    if not matched:
+        raise _no_match(stage, prim, exclude)
+    prototypes = _prototype_roots(stage)
+    warnings: list[str] = []
+    candidates = []
+    for mesh in matched:
+        reason = _skip_reason(mesh, prototypes, include_invisible, include_purposes)
+        if reason:
+            warnings.append(f"{mesh.GetPath()}: {reason}; skipped")
+            continue
+        if mesh.IsInstanceProxy():
+            raise StageError(
+                f"{mesh.GetPath()}: lies in the instance {_instance_of(mesh).GetPath()}, where "
+                "changes have no effect; uninstance or exclude it"
+            )
+        path = str(mesh.GetPath())
+        above = tuple(root for root in expanded if path.startswith(f"{root}/"))
+        candidates.append(Candidate(mesh, prim is not None and prim.strip() == path, above))
+    if not candidates:
+        error = StageError if prim is None else SelectionError
+        raise error(f"no usable mesh: {'; '.join(warnings)}")
+    return candidates, warnings
+
+
+def matching_paths(stage: Usd.Stage, expression: str) -> set[Sdf.Path]:
+    """Paths of all prims, instance proxies included, that a path expression matches.
+
+    A relative expression starts at the root: `hero//` is `/hero//`.
+
+    Raises:
+        SelectionError: the expression is ill-formed.
+    """
+    try:
+        parsed = Sdf.PathExpression(expression).MakeAbsolute(Sdf.Path.absoluteRootPath)
+        if parsed.IsEmpty():
+            raise SelectionError("the prim expression is empty; try '//{isa:Mesh}' or a prim path")
+        session = stage.GetSessionLayer()
+        with Usd.EditContext(stage, session):
+            helper = stage.DefinePrim(_HELPER)
+            try:
+                collection = Usd.CollectionAPI.Apply(helper, "selection")
+                collection.CreateMembershipExpressionAttr().Set(parsed)
+                found = Usd.CollectionAPI.ComputeIncludedObjects(
+                    collection.ComputeMembershipQuery(), stage, _everywhere()
+                )
+                return {item.GetPath() for item in found if item.GetPath() != Sdf.Path(_HELPER)}
+            finally:
+                stage.RemovePrim(_HELPER)
+    except Tf.ErrorException as error:
+        raise SelectionError(
+            f"prim expression {expression!r}: {one_line(error)}; try '/path/of/prim//' or "
+            "'//{isa:Mesh} - /hero//'"
+        ) from None
+
+
+def _everywhere() -> Usd._PrimFlagsPredicate:
+    return Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
+
+
+def _matching_meshes(stage: Usd.Stage, prim: str | None, exclude: str | None) -> list[Usd.Prim]:
+    wanted = None if prim is None else matching_paths(stage, prim)
+    unwanted = set() if exclude is None else matching_paths(stage, exclude)
+    return [
+        item
+        for item in stage.Traverse(_everywhere())
+        if item.IsA(UsdGeom.Mesh)
+        and (wanted is None or item.GetPath() in wanted)
+        and item.GetPath() not in unwanted
+    ]
+
+
+def _no_match(stage: Usd.Stage, prim: str | None, exclude: str | None) -> Exception:
+    if prim is None:
+        return StageError(
+            "the stage has no active, defined and loaded mesh"
+            + ("" if exclude is None else f" besides those excluded by {exclude!r}")
+        )
+    matched = sorted(matching_paths(stage, prim))
+    if matched and exclude is None:
+        first = stage.GetPrimAtPath(matched[0])
+        return SelectionError(
+            f"prim expression {prim!r}: no match among meshes; {matched[0]} is "
+            f"{first.GetTypeName() or 'untyped'}; try '{matched[0]}//' for the meshes below it"
+        )
+    return SelectionError(
+        f"prim expression {prim!r}: no match among the active, defined and loaded meshes"
+        + ("" if exclude is None else f" that {exclude!r} does not exclude")
+    )
+
+
+def _instance_of(prim: Usd.Prim) -> Usd.Prim:
+    """The outermost instance above an instance proxy."""
+    while prim.IsInstanceProxy():
+        prim = prim.GetParent()
+    return prim
+
+
+def _expand(stage: Usd.Stage, meshes: Iterable[Usd.Prim]) -> list[str]:
+    """Make the instances above the given proxies plain prims, on the session layer."""
+    roots = {str(_instance_of(mesh).GetPath()) for mesh in meshes if mesh.IsInstanceProxy()}
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        for root in roots:
+            stage.GetPrimAtPath(root).SetInstanceable(False)
+    return sorted(roots)
+
+
+def _prototype_roots(stage: Usd.Stage) -> list[Sdf.Path]:
+    """Point instancers and the roots of their prototypes."""
+    roots = []
+    for prim in stage.Traverse(_everywhere()):
+        if prim.IsA(UsdGeom.PointInstancer):
+            roots.append(prim.GetPath())
+            roots.extend(UsdGeom.PointInstancer(prim).GetPrototypesRel().GetForwardedTargets())
+    return roots
+
+
+def _skip_reason(
+    mesh: Usd.Prim,
+    prototypes: list[Sdf.Path],
+    include_invisible: bool,
+    include_purposes: bool,
+) -> str:
+    if any(mesh.GetPath().HasPrefix(root) for root in prototypes):
+        return "prototype of a point instancer"
+    if not include_invisible and not _ever_visible(mesh):
+        return "invisible (include invisible meshes to take it)"
+    purpose = UsdGeom.Imageable(mesh).ComputePurpose()
+    if not include_purposes and purpose not in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render):
+        return f"purpose {purpose} (include purposes to take it)"
+    return ""
+
+
+def _ever_visible(mesh: Usd.Prim) -> bool:
+    """Whether the mesh is visible at any sample of the visibility on its chain."""
+    times: set[float] = set()
+    prim = mesh
+    while prim and not prim.IsPseudoRoot():
+        imageable = UsdGeom.Imageable(prim)
+        if imageable:
+            times.update(imageable.GetVisibilityAttr().GetTimeSamples())
+        prim = prim.GetParent()
+    codes = [Usd.TimeCode(time) for time in sorted(times)] or [Usd.TimeCode.Default()]
+    return any(
+        UsdGeom.Imageable(mesh).ComputeVisibility(code) != UsdGeom.Tokens.invisible
+        for code in codes
+    )

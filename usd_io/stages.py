@@ -1,0 +1,105 @@
+"""Opening a stage with readable errors, and nothing printed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from pxr import Sdf, Tf, Usd, UsdUtils
+
+from usd_io.errors import StageError, one_line
+
+# Extensions of usd-core; plugins may add more, so this is only used for a better message.
+USD_EXTENSIONS = (".usd", ".usda", ".usdc", ".usdz")
+
+
+@dataclass(frozen=True)
+class OpenedStage:
+    """A stage, kept alive, with the warnings of opening it.
+
+    Attributes:
+        stage: the composed stage.
+        path: the path it was opened from.
+        warnings: composition errors and unloaded payloads, one line each.
+    """
+
+    stage: Usd.Stage
+    path: str
+    warnings: tuple[str, ...]
+
+
+def open_stage(
+    path: str | os.PathLike[str], *, load_payloads: bool = True, strict: bool = False
+) -> OpenedStage:
+    """Open a stage.
+
+    Args:
+        path: a usd, usda, usdc or usdz file.
+        load_payloads: load all payloads; otherwise meshes behind them are not seen, with a warning.
+        strict: broken references, sublayers and the like are an error instead of a warning.
+
+    Raises:
+        StageError: the file is missing, empty, not USD, damaged, or (strict) not whole.
+    """
+    path = os.fspath(path)
+    _check_file(path)
+    load = Usd.Stage.LoadAll if load_payloads else Usd.Stage.LoadNone
+    try:
+        with no_diagnostics():
+            stage = Usd.Stage.Open(path, load)
+            broken = [one_line_of(str(error)) for error in stage.GetCompositionErrors()]
+    except Tf.ErrorException as error:
+        raise StageError(
+            f"{path}: cannot be opened as USD ({one_line(error)}); export it again"
+        ) from None
+    if broken and strict:
+        raise StageError(
+            f"{path}: {len(broken)} composition errors, first: {broken[0]}; mend the reference "
+            "or leave out strict"
+        )
+    warnings = [f"{path}: {text}" for text in broken]
+    unloaded = len(stage.FindLoadable() - set(stage.GetLoadSet())) if not load_payloads else 0
+    if unloaded:
+        warnings.append(f"{path}: {unloaded} payloads are not loaded; their meshes are not seen")
+    return OpenedStage(stage, path, tuple(warnings))
+
+
+def as_stage(stage: OpenedStage | Usd.Stage) -> Usd.Stage:
+    """The `Usd.Stage` of an opened stage, or the stage itself."""
+    return stage.stage if isinstance(stage, OpenedStage) else stage
+
+
+@contextmanager
+def no_diagnostics() -> Iterator[None]:
+    """Keep warnings of pxr off the terminal; errors are exceptions anyway."""
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        yield
+    finally:
+        delegate.TakeUncoalescedDiagnostics()
+        del delegate
+
+
+def one_line_of(text: str) -> str:
+    """A text of several lines as one line."""
+    return " ".join(text.split())
+
+
+def _check_file(path: str) -> None:
+    if not path:
+        raise StageError("no stage given: the path is empty")
+    # A path into a package (scene.usdz[shot.usda]) is left to pxr.
+    if "[" in path:
+        return
+    if not os.path.exists(path):
+        raise StageError(f"{path}: no such file; check the path")
+    if os.path.isdir(path):
+        raise StageError(f"{path}: is a directory; name a file in it")
+    if os.path.getsize(path) == 0:
+        raise StageError(f"{path}: the file is empty (0 bytes); export it again")
+    if not path.lower().endswith(USD_EXTENSIONS):
+        # Other extensions may still have a plugin; pxr decides, this only helps its message.
+        if Sdf.FileFormat.FindByExtension(path) is None:
+            raise StageError(f"{path}: not a USD file; expected one of {', '.join(USD_EXTENSIONS)}")

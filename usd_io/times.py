@@ -1,0 +1,127 @@
+"""Time codes and frame specifications.
+
+A time code is a plain float everywhere in this package; NaN stands for the default time, which is
+how `Usd.TimeCode.Default()` itself is stored.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pxr import Usd
+
+from usd_io.errors import FrameSpecError
+
+# Largest number of frames that `FrameSpec.values` lists; a mask has no such limit.
+MOST_FRAMES = 10_000_000
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_PART = re.compile(rf"({_NUMBER})(?::({_NUMBER})(?:x({_NUMBER}))?)?")
+_HELP = "write frames as 7, 1:10, -5:10, 1:100x2 or several of them with commas"
+
+
+def time_code(time: float) -> Usd.TimeCode:
+    """The `Usd.TimeCode` of a float; NaN gives the default time."""
+    return Usd.TimeCode.Default() if math.isnan(time) else Usd.TimeCode(float(time))
+
+
+@dataclass(frozen=True)
+class FrameRange:
+    """Frames start, start + step, ... up to and including stop (within rounding)."""
+
+    start: float
+    stop: float
+    step: float
+
+    @property
+    def count(self) -> int:
+        """Number of frames."""
+        return math.floor((self.stop - self.start) / self.step + 1e-6) + 1
+
+    def select(self, times: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which of the time codes (T,) are frames of this range."""
+        steps = np.round((times - self.start) / self.step)
+        nearest = self.start + steps * self.step
+        # Composed layer offsets leave rounding errors: 0.30000000000000004 is frame 0.3.
+        tolerance = 1e-6 * np.minimum(abs(self.step), 1.0)
+        tolerance = np.maximum(tolerance, 1e-12 * np.abs(times))
+        return (steps >= 0) & (steps < self.count) & (np.abs(times - nearest) <= tolerance)
+
+
+@dataclass(frozen=True)
+class FrameSpec:
+    """A parsed frame specification; see `parse_frames`."""
+
+    text: str
+    ranges: tuple[FrameRange, ...]
+
+    def select(self, times: ArrayLike, *, require: bool = False) -> NDArray[np.bool_]:
+        """Which of the time codes (T,) are named by the specification, as a mask (T,).
+
+        Time codes between the frames of a range are not named: 1:3 is 1, 2, 3 and not 1.5 (that
+        is 1:3x0.5). The default time (NaN) is never named. With `require`, a FrameSpecError is
+        raised if no time code is named.
+        """
+        times = np.asarray(times, dtype=np.float64).reshape(-1)
+        known = ~np.isnan(times)
+        mask = np.zeros(len(times), dtype=bool)
+        for part in self.ranges:
+            mask[known] |= part.select(times[known])
+        if require and not mask.any():
+            raise FrameSpecError(_none_in_range(self.text, times[known]))
+        return mask
+
+    def values(self) -> NDArray[np.float64]:
+        """All frames, sorted and without repetition, (N,)."""
+        if sum(part.count for part in self.ranges) > MOST_FRAMES:
+            raise FrameSpecError(f"frames {self.text!r}: more than {MOST_FRAMES} frames")
+        parts = [part.start + np.arange(part.count) * part.step for part in self.ranges]
+        return np.unique(np.concatenate(parts))
+
+
+def parse_frames(spec: str) -> FrameSpec:
+    """Parse a frame specification as usdrecord's `--frames` takes it.
+
+    Parts are separated by commas; a part is a frame (`7`), a range (`-5:10`) or a range with a
+    stride (`1:100x2`). A descending range is accepted, as in usdrecord, and names the frames it
+    would visit: `10:1` the same as `1:10`, `10:1x-2` is 10, 8, 6, 4, 2. Anything else raises
+    FrameSpecError: no frames at all, infinite frames, a zero stride, or a stride whose sign leads
+    away from the end.
+    """
+    parts = [part.strip() for part in str(spec).split(",")]
+    if not any(parts):
+        raise FrameSpecError(f"frames {spec!r}: no frames given; {_HELP}")
+    return FrameSpec(str(spec), tuple(_parse_part(spec, part) for part in parts))
+
+
+def _parse_part(spec: str, part: str) -> FrameRange:
+    match = _PART.fullmatch(part)
+    if match is None:
+        raise FrameSpecError(f"frames {spec!r}: cannot read {part!r}; {_HELP}")
+    start = float(match[1])
+    stop = start if match[2] is None else float(match[2])
+    downwards = stop < start
+    step = (-1.0 if downwards else 1.0) if match[3] is None else float(match[3])
+    if not all(math.isfinite(value) for value in (start, stop, step)):
+        raise FrameSpecError(f"frames {spec!r}: {part!r} is not finite; {_HELP}")
+    if step == 0.0:
+        raise FrameSpecError(f"frames {spec!r}: the stride of {part!r} is zero; leave it out")
+    if (stop - start) * step < 0.0:
+        raise FrameSpecError(
+            f"frames {spec!r}: the stride of {part!r} leads away from its end; change its sign"
+        )
+    if not downwards:
+        return FrameRange(start, stop, abs(step))
+    last = start + math.floor((stop - start) / step + 1e-6) * step
+    return FrameRange(last, start, -step)
+
+
+def _none_in_range(text: str, times: NDArray[np.float64]) -> str:
+    if not len(times):
+        return f"frames {text!r}: the stage has no time samples; leave the frames out"
+    first, last = times.min(), times.max()
+    return f"frames {text!r}: none of the samples, {first:.15g} to {last:.15g}, is among them"

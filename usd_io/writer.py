@@ -1,0 +1,289 @@
+"""Repaired points into a layer over the input (a new root layer of `over` prims)."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pxr import Sdf, Usd, Vt
+
+from usd_io.attributes import (
+    NormalsSource,
+    authored_rates,
+    create_attribute,
+    extent_of,
+    normals_sources,
+    vec3f_array,
+)
+from usd_io.errors import StageError, UsageError, time_text
+from usd_io.layers import AtomicLayer, check_output_path, relative_asset_path, same_file
+from usd_io.mesh import AnimatedMesh
+from usd_io.metadata import copy_stage_metadata, set_record
+from usd_io.rates import author_rates
+from usd_io.stages import OpenedStage, as_stage
+from usd_io.times import time_code
+from usd_io.transforms import transform_times
+
+
+@dataclass
+class _MeshOutput:
+    """What was authored for one mesh: True for written time codes, False for kept ones."""
+
+    mesh: AnimatedMesh
+    path: Sdf.Path
+    normals: list[NormalsSource]
+    times: dict[float, bool] = field(default_factory=dict)
+    default: bool | None = None
+
+
+class OverrideWriter:
+    """Writes one layer of changed points over a stage, atomically.
+
+    The layer has the stage's root layer as its sublayer, its metadata, and for each mesh that was
+    written or kept at any time: points and extent, normals and velocities where the input has
+    them. All samples of such a mesh end up in the layer, untouched ones as copies, because the
+    strongest layer with any sample owns the attribute. A mesh never named is not in the layer.
+
+    As a context manager it leaves no file behind unless `commit` was called.
+
+    Attributes:
+        path: absolute path of the output.
+        warnings: one line each, such as normals that had to be blocked.
+    """
+
+    def __init__(
+        self,
+        stage: OpenedStage | Usd.Stage,
+        path: str | os.PathLike[str],
+        *,
+        settings: Mapping[str, Any],
+        version: str = "",
+    ) -> None:
+        """Check the output and open a temporary layer beside it, before anything is computed.
+
+        Args:
+            stage: the stage whose meshes are written.
+            path: output, .usd (binary), .usdc or .usda.
+            settings: recorded in customLayerData.dtrepair.settings; plain nested values.
+            version: version of the program that writes, recorded likewise.
+
+        Raises:
+            UsageError: the output is a layer of the stage, or not a USD layer (.usdz).
+            OutputError: the output cannot be written.
+            StageError: the stage exists in memory only.
+        """
+        self._stage = as_stage(stage)
+        self.path = check_output_path(path)
+        self.warnings: list[str] = []
+        root = self._stage.GetRootLayer()
+        if root.anonymous:
+            raise StageError("the stage exists in memory only; save it to a file first")
+        check_not_an_input(self._stage, self.path)
+        directory = os.path.dirname(self.path)
+        source = relative_asset_path(root.realPath or root.identifier, directory)
+        self._record: dict[str, Any] = {
+            "version": version,
+            "input": source,
+            "settings": dict(settings),
+        }
+        self._meshes: dict[str, _MeshOutput] = {}
+        self._file = AtomicLayer(self.path)
+        try:
+            assert self._file.layer is not None
+            self._file.layer.subLayerPaths = [source]
+            copy_stage_metadata(self._stage, self._file.layer, directory)
+        except BaseException:
+            self.abort()
+            raise
+
+    def write(self, mesh: AnimatedMesh, time: float, points: ArrayLike) -> None:
+        """Write local points (V, 3), stage units, at a time code (NaN: the default time).
+
+        Any float type; rounded to float32. Time codes that the input has no sample at are added.
+
+        Raises:
+            ValueError: the shape is not that of the rest points, or a point is not finite in
+                float32.
+            OutputError: the disk is full or the like.
+        """
+        values = _checked(mesh, time, points)
+        output = self._output(mesh)
+        self._set_points(output, time, vec3f_array(values), values)
+        for normals in list(output.normals):
+            new = normals.recomputed(mesh, time, values)
+            if new is None:
+                self._block_normals(output, normals)
+            else:
+                self._set(output, normals.name, time, vec3f_array(new))
+        self._done(output, time, written=True)
+
+    def keep(self, mesh: AnimatedMesh, time: float) -> None:
+        """Copy the input's points at a time code bit by bit; a blocked sample stays blocked.
+
+        Nothing is checked: frames of NaN or of another point count are copied as they are.
+
+        Raises:
+            OutputError: the disk is full or the like.
+        """
+        output = self._output(mesh)
+        value = mesh.geometry.GetPointsAttr().Get(time_code(time))
+        if value is None:
+            for name in ("points", "extent"):
+                self._set(output, name, time, Sdf.ValueBlock())
+        else:
+            points = vec3f_array(value)
+            self._set_points(output, time, points, np.asarray(points))
+        for normals in output.normals:
+            old = normals.value(mesh, time)
+            block = value is None or old is None
+            self._set(output, normals.name, time, Sdf.ValueBlock() if block else vec3f_array(old))
+        self._done(output, time, written=False)
+
+    def commit(self, *, record: Mapping[str, Any] | None = None) -> None:
+        """Copy the samples not yet named, finish velocities, and move the file to its place.
+
+        Args:
+            record: more entries of customLayerData.dtrepair, such as counts before and after.
+
+        Raises:
+            OutputError: the output cannot be written; an older one is unchanged.
+        """
+        assert self._file.layer is not None, "committed or aborted before"
+        try:
+            for output in self._meshes.values():
+                self._keep_the_rest(output)
+            for output in self._meshes.values():
+                if output.times or output.default:
+                    self._author_rates(output)
+            set_record(self._file.layer, {**self._record, **self._frames(), **(record or {})})
+            self._file.commit()
+        finally:
+            self.abort()
+
+    def abort(self) -> None:
+        """Drop everything; the output path is as it was."""
+        self._file.abort()
+
+    def __enter__(self) -> OverrideWriter:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Abort unless committed."""
+        self.abort()
+
+    def _output(self, mesh: AnimatedMesh) -> _MeshOutput:
+        assert self._file.layer is not None, "committed or aborted before"
+        assert mesh.stage == self._stage, "the mesh belongs to another stage"
+        if mesh.path not in self._meshes:
+            path = Sdf.Path(mesh.path)
+            layer = self._file.layer
+            for name in ("points", "extent"):
+                create_attribute(layer, path, name)
+            for instance in mesh.uninstanced:
+                Sdf.CreatePrimInLayer(layer, instance).instanceable = False
+            self._meshes[mesh.path] = _MeshOutput(mesh, path, normals_sources(mesh))
+        return self._meshes[mesh.path]
+
+    def _set(self, output: _MeshOutput, name: str, time: float, value: object) -> None:
+        assert self._file.layer is not None
+        path = create_attribute(self._file.layer, output.path, name)
+        self._file.set_sample(path, time, value)
+
+    def _set_points(
+        self, output: _MeshOutput, time: float, points: Vt.Vec3fArray, values: NDArray[np.floating]
+    ) -> None:
+        self._set(output, "points", time, points)
+        self._set(output, "extent", time, extent_of(values))
+
+    def _block_normals(self, output: _MeshOutput, normals: NormalsSource) -> None:
+        """Block stale normals at all times; clients then compute their own."""
+        assert self._file.layer is not None
+        path = create_attribute(self._file.layer, output.path, normals.name)
+        attribute = self._file.layer.GetAttributeAtPath(path)
+        attribute.ClearInfo("timeSamples")
+        attribute.default = Sdf.ValueBlock()
+        output.normals.remove(normals)
+        self.warnings.append(
+            f"{output.mesh.path}: {normals.name} cannot follow the points and are blocked"
+        )
+
+    def _done(self, output: _MeshOutput, time: float, *, written: bool) -> None:
+        if math.isnan(time):
+            output.default = written
+        else:
+            output.times[float(time)] = written
+        self._file.end_frame()
+
+    def _keep_the_rest(self, output: _MeshOutput) -> None:
+        """Copy samples not yet authored; static points written as samples: see below."""
+        times = output.mesh.times
+        if np.isnan(times).any():
+            # Static points on an animated transform: elsewhere they stay as they were.
+            times = transform_times(output.mesh) if output.times else times[:0]
+        for time in times:
+            if float(time) not in output.times:
+                self.keep(output.mesh, float(time))
+
+    def _author_rates(self, output: _MeshOutput) -> None:
+        prim = output.mesh.prim
+        author_rates(
+            self._file,
+            output.path,
+            authored_rates(output.mesh),
+            output.times,
+            self._stage.GetTimeCodesPerSecond(),
+            original=lambda name, time: prim.GetAttribute(name).Get(time_code(time)),
+        )
+
+    def _frames(self) -> dict[str, Any]:
+        """Time codes written, of all meshes together and of each one."""
+        written = {
+            path: sorted(time for time, changed in output.times.items() if changed)
+            for path, output in self._meshes.items()
+        }
+        return {
+            "frames": sorted({time for times in written.values() for time in times}),
+            "written": {path: times for path, times in written.items() if times},
+            "written_default": [p for p, output in self._meshes.items() if output.default],
+        }
+
+
+def check_not_an_input(stage: Usd.Stage, path: str) -> None:
+    """Raise UsageError if a path is a file the stage is made of, or refers to."""
+    for layer in stage.GetUsedLayers(True):
+        files = [layer.realPath.partition("[")[0]]
+        # Also files that are missing or not loaded now: writing them would close a circle.
+        for asset in layer.GetCompositionAssetDependencies():
+            files.append(layer.ComputeAbsolutePath(asset))
+        for file in files:
+            if file and same_file(file, path):
+                raise UsageError(
+                    f"{path}: is part of the input stage; choose another output, it will be a "
+                    "layer over the input"
+                )
+
+
+def _checked(mesh: AnimatedMesh, time: float, points: ArrayLike) -> NDArray[np.float32]:
+    array = np.asarray(points)
+    where = f"{mesh.path} at {time_text(time)}"
+    if array.shape != mesh.rest.shape:
+        raise ValueError(
+            f"{where}: expected points {mesh.rest.shape}, got {array.shape}; write all points"
+        )
+    with np.errstate(over="ignore"):
+        values = np.ascontiguousarray(array, dtype=np.float32)
+    if not np.isfinite(values).all():
+        raise ValueError(f"{where}: expected finite points, got NaN or infinity; keep the frame")
+    return values

@@ -92,6 +92,11 @@ class Detector:
         kernel, queries = "find_pairs", self.tree.leaf_count
         extra: list[Any] = []
         if active is not None:
+            if active.shape != (len(self.faces),) or active.dtype != bool:
+                raise ValueError(
+                    f"active should be booleans of shape ({len(self.faces)},), one for each "
+                    f"triangle, got {active.dtype} of shape {active.shape}"
+                )
             chosen = active[self.tree.order]
             kernel, queries = "find_active_pairs", int(chosen.sum())
             extra = [self._upload(np.flatnonzero(chosen).astype(np.int32), warp.int32)]
@@ -116,9 +121,13 @@ class Detector:
                 f"points should have shape ({self.vertex_count}, 3) or (B, {self.vertex_count}, 3)"
                 f", got {array.shape}: a pose must have the topology of its rest"
             )
-        rounded = np.ascontiguousarray(array, dtype=np.float32)
+        with np.errstate(over="ignore"):
+            rounded = np.ascontiguousarray(array, dtype=np.float32)
         if not np.isfinite(rounded).all():
-            raise ValueError("points should be finite in float32: check the pose for NaN")
+            raise ValueError(
+                "points should be finite in float32, got NaN or a number beyond 3.4e38: "
+                "check the pose"
+            )
         return rounded.reshape(-1, self.vertex_count, 3)
 
     def _settled(self, points: NDArray[np.float32], pairs: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -164,10 +173,14 @@ class Detector:
 
     def _weld(self, weld: ArrayLike) -> Any:
         assert self.tree is not None
-        welded = np.asarray(weld, dtype=np.int32)
-        if welded.shape != (self.vertex_count,):
-            raise ValueError(f"weld should have shape ({self.vertex_count},), got {welded.shape}")
-        return self._upload(welded[self.faces[self.tree.order]], self._warp.vec3i)
+        welded = np.asarray(weld)
+        if welded.shape != (self.vertex_count,) or not np.issubdtype(welded.dtype, np.integer):
+            raise ValueError(
+                f"weld should be integers of shape ({self.vertex_count},), one for each vertex, "
+                f"got {welded.dtype} of shape {welded.shape}"
+            )
+        corners = welded.astype(np.int32)[self.faces[self.tree.order]]
+        return self._upload(corners, self._warp.vec3i)
 
     def _upload(self, values: NDArray[Any], dtype: Any) -> Any:
         return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)

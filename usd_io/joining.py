@@ -118,7 +118,7 @@ def _prim_paths(layer: Sdf.Layer) -> list[Sdf.Path]:
 
 
 def _copy_info(source: Sdf.Spec, target: Sdf.Spec, *, but: Sequence[str]) -> None:
-    for key in source.ListInfoKeys():
+    for key in sorted(source.ListInfoKeys()):
         if key not in but:
             target.SetInfo(key, source.GetInfo(key))
 

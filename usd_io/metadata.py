@@ -34,7 +34,7 @@ def copy_stage_metadata(stage: Usd.Stage, layer: Sdf.Layer, directory: str) -> N
     are made relative to the directory of the output.
     """
     source = stage.GetRootLayer()
-    for key in source.pseudoRoot.ListInfoKeys():
+    for key in sorted(source.pseudoRoot.ListInfoKeys()):
         if key in NOT_COPIED:
             continue
         value = source.pseudoRoot.GetInfo(key)

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
+from usd_io.atomic_layer import AtomicLayer
 from usd_io.attributes import extent_of, vec3f_array
 from usd_io.errors import UsageError
-from usd_io.layers import AtomicLayer
 from usd_io.metadata import set_record
 from usd_io.polygons import check_topology
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf
 
+from usd_io.atomic_layer import AtomicLayer
 from usd_io.attributes import create_attribute, vec3f_array
-from usd_io.layers import AtomicLayer
 
 
 def author_rates(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pxr import Sdf, Usd, Vt
 
+from usd_io.atomic_layer import AtomicLayer, check_output_path, relative_asset_path, same_file
 from usd_io.attributes import (
     NormalsSource,
     authored_rates,
@@ -22,7 +23,6 @@ from usd_io.attributes import (
     vec3f_array,
 )
 from usd_io.errors import StageError, UsageError, time_text
-from usd_io.layers import AtomicLayer, check_output_path, relative_asset_path, same_file
 from usd_io.mesh import AnimatedMesh
 from usd_io.metadata import copy_stage_metadata, set_record
 from usd_io.rates import author_rates

@@ -1,0 +1,10 @@
+"""The command line: one file per command; the only place where `dtrepair` meets `usd_io`.
+
+Commands and everything heavy load when they run, so that `dtrepair --help` is quick.
+"""
+
+from __future__ import annotations
+
+from dtrepair.cli.app import main
+
+__all__ = ["main"]

@@ -1,0 +1,93 @@
+"""The group of commands, their lazy loading, and how a run ends."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+import click
+
+from dtrepair import __version__
+from dtrepair.cli.failures import Failure
+
+EPILOG = """Exit codes: 0 done and clean; 1 intersections remain (or found, by check); 2 usage;
+3 input unusable; 4 some frames failed (the rest is written); 5 output cannot be written."""
+
+# Name: summary. The module has the name of the command and holds a function `command`.
+COMMANDS = {
+    "demo": "Make a self-intersecting character, repair it, and show the result.",
+    "check": "Count intersecting triangles, per prim and frame.",
+    "repair": "Repair every selected frame and write a layer over the input, or a mesh file.",
+    "join": "Merge the layers of frame ranges (farm chunks) into one layer.",
+}
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported when they run; the list needs none of them."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        """Return the names in the order of the table."""
+        return list(COMMANDS)
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        """Import the module of a command."""
+        if name not in COMMANDS:
+            return None
+        module = importlib.import_module(f"dtrepair.cli.{name}")
+        command: click.Command = module.command
+        return command
+
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write names and summaries without importing anything."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(
+    cls=LazyGroup,
+    epilog=EPILOG,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(__version__, prog_name="dtrepair", message="%(prog)s %(version)s")
+def group() -> None:
+    """Find and repair self-intersections of meshes and animated characters.
+
+    Works on USD stages (usd, usda, usdc, usdz) and mesh files (obj, ply, off, stl, glb).
+
+    \b
+    Example:
+        dtrepair check shot.usd --prim "/Hero//"
+        dtrepair repair shot.usd --prim "/Hero//" -o shot_repaired.usdc
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and exit with its code; an error is one line on stderr."""
+    try:
+        code = group.main(args=arguments, prog_name="dtrepair", standalone_mode=False)
+    except click.exceptions.Exit as done:
+        code = done.exit_code
+    except click.UsageError as error:
+        context = error.ctx.command_path if error.ctx else "dtrepair"
+        _complain(f"{error.format_message().rstrip('.')}; see {context} --help")
+        code = error.exit_code
+    except Failure as error:
+        _complain(error.format_message())
+        code = error.code
+    except click.ClickException as error:
+        _complain(error.format_message())
+        code = error.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        _complain("interrupted; no output was written")
+        code = 130
+    except BrokenPipeError:
+        # The reader of stdout has gone (`| head`): nothing more to say to it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 0
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _complain(message: str) -> None:
+    click.echo(f"dtrepair: error: {' '.join(message.split())}", err=True)

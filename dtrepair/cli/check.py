@@ -1,0 +1,166 @@
+"""`dtrepair check`: count intersecting triangles, per prim and frame."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterator
+
+import click
+
+from dtrepair import __version__
+from dtrepair.cli.console import Console
+from dtrepair.cli.failures import (
+    CLEAN,
+    FRAMES,
+    REMAINING,
+    check_writable,
+    one_line_errors,
+    refuse_overwriting,
+    use_device,
+    writing,
+)
+from dtrepair.cli.frames import (
+    Frame,
+    frame_time,
+    make_counter,
+    prim_records,
+    read_frames,
+    side_by_side,
+    unusable,
+)
+from dtrepair.cli.options import Selection, console_options, run_options, selection_options
+from dtrepair.cli.sources import Source, open_source, time_label
+from dtrepair.record import (
+    FramePrimRecord,
+    FrameRecord,
+    Report,
+    render_report,
+    write_report,
+)
+
+
+@click.command(
+    "check",
+    epilog="Exit code 0: nothing intersects; 1: something does; 3: input unusable; "
+    "4: some frames are unusable.",
+)
+@click.argument("source_path", metavar="STAGE|MESH")
+@click.option("--json", "json_path", metavar="F|-", help="Write a JSON report; - is stdout.")
+@click.option(
+    "--mode",
+    type=click.Choice(["self", "inter", "both"]),
+    default="both",
+    show_default=True,
+    help="Pairs within a mesh, between meshes, or both.",
+)
+@selection_options
+@run_options
+@console_options
+@one_line_errors
+def command(
+    *,
+    source_path: str,
+    json_path: str | None,
+    mode: str,
+    selection: Selection,
+    device: str,
+    jobs: int,
+    console: Console,
+) -> int:
+    """Count the intersecting triangles of a USD stage or a mesh file.
+
+    Exact, in float32 coordinates: pairs of triangles that share no vertex (vertices at one position
+    count as one) and have a common point; touching counts. One mesh is counted in its own space,
+    several together in world space.
+
+    \b
+    Example:
+        dtrepair check shot.usd --prim "/Hero//" --frames 1:100x10
+        dtrepair check body.obj --json -
+    """
+    start = clock.perf_counter()
+    if json_path is not None and json_path != "-":
+        refuse_overwriting(json_path, source_path)
+        check_writable(json_path)
+    device = use_device(device)
+    source = open_source(source_path, selection)
+    console.warn(source.warnings)
+    opened = clock.perf_counter()
+    found = _records(source, mode, device, jobs)
+    records = tuple(console.progress(found, total=len(source.times), what="checking"))
+    end = clock.perf_counter()
+    report = Report(
+        command="check",
+        version=__version__,
+        input=source_path,
+        device=device,
+        settings={"mode": mode, **vars(selection)},
+        seconds={"total": end - start, "read": opened - start, "detect": end - opened},
+        prims=prim_records(source),
+        frames=records,
+        warnings=source.warnings,
+    )
+    if json_path == "-":
+        click.echo(render_report(report), nl=False)
+    else:
+        _print(console, source, records)
+    if json_path is not None and json_path != "-":
+        with writing(json_path):
+            write_report(report, json_path)
+    if any(record.status == "failed" for record in records):
+        return FRAMES
+    return REMAINING if any(record.before and record.before.pairs for record in records) else CLEAN
+
+
+def _records(source: Source, mode: str, device: str, jobs: int) -> Iterator[FrameRecord]:
+    counter = make_counter(source, mode=mode, device=device)
+
+    def count(frame: Frame) -> FrameRecord:
+        if not frame.usable:
+            return unusable(frame)
+        start = clock.perf_counter()
+        found = counter(frame.spaces)
+        each = zip(source.meshes, found.each, strict=True)
+        return FrameRecord(
+            time=frame_time(frame),
+            status="unchanged" if found.total.pairs else "clean",
+            before=found.total,
+            after=found.total,
+            seconds=clock.perf_counter() - start,
+            prims=tuple(FramePrimRecord(path=m.path, before=c, after=c) for m, c in each),
+        )
+
+    for _, record in side_by_side(count, read_frames(source, source.times), jobs=jobs):
+        yield record
+
+
+def _print(console: Console, source: Source, records: tuple[FrameRecord, ...]) -> None:
+    """Print one row for each frame, and one for each mesh of it that intersects."""
+    several = len(source.meshes) > 1
+    header = ["frame", "triangles", "pairs", *(["between", "mesh"] if several else [])]
+    rows = []
+    for record in records:
+        label = time_label(record.time)
+        if record.before is None:
+            rows.append([label, record.status, "", *(["", ""] if several else [])])
+            console.warn([record.message])
+            continue
+        parts = [("all", record.before), *((p.path, p.before) for p in record.prims if p.before)]
+        for path, count in parts if several else parts[:1]:
+            if path == "all" or count.pairs:
+                numbers = [str(count.triangles), str(count.pairs), str(count.inter_pairs)]
+                rows.append([label, *numbers, path] if several else [label, *numbers[:2]])
+    console.table(header, rows)
+    console.result(_conclusion(records))
+
+
+def _conclusion(records: tuple[FrameRecord, ...]) -> str:
+    counts = [record.before for record in records if record.before is not None]
+    hit = sum(count.pairs > 0 for count in counts)
+    triangles = sum(count.triangles for count in counts)
+    pairs = sum(count.pairs for count in counts)
+    failed = sum(record.status == "failed" for record in records)
+    ending = f"; {failed} frames could not be read" if failed else ""
+    if not hit:
+        return f"no intersections in {len(counts)} frames{ending}"
+    return f"{hit} of {len(counts)} frames intersect: {triangles} triangles, {pairs} pairs{ending}"

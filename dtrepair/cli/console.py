@@ -1,0 +1,63 @@
+"""What a command says: results on stdout, progress and remarks on stderr."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TypeVar
+
+import click
+
+Item = TypeVar("Item")
+
+
+class Console:
+    """Prints according to -q and -v; progress only on a terminal or with -v."""
+
+    def __init__(self, *, quiet: bool = False, verbosity: int = 0) -> None:
+        """Choose what is printed: `quiet` nothing but errors, `verbosity` 1 each frame, 2 all."""
+        self.quiet = quiet
+        self.verbosity = verbosity
+
+    def result(self, text: str) -> None:
+        """Print a result on stdout, unless quiet."""
+        if not self.quiet:
+            click.echo(text)
+
+    def table(self, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+        """Print aligned columns on stdout: the first to the left, the others to the right."""
+        if self.quiet:
+            return
+        lines = [tuple(header), *(tuple(row) for row in rows)]
+        widths = [max(len(line[k]) for line in lines) for k in range(len(header))]
+        for line in lines:
+            cells = [line[0].ljust(widths[0])]
+            cells += [cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True)]
+            click.echo("  ".join(cells).rstrip())
+
+    def remark(self, text: str) -> None:
+        """Print a line on stderr with -v."""
+        if self.verbosity and not self.quiet:
+            click.echo(text, err=True)
+
+    def warn(self, texts: Iterable[str]) -> None:
+        """Print warnings on stderr, unless quiet."""
+        if not self.quiet:
+            for text in texts:
+                click.echo(f"dtrepair: warning: {text}", err=True)
+
+    def progress(self, items: Iterable[Item], *, total: int, what: str) -> Iterator[Item]:
+        """Yield `items` behind a progress bar, where one is wanted."""
+        if self.quiet or total < 2 or not sys.stderr.isatty():
+            yield from items
+            return
+        from rich.console import Console as RichConsole
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+        from rich.progress import TimeRemainingColumn as Remaining
+
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Remaining())
+        with Progress(*columns, console=RichConsole(stderr=True), transient=True) as bar:
+            task = bar.add_task(what, total=total)
+            for item in items:
+                yield item
+                bar.advance(task)

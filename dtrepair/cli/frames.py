@@ -1,0 +1,129 @@
+"""Frames of an input one by one, and work on several of them side by side."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.cli.sources import Source
+from dtrepair.record import FrameRecord, PrimRecord
+
+if TYPE_CHECKING:
+    from dtrepair.counts import SceneCounter
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame: local points (V, 3) float32 of each mesh, or why there are none.
+
+    `failure` is an unusable frame, `blocked` the path of a mesh without points at that time.
+    `spaces`: the points in the space of counting and repair: local for one mesh, else world.
+    """
+
+    time: float
+    points: tuple[NDArray[np.float32], ...] = ()
+    spaces: tuple[NDArray[Any], ...] = ()
+    failure: str | None = None
+    blocked: str | None = None
+
+    @property
+    def usable(self) -> bool:
+        """Whether the frame has points."""
+        return self.failure is None and self.blocked is None
+
+
+def read_frames(source: Source, times: Iterable[float]) -> Iterator[Frame]:
+    """Read frames in order. One mesh stays in local space; several meet in world space."""
+    for time in times:
+        yield read_frame(source, float(time))
+
+
+def read_frame(source: Source, time: float) -> Frame:
+    """Read one frame; an unusable one becomes a `Frame` that says why."""
+    from usd_io import FrameError
+
+    points: list[NDArray[np.float32]] = []
+    spaces: list[NDArray[Any]] = []
+    for mesh in source.meshes:
+        try:
+            local = source.read(mesh, time)
+            if local is None:
+                return Frame(time, blocked=mesh.path)
+            points.append(local)
+            several = len(source.meshes) > 1
+            spaces.append(source.to_world(mesh, time, local) if several else local)
+        except FrameError as error:
+            return Frame(time, failure=str(error))
+    return Frame(time, tuple(points), tuple(spaces))
+
+
+def frame_time(frame: Frame) -> float | None:
+    """Time code for a report: None for the default time and for mesh files."""
+    return None if math.isnan(frame.time) else frame.time
+
+
+def unusable(frame: Frame) -> FrameRecord:
+    """Record of a frame without points."""
+    if frame.failure is not None:
+        return FrameRecord(time=frame_time(frame), status="failed", message=frame.failure)
+    message = f"{frame.blocked}: the sample is blocked"
+    return FrameRecord(time=frame_time(frame), status="skipped", message=message)
+
+
+def prim_records(
+    source: Source, rest_intersections: Sequence[int | None] = ()
+) -> tuple[PrimRecord, ...]:
+    """Describe the meshes of an input for a report."""
+    counts = [*rest_intersections, *[None] * len(source.meshes)]
+    return tuple(
+        PrimRecord(
+            path=mesh.path,
+            vertices=len(mesh.rest),
+            triangles=len(mesh.faces),
+            rest_intersections=count,
+        )
+        for mesh, count in zip(source.meshes, counts, strict=False)
+    )
+
+
+def make_counter(source: Source, *, mode: str, device: str) -> SceneCounter:
+    """Return a counter of the meshes in the space that `read_frames` gives them."""
+    from dtrepair.counts import SceneCounter
+
+    time = float(source.times[0])
+    several = len(source.meshes) > 1
+    rests = [source.to_world(m, time, m.rest) if several else m.rest for m in source.meshes]
+    return SceneCounter(rests, [mesh.faces for mesh in source.meshes], mode=mode, device=device)
+
+
+def side_by_side(
+    function: Callable[[Item], Result], items: Iterable[Item], *, jobs: int
+) -> Iterator[tuple[Item, Result]]:
+    """Apply `function` to items on `jobs` threads; results in order, memory bounded by `jobs`."""
+    if jobs == 1:
+        for item in items:
+            yield item, function(item)
+        return
+    waiting: deque[tuple[Item, Future[Result]]] = deque()
+    with ThreadPoolExecutor(max_workers=jobs) as pool:
+        try:
+            for item in items:
+                waiting.append((item, pool.submit(function, item)))
+                if len(waiting) > jobs:
+                    first, future = waiting.popleft()
+                    yield first, future.result()
+            while waiting:
+                first, future = waiting.popleft()
+                yield first, future.result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)

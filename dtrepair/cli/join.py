@@ -1,0 +1,39 @@
+"""`dtrepair join`: merge the outputs of frame ranges into one layer."""
+
+from __future__ import annotations
+
+import click
+
+from dtrepair.cli.console import Console
+from dtrepair.cli.failures import CLEAN, one_line_errors
+from dtrepair.cli.options import console_options
+
+
+@click.command("join")
+@click.argument("chunks", metavar="CHUNK...", nargs=-1, required=True)
+@click.option("-o", "--output", metavar="OUT", required=True, help="The layer to write.")
+@click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
+@console_options
+@one_line_errors
+def command(*, chunks: tuple[str, ...], output: str, skip_existing: bool, console: Console) -> int:
+    """Merge layers that `repair --frames` wrote over one input into one layer.
+
+    A farm repairs ranges of one shot on several machines; stacking their layers would show one of
+    them only, because the strongest layer with any time sample owns the whole attribute.
+
+    \b
+    Example:
+        dtrepair repair shot.usd --frames 1:50   -o part1.usdc
+        dtrepair repair shot.usd --frames 51:100 -o part2.usdc
+        dtrepair join part1.usdc part2.usdc -o shot_repaired.usdc
+    """
+    import os
+
+    from usd_io import join_layers
+
+    if skip_existing and os.path.exists(output):
+        console.result(f"{output}: exists; skipped")
+        return CLEAN
+    join_layers(chunks, output)
+    console.result(f"{output}: written from {len(chunks)} layers")
+    return CLEAN

@@ -1,0 +1,142 @@
+"""Options that several commands share; each group reaches the command as one object."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
+from typing import Any
+
+import click
+
+from dtrepair.cli.console import Console
+
+Function = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which meshes and frames of the input take part."""
+
+    frames: str | None = None
+    prim: str | None = None
+    exclude: str | None = None
+    include_invisible: bool = False
+    include_purposes: bool = False
+    skip_varying: bool = False
+    uninstance: bool = False
+    strict: bool = False
+
+    def given(self) -> list[str]:
+        """Return the option names that were set."""
+        return ["--" + name.replace("_", "-") for name, value in vars(self).items() if value]
+
+
+_SELECTION = (
+    click.option("--frames", metavar="SPEC", help="Frames, such as 7, -5:10 or 1:100x2,200."),
+    click.option("--prim", metavar="EXPR", help="Meshes to take: a path expression, /Hero//."),
+    click.option("--exclude", metavar="EXPR", help="Meshes to leave out: a path expression."),
+    click.option("--include-invisible", is_flag=True, help="Take invisible meshes too."),
+    click.option("--include-purposes", is_flag=True, help="Take proxy and guide meshes too."),
+    click.option("--skip-varying", is_flag=True, help="Skip meshes whose topology changes."),
+    click.option("--uninstance", is_flag=True, help="Expand instances so that they can change."),
+    click.option("--strict", is_flag=True, help="Refuse a stage with broken references."),
+)
+
+
+def selection_options(function: Function) -> Function:
+    """Add the options that choose meshes and frames; the command gets `selection`."""
+
+    @wraps(function)
+    def wrapper(**options: Any) -> Any:
+        names = Selection.__dataclass_fields__
+        selection = Selection(**{name: options.pop(name) for name in names})
+        return function(selection=selection, **options)
+
+    return _with(wrapper, _SELECTION)
+
+
+def console_options(function: Function) -> Function:
+    """Add -q and -v; the command gets `console`."""
+
+    @wraps(function)
+    def wrapper(*, quiet: bool, verbose: int, **options: Any) -> Any:
+        return function(console=Console(quiet=quiet, verbosity=verbose), **options)
+
+    return _with(
+        wrapper,
+        (
+            click.option("-q", "--quiet", is_flag=True, help="Print errors only."),
+            click.option("-v", "--verbose", count=True, help="Say more; -vv shows tracebacks."),
+        ),
+    )
+
+
+def run_options(function: Function) -> Function:
+    """Add --device, --jobs and --config; `device` and `jobs` arrive resolved."""
+
+    @wraps(function)
+    def wrapper(*, device: str, jobs: int | None, **options: Any) -> Any:
+        return function(device=device, jobs=jobs or os.cpu_count() or 1, **options)
+
+    return _with(
+        wrapper,
+        (
+            click.option(
+                "--device",
+                default="auto",
+                metavar="NAME",
+                show_default=True,
+                help="auto, cpu or cuda[:N].",
+            ),
+            click.option(
+                "--jobs",
+                type=click.IntRange(min=1),
+                metavar="N",
+                help="Frames worked on side by side; default: all cores.",
+            ),
+            click.option(
+                "--config",
+                metavar="F.toml",
+                is_eager=True,
+                expose_value=False,
+                callback=_read_config,
+                help="Defaults of these options, by name, from a TOML file.",
+            ),
+        ),
+    )
+
+
+def _with(function: Function, options: tuple[Function, ...]) -> Function:
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def _read_config(context: click.Context, parameter: click.Parameter, path: str | None) -> None:
+    """Take defaults from the top of a TOML file and from the table named as the command."""
+    if path is None:
+        return
+    import tomllib
+
+    try:
+        with open(path, "rb") as file:
+            content = tomllib.load(file)
+    except OSError as error:
+        raise click.BadParameter(f"{path}: cannot be read: {error.strerror}", context) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise click.BadParameter(f"{path}: is not TOML: {error}", context) from None
+    command = context.info_name or ""
+    values = {key: value for key, value in content.items() if not isinstance(value, dict)}
+    values |= content.get(command, {})
+    known = {_option_name(p): p.name for p in context.command.params if isinstance(p, click.Option)}
+    for key in values:
+        if key.replace("_", "-") not in known or key == "config":
+            raise click.BadParameter(f"{path}: {command} has no option {key!r}", context)
+    found = {known[key.replace("_", "-")]: value for key, value in values.items()}
+    context.default_map = {**(context.default_map or {}), **found}
+
+
+def _option_name(option: click.Option) -> str:
+    return max(option.opts, key=len).lstrip("-")

@@ -1,0 +1,163 @@
+"""One view of both kinds of input: a USD stage, or a mesh file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.cli.failures import USAGE, Failure
+from dtrepair.cli.options import Selection
+
+if TYPE_CHECKING:
+    from dtrepair.polygon_mesh import PolygonMesh
+
+USD_EXTENSIONS = (".usd", ".usda", ".usdc", ".usdz")
+Points = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class SourceMesh:
+    """One mesh of an input: rest (V, 3) in local space, faces (F, 3), and the stage's own mesh.
+
+    has_rest: the input says which pose is the rest pose (USD: by points at the default time).
+    """
+
+    path: str
+    rest: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    has_rest: bool
+    handle: Any = None
+
+
+class Source(Protocol):
+    """An opened input."""
+
+    name: str
+    meshes: tuple[SourceMesh, ...]
+    times: NDArray[np.float64]
+    warnings: tuple[str, ...]
+    up: tuple[float, float, float]
+
+    def read(self, mesh: SourceMesh, time: float) -> Points | None:
+        """Local points (V, 3) float32; None for a blocked sample. Raises FrameError."""
+
+    def to_world(self, mesh: SourceMesh, time: float, points: Points) -> Points:
+        """Points in the common space of all meshes, float64."""
+
+    def to_local(self, mesh: SourceMesh, time: float, points: Points) -> Points:
+        """The inverse of `to_world`. Raises FrameError."""
+
+
+def is_stage(path: str) -> bool:
+    """Return whether a path names a USD file, by its extension."""
+    return Path(path.partition("[")[0]).suffix.lower() in USD_EXTENSIONS
+
+
+def time_label(time: float | None) -> str:
+    """Name of a frame in a table: its time code, or `default` for a pose without a time."""
+    return "default" if time is None or math.isnan(time) else f"{time:.10g}"
+
+
+def open_source(path: str, selection: Selection) -> Source:
+    """Open a STAGE or MESH; `times` are those of the selected frames."""
+    if is_stage(path):
+        return StageSource(path, selection)
+    if selection.given():
+        raise Failure(
+            f"{', '.join(selection.given())}: only for USD stages, and {path} is a mesh file; "
+            "leave it out",
+            USAGE,
+        )
+    return MeshSource(path)
+
+
+class StageSource:
+    """A USD stage: one or several meshes over time."""
+
+    def __init__(self, path: str, selection: Selection) -> None:
+        import usd_io
+
+        spec = usd_io.parse_frames(selection.frames) if selection.frames is not None else None
+        self.name = path
+        self.opened = usd_io.open_stage(path, strict=selection.strict)
+        found = usd_io.read_meshes(
+            self.opened,
+            prim=selection.prim,
+            exclude=selection.exclude,
+            include_invisible=selection.include_invisible,
+            include_purposes=selection.include_purposes,
+            skip_varying=selection.skip_varying,
+            uninstance=selection.uninstance,
+        )
+        self.warnings = (*self.opened.warnings, *found.warnings)
+        self.meshes = tuple(
+            SourceMesh(mesh.path, mesh.rest, mesh.faces, math.isnan(mesh.rest_time), mesh)
+            for mesh in found.meshes
+        )
+        self.up = tuple(found.meshes[0].up) if found.meshes else (0.0, 1.0, 0.0)
+        self.times = self._times()
+        if spec is not None:
+            self.times = self.times[spec.select(self.times, require=True)]
+
+    def _times(self) -> NDArray[np.float64]:
+        """The union of the sample times; transforms matter only between several meshes."""
+        import usd_io
+
+        times = [mesh.handle.times for mesh in self.meshes]
+        if len(self.meshes) > 1:
+            times += [usd_io.transform_times(mesh.handle) for mesh in self.meshes]
+        together = np.unique(np.concatenate([np.zeros(0), *times]))
+        known = together[~np.isnan(together)]
+        return known if len(known) else together[:1]
+
+    def read(self, mesh: SourceMesh, time: float) -> Points | None:
+        """Local points (V, 3) float32; None for a blocked sample. Raises FrameError."""
+        import usd_io
+
+        return usd_io.read_frame(mesh.handle, time)
+
+    def to_world(self, mesh: SourceMesh, time: float, points: Points) -> Points:
+        """World points, float64."""
+        import usd_io
+
+        return usd_io.transform_points(points, usd_io.world_matrix(mesh.handle, time))
+
+    def to_local(self, mesh: SourceMesh, time: float, points: Points) -> Points:
+        """Local points, float64. Raises FrameError where the transform flattens space."""
+        import usd_io
+
+        return usd_io.local_points(mesh.handle, time, points)
+
+
+class MeshSource:
+    """A mesh file: one mesh, one frame without a time."""
+
+    def __init__(self, path: str) -> None:
+        from dtrepair.mesh_files import read_mesh
+        from usd_io.polygons import triangulate
+
+        self.name = path
+        self.file: PolygonMesh = read_mesh(path)
+        points = self.file.points
+        faces = triangulate(self.file.counts, self.file.corners, points).faces
+        self.meshes: tuple[SourceMesh, ...] = (SourceMesh(Path(path).name, points, faces, True),)
+        self.times = np.array([np.nan])
+        self.warnings: tuple[str, ...] = ()
+        self.up = (0.0, 1.0, 0.0)
+
+    def read(self, mesh: SourceMesh, time: float) -> Points | None:
+        """Points (V, 3) float32."""
+        return self.file.points.astype(np.float32)
+
+    def to_world(self, mesh: SourceMesh, time: float, points: Points) -> Points:
+        """The points themselves."""
+        return np.asarray(points, dtype=np.float64)
+
+    def to_local(self, mesh: SourceMesh, time: float, points: Points) -> Points:
+        """The points themselves."""
+        return np.asarray(points, dtype=np.float64)

@@ -1,0 +1,103 @@
+"""Counting intersections: of one mesh, or of several meshes in one space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dtrepair.geometry import weld_map
+from dtrepair.intersect.detector import Detector
+from dtrepair.record import CountRecord
+
+MODES = ("self", "inter", "both")
+
+
+@dataclass(frozen=True)
+class SceneCount:
+    """Counts of all meshes together and of each one, and the intersecting triangles.
+
+    total: `inter_pairs` are the pairs between two meshes; they are part of `pairs`.
+    each: for one mesh `triangles` are its triangles that intersect anything, `pairs` all pairs it
+    takes part in, `inter_pairs` those with another mesh.
+    intersecting: a mask (F,) for each mesh.
+    """
+
+    total: CountRecord
+    each: tuple[CountRecord, ...]
+    intersecting: tuple[NDArray[np.bool_], ...]
+
+
+class SceneCounter:
+    """Counts the intersections of the frames of some meshes; built once, used for every frame.
+
+    Args:
+        rests: for each mesh points (V, 3) of some frame, all in one space; the hierarchy is built
+            on them.
+        faces: triangles (F, 3) of each mesh.
+        mode: "self" counts pairs within a mesh, "inter" those between two, "both" all.
+        device: "cpu" or "cuda:N".
+    """
+
+    def __init__(
+        self,
+        rests: Sequence[ArrayLike],
+        faces: Sequence[NDArray[np.int32]],
+        *,
+        mode: str = "both",
+        device: str = "cpu",
+    ) -> None:
+        if mode not in MODES:
+            raise ValueError(f"mode: expected one of {', '.join(MODES)}, got {mode!r}")
+        self.mode = mode
+        self._vertices = np.cumsum([0, *(len(np.asarray(rest)) for rest in rests)])
+        self._triangles = np.cumsum([0, *(len(part) for part in faces)])
+        shifted = [part + start for part, start in zip(faces, self._vertices, strict=False)]
+        self._owner = np.repeat(np.arange(len(faces)), np.diff(self._triangles))
+        self._detector = Detector(
+            np.concatenate([np.asarray(rest, dtype=np.float64) for rest in rests]),
+            np.concatenate(shifted).astype(np.int32),
+            device=device,
+        )
+
+    def weld(self, points: Sequence[ArrayLike]) -> NDArray[np.int32]:
+        """Representative of each vertex: the vertices of one mesh at one float32 position."""
+        parts = [
+            weld_map(part) + start for part, start in zip(points, self._vertices, strict=False)
+        ]
+        return np.concatenate(parts).astype(np.int32)
+
+    def __call__(
+        self, points: Sequence[ArrayLike], *, weld: NDArray[np.int32] | None = None
+    ) -> SceneCount:
+        """Count the intersections of one frame: points (V, 3) of each mesh, rounded to float32.
+
+        `weld`: from another frame (that of the input, when a repaired one is counted); default:
+        from these points.
+        """
+        together = np.concatenate([np.asarray(part) for part in points]).astype(np.float32)
+        welded = self.weld(points) if weld is None else weld
+        pairs = self._detector(together, weld=welded)
+        owner = self._owner[pairs]
+        between = owner[:, 0] != owner[:, 1]
+        if self.mode != "both":
+            keep = between if self.mode == "inter" else ~between
+            pairs, owner, between = pairs[keep], owner[keep], between[keep]
+        hit = np.zeros(len(self._owner), dtype=bool)
+        hit[pairs.reshape(-1)] = True
+        parts = tuple(
+            hit[a:b] for a, b in zip(self._triangles[:-1], self._triangles[1:], strict=True)
+        )
+        each = []
+        for index, part in enumerate(parts):
+            own = (owner == index).any(axis=1)
+            each.append(_count(int(part.sum()), own, between & own))
+        return SceneCount(_count(int(hit.sum()), np.ones(len(pairs)), between), tuple(each), parts)
+
+
+def _count(triangles: int, pairs: ArrayLike, between: ArrayLike) -> CountRecord:
+    return CountRecord(
+        triangles=triangles, pairs=int(np.sum(pairs)), inter_pairs=int(np.sum(between))
+    )

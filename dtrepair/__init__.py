@@ -11,13 +11,67 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from dtrepair.intersect.detector import Detector, find_intersections
+    from dtrepair.intersect.detector import (
+        Detector as Detector,
+    )
+    from dtrepair.intersect.detector import (
+        find_intersections as find_intersections,
+    )
+    from dtrepair.repair.options import (
+        Count as Count,
+    )
+    from dtrepair.repair.options import (
+        RepairOptions as RepairOptions,
+    )
+    from dtrepair.repair.options import (
+        RepairResult as RepairResult,
+    )
+    from dtrepair.repair.options import (
+        Stage as Stage,
+    )
+    from dtrepair.repair.options import (
+        Status as Status,
+    )
+    from dtrepair.repair.repairer import (
+        Body as Body,
+    )
+    from dtrepair.repair.repairer import (
+        Repairer as Repairer,
+    )
+    from dtrepair.repair.repairer import (
+        SceneRepairer as SceneRepairer,
+    )
+    from dtrepair.repair.repairer import (
+        repair as repair,
+    )
 
 _HOMES = {
     "Detector": "dtrepair.intersect.detector",
     "find_intersections": "dtrepair.intersect.detector",
+    "Count": "dtrepair.repair.options",
+    "RepairOptions": "dtrepair.repair.options",
+    "RepairResult": "dtrepair.repair.options",
+    "Stage": "dtrepair.repair.options",
+    "Status": "dtrepair.repair.options",
+    "Body": "dtrepair.repair.repairer",
+    "Repairer": "dtrepair.repair.repairer",
+    "SceneRepairer": "dtrepair.repair.repairer",
+    "repair": "dtrepair.repair.repairer",
 }
-__all__ = ["Detector", "__version__", "find_intersections"]
+__all__ = [
+    "Body",
+    "Count",
+    "Detector",
+    "RepairOptions",
+    "RepairResult",
+    "Repairer",
+    "SceneRepairer",
+    "Stage",
+    "Status",
+    "__version__",
+    "find_intersections",
+    "repair",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -123,9 +123,9 @@ def weld_map(points: ArrayLike) -> IntArray:
 
 
 def extent(points: ArrayLike) -> float:
-    """Largest minus smallest of all coordinates: the unit of length of the repair."""
+    """Longest side of the bounding box: the unit of length of the repair."""
     vertices = np.asarray(points)
-    return float(vertices.max() - vertices.min()) if vertices.size else 0.0
+    return float(np.ptp(vertices, axis=0).max()) if vertices.size else 0.0
 
 
 def diagonal(points: ArrayLike) -> float:

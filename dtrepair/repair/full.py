@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from dtrepair.geometry import FloatArray
 from dtrepair.repair.contact import Defects, find_defects
 from dtrepair.repair.crease import fill_creases
+from dtrepair.repair.options import Solved, Stage
 from dtrepair.repair.push import push
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.tighten import distortion, pull_back, relax
@@ -18,18 +19,6 @@ FIRST_STEP, STEP_DECAY = 0.02, 0.7
 # A result with less distortion than this needs no further phase.
 GOOD_ENOUGH = 0.10
 ROUNDS = 4
-
-
-@dataclass
-class Stage:
-    """What one stage did: its name, what is left, the distortion and the seconds it took."""
-
-    name: str
-    crossings: int
-    folds: int
-    distortion: float
-    iterations: int
-    seconds: float
 
 
 @dataclass
@@ -47,15 +36,6 @@ class Candidate:
         return len(self.defects.crossings), round(self.distortion, 4)
 
 
-@dataclass
-class Solved:
-    """The repaired pose in units of the surface's size, its defects and the stages."""
-
-    points: FloatArray
-    defects: Defects
-    stages: list[Stage] = field(default_factory=list)
-
-
 class FullMethod:
     """Push far contacts in phases, fill the creases, tighten towards the input."""
 
@@ -68,12 +48,12 @@ class FullMethod:
         stages: list[Stage] = []
         defects = find_defects(self.surface, original)
         if len(defects.crossings) == 0:
-            return Solved(original, defects)
+            return Solved(original)
         best = self._phases(original, defects, stages)
         points = best.points
         if best.rank[0] == 0:
             points = self._tighten(original, best, stages)
-        return Solved(points, find_defects(self.surface, points), stages)
+        return Solved(points, stages)
 
     def _phases(self, original: FloatArray, defects: Defects, stages: list[Stage]) -> Candidate:
         best: Candidate | None = None

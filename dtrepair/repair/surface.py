@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.sparse import csgraph
 
 from dtrepair.geometry import FloatArray, IntArray, adjacency, extent, unique_edges, vector_areas
 from dtrepair.intersect.detector import Detector
@@ -45,6 +46,7 @@ class Surface:
         faces: Triangles (F, 3).
         bodies: Vertex ranges of the bodies; default: one body of strength 99.
         mobility: How freely each vertex moves (V,), 0 fixed to 1 free; default: all free.
+        mode: Which pairs count: "self", "inter" (between bodies) or "both".
     """
 
     def __init__(
@@ -54,6 +56,7 @@ class Surface:
         *,
         bodies: Sequence[BodyRange] | None = None,
         mobility: FloatArray | None = None,
+        mode: str = "both",
         device: str = "cpu",
     ) -> None:
         self.size = extent(rest) or 1.0
@@ -62,6 +65,10 @@ class Surface:
         self.count = len(rest)
         self.bodies = tuple(bodies or (BodyRange(0, self.count, 99.0),))
         self.mobility = np.ones(self.count) if mobility is None else mobility
+        self.fixed = self.mobility == 0.0
+        self.mode = mode
+        starts = np.array([body.start for body in self.bodies])
+        self.body_of = np.searchsorted(starts, faces[:, 0], side="right") - 1
         self.edges = unique_edges(faces)
         self.indptr, self.indices = adjacency(faces, self.count)
         self.neighbours = sparse.csr_matrix(
@@ -116,7 +123,21 @@ class Surface:
 
         Pairs that floating point cannot settle count as intersecting here.
         """
-        return self.detector(self.written(points), exact=False, active=active)
+        return self._counted(self.detector(self.written(points), exact=False, active=active))
+
+    def batch_pairs(self, points: FloatArray) -> IntArray:
+        """Intersecting pairs (K, 3) of poses (B, V, 3): frame, triangle, triangle."""
+        return self._counted(self.detector(self.written(points), exact=False))
+
+    def _counted(self, pairs: IntArray) -> IntArray:
+        """The pairs that the mode asks for; two fixed triangles can never be separated."""
+        if self.mode != "both":
+            inter = self.body_of[pairs[:, -2]] != self.body_of[pairs[:, -1]]
+            pairs = pairs[inter == (self.mode == "inter")]
+        if self.fixed.any():
+            still = self.fixed[self.faces].all(axis=1)
+            pairs = pairs[~(still[pairs[:, -2]] & still[pairs[:, -1]])]
+        return pairs
 
     def vertices_of(self, triangles: NDArray[np.integer]) -> BoolArray:
         """Mask (V,) of the corners of triangles given by index, any shape."""
@@ -160,4 +181,4 @@ def link_labels(links: NDArray[np.integer], count: int) -> IntArray:
     graph = sparse.coo_matrix(
         (np.ones(len(links), dtype=np.int8), (links[:, 0], links[:, 1])), shape=(count, count)
     )
-    return sparse.csgraph.connected_components(graph, directed=False)[1].astype(np.int32)
+    return csgraph.connected_components(graph, directed=False)[1].astype(np.int32)

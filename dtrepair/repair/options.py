@@ -1,0 +1,157 @@
+"""What a user may choose, and what a repair answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from dtrepair.geometry import FloatArray
+
+METHODS = ("full", "paper")
+OPTIMIZERS = ("momentum-brake", "uniform-adam", "gradient-descent")
+ENERGIES = ("signed-tpe", "tpe", "point-to-plane", "conical")
+MODES = ("self", "inter", "both")
+REST_CONTACTS = ("repair", "leave")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepairOptions:
+    """Choices of a repair; the defaults suit characters.
+
+    Args:
+        method: "full", or "paper" for the published algorithm alone.
+        mode: Contacts to repair: within a body ("self"), between bodies ("inter") or both.
+        diffusion: lambda of the diffusion: how far a push spreads.
+        iterations: Most iterations of the paper's loop.
+        regularization: beta of the paper's shape term, times the mean square.
+        optimizer: Of the paper's loop.
+        energy: Of the paper's loop.
+        tighten: Rounds that pull a clean result back towards the input; 0 switches it off.
+        maximum_displacement: No vertex moves farther, in length units; None: no limit.
+        clearance: Distance that triangles of a result keep that are not neighbours, length units.
+        rest_contacts: "repair" or "leave" the intersections that the rest pose has as well.
+
+    Raises:
+        ValueError: an unknown name or a number out of range.
+    """
+
+    method: str = "full"
+    mode: str = "both"
+    diffusion: float = 99.0
+    iterations: int = 60
+    regularization: float = 1e6
+    optimizer: str = "momentum-brake"
+    energy: str = "signed-tpe"
+    tighten: int = 4
+    maximum_displacement: float | None = None
+    clearance: float = 0.0
+    rest_contacts: str = "repair"
+
+    def __post_init__(self) -> None:
+        """Check every choice."""
+        names = {
+            "method": METHODS,
+            "mode": MODES,
+            "optimizer": OPTIMIZERS,
+            "energy": ENERGIES,
+            "rest_contacts": REST_CONTACTS,
+        }
+        for name, allowed in names.items():
+            if getattr(self, name) not in allowed:
+                raise ValueError(
+                    f"{name} should be one of {', '.join(allowed)}, got {getattr(self, name)!r}"
+                )
+        least = {"iterations": 1, "tighten": 0, "regularization": 0.0, "clearance": 0.0}
+        for name, lowest in least.items():
+            if not getattr(self, name) >= lowest:
+                raise ValueError(f"{name} should be at least {lowest}, got {getattr(self, name)}")
+        if not self.diffusion > 0:
+            raise ValueError(f"diffusion should be positive, got {self.diffusion}")
+        limit = self.maximum_displacement
+        if limit is not None and not limit >= 0:
+            raise ValueError(f"maximum_displacement should be at least 0, got {limit}")
+
+
+class Status(StrEnum):
+    """Outcome of one pose."""
+
+    CLEAN = "clean"
+    IMPROVED = "improved"
+    UNCHANGED = "unchanged"
+    FAILED = "failed"
+    SKIPPED = "skipped"
+
+    @property
+    def advice(self) -> str:
+        """What a user may do about it; empty where nothing needs to be done."""
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    Status.CLEAN: "",
+    Status.IMPROVED: "fewer intersections, but not none: "
+    "raise the diffusion, free pinned vertices, or give a rest pose",
+    Status.UNCHANGED: "no pose with fewer intersections was found; the input is kept: "
+    "free pinned vertices, raise the diffusion, or give a rest pose",
+    Status.FAILED: "the pose could not be used; the input is kept",
+    Status.SKIPPED: "",
+}
+
+
+@dataclass(frozen=True)
+class Count:
+    """Intersecting triangles, pairs, and the pairs between two bodies among them."""
+
+    triangles: int
+    pairs: int
+    inter_pairs: int = 0
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What one stage achieved.
+
+    crossings and folds left after it; distortion of the pose it leaves (edge log-ratio rms + 2 x
+    mean displacement over the diagonal); its iterations or cycles; wall seconds.
+    """
+
+    name: str
+    crossings: int
+    folds: int
+    distortion: float
+    iterations: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class RepairResult:
+    """A repaired pose.
+
+    points: positions (V, 3), same type as the input; vertices that did not have to move are
+    bit-identical. Displacements are relative to the diagonal of the input's bounding box.
+    """
+
+    points: Any
+    before: Count
+    after: Count
+    iterations: int
+    status: Status
+    message: str = ""
+    displacement_max: float = 0.0
+    displacement_mean: float = 0.0
+    stages: tuple[Stage, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass
+class Solved:
+    """What a method hands back: the pose in units of the surface's size, and its stages."""
+
+    points: FloatArray
+    stages: list[Stage] = field(default_factory=list)
+
+    @property
+    def iterations(self) -> int:
+        """Iterations of all stages."""
+        return sum(stage.iterations for stage in self.stages)

@@ -1,0 +1,311 @@
+"""Repair of poses of one body or of several bodies together: check, solve, verify, report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dtrepair.device import resolve_device
+from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, extent, weld_map
+from dtrepair.intersect.detector import Detector, triangle_count
+from dtrepair.metrics import displacements
+from dtrepair.repair.full import FullMethod
+from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
+from dtrepair.repair.surface import BodyRange, Surface
+
+# Poses farther from the origin than this many times their size are repaired about their centre:
+# float32 would lose too many digits there.
+FAR_FROM_ORIGIN = 16.0
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One object of a scene.
+
+    Args:
+        rest: Rest positions (V, 3), length units of the scene.
+        faces: Triangles (F, 3).
+        diffusion: lambda of this body: higher moves it more as one piece; None: the option's.
+        mobility: 0 never moves (a collider), 1 moves freely.
+        pin: 0 free to 1 fixed for each vertex (V,).
+        direction: Preferred direction (V, 3) of the repair, zero rows where none.
+    """
+
+    rest: ArrayLike
+    faces: ArrayLike
+    diffusion: float | None = None
+    mobility: float = 1.0
+    pin: ArrayLike | None = None
+    direction: ArrayLike | None = None
+
+
+class SceneRepairer:
+    """Repairs poses of several bodies together; built once per set of bodies.
+
+    Every body has its own diffusion operator (Jang et al. 2025, section 7.5.2); tree, operators
+    and factors come from the rest poses and serve every pose.
+
+    Raises:
+        ValueError: bodies, options or devices that cannot be used.
+    """
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        *,
+        options: RepairOptions | None = None,
+        device: str = "cpu",
+    ) -> None:
+        if not bodies:
+            raise ValueError("bodies should hold at least one body, got none")
+        self.options = options or RepairOptions()
+        self.device = resolve_device(device)
+        self.bodies = tuple(bodies)
+        meshes = [as_mesh(body.rest, body.faces) for body in bodies]
+        self._vertices = np.cumsum([0, *(len(points) for points, _ in meshes)])
+        self._triangles = np.cumsum([0, *(len(faces) for _, faces in meshes)])
+        self._rest = np.concatenate([points for points, _ in meshes])
+        shifted = [faces + start for (_, faces), start in zip(meshes, self._vertices, strict=False)]
+        self._faces = np.concatenate(shifted).astype(np.int32)
+        self._body_of = np.repeat(np.arange(len(bodies)), np.diff(self._triangles))
+        self._mobility = np.concatenate(
+            [_mobility(b, len(p)) for b, (p, _) in zip(bodies, meshes, strict=True)]
+        )
+        self._systems: dict[bytes, _System] = {}
+
+    @cached_property
+    def detector(self) -> Detector:
+        """Detector of all bodies in one mesh, built on their rest poses."""
+        return Detector(_centred(self._rest)[0], self._faces)
+
+    @cached_property
+    def rest_intersections(self) -> int:
+        """Number of intersecting triangles of the rest poses themselves, mode respected."""
+        return triangle_count(self._pairs(_centred(self._rest)[0], self._weld(_centred(self._rest)[0])))
+
+    def __call__(self, points: Sequence[Any]) -> list[RepairResult]:
+        """Repair one pose (V, 3) of each body, all in one space and length unit.
+
+        ValueError: wrong shapes, numbers that are not finite.
+        """
+        start = time.perf_counter()
+        original = self._gather(points)
+        centred, centre = _centred(original)
+        weld = self._weld(centred)
+        pairs = self._pairs(centred, weld)
+        detected = time.perf_counter()
+        final, left, solved = centred, pairs, Solved(centred)
+        if len(pairs):
+            final, solved = self._solve(centred, weld)
+            left = self._pairs(final, weld)
+            if len(left) >= len(pairs):
+                final, left = centred, pairs
+        moved = (final != centred).any(axis=1)
+        repaired = np.where(moved[:, None], final.astype(np.float32) + centre, original)
+        seconds = {"detect": detected - start, "solve": time.perf_counter() - detected}
+        return [
+            self._result(index, points[index], original, repaired, pairs, left, solved, seconds)
+            for index in range(len(self.bodies))
+        ]
+
+    def _gather(self, points: Sequence[Any]) -> FloatArray:
+        if len(points) != len(self.bodies):
+            raise ValueError(f"points should hold {len(self.bodies)} poses, got {len(points)}")
+        counts = np.diff(self._vertices)
+        return np.concatenate(
+            [
+                as_points(_as_numpy(pose), int(count))
+                for pose, count in zip(points, counts, strict=True)
+            ]
+        )
+
+    def _weld(self, points: FloatArray) -> IntArray:
+        """Vertices of one body at one float32 position of `points` count as one (V,)."""
+        parts = [
+            weld_map(points[a:b]) + a
+            for a, b in zip(self._vertices[:-1], self._vertices[1:], strict=True)
+        ]
+        return np.concatenate(parts).astype(np.int32)
+
+    def _pairs(self, points: FloatArray, weld: IntArray) -> IntArray:
+        pairs = self.detector(points, weld=weld)
+        if self.options.mode != "both":
+            inter = self._body_of[pairs[:, 0]] != self._body_of[pairs[:, 1]]
+            pairs = pairs[inter == (self.options.mode == "inter")]
+        return pairs
+
+    def _solve(self, points: FloatArray, weld: IntArray) -> tuple[FloatArray, Solved]:
+        """Repair with seam duplicates moving together: those of the rest that still coincide."""
+        rest_weld = self._weld(_centred(self._rest)[0])
+        together = np.where(weld[rest_weld] == weld, rest_weld, np.arange(len(weld)))
+        key = together.tobytes()
+        if key not in self._systems:
+            self._systems[key] = _System(self, together)
+        return self._systems[key].solve(points)
+
+    def _result(
+        self,
+        index: int,
+        given: Any,
+        original: FloatArray,
+        repaired: FloatArray,
+        before: IntArray,
+        after: IntArray,
+        solved: Solved,
+        seconds: dict[str, float],
+    ) -> RepairResult:
+        own = slice(self._vertices[index], self._vertices[index + 1])
+        counts = [self._count(pairs, index) for pairs in (before, after)]
+        moved = displacements(original[own], repaired[own])
+        status = _status(*counts)
+        return RepairResult(
+            points=_as_given(repaired[own], given),
+            before=counts[0],
+            after=counts[1],
+            iterations=solved.iterations,
+            status=status,
+            message=status.advice,
+            displacement_max=float(moved.max(initial=0.0)),
+            displacement_mean=float(moved.mean()) if len(moved) else 0.0,
+            stages=tuple(solved.stages),
+            seconds=seconds,
+        )
+
+    def _count(self, pairs: IntArray, index: int) -> Count:
+        owner = self._body_of[pairs]
+        own = (owner == index).any(axis=1)
+        triangles = np.unique(pairs)
+        inter = int((own & (owner[:, 0] != owner[:, 1])).sum())
+        return Count(int((self._body_of[triangles] == index).sum()), int(own.sum()), inter)
+
+
+class Repairer:
+    """Repairs poses of one mesh; built once per topology.
+
+    Args:
+        rest: Rest positions (V, 3), any length unit, of the same mesh as the poses.
+        faces: Triangles (F, 3).
+        options: Choices; default: `RepairOptions()`.
+        device: "cpu", "cuda", "cuda:N" or "auto".
+        pin: 0 free to 1 fixed for each vertex (V,); fixed vertices come back bit-identical.
+        direction: Preferred direction of the repair (V, 3), zero rows where none.
+
+    Raises:
+        ValueError: shapes, numbers, options or devices that cannot be used.
+    """
+
+    def __init__(
+        self,
+        rest: ArrayLike,
+        faces: ArrayLike,
+        *,
+        options: RepairOptions | None = None,
+        device: str = "cpu",
+        pin: ArrayLike | None = None,
+        direction: ArrayLike | None = None,
+    ) -> None:
+        body = Body(rest, faces, pin=pin, direction=direction)
+        self._scene = SceneRepairer([body], options=options, device=device)
+
+    @property
+    def rest_intersections(self) -> int:
+        """Number of intersecting triangles of the rest pose itself."""
+        return self._scene.rest_intersections
+
+    def __call__(self, points: Any) -> RepairResult:
+        """Repair a pose (V, 3) in the length unit of the rest; ValueError for wrong poses."""
+        return self._scene([points])[0]
+
+
+def repair(points: Any, faces: ArrayLike, *, options: RepairOptions | None = None) -> RepairResult:
+    """Repair a single mesh (V, 3), (F, 3) that has no rest pose: it is its own."""
+    return Repairer(_as_numpy(points), faces, options=options)(points)
+
+
+class _System:
+    """The mesh that is solved: all bodies in one, vertices that belong together made one."""
+
+    def __init__(self, scene: SceneRepairer, together: IntArray) -> None:
+        self.kept, self.place = np.unique(together, return_inverse=True)
+        faces = self.place[scene._faces].astype(np.int32)
+        # A triangle between two vertices that became one has no area and takes no part.
+        solid = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2])
+        faces = faces[solid & (faces[:, 2] != faces[:, 0])]
+        starts = np.searchsorted(self.kept, scene._vertices)
+        options = scene.options
+        bodies = [
+            BodyRange(int(a), int(b), body.diffusion or options.diffusion)
+            for a, b, body in zip(starts[:-1], starts[1:], scene.bodies, strict=True)
+        ]
+        mobility = np.ones(len(self.kept))
+        np.minimum.at(mobility, self.place, scene._mobility)
+        self.surface = Surface(
+            _centred(scene._rest)[0][self.kept],
+            faces,
+            bodies=bodies,
+            mobility=mobility,
+            mode=options.mode,
+            device="cpu",
+        )
+        if options.method == "paper":
+            from dtrepair.repair.paper import PaperMethod
+
+            self.method: Any = PaperMethod(self.surface, options)
+        else:
+            self.method = FullMethod(self.surface, rounds=options.tighten)
+
+    def solve(self, points: FloatArray) -> tuple[FloatArray, Solved]:
+        """The repaired pose (V, 3); vertices that stayed where they were keep every bit."""
+        size = self.surface.size
+        unit = points[self.kept] / size
+        solved = self.method(unit)
+        stayed = (solved.points == unit).all(axis=1)[self.place]
+        final = (solved.points * size)[self.place]
+        return np.where(stayed[:, None], points, final), solved
+
+
+def _mobility(body: Body, count: int) -> FloatArray:
+    if not 0.0 <= body.mobility <= 1.0:
+        raise ValueError(f"mobility should be between 0 and 1, got {body.mobility}")
+    if body.pin is None:
+        return np.full(count, body.mobility)
+    pin = np.asarray(body.pin, dtype=np.float64)
+    if pin.shape != (count,) or not ((pin >= 0) & (pin <= 1)).all():
+        raise ValueError(f"pin should hold {count} numbers between 0 and 1, got {pin.shape}")
+    return body.mobility * (1.0 - pin)
+
+
+def _centred(points: FloatArray) -> tuple[FloatArray, FloatArray | float]:
+    """Points about the origin and the centre they had; 0 where float32 holds them well."""
+    if not len(points):
+        return points, 0.0
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    if np.abs(centre).max() <= FAR_FROM_ORIGIN * extent(points):
+        return points, 0.0
+    return points - centre, centre
+
+
+def _status(before: Count, after: Count) -> Status:
+    if after.pairs == 0:
+        return Status.CLEAN
+    return Status.IMPROVED if after.pairs < before.pairs else Status.UNCHANGED
+
+
+def _as_numpy(points: Any) -> NDArray[Any]:
+    return points.detach().cpu().numpy() if hasattr(points, "detach") else np.asarray(points)
+
+
+def _as_given(points: FloatArray, given: Any) -> Any:
+    """Points in the type and, for tensors, on the device of what was given."""
+    if hasattr(given, "detach"):
+        import torch
+
+        return torch.as_tensor(points, dtype=given.dtype, device=given.device)
+    kind = np.asarray(given).dtype
+    return points.astype(kind if np.issubdtype(kind, np.floating) else np.float64)

@@ -7,9 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 
-def cgal_intersect(
-    first: NDArray[np.float32], second: NDArray[np.float32]
-) -> NDArray[np.bool_]:
+def cgal_intersect(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Whether closed triangles (K, 3, 3) have a common point; zero-area triangles meet nothing."""
     kernel = pytest.importorskip("CGAL.CGAL_Kernel")
 
@@ -30,17 +28,11 @@ def cgal_intersect(
 def cgal_pairs(
     points: NDArray[np.float64], faces: NDArray[np.int32], weld: NDArray[np.int32] | None = None
 ) -> NDArray[np.int32]:
-    """All intersecting pairs (K, 2) that share no (welded) vertex, sorted, by testing every pair."""
-    i, j = candidate_pairs(len(faces))
+    """All intersecting pairs (K, 2) that share no (welded) vertex, sorted: tests every pair."""
+    i, j = np.triu_indices(len(faces), 1)
     welded = faces if weld is None else weld[faces]
     share = (welded[i][:, :, None] == welded[j][:, None, :]).any(axis=(1, 2))
     i, j = i[~share], j[~share]
     corners = points.astype(np.float32)[faces]
     hit = cgal_intersect(corners[i], corners[j])
     return np.stack([i[hit], j[hit]], axis=1).astype(np.int32)
-
-
-def candidate_pairs(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """All index pairs i < j, sorted."""
-    i, j = np.triu_indices(count, 1)
-    return i, j

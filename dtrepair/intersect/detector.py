@@ -128,7 +128,7 @@ class Detector:
                 "points should be finite in float32, got NaN or a number beyond 3.4e38: "
                 "check the pose"
             )
-        return rounded.reshape(-1, self.vertex_count, 3)
+        return rounded[None] if rounded.ndim == 2 else rounded
 
     def _settled(self, points: NDArray[np.float32], pairs: NDArray[np.int32]) -> NDArray[np.int32]:
         uncertain = pairs[:, 3] == 2
@@ -193,7 +193,9 @@ def find_intersections(points: ArrayLike, faces: ArrayLike) -> NDArray[np.int32]
     `Detector` once.
     """
     vertices, triangles = as_mesh(points, faces)
-    return Detector(vertices, triangles, weld=weld_map(vertices))(vertices)
+    with np.errstate(over="ignore"):  # the detector tells what is beyond float32
+        weld = weld_map(vertices)
+    return Detector(vertices, triangles, weld=weld)(vertices)
 
 
 def triangle_count(pairs: NDArray[np.int32]) -> int:

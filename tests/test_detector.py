@@ -1,0 +1,384 @@
+"""The detector against CGAL and brute force, its definition of a pair, its errors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from dtrepair.geometry import weld_map
+from dtrepair.intersect import detector as detector_module
+from dtrepair.intersect.detector import Detector, find_intersections, triangle_count
+from dtrepair.intersect.exact import intersect
+from tests import meshes
+from tests.cgal_reference import cgal_intersect, cgal_pairs
+from tests.soups import lattice_pairs, random_pairs, stress_families
+
+TWO_FACES = np.array([[0, 1, 2], [3, 4, 5]], dtype=np.int32)
+CERTAIN, UNCERTAIN = 1, 2
+
+
+def soup(pairs: NDArray[np.float32]) -> meshes.Mesh:
+    """All triangles of pairs (K, 2, 3, 3) as one mesh without common vertices."""
+    points = pairs.reshape(-1, 3).astype(np.float64)
+    return points, np.arange(len(points), dtype=np.int32).reshape(-1, 3)
+
+
+def brute_force(points: NDArray[Any], faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Every pair without a common vertex through the exact test."""
+    i, j = np.triu_indices(len(faces), 1)
+    free = ~(faces[i][:, :, None] == faces[j][:, None, :]).any(axis=(1, 2))
+    i, j = i[free], j[free]
+    corners = points.astype(np.float32)[faces]
+    hit = intersect(corners[i], corners[j])
+    return np.stack([i[hit], j[hit]], axis=1).astype(np.int32)
+
+
+def read_obj(path: Path) -> meshes.Mesh:
+    """Points and fan-triangulated faces of a Wavefront file."""
+    rows = [line.split() for line in path.read_text().splitlines()]
+    points = [[float(x) for x in row[1:4]] for row in rows if row[:1] == ["v"]]
+    polygons = [[int(x.split("/")[0]) - 1 for x in row[1:]] for row in rows if row[:1] == ["f"]]
+    fans = [(p[0], p[k], p[k + 1]) for p in polygons for k in range(1, len(p) - 1)]
+    return np.array(points), np.array(fans, dtype=np.int32)
+
+
+def crumpled(mesh: meshes.Mesh, amount: float, seed: int = 0) -> meshes.Mesh:
+    points, faces = mesh
+    return points + amount * np.random.default_rng(seed).normal(size=points.shape), faces
+
+
+MESHES = {
+    "random soup": soup(random_pairs(150, 1) * np.float32(0.6)),
+    "lattice soup": soup(lattice_pairs(100, 2, 5)),
+    "plane of overlapping triangles": soup(lattice_pairs(80, 3, 5) * np.float32([1, 1, 0])),
+    "crumpled grid": crumpled(meshes.grid(12, 12), 0.06),
+    "crumpled sphere": crumpled(meshes.icosphere(2), 0.15),
+    "bent tube": meshes.bent_tube(6.5, 10, 30),
+    "crossing tubes": meshes.crossing_tubes(10, 14),
+    "two equal grids in one plane": meshes.joined(meshes.grid(6, 6), meshes.grid(6, 6)),
+    "grid on a shifted grid": meshes.joined(
+        meshes.grid(5, 5), (meshes.grid(5, 5)[0] + (0.1, 0.05, 0), meshes.grid(5, 5)[1])
+    ),
+    "grid folded flat onto itself": (
+        np.abs(meshes.grid(8, 8)[0] - (0.5, 0, 0)),
+        meshes.grid(8, 8)[1],
+    ),
+    "crossing grids with points on the crossing": meshes.joined(
+        meshes.grid(6, 6),
+        (meshes.grid(6, 6)[0][:, [0, 2, 1]] + (0, 0.5, -0.5), meshes.grid(6, 6)[1]),
+    ),
+    "tori touching along circles": meshes.joined(
+        meshes.torus(16, 8), (meshes.torus(16, 8)[0] + (0, 0, 0.6), meshes.torus(16, 8)[1])
+    ),
+    "tiny crumpled sphere": (
+        1e-40 * crumpled(meshes.icosphere(2), 0.15)[0],
+        meshes.icosphere(2)[1],
+    ),
+    "huge crumpled sphere": (1e38 * crumpled(meshes.icosphere(2), 0.15)[0], meshes.icosphere(2)[1]),
+    "far crumpled sphere": (1e6 + crumpled(meshes.icosphere(2), 0.15)[0], meshes.icosphere(2)[1]),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_pairs_equal_those_of_cgal(name: str) -> None:
+    points, faces = MESHES[name]
+    expected = cgal_pairs(points, faces)
+    assert len(expected) > 0, "the mesh should intersect itself"
+    assert np.array_equal(Detector(points, faces)(points), expected)
+
+
+@pytest.mark.parametrize("name", ["lattice soup", "crumpled sphere", "grid on a shifted grid"])
+def test_pairs_equal_brute_force(name: str) -> None:
+    points, faces = MESHES[name]
+    assert np.array_equal(Detector(points, faces)(points), brute_force(points, faces))
+
+
+@pytest.mark.parametrize("family", stress_families(1))
+def test_stress_pairs_have_the_verdict_of_cgal(family: str) -> None:
+    pairs = stress_families(2000)[family]
+    expected = cgal_intersect(pairs[:, 0], pairs[:, 1])
+    poses = pairs.reshape(-1, 6, 3)
+    detector = Detector(poses[0], TWO_FACES)
+    found = detector(poses)
+    assert np.array_equal(found[:, 0], np.flatnonzero(expected))
+    verdict = np.zeros(len(pairs), dtype=int)
+    rows = detector.candidates(poses)
+    verdict[rows[:, 0]] = rows[:, 3]
+    assert expected[verdict == CERTAIN].all(), "a certain pair should intersect"
+    assert not expected[verdict == 0].any(), "a pair left out should be apart"
+
+
+def test_few_generic_pairs_are_uncertain() -> None:
+    points, faces = MESHES["crumpled sphere"]
+    rows = Detector(points, faces).candidates(points.astype(np.float32)[None])
+    assert (rows[:, 3] == UNCERTAIN).mean() < 0.02
+
+
+def test_without_exact_arithmetic_no_pair_is_missed() -> None:
+    points, faces = MESHES["lattice soup"]
+    detector = Detector(points, faces)
+    exact = {tuple(pair) for pair in detector(points).tolist()}
+    rough = {tuple(pair) for pair in detector(points, exact=False).tolist()}
+    assert exact < rough
+
+
+@pytest.mark.parametrize(
+    "mesh", [meshes.icosphere(2), meshes.torus(), meshes.bent_tube(5.5), meshes.grid(9, 7)]
+)
+def test_clean_meshes_have_no_pairs(mesh: meshes.Mesh) -> None:
+    assert find_intersections(*mesh).shape == (0, 2)
+
+
+def test_rows_are_sorted_and_smaller_indices_come_first() -> None:
+    points, faces = MESHES["random soup"]
+    pairs = Detector(points, faces)(points)
+    assert pairs.dtype == np.int32 and pairs.flags.c_contiguous
+    assert (pairs[:, 0] < pairs[:, 1]).all()
+    assert pairs.tolist() == sorted(pairs.tolist())
+
+
+def test_a_batch_equals_its_frames() -> None:
+    points, faces = meshes.crossing_tubes(10, 14)
+    detector = Detector(points, faces)
+    upper = np.arange(len(points)) >= len(points) // 2
+    poses = np.stack([points + np.outer(upper, (0, lift, 0)) for lift in np.linspace(0, 0.5, 7)])
+    batch = detector(poses)
+    assert batch.shape[1] == 3 and batch.tolist() == sorted(batch.tolist())
+    for frame, pose in enumerate(poses):
+        assert np.array_equal(batch[batch[:, 0] == frame, 1:], detector(pose))
+    counts = np.bincount(batch[:, 0], minlength=7)
+    assert counts[0] > 0 and counts[-1] == 0, "the tubes should come apart"
+
+
+def test_a_batch_of_no_frames_is_empty() -> None:
+    points, faces = meshes.icosphere(1)
+    assert Detector(points, faces)(np.zeros((0, len(points), 3))).shape == (0, 3)
+
+
+def test_touching_counts_and_the_next_float_does_not() -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, 0], [0.2, 0.2, 1], [1, 1, 1.0]])
+    detector = Detector(points, TWO_FACES)
+    assert detector(points).tolist() == [[0, 1]]
+    points[3, 2] = np.nextafter(np.float32(0), np.float32(1))
+    assert detector(points).tolist() == []
+
+
+def test_coordinates_are_rounded_to_float32() -> None:
+    points = np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [0.2, 0.2, 1], [0.2, 0.2, 2], [1, 1, 2.0]])
+    points[3, 2] = 1 + 1e-9
+    assert Detector(points, TWO_FACES)(points).tolist() == [[0, 1]]
+
+
+def test_pairs_that_share_a_vertex_do_not_count() -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0.9, 0], [0.9, 1, 0]])
+    # Both lie in one plane and overlap beyond the vertex they share.
+    faces = np.array([[0, 1, 2], [0, 3, 4]], dtype=np.int32)
+    assert Detector(points, faces)(points).tolist() == []
+
+
+def test_seams_weld() -> None:
+    points, faces = meshes.tube(12, 6)
+    # The same surface with its first column of vertices doubled, as a texture seam does.
+    seam = np.arange(0, len(points), 12)
+    double = np.concatenate([points, points[seam]])
+    copies = {int(v): len(points) + k for k, v in enumerate(seam)}
+    split = faces.copy()
+    right = points[faces][:, :, 1].mean(axis=1) > 0
+    at_seam = np.isin(faces, seam) & right[:, None]
+    split[at_seam] = [copies[int(v)] for v in faces[at_seam]]
+    unwelded = Detector(double, split)(double)
+    assert len(unwelded) > 0, "both sides of the seam should touch"
+    assert Detector(double, split, weld=weld_map(double))(double).tolist() == []
+    assert Detector(double, split)(double, weld=weld_map(double)).tolist() == []
+    assert find_intersections(double, split).tolist() == []
+    assert np.array_equal(unwelded, cgal_pairs(double, split))
+
+
+def test_zero_area_triangles_take_no_part() -> None:
+    points = np.array(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1], [0.2, 0.2, 3.0]]
+    )
+    assert Detector(points, TWO_FACES)(points).tolist() == []
+    points[5] = 0.2, 0.2, 1
+    assert Detector(points, TWO_FACES)(points).tolist() == []
+    points[5] = 0.2, 0.2 + 1e-6, 1
+    assert Detector(points, TWO_FACES)(points).tolist() == [[0, 1]]
+    repeated = np.array([[0, 1, 2], [3, 4, 4]], dtype=np.int32)
+    assert Detector(points, repeated)(points).tolist() == []
+
+
+def test_a_full_buffer_grows() -> None:
+    # Crossing fans of n and m triangles: n * m pairs, far more than the first buffer holds.
+    count = 150
+    points, faces = soup(random_pairs(count, 0))
+    points[:] = 0.0
+    corners = points.reshape(2, count, 3, 3)
+    heights = np.linspace(0, 1, count)
+    corners[0] = [[-2, -2, 0], [4, -2, 0], [-2, 4, 0]]
+    corners[0, :, :, 2] = heights[:, None]
+    corners[1] = [[0, 0, -1], [0, 0, 2], [1, 1, 2]]
+    corners[1, :, :, 0] += heights[:, None]
+    detector = Detector(points, faces)
+    assert detector._capacity < count * count
+    pairs = detector(points)
+    expected = [[i, count + j] for i in range(count) for j in range(count)]
+    across = pairs[(pairs[:, 0] < count) & (pairs[:, 1] >= count)]
+    assert across.tolist() == expected
+    assert np.array_equal(pairs, detector(points))
+
+
+def test_results_repeat_and_leave_the_input_alone() -> None:
+    points, faces = MESHES["random soup"]
+    kept = points.copy()
+    detector = Detector(points, faces)
+    first = detector(points)
+    assert all(np.array_equal(first, detector(points)) for _ in range(3))
+    assert np.array_equal(first, Detector(points, faces)(points))
+    assert np.array_equal(points, kept)
+
+
+def test_the_rest_pose_decides_nothing_but_speed() -> None:
+    points, faces = MESHES["bent tube"]
+    straight = meshes.bent_tube(0.0, 10, 30)[0]
+    scrambled = np.random.default_rng(0).permutation(points)
+    expected = Detector(points, faces)(points)
+    for rest in (straight, scrambled, np.zeros_like(points)):
+        assert np.array_equal(Detector(rest, faces)(points), expected)
+
+
+def test_the_order_of_faces_only_renames_pairs() -> None:
+    points, faces = MESHES["crumpled grid"]
+    order = np.random.default_rng(0).permutation(len(faces))
+    renamed = np.sort(order[Detector(points, faces[order])(points)], axis=1)
+    renamed = renamed[np.lexsort((renamed[:, 1], renamed[:, 0]))]
+    assert np.array_equal(renamed, Detector(points, faces)(points))
+
+
+def test_one_tree_serves_all_poses(monkeypatch: pytest.MonkeyPatch) -> None:
+    built: list[int] = []
+    build = detector_module.build_tree
+
+    def counting(centroids: NDArray[np.float64]) -> object:
+        built.append(len(centroids))
+        return build(centroids)
+
+    monkeypatch.setattr(detector_module, "build_tree", counting)
+    points, faces = MESHES["crumpled sphere"]
+    detector = Detector(points, faces)
+    for scale in (1.0, 2.0, 3.0):
+        detector(points * scale)
+    assert built == [len(faces)]
+    Detector(*MESHES["bent tube"])
+    assert len(built) == 2
+
+
+@pytest.mark.parametrize("kind", [torch.float32, torch.float64])
+def test_torch_and_numpy_agree(kind: torch.dtype) -> None:
+    points, faces = MESHES["random soup"]
+    tensor = torch.tensor(points, dtype=kind, requires_grad=True)
+    detector = Detector(points, faces)
+    assert np.array_equal(detector(tensor), detector(points))
+    assert detector(tensor[None]).shape[1] == 3
+
+
+def test_views_and_float32_and_lists_are_taken() -> None:
+    points, faces = MESHES["random soup"]
+    detector = Detector(points, faces)
+    expected = detector(points)
+    assert np.array_equal(detector(points.astype(np.float32)), expected)
+    assert np.array_equal(detector(np.asfortranarray(points)), expected)
+    assert np.array_equal(detector(points.tolist()), expected)
+    assert np.array_equal(detector(np.repeat(points, 2, axis=0)[::2]), expected)
+
+
+def test_active_triangles_narrow_the_search() -> None:
+    points, faces = MESHES["random soup"]
+    detector = Detector(points, faces)
+    pairs = detector(points)
+    active = np.random.default_rng(0).random(len(faces)) < 0.3
+    expected = pairs[active[pairs].any(axis=1)]
+    assert np.array_equal(detector(points, active=active), expected)
+    assert len(detector(points, active=np.zeros(len(faces), dtype=bool))) == 0
+    assert np.array_equal(detector(points, active=np.ones(len(faces), dtype=bool)), pairs)
+
+
+def test_a_mesh_without_faces_or_with_one_has_no_pairs() -> None:
+    for faces in (np.zeros((0, 3), dtype=np.int32), TWO_FACES[:1]):
+        detector = Detector(np.zeros((6, 3)), faces)
+        assert detector(np.zeros((6, 3))).shape == (0, 2)
+        assert detector(np.zeros((2, 6, 3))).shape == (0, 3)
+    assert find_intersections(np.zeros((0, 3)), np.zeros((0, 3))).shape == (0, 2)
+
+
+@pytest.mark.parametrize("shape", [(5, 3), (6, 2), (6,), (2, 5, 3), (1, 2, 6, 3)])
+def test_wrong_shapes_are_named(shape: tuple[int, ...]) -> None:
+    detector = Detector(np.eye(6, 3), TWO_FACES)
+    with pytest.raises(ValueError, match=r"should have shape \(6, 3\) or \(B, 6, 3\), got"):
+        detector(np.zeros(shape))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e39, -1e300])
+def test_numbers_beyond_float32_are_named(value: float) -> None:
+    points = np.eye(6, 3)
+    detector = Detector(points, TWO_FACES)
+    points[4, 1] = value
+    with pytest.raises(ValueError, match="finite in float32"):
+        detector(points)
+    with pytest.raises(ValueError, match="finite"):
+        find_intersections(points, TWO_FACES)
+
+
+def test_wrong_rests_and_faces_are_named() -> None:
+    with pytest.raises(ValueError, match="index 9"):
+        Detector(np.eye(6, 3), [[0, 1, 9]])
+    with pytest.raises(ValueError, match="finite"):
+        Detector(np.full((6, 3), np.nan), TWO_FACES)
+
+
+@pytest.mark.parametrize("weld", [np.arange(5), np.arange(6.0), np.zeros((6, 1), dtype=int)])
+def test_wrong_weld_maps_are_named(weld: NDArray[Any]) -> None:
+    with pytest.raises(ValueError, match=r"weld should be integers of shape \(6,\)"):
+        Detector(np.eye(6, 3), TWO_FACES, weld=weld)
+    with pytest.raises(ValueError, match=r"weld should be integers of shape \(6,\)"):
+        Detector(np.eye(6, 3), TWO_FACES)(np.eye(6, 3), weld=weld)
+
+
+def test_wrong_masks_are_named() -> None:
+    with pytest.raises(ValueError, match=r"active should be booleans of shape \(2,\)"):
+        Detector(np.eye(6, 3), TWO_FACES)(np.eye(6, 3), active=np.ones(3, dtype=bool))
+
+
+def test_triangle_count_counts_each_triangle_once() -> None:
+    assert triangle_count(np.array([[0, 1], [0, 2], [1, 2]], dtype=np.int32)) == 3
+    assert triangle_count(np.zeros((0, 2), dtype=np.int32)) == 0
+
+
+def test_counts_of_real_meshes_equal_the_independent_checker(shared_data: Path) -> None:
+    baseline = json.loads((shared_data / "baseline.json").read_text())
+    for entry in baseline["static"]:
+        pairs = find_intersections(*read_obj(shared_data / entry["file"]))
+        expected = entry["r"]["si_tris"], entry["r"]["si_pairs"]
+        assert (triangle_count(pairs), len(pairs)) == expected, entry["file"]
+
+
+def test_counts_of_a_real_clip_equal_the_independent_checker(shared_data: Path) -> None:
+    usd = pytest.importorskip("pxr.Usd")
+    geometry = pytest.importorskip("pxr.UsdGeom")
+    baseline = json.loads((shared_data / "baseline.json").read_text())
+    clip = next(clip for clip in baseline["clips"] if clip["file"] == "humans/walk_male.usdc")
+    stage = usd.Stage.Open(str(shared_data / clip["file"]))
+    mesh = geometry.Mesh(next(p for p in stage.Traverse() if p.IsA(geometry.Mesh)))
+    quads = np.array(mesh.GetFaceVertexIndicesAttr().Get(), dtype=np.int32).reshape(-1, 4)
+    times = [row["time"] for row in clip["rows"]]
+    poses = np.stack([np.array(mesh.GetPointsAttr().Get(time)) for time in times])
+    detector = Detector(poses[0], meshes.split_quads(quads))
+    pairs = detector(poses)
+    for frame, row in enumerate(clip["rows"]):
+        own = pairs[pairs[:, 0] == frame, 1:]
+        assert (triangle_count(own), len(own)) == (row["si_tris"], row["si_pairs"]), row["time"]

@@ -192,22 +192,46 @@ def _ears(flat: NDArray[np.float64]) -> NDArray[np.int64]:
         triangles.append(corners[best])
         del ring[best]
     triangles.append((ring[0], ring[1], ring[2]))
+    _flip_slivers(flat, triangles)
     return np.array(triangles, dtype=np.int64)
+
+
+def _flip_slivers(flat: NDArray[np.float64], triangles: list[tuple[int, int, int]]) -> None:
+    """Flip diagonals while that raises the smaller height of their two triangles.
+
+    Ears alone can leave a triangle without area where corners of the outline are collinear.
+    """
+    # Heights only grow, so this ends; the bound is for rounding.
+    for _ in range(len(triangles) ** 2):
+        sides = {(t[k], t[k - 2]): (n, t[k - 1]) for n, t in enumerate(triangles) for k in range(3)}
+        for (tail, head), (number, tip) in sides.items():
+            other, apex = sides.get((head, tail), (-1, -1))
+            if other < 0:
+                continue
+            old = min(_height(flat, triangles[number]), _height(flat, triangles[other]))
+            pair = ((tip, tail, apex), (apex, head, tip))
+            if min(_height(flat, pair[0]), _height(flat, pair[1])) > old + 1e-9 * abs(old):
+                triangles[number], triangles[other] = pair
+                break
+        else:
+            return
+
+
+def _height(flat: NDArray[np.float64], triangle: tuple[int, int, int]) -> float:
+    """Smallest height of a triangle in the plane; negative if it is clockwise."""
+    first, middle, last = flat[list(triangle)]
+    sides = (middle - first, last - middle, first - last)
+    longest = max(float(np.linalg.norm(side)) for side in sides)
+    return float(_doubled_areas(first, middle, last)) / longest if longest > 0.0 else 0.0
 
 
 def _ear_quality(
     flat: NDArray[np.float64], corner: tuple[int, int, int], ring: list[int]
 ) -> tuple[bool, float]:
-    """Sorting key of a corner: is it an ear, and the doubled area over the longest side."""
+    """Sorting key of a corner: is it an ear, and its height."""
     first, middle, last = flat[list(corner)]
-    turn = float(_doubled_areas(first, middle, last))
-    longest = max(
-        float(np.linalg.norm(middle - first)),
-        float(np.linalg.norm(last - middle)),
-        float(np.linalg.norm(first - last)),
-    )
-    height = turn / longest if longest > 0.0 else 0.0
-    if turn <= 0.0:
+    height = _height(flat, corner)
+    if height <= 0.0:
         return False, height
     others = flat[[i for i in ring if i not in corner]]
     # Copies of the corners (bridges to holes) touch the ear without entering it.

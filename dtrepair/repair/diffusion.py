@@ -1,0 +1,223 @@
+"""Diffusion of a gradient over the surface: the factor on the CPU, a dense operator elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+import torch
+from scipy import sparse
+from torch import Tensor
+
+from dtrepair.geometry import FloatArray
+from dtrepair.operators import Factor
+
+# Right-hand sides of one solve while a dense operator is built: what cholespy handles well.
+BLOCK = 96
+
+
+class Diffuser(Protocol):
+    """Diffuses fields (B, V, 3); calling it is `finish(begin(field))`."""
+
+    def begin(self, field: Tensor) -> Tensor:
+        """The first of the two solves: A^-1 field."""
+        ...
+
+    def finish(self, field: Tensor) -> Tensor:
+        """The second: A^-1 Mass field."""
+        ...
+
+    def __call__(self, field: Tensor) -> Tensor:
+        """Both: A^-1 Mass A^-1 field."""
+        ...
+
+
+class Diffusion:
+    """A^-1 Mass A^-1 with A = Mass + strength L, factored once (Jang et al. 2025, section 5.2).
+
+    Without masses it is the paper's (I + strength L)^-2. The solves are in double on the CPU; for
+    tensors on another device use `dense`.
+
+    Args:
+        laplacian: L (V, V), positive semidefinite.
+        mass: Lumped masses (V,), positive; default: the identity.
+        strength: lambda, 99 in the paper; larger is smoother.
+
+    Raises:
+        ValueError: a strength or a mass that is not positive, shapes that do not agree.
+    """
+
+    def __init__(
+        self,
+        laplacian: sparse.csr_matrix,
+        *,
+        mass: FloatArray | None = None,
+        strength: float = 99.0,
+    ) -> None:
+        """Factor the matrix; see the class."""
+        count = laplacian.shape[0]
+        if laplacian.shape != (count, count):
+            raise ValueError(f"laplacian should be square, got {laplacian.shape}")
+        if not strength > 0:
+            raise ValueError(f"strength should be positive, got {strength}: the paper has 99")
+        if mass is not None and (mass.shape != (count,) or not (mass > 0).all()):
+            raise ValueError(
+                f"mass should be {count} positive numbers, got shape {mass.shape} "
+                f"and minimum {mass.min(initial=np.inf)}: see lumped_mass"
+            )
+        self.strength = strength
+        self.count = count
+        self.mass = mass
+        diagonal = sparse.identity(count) if mass is None else sparse.diags(mass)
+        self.factor = Factor(sparse.csc_matrix(diagonal + strength * laplacian))
+
+    def begin(self, field: Tensor) -> Tensor:
+        """A^-1 field (B, V, 3)."""
+        result = torch.empty_like(field)
+        for source, target in zip(field, result, strict=True):
+            target.copy_(torch.from_numpy(self.factor(source.numpy())))
+        return result
+
+    def finish(self, field: Tensor) -> Tensor:
+        """A^-1 Mass field (B, V, 3)."""
+        if self.mass is None:
+            return self.begin(field)
+        return self.begin(field * torch.from_numpy(self.mass).to(field.dtype)[:, None])
+
+    def __call__(self, field: Tensor) -> Tensor:
+        """A^-1 Mass A^-1 field (B, V, 3)."""
+        return self.finish(self.begin(field))
+
+    def dense(
+        self, *, device: str | torch.device, dtype: torch.dtype = torch.float32
+    ) -> DenseDiffusion:
+        """The same operator as matrices (V, V) on a device; V solves, 4 V^2 bytes each matrix."""
+        inverse = np.empty((self.count, self.count), dtype=np.float64)
+        for first in range(0, self.count, BLOCK):
+            columns = np.arange(first, min(first + BLOCK, self.count))
+            identity = np.zeros((self.count, len(columns)))
+            identity[columns, columns - first] = 1.0
+            inverse[:, columns] = self.factor(identity)
+        half = torch.from_numpy(inverse).to(device)
+        weighted = half if self.mass is None else half * torch.from_numpy(self.mass).to(device)
+        return DenseDiffusion(half.to(dtype), weighted.to(dtype), (weighted @ half).to(dtype))
+
+
+class DenseDiffusion:
+    """A precomputed diffusion: one product of matrices, on any device.
+
+    Products are in full float32: TF32 would cost three digits (1e-3 of the field).
+    """
+
+    def __init__(self, half: Tensor, weighted: Tensor, both: Tensor) -> None:
+        """A^-1, A^-1 Mass and A^-1 Mass A^-1, each (V, V)."""
+        self.half, self.weighted, self.both = half, weighted, both
+
+    def begin(self, field: Tensor) -> Tensor:
+        """A^-1 field (B, V, 3)."""
+        return _product(self.half, field)
+
+    def finish(self, field: Tensor) -> Tensor:
+        """A^-1 Mass field (B, V, 3)."""
+        return _product(self.weighted, field)
+
+    def __call__(self, field: Tensor) -> Tensor:
+        """A^-1 Mass A^-1 field (B, V, 3)."""
+        return _product(self.both, field)
+
+
+class BodyDiffusion:
+    """One diffusion per body of a concatenated mesh (Jang et al. 2025, section 7.5.2).
+
+    Args:
+        bodies: (first vertex, last vertex + 1, diffusion) of each body; they cover 0..V in order.
+        mobility: How freely each vertex moves (V,): 0 fixed, 1 free; default: all free.
+
+    Raises:
+        ValueError: bodies with gaps or overlaps.
+    """
+
+    def __init__(
+        self, bodies: Sequence[tuple[int, int, Diffuser]], *, mobility: Tensor | None = None
+    ) -> None:
+        """Keep the bodies; see the class."""
+        ends = [0] + [stop for _, stop, _ in bodies]
+        if [first for first, _, _ in bodies] != ends[:-1]:
+            raise ValueError(
+                f"bodies should follow each other from vertex 0, got {[b[:2] for b in bodies]}"
+            )
+        self.bodies = tuple(bodies)
+        self.mobility = mobility
+
+    def begin(self, field: Tensor) -> Tensor:
+        """A^-1 field (B, V, 3) of each body."""
+        parts = [diffusion.begin(field[:, first:stop]) for first, stop, diffusion in self.bodies]
+        return torch.cat(parts, dim=1)
+
+    def finish(self, field: Tensor) -> Tensor:
+        """A^-1 Mass field (B, V, 3) of each body, times the mobility."""
+        parts = [diffusion.finish(field[:, first:stop]) for first, stop, diffusion in self.bodies]
+        return self._moved(torch.cat(parts, dim=1))
+
+    def __call__(self, field: Tensor) -> Tensor:
+        """A^-1 Mass A^-1 field (B, V, 3) of each body, times the mobility."""
+        parts = [diffusion(field[:, first:stop]) for first, stop, diffusion in self.bodies]
+        return self._moved(torch.cat(parts, dim=1))
+
+    def _moved(self, field: Tensor) -> Tensor:
+        return field if self.mobility is None else field * self.mobility[:, None].to(field)
+
+
+class SparseOperator:
+    """A sparse matrix (V, V) applied to fields (B, V, 3) of CPU tensors through scipy."""
+
+    def __init__(self, matrix: sparse.csr_matrix) -> None:
+        """Keep the matrix, in compressed rows."""
+        self.matrix = sparse.csr_matrix(matrix)
+
+    def __call__(self, field: Tensor) -> Tensor:
+        """matrix @ field of each frame."""
+        result = torch.empty_like(field)
+        for source, target in zip(field, result, strict=True):
+            target.copy_(torch.from_numpy(self.matrix @ source.numpy()))
+        return result
+
+    def on(self, *, device: str | torch.device, dtype: torch.dtype) -> TorchOperator:
+        """The same operator for tensors on a device."""
+        with torch.sparse.check_sparse_tensor_invariants(False):
+            matrix = torch.sparse_coo_tensor(
+                torch.from_numpy(np.stack(self.matrix.nonzero())),
+                torch.from_numpy(np.asarray(self.matrix[self.matrix.nonzero()]).ravel()),
+                self.matrix.shape,
+                dtype=dtype,
+            )
+            return TorchOperator(matrix.coalesce().to(device))
+
+
+class TorchOperator:
+    """A sparse PyTorch matrix (V, V) applied to fields (B, V, 3)."""
+
+    def __init__(self, matrix: Tensor) -> None:
+        """Keep the coalesced matrix."""
+        self.matrix = matrix
+
+    def __call__(self, field: Tensor) -> Tensor:
+        """matrix @ field of each frame."""
+        return _product(self.matrix, field)
+
+
+def _product(matrix: Tensor, field: Tensor) -> Tensor:
+    """matrix @ field of every frame in one product, without TF32."""
+    frames, count, columns = field.shape
+    flat = field.permute(1, 0, 2).reshape(count, frames * columns)
+    precision = torch.get_float32_matmul_precision()
+    if precision == "highest":
+        product = matrix @ flat
+    else:
+        torch.set_float32_matmul_precision("highest")
+        try:
+            product = matrix @ flat
+        finally:
+            torch.set_float32_matmul_precision(precision)
+    return product.reshape(count, frames, columns).permute(1, 0, 2)

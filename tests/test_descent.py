@@ -1,0 +1,203 @@
+"""The published loop on meshes made in code: it cleans, keeps the best, and never trusts NaN."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from dtrepair.geometry import extent
+from dtrepair.intersect.detector import Detector
+from dtrepair.operators import cotangent_laplacian
+from dtrepair.repair.descent import Descent, triangle_counts
+from dtrepair.repair.diffusion import BodyDiffusion, Diffusion, SparseOperator
+from dtrepair.repair.optimizer import OPTIMIZERS, GradientDescent, Optimizer, start
+from tests.meshes import Mesh, bent_tube, icosphere, torus
+
+
+def unit(mesh: Mesh) -> Mesh:
+    """The mesh scaled to unit size."""
+    points, faces = mesh
+    return points / extent(points), faces
+
+
+def make(mesh: Mesh, **options) -> tuple[Descent, torch.Tensor]:
+    """The descent of a mesh and its points (1, V, 3)."""
+    points, faces = mesh
+    laplacian = cotangent_laplacian(points, faces)
+    detector = Detector(points, faces)
+    descent = Descent(
+        faces=torch.from_numpy(faces.astype(np.int64)),
+        detect=detector,
+        diffusion=Diffusion(laplacian),
+        laplacian=SparseOperator(laplacian),
+        **options,
+    )
+    return descent, torch.from_numpy(points)[None]
+
+
+def crossing_tube() -> Mesh:
+    """A tube bent past itself: its ends cross."""
+    return unit(bent_tube(6.6, around=16, along=60, radius=0.08))
+
+
+def dented_torus() -> Mesh:
+    """A torus whose hole is closed by its own tube."""
+    points, faces = torus(40, 20, radius=1.0, tube_radius=0.4)
+    points[:, 0] *= np.where(np.abs(points[:, 0]) < 1.0, 0.6, 1.0)
+    return unit((points, faces))
+
+
+@pytest.mark.parametrize("optimizer", OPTIMIZERS.values(), ids=OPTIMIZERS.keys())
+def test_crossing_tube_becomes_clean(optimizer: Optimizer) -> None:
+    mesh = crossing_tube()
+    descent, points = make(mesh, optimizer=optimizer)
+    result = descent(points)
+    before = int(result.history[0, 0])
+    assert before > 20
+    assert int(result.triangles[0]) == 0
+    assert len(descent.detect(result.points)) == 0
+    assert int(result.iterations[0]) == len(result.history) - 1 <= 60
+    # It is still the same tube: no vertex moved by a third of its size.
+    assert (result.points - points).norm(dim=-1).max() < 0.33
+
+
+def test_clean_input_comes_back_unchanged() -> None:
+    descent, points = make(unit(icosphere(2)))
+    result = descent(points)
+    assert torch.equal(result.points, points)
+    assert result.history.tolist() == [[0]]
+    assert result.iterations.tolist() == [0] and not result.diverged.any()
+
+
+def test_batch_equals_single_frames_and_input_is_untouched() -> None:
+    descent, points = make(crossing_tube(), iterations=12)
+    straight = torch.from_numpy(unit(bent_tube(3.0, around=16, along=60, radius=0.08))[0])[None]
+    batch = torch.cat([points, straight, points * 0.9])
+    kept = batch.clone()
+    together = descent(batch)
+    assert torch.equal(batch, kept)
+    for frame in range(3):
+        alone = descent(batch[frame : frame + 1])
+        assert torch.equal(alone.points[0], together.points[frame])
+        assert alone.triangles[0] == together.triangles[frame]
+        assert alone.iterations[0] == together.iterations[frame]
+    # The clean frame is measured once.
+    assert (together.history[1:, 1] == -1).all() and together.history[0, 1] == 0
+
+
+def test_runs_repeat_to_the_bit() -> None:
+    descent, points = make(crossing_tube(), iterations=8)
+    assert torch.equal(descent(points).points, descent(points).points)
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_a_frame_that_is_not_finite_never_counts_as_clean(bad: float) -> None:
+    descent, points = make(crossing_tube(), iterations=5)
+    broken = points.clone()
+    broken[0, 3, 1] = bad
+    result = descent(torch.cat([broken, points]))
+    assert result.diverged.tolist() == [True, False]
+    assert result.triangles[0] == -1
+    assert torch.equal(result.points[1], descent(points).points[0])
+
+
+def test_a_diverging_run_keeps_its_best_finite_iterate() -> None:
+    class Exploding:
+        moments_between = False
+
+        def __call__(self, moments, gradient):
+            step = moments.step + 1
+            return gradient * torch.where(step > 2, torch.inf, 2.0)[
+                :, None, None
+            ], moments._replace(step=step)
+
+    descent, points = make(crossing_tube(), optimizer=Exploding())
+    result = descent(points)
+    assert result.diverged.tolist() == [True]
+    assert torch.isfinite(result.points).all()
+    assert int(result.triangles[0]) == int(result.history[:, 0].min()) > 0
+
+
+def test_best_iterate_is_by_triangles_not_pairs() -> None:
+    # Three pairs over three triangles, then two pairs over four: the first is better.
+    script = [[(0, 0, 1), (0, 0, 2), (0, 1, 2)], [(0, 0, 1), (0, 2, 3)], [(0, 0, 1), (0, 2, 3)]]
+    calls = iter(script)
+    descent, points = make(unit(icosphere(1)), iterations=2)
+    descent = replace(descent, detect=lambda _: np.array(next(calls), dtype=np.int32))
+    result = descent(points)
+    assert result.history[:, 0].tolist() == [3, 4, 4]
+    assert result.iterations.tolist() == [0] and torch.equal(result.points, points)
+
+
+def test_counts_are_distinct_triangles_by_frame() -> None:
+    pairs = torch.tensor([[0, 1, 2], [0, 1, 3], [2, 0, 4]])
+    assert triangle_counts(pairs, 3, 5).tolist() == [3, 0, 2]
+
+
+def test_shape_term_keeps_the_surface_flatter() -> None:
+    bent = []
+    for regularization in (0.0, 1e6):
+        optimizer = GradientDescent(rate=1.0)
+        descent, points = make(crossing_tube(), regularization=regularization, optimizer=optimizer)
+        pairs = torch.from_numpy(descent.detect(points)).long()
+        target, moments, current = descent.laplacian(points), start(points), points
+        for _ in range(10):
+            current, moments = descent.step(current, pairs, target, moments)
+        bent.append(float(descent.laplacian(current - points).norm()))
+    assert 0 < bent[1] < 0.99 * bent[0]
+
+
+def two_bodies(mobility: list[float]) -> tuple[Descent, torch.Tensor, int]:
+    """A small ball half inside a big one, each with its own diffusion."""
+    ball, ball_faces = icosphere(3, 0.25)
+    small, small_faces = icosphere(2, 0.1)
+    points = np.concatenate([ball, small + np.array([0.3, 0.02, 0.01])])
+    faces = np.concatenate([ball_faces, small_faces + len(ball)]).astype(np.int32)
+    laplacian = cotangent_laplacian(points, faces)
+    parts = [(0, len(ball), 99.0), (len(ball), len(points), 999.0)]
+    bodies = [(a, b, Diffusion(laplacian[a:b, a:b], strength=s)) for a, b, s in parts]
+    per_vertex = torch.tensor(mobility).repeat_interleave(
+        torch.tensor([len(ball), len(points) - len(ball)])
+    )
+    detector = Detector(points, faces)
+    descent = Descent(
+        faces=torch.from_numpy(faces.astype(np.int64)),
+        detect=detector,
+        diffusion=BodyDiffusion(bodies, mobility=per_vertex),
+        laplacian=SparseOperator(laplacian),
+    )
+    return descent, torch.from_numpy(points)[None], len(ball)
+
+
+@pytest.mark.parametrize("mobility", [[1.0, 1.0], [0.0, 1.0], [1.0, 0.0]], ids=str)
+def test_two_bodies_separate_and_a_collider_stays(mobility: list[float]) -> None:
+    descent, points, first = two_bodies(mobility)
+    result = descent(points)
+    assert result.history[0, 0] > 0 and result.triangles[0] == 0
+    moved = (result.points - points)[0].norm(dim=-1)
+    for part, free in zip((moved[:first], moved[first:]), mobility, strict=True):
+        assert (part.max() > 0) == (free > 0)
+
+
+def test_brute_force_agrees_that_the_bodies_are_apart() -> None:
+    descent, points, first = two_bodies([1.0, 1.0])
+    result = descent(points)
+    clouds = result.points[0, :first], result.points[0, first:]
+    # Both balls stay nearly round, so the gap between their surfaces can be read off their centres.
+    centres = [cloud.mean(dim=0) for cloud in clouds]
+    radii = [
+        (cloud - centre).norm(dim=1).mean() for cloud, centre in zip(clouds, centres, strict=True)
+    ]
+    assert (centres[1] - centres[0]).norm() > 0.9 * sum(radii)
+
+
+def test_pairs_of_a_mesh_are_each_counted_once() -> None:
+    descent, points = make(dented_torus(), iterations=0)
+    pairs = descent.detect(points)
+    result = descent(points)
+    assert int(result.triangles[0]) == len({t for _, *both in pairs.tolist() for t in both})
+    assert all(a < b for _, a, b in pairs.tolist())
+    assert len(set(map(tuple, pairs.tolist()))) == len(pairs)

@@ -65,7 +65,8 @@ def time_text(time: float) -> str:
 def one_line(error: BaseException, limit: int = 300) -> str:
     """The message of an exception of pxr as one line without its source locations."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    messages = [line.split(" : ", 1)[-1].strip("'") for line in lines]
+    messages = [line.split(" : ", 1)[-1] for line in lines]
+    messages = [text[1:-1] if text[:1] == text[-1:] == "'" else text for text in messages]
     text = "; ".join(dict.fromkeys(message for message in messages if message))
     text = text or type(error).__name__
     return text if len(text) <= limit else text[: limit - 3] + "..."

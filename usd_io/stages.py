@@ -60,7 +60,7 @@ def open_stage(
             "or leave out strict"
         )
     warnings = [f"{path}: {text}" for text in broken]
-    unloaded = len(stage.FindLoadable() - set(stage.GetLoadSet())) if not load_payloads else 0
+    unloaded = len(set(stage.FindLoadable()) - set(stage.GetLoadSet())) if not load_payloads else 0
     if unloaded:
         warnings.append(f"{path}: {unloaded} payloads are not loaded; their meshes are not seen")
     return OpenedStage(stage, path, tuple(warnings))

@@ -1,0 +1,183 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pxr import Sdf, Usd, UsdGeom
+
+from tests.usd_stages import cube_file, define_cube, new_stage
+from usd_io import SelectionError, StageError, open_stage, read_meshes
+from usd_io.select import matching_paths
+
+
+def paths_of(path: Path, **options: object) -> list[str]:
+    return [mesh.path for mesh in read_meshes(open_stage(path), **options).meshes]  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def crowd(tmp_path: Path) -> Path:
+    stage = new_stage(tmp_path / "crowd.usda")
+    for path in ("/Root/hero/Body", "/Root/hero/Coat/Cloth", "/Root/other/Body"):
+        define_cube(stage, path)
+    stage.GetRootLayer().Save()
+    return tmp_path / "crowd.usda"
+
+
+HERO = ["/Root/hero/Body", "/Root/hero/Coat/Cloth"]
+OTHER = ["/Root/other/Body"]
+
+
+@pytest.mark.parametrize(
+    "expression, expected",
+    [
+        ("//{isa:Mesh}", HERO + OTHER),
+        ("//hero//{isa:Mesh}", HERO),
+        ("//hero//", HERO),
+        ("/Root/hero/*", HERO[:1]),
+        ("/Root/hero/Body", HERO[:1]),
+        ("Root/hero/Body", HERO[:1]),
+        ("//Body", [HERO[0], *OTHER]),
+        ("//{isa:Mesh} - //hero//", OTHER),
+        ("//Cloth /Root/other/Body", [HERO[1], *OTHER]),
+    ],
+)
+def test_expressions(crowd: Path, expression: str, expected: list[str]) -> None:
+    assert paths_of(crowd, prim=expression) == expected
+
+
+def test_exclude(crowd: Path) -> None:
+    assert paths_of(crowd, exclude="//hero//") == OTHER
+    assert paths_of(crowd, prim="//Body", exclude="//hero//") == OTHER
+
+
+def test_selection_leaves_the_stage_as_it_was(crowd: Path) -> None:
+    stage = Usd.Stage.Open(str(crowd))
+    before = stage.GetSessionLayer().ExportToString()
+    assert len(matching_paths(stage, "//{isa:Mesh}")) == 3
+    with pytest.raises(SelectionError):
+        matching_paths(stage, "//{no:such}")
+    assert stage.GetSessionLayer().ExportToString() == before
+
+
+@pytest.mark.parametrize(
+    "expression, reason",
+    [
+        ("", "is empty"),
+        ("{bad", "Ill-formed"),
+        ("//hero//{no:such}", "No registered function 'no'"),
+        ("/Nobody", "no match among the active"),
+        ("/Root/hero", "'/Root/hero//' for the meshes below it"),
+    ],
+)
+def test_bad_expressions_are_usage_errors(crowd: Path, expression: str, reason: str) -> None:
+    with pytest.raises(SelectionError, match=reason) as caught:
+        paths_of(crowd, prim=expression)
+    assert caught.value.exit_code == 2
+    assert "\n" not in str(caught.value)
+
+
+def test_everything_excluded(crowd: Path) -> None:
+    with pytest.raises(StageError, match="no active, defined and loaded mesh besides"):
+        paths_of(crowd, exclude="//")
+    with pytest.raises(SelectionError, match="does not exclude"):
+        paths_of(crowd, prim="//Body", exclude="//Body")
+
+
+def test_inactive_undefined_and_class_prims_are_no_match(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "shot.usda")
+    define_cube(stage, "/Root/Off").GetPrim().SetActive(False)
+    define_cube(stage, "/Root/Over").GetPrim().SetSpecifier(Sdf.SpecifierOver)
+    define_cube(stage, "/Root/Class").GetPrim().SetSpecifier(Sdf.SpecifierClass)
+    stage.GetRootLayer().Save()
+    with pytest.raises(StageError, match="no active, defined and loaded mesh"):
+        paths_of(tmp_path / "shot.usda")
+    for name in ("Off", "Over", "Class"):
+        with pytest.raises(SelectionError, match="no match"):
+            paths_of(tmp_path / "shot.usda", prim=f"/Root/{name}")
+
+
+def test_invisible_and_purposes_are_skipped_with_a_warning(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "shot.usda")
+    define_cube(stage, "/Root/Shown")
+    define_cube(stage, "/Root/Group/Hidden")
+    UsdGeom.Xform.Define(stage, "/Root/Group").MakeInvisible()
+    blinking = define_cube(stage, "/Root/Blinking").GetVisibilityAttr()
+    blinking.Set("invisible", 1.0)
+    blinking.Set("inherited", 2.0)
+    for purpose in ("proxy", "guide", "render"):
+        define_cube(stage, f"/Root/{purpose}").GetPurposeAttr().Set(purpose)
+    stage.GetRootLayer().Save()
+    path = tmp_path / "shot.usda"
+    selection = read_meshes(open_stage(path))
+    assert {mesh.path for mesh in selection.meshes} == {
+        "/Root/Shown",
+        "/Root/Blinking",
+        "/Root/render",
+    }
+    assert len(selection.warnings) == 3
+    assert any("/Root/Group/Hidden: invisible" in text for text in selection.warnings)
+    assert any("/Root/guide: purpose guide" in text for text in selection.warnings)
+    assert "/Root/Group/Hidden" in paths_of(path, include_invisible=True)
+    assert {"/Root/proxy", "/Root/guide"} <= set(paths_of(path, include_purposes=True))
+    with pytest.raises(SelectionError, match="no usable mesh: /Root/Group/Hidden: invisible"):
+        paths_of(path, prim="/Root/Group/Hidden")
+
+
+def test_point_instancer_prototypes_are_skipped(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "shot.usda")
+    instancer = UsdGeom.PointInstancer.Define(stage, "/Root/Grass")
+    define_cube(stage, "/Root/Grass/Blade")
+    define_cube(stage, "/Root/Elsewhere/Leaf")
+    define_cube(stage, "/Root/ElsewhereElse")
+    instancer.CreatePrototypesRel().SetTargets(["/Root/Grass/Blade", "/Root/Elsewhere"])
+    stage.GetRootLayer().Save()
+    selection = read_meshes(open_stage(tmp_path / "shot.usda"))
+    assert [mesh.path for mesh in selection.meshes] == ["/Root/ElsewhereElse"]
+    assert len(selection.warnings) == 2
+    assert all("prototype of a point instancer" in text for text in selection.warnings)
+
+
+@pytest.fixture
+def instances(tmp_path: Path) -> Path:
+    """Two instances of an asset that holds an instance itself, and a plain cube."""
+    cube_file(tmp_path / "leaf.usda")
+    asset = new_stage(tmp_path / "asset.usda")
+    define_cube(asset, "/Root/Body")
+    leaf = UsdGeom.Xform.Define(asset, "/Root/Leaf").GetPrim()
+    leaf.GetReferences().AddReference("./leaf.usda")
+    leaf.SetInstanceable(True)
+    asset.GetRootLayer().Save()
+    stage = new_stage(tmp_path / "shot.usda")
+    define_cube(stage, "/Root/Plain")
+    for name in ("A", "B"):
+        prim = UsdGeom.Xform.Define(stage, f"/Root/{name}").GetPrim()
+        prim.GetReferences().AddReference("./asset.usda")
+        prim.SetInstanceable(True)
+    stage.GetRootLayer().Save()
+    return tmp_path / "shot.usda"
+
+
+def test_instance_proxies_are_an_error_with_a_hint(instances: Path) -> None:
+    with pytest.raises(StageError, match=r"/Root/A/Body: lies in the instance /Root/A, .*uninst"):
+        paths_of(instances)
+    assert paths_of(instances, prim="/Root/Plain") == ["/Root/Plain"]
+
+
+def test_uninstance_expands_nested_instances(instances: Path) -> None:
+    selection = read_meshes(open_stage(instances), prim="/Root/A//", uninstance=True)
+    above = {mesh.path: mesh.uninstanced for mesh in selection.meshes}
+    assert above == {
+        "/Root/A/Body": ("/Root/A",),
+        "/Root/A/Leaf/Cube": ("/Root/A", "/Root/A/Leaf"),
+    }
+    assert not any(mesh.prim.IsInstanceProxy() for mesh in selection.meshes)
+    stage = selection.meshes[0].stage
+    assert stage.GetPrimAtPath("/Root/B").IsInstance(), "an instance nobody asked for was expanded"
+
+
+def test_many_meshes_in_one_asset(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "asset.usda")
+    for number in range(59):
+        define_cube(stage, f"/Root/Part{number:02d}")
+    stage.GetRootLayer().Save()
+    assert len(paths_of(tmp_path / "asset.usda")) == 59

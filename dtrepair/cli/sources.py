@@ -15,6 +15,7 @@ from dtrepair.cli.options import Selection
 
 if TYPE_CHECKING:
     from dtrepair.polygon_mesh import PolygonMesh
+    from usd_io import MeshSelection
 
 USD_EXTENSIONS = (".usd", ".usda", ".usdc", ".usdz")
 Points = NDArray[Any]
@@ -25,6 +26,7 @@ class SourceMesh:
     """One mesh of an input: rest (V, 3) in local space, faces (F, 3), and the stage's own mesh.
 
     has_rest: the input says which pose is the rest pose (USD: by points at the default time).
+    collider: takes part in contact, but never moves.
     """
 
     path: str
@@ -32,6 +34,7 @@ class SourceMesh:
     faces: NDArray[np.int32]
     has_rest: bool
     handle: Any = None
+    collider: bool = False
 
 
 class Source(Protocol):
@@ -63,14 +66,17 @@ def time_label(time: float | None) -> str:
     return "default" if time is None or math.isnan(time) else f"{time:.10g}"
 
 
-def open_source(path: str, selection: Selection) -> Source:
-    """Open a STAGE or MESH; `times` are those of the selected frames."""
+def open_source(path: str, selection: Selection, *, collider: str | None = None) -> Source:
+    """Open a STAGE or MESH; `times` are those of the selected frames.
+
+    `collider` is an expression of meshes that take part and never move, in addition.
+    """
     if is_stage(path):
-        return StageSource(path, selection)
-    if selection.given():
+        return StageSource(path, selection, collider=collider)
+    given = [*selection.given(), *(["--collider"] if collider else [])]
+    if given:
         raise Failure(
-            f"{', '.join(selection.given())}: only for USD stages, and {path} is a mesh file; "
-            "leave it out",
+            f"{', '.join(given)}: only for USD stages, and {path} is a mesh file; leave it out",
             USAGE,
         )
     return MeshSource(path)
@@ -79,30 +85,53 @@ def open_source(path: str, selection: Selection) -> Source:
 class StageSource:
     """A USD stage: one or several meshes over time."""
 
-    def __init__(self, path: str, selection: Selection) -> None:
+    def __init__(self, path: str, selection: Selection, *, collider: str | None = None) -> None:
         import usd_io
 
         spec = usd_io.parse_frames(selection.frames) if selection.frames is not None else None
         self.name = path
         self.opened = usd_io.open_stage(path, strict=selection.strict)
-        found = usd_io.read_meshes(
+        chosen = self._read(selection, selection.prim)
+        still = self._read(selection, collider) if collider is not None else None
+        colliders = {mesh.path for mesh in still.meshes} if still else set()
+        found = {mesh.path: mesh for part in (chosen, still) if part for mesh in part.meshes}
+        warnings = [*self.opened.warnings, *chosen.warnings, *(still.warnings if still else ())]
+        self.warnings = tuple(dict.fromkeys(warnings))
+        self.meshes = tuple(
+            SourceMesh(
+                mesh.path,
+                mesh.rest,
+                mesh.faces,
+                math.isnan(mesh.rest_time),
+                handle=mesh,
+                collider=mesh.path in colliders,
+            )
+            for mesh in found.values()
+        )
+        if colliders and all(mesh.collider for mesh in self.meshes):
+            raise Failure(
+                f"--collider {collider}: names every selected mesh, so nothing may move; "
+                "leave one out",
+                USAGE,
+            )
+        up = next(iter(found.values())).up
+        self.up = (float(up[0]), float(up[1]), float(up[2]))
+        self.times = self._times()
+        if spec is not None:
+            self.times = self.times[spec.select(self.times, require=True)]
+
+    def _read(self, selection: Selection, prim: str | None) -> MeshSelection:
+        import usd_io
+
+        return usd_io.read_meshes(
             self.opened,
-            prim=selection.prim,
+            prim=prim,
             exclude=selection.exclude,
             include_invisible=selection.include_invisible,
             include_purposes=selection.include_purposes,
             skip_varying=selection.skip_varying,
             uninstance=selection.uninstance,
         )
-        self.warnings = (*self.opened.warnings, *found.warnings)
-        self.meshes = tuple(
-            SourceMesh(mesh.path, mesh.rest, mesh.faces, math.isnan(mesh.rest_time), mesh)
-            for mesh in found.meshes
-        )
-        self.up = tuple(found.meshes[0].up) if found.meshes else (0.0, 1.0, 0.0)
-        self.times = self._times()
-        if spec is not None:
-            self.times = self.times[spec.select(self.times, require=True)]
 
     def _times(self) -> NDArray[np.float64]:
         """The union of the sample times; transforms matter only between several meshes."""

@@ -1,0 +1,122 @@
+"""`dtrepair demo`: a self-intersecting character made in code, repaired and shown."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from dtrepair.cli.console import Console
+from dtrepair.cli.failures import OUTPUT, Failure, one_line_errors, writing
+from dtrepair.cli.options import console_options, run_options
+
+PRIM = "/Character/Body"
+
+
+@click.command("demo")
+@click.argument("directory", metavar="[DIR]", default="demo_out")
+@click.option(
+    "--frames",
+    "frame_count",
+    type=click.IntRange(3, 240),
+    default=24,
+    show_default=True,
+    metavar="N",
+    help="Length of the clip.",
+)
+@run_options
+@console_options
+@one_line_errors
+def command(*, directory: str, frame_count: int, device: str, jobs: int, console: Console) -> int:
+    """Make an animated character whose limbs pass through its body, and repair it.
+
+    Writes DIR/demo.usda, DIR/demo_repaired.usdc, DIR/report.json and DIR/before_after.png.
+
+    \b
+    Example:
+        dtrepair demo
+        dtrepair demo /tmp/look
+    """
+    folder = Path(directory)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise Failure(f"{folder}: cannot be made: {error.strerror}", OUTPUT) from None
+    source, output = folder / "demo.usda", folder / "demo_repaired.usdc"
+    quads = _write_character(source, frame_count)
+    console.result(f"{source}: {quads} quads, {frame_count} frames")
+    code = _repair(source, output, folder / "report.json", device, jobs, console)
+    picture = folder / "before_after.png"
+    try:
+        with writing(picture):
+            _draw(source, output, picture)
+    except ImportError as error:
+        console.warn([f"{picture}: not drawn: {error}"])
+    else:
+        console.result(f"written: {picture}")
+    return code
+
+
+def _write_character(path: Path, frame_count: int) -> int:
+    """Write the character as a stage; return its number of quads."""
+    from dtrepair.demo_character import make_character
+    from usd_io import AuthoredMesh, write_animation
+
+    character = make_character(frame_count)
+    mesh = AuthoredMesh(
+        path=PRIM,
+        faces=character.quads,
+        points=list(character.points),
+        rest=character.rest,
+        transforms=_turntable(frame_count),
+    )
+    write_animation(path, mesh, times=character.times, up="Y", meters_per_unit=1.0, fps=24.0)
+    return len(character.quads)
+
+
+def _turntable(frame_count: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Transforms (T, 4, 4) of the character's Xform, row vectors: it turns and steps forward."""
+    matrices = np.tile(np.eye(4), (frame_count, 1, 1))
+    progress = np.linspace(0.0, 1.0, frame_count)
+    angle = np.radians(40.0) * progress
+    matrices[:, 0, 0] = matrices[:, 2, 2] = np.cos(angle)
+    matrices[:, 0, 2], matrices[:, 2, 0] = -np.sin(angle), np.sin(angle)
+    matrices[:, 3, 2] = 0.5 * progress
+    return matrices
+
+
+def _repair(
+    source: Path, output: Path, report: Path, device: str, jobs: int, console: Console
+) -> int:
+    """Run `dtrepair repair` as a user would, with its table."""
+    from dtrepair.cli.repair import command as repair
+
+    arguments = [os.fspath(source), "-o", os.fspath(output), "--report", os.fspath(report)]
+    arguments += ["--device", device, "--jobs", str(jobs), *(["-q"] if console.quiet else [])]
+    arguments += ["-v"] * console.verbosity
+    code = repair.main(args=arguments, prog_name="dtrepair repair", standalone_mode=False)
+    return int(code)
+
+
+def _draw(source: Path, output: Path, picture: Path) -> None:
+    """Draw the frame with most intersections, and a close view, before and after."""
+    import usd_io
+    from dtrepair.counts import SceneCounter
+    from dtrepair.pictures import best_view, render, save_pictures
+
+    before = usd_io.read_meshes(usd_io.open_stage(source), prim=PRIM).meshes[0]
+    after = usd_io.read_meshes(usd_io.open_stage(output), prim=PRIM).meshes[0]
+    counter = SceneCounter([before.rest], [before.faces])
+    points = usd_io.read_points(before, before.times)
+    worst = max(range(len(points)), key=lambda k: counter([points[k]]).total.triangles)
+    view = best_view(points[worst], before.faces, counter([points[worst]]).intersecting[0])
+    images, captions = [], []
+    repaired = usd_io.read_points(after, before.times[worst : worst + 1])[0]
+    for name, pose in (("before", points[worst]), ("after", repaired)):
+        count = counter([pose])
+        images.append(render(pose, before.faces, view=view, intersecting=count.intersecting[0]))
+        captions.append(f"{name}: {count.total.triangles} intersecting triangles")
+    save_pictures(picture, images, captions=captions)

@@ -1,0 +1,108 @@
+"""The rest pose of each mesh: from the input, or as --rest says."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.cli.failures import INPUT, USAGE, Failure
+from dtrepair.cli.frames import make_counter, read_frames
+from dtrepair.cli.options import Selection
+from dtrepair.cli.sources import Source, SourceMesh, open_source, time_label
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Rest points (V, 3) of a mesh, local space, and the words that say where they come from."""
+
+    points: NDArray[np.float64]
+    origin: str
+
+
+def choose_rests(source: Source, option: str | None, *, device: str) -> list[Rest]:
+    """Return the rest pose of each mesh.
+
+    Default: the points at the default time, else the frame that intersects itself least (the first
+    of several). An option is a time code of the input, or a file: matched by path, or, where both
+    hold one mesh, as it is.
+    """
+    if option is None:
+        return _default_rests(source, device)
+    time = _as_time(option)
+    if time is not None:
+        return [_rest_at(source, mesh, time) for mesh in source.meshes]
+    other = open_source(option, Selection())
+    return [_rest_from(other, mesh, only=len(source.meshes) == 1) for mesh in source.meshes]
+
+
+def _default_rests(source: Source, device: str) -> list[Rest]:
+    rests: list[Rest | None] = [
+        Rest(mesh.rest, "default time") if mesh.has_rest else None for mesh in source.meshes
+    ]
+    if all(rest is not None for rest in rests):
+        return [rest for rest in rests if rest is not None]
+    counter = make_counter(source, mode="self", device=device)
+    least = [math.inf] * len(source.meshes)
+    for frame in read_frames(source, source.times):
+        if not frame.usable:
+            continue
+        for index, count in enumerate(counter(frame.spaces).each):
+            if not source.meshes[index].has_rest and count.pairs < least[index]:
+                least[index] = count.pairs
+                points = frame.points[index].astype(np.float64)
+                rests[index] = Rest(points, f"frame {time_label(frame.time)}")
+        if all(best == 0 or rest for best, rest in zip(least, rests, strict=True)) and not any(
+            least[i] for i, mesh in enumerate(source.meshes) if not mesh.has_rest
+        ):
+            break
+    return [
+        rest if rest is not None else Rest(mesh.rest, "first frame")
+        for rest, mesh in zip(rests, source.meshes, strict=True)
+    ]
+
+
+def _as_time(option: str) -> float | None:
+    """Return the time code an option names, None if it names a file."""
+    if option == "default":
+        return math.nan
+    if os.path.exists(option):
+        return None
+    try:
+        time = float(option)
+    except ValueError:
+        return None
+    if not math.isfinite(time):
+        raise Failure(f"--rest {option}: expected a finite time code or a file", USAGE)
+    return time
+
+
+def _rest_at(source: Source, mesh: SourceMesh, time: float) -> Rest:
+    points = source.read(mesh, time)
+    if points is None:
+        raise Failure(
+            f"--rest {time_label(time)}: {mesh.path} has no points then; name another time", INPUT
+        )
+    return Rest(points.astype(np.float64), f"frame {time_label(time)}")
+
+
+def _rest_from(other: Source, mesh: SourceMesh, *, only: bool) -> Rest:
+    matching = [found for found in other.meshes if found.path == mesh.path]
+    if not matching and only and len(other.meshes) == 1:
+        matching = list(other.meshes)
+    if not matching:
+        raise Failure(
+            f"--rest {other.name}: has no mesh {mesh.path}; name a file that holds it", INPUT
+        )
+    found = matching[0]
+    if len(found.rest) != len(mesh.rest) or not np.array_equal(found.faces, mesh.faces):
+        raise Failure(
+            f"--rest {other.name}: {found.path} has {len(found.rest)} vertices and "
+            f"{len(found.faces)} triangles, expected the topology of {mesh.path} "
+            f"({len(mesh.rest)}, {len(mesh.faces)})",
+            INPUT,
+        )
+    return Rest(found.rest, other.name)

@@ -1,0 +1,121 @@
+"""Where repaired points go: a layer over the input stage, or a mesh file."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.cli.failures import USAGE, Failure, check_writable, refuse_overwriting, writing
+from dtrepair.cli.sources import MeshSource, Source, StageSource, is_stage
+
+
+class Sink(Protocol):
+    """An output that appears whole with `commit`, or not at all."""
+
+    def put(self, index: int, time: float, points: NDArray[np.float32] | None) -> None:
+        """Take local points (V, 3) of mesh `index`; None keeps the input's."""
+
+    def commit(self, record: dict[str, Any]) -> tuple[str, ...]:
+        """Write; returns warnings."""
+
+    def abort(self) -> None:
+        """Drop everything; an older output stays as it was."""
+
+
+def open_sink(source: Source, path: str, settings: dict[str, Any]) -> Sink:
+    """Check the output and open it, before anything is computed."""
+    if isinstance(source, StageSource):
+        return StageSink(source, path, settings)
+    assert isinstance(source, MeshSource)
+    return MeshSink(source, path)
+
+
+class StageSink:
+    """A layer over a stage."""
+
+    def __init__(self, source: StageSource, path: str, settings: dict[str, Any]) -> None:
+        from dtrepair import __version__
+        from usd_io import OverrideWriter
+
+        if not is_stage(path):
+            raise Failure(
+                f"{path}: the input is a USD stage, so the output is a layer over it; "
+                "name a .usd, .usdc or .usda file",
+                USAGE,
+            )
+        self._meshes = [mesh.handle for mesh in source.meshes]
+        self._own = [set(mesh.times.tolist()) for mesh in self._meshes]
+        self._unchanged: list[tuple[int, float]] = []
+        self._written: set[int] = set()
+        self._writer = OverrideWriter(source.opened, path, settings=settings, version=__version__)
+
+    def put(self, index: int, time: float, points: NDArray[np.float32] | None) -> None:
+        """Write points, or note that the input's are kept."""
+        if points is not None:
+            self._writer.write(self._meshes[index], time, points)
+            self._written.add(index)
+        elif time not in self._own[index]:
+            # The writer copies the input's own samples itself. At a time between them the value
+            # must be held only if the mesh is written at all, which shows at the end.
+            self._unchanged.append((index, time))
+
+    def commit(self, record: dict[str, Any]) -> tuple[str, ...]:
+        """Copy what was kept and move the layer to its place."""
+        for index, time in self._unchanged:
+            if index in self._written:
+                self._writer.keep(self._meshes[index], time)
+        self._writer.commit(record=record)
+        return tuple(self._writer.warnings)
+
+    def abort(self) -> None:
+        """Remove the temporary layer."""
+        self._writer.abort()
+
+
+class MeshSink:
+    """A mesh file."""
+
+    def __init__(self, source: MeshSource, path: str) -> None:
+        from dtrepair.mesh_files import MeshFileError, losses, writable_format
+
+        if is_stage(path):
+            raise Failure(
+                f"{path}: the input is a mesh file, so the output is one; name a file such as "
+                f"{Path(path).stem}{Path(source.name).suffix}",
+                USAGE,
+            )
+        try:
+            format = writable_format(path)
+        except MeshFileError as error:
+            raise Failure(str(error), USAGE) from None
+        refuse_overwriting(path, source.name)
+        check_writable(path)
+        self._path = path
+        self._source = source
+        self._points: NDArray[Any] = source.file.points
+        self._warnings = tuple(f"{path}: {loss}" for loss in losses(source.file, format))
+
+    def put(self, index: int, time: float, points: NDArray[np.float32] | None) -> None:
+        """Take the points of the one mesh."""
+        if points is not None:
+            self._points = points
+
+    def commit(self, record: dict[str, Any]) -> tuple[str, ...]:
+        """Write the file."""
+        from dtrepair.mesh_files import write_mesh
+
+        with writing(self._path):
+            write_mesh(self._path, self._source.file, self._points)
+        return self._warnings
+
+    def abort(self) -> None:
+        """Nothing was written yet."""
+
+
+def existing(path: str) -> bool:
+    """Return whether an output is there already."""
+    return os.path.exists(path)

@@ -1,0 +1,157 @@
+"""Frames in, repaired and verified frames out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.cli.frames import Frame, frame_time, side_by_side, unusable
+from dtrepair.cli.sources import Source
+from dtrepair.record import CountRecord, FramePrimRecord, FrameRecord
+
+if TYPE_CHECKING:
+    from dtrepair.counts import SceneCount, SceneCounter
+    from dtrepair.repair.repairer import SceneRepairer
+
+# Rounding to the float32 points of a local space may close the tiny gaps of a result again.
+_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Repaired:
+    """A frame's outcome: local points (V, 3) float32 of each mesh, None where nothing changed.
+
+    spaces: the written points in the space of `Frame.spaces`.
+    """
+
+    frame: Frame
+    points: tuple[NDArray[np.float32] | None, ...]
+    spaces: tuple[NDArray[Any], ...]
+    record: FrameRecord
+    seconds: dict[str, float]
+    error: Exception | None = None
+
+
+class FrameRepairer:
+    """Repairs the frames of one input; built once, one factor however many frames."""
+
+    def __init__(self, source: Source, repairer: SceneRepairer, counter: SceneCounter) -> None:
+        """Take the solver of all meshes together, and the counter that verifies its results."""
+        self.source = source
+        self.repairer = repairer
+        self.counter = counter
+
+    def __call__(self, frame: Frame) -> Repaired:
+        """Repair a frame; an unusable or failing one comes back unchanged with the reason."""
+        unchanged: tuple[None, ...] = (None,) * len(self.source.meshes)
+        if not frame.usable:
+            return Repaired(frame, unchanged, frame.spaces, unusable(frame), {})
+        try:
+            return self._repair(frame)
+        except Exception as error:
+            message = f"{type(error).__name__}: {error}"
+            record = FrameRecord(time=frame_time(frame), status="failed", message=message)
+            return Repaired(frame, unchanged, frame.spaces, record, {}, error)
+
+    def _repair(self, frame: Frame) -> Repaired:
+        weld = self.counter.weld(frame.spaces)
+        before = after = self.counter(frame.spaces, weld=weld)
+        points: tuple[NDArray[np.float32] | None, ...] = (None,) * len(frame.points)
+        spaces, message, iterations = frame.spaces, "", 0
+        seconds = {"detect": 0.0, "solve": 0.0}
+        for _ in range(_ROUNDS if before.total.pairs else 0):
+            results = self.repairer(spaces)
+            iterations += results[0].iterations
+            for name in seconds:
+                seconds[name] += results[0].seconds.get(name, 0.0)
+            message = next((result.message for result in results if result.message), "")
+            written = self._written(frame, [result.points for result in results])
+            placed = self._placed(frame, written)
+            count = self.counter(placed, weld=weld)
+            if count.total.pairs >= after.total.pairs:
+                break
+            points, spaces, after = written, placed, count
+            if after.total.pairs == 0 or any(result.after.pairs for result in results):
+                break
+        record = self._record(frame, spaces, before, after, message, iterations, seconds)
+        return Repaired(frame, points, spaces, record, seconds)
+
+    def _written(
+        self, frame: Frame, results: Sequence[Any]
+    ) -> tuple[NDArray[np.float32] | None, ...]:
+        """Local float32 points of the meshes that changed; unmoved vertices keep every bit."""
+        written: list[NDArray[np.float32] | None] = []
+        for index, mesh in enumerate(self.source.meshes):
+            moved = (np.asarray(results[index]) != frame.spaces[index]).any(axis=1)
+            if not moved.any():
+                written.append(None)
+                continue
+            local = results[index]
+            if len(self.source.meshes) > 1:
+                local = self.source.to_local(mesh, frame.time, local)
+            rounded = np.where(moved[:, None], local.astype(np.float32), frame.points[index])
+            written.append(rounded)
+        return tuple(written)
+
+    def _placed(
+        self, frame: Frame, written: Sequence[NDArray[np.float32] | None]
+    ) -> tuple[NDArray[Any], ...]:
+        """The written points in the space of counting."""
+        placed: list[NDArray[Any]] = []
+        for index, (mesh, points) in enumerate(zip(self.source.meshes, written, strict=True)):
+            if points is None:
+                placed.append(frame.spaces[index])
+            elif len(self.source.meshes) > 1:
+                placed.append(self.source.to_world(mesh, frame.time, points))
+            else:
+                placed.append(points)
+        return tuple(placed)
+
+    def _record(
+        self,
+        frame: Frame,
+        spaces: Sequence[NDArray[Any]],
+        before: SceneCount,
+        after: SceneCount,
+        message: str,
+        iterations: int,
+        seconds: dict[str, float],
+    ) -> FrameRecord:
+        from dtrepair.metrics import displacements
+
+        moved = [
+            displacements(np.asarray(a, np.float64), np.asarray(b, np.float64))
+            for a, b in zip(frame.spaces, spaces, strict=True)
+        ]
+        status = _status(before.total, after.total)
+        meshes = zip(self.source.meshes, before.each, after.each, strict=True)
+        return FrameRecord(
+            time=frame_time(frame),
+            status=status,
+            message="" if status == "clean" else message,
+            before=before.total,
+            after=after.total,
+            iterations=iterations,
+            seconds=sum(seconds.values()),
+            displacement_max=max(float(part.max()) for part in moved),
+            displacement_mean=float(np.concatenate(moved).mean()),
+            prims=tuple(FramePrimRecord(path=m.path, before=b, after=a) for m, b, a in meshes),
+        )
+
+
+def repair_frames(
+    frames: Iterable[Frame], repairer: FrameRepairer, *, jobs: int
+) -> Iterator[Repaired]:
+    """Repair an iterator of frames, in order."""
+    for _, repaired in side_by_side(repairer, frames, jobs=jobs):
+        yield repaired
+
+
+def _status(before: CountRecord, after: CountRecord) -> str:
+    if after.pairs == 0:
+        return "clean"
+    return "improved" if after.pairs < before.pairs else "unchanged"

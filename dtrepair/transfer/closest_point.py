@@ -46,9 +46,12 @@ def closest_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
     bb, bc, cc = (_dots(u, v) for u, v in ((edge_b, edge_b), (edge_b, edge_c), (edge_c, edge_c)))
     offset = points - a
     pb, pc = _dots(offset, edge_b), _dots(offset, edge_c)
-    determinant = np.maximum(bb * cc - bc * bc, np.finfo(float).tiny)
+    determinant = bb * cc - bc * bc
+    # A triangle without area has no projection; its edges hold its closest point.
+    flat = determinant <= 1e-12 * bb * cc
+    determinant = np.where(flat, 1.0, determinant)
     s, t = (cc * pb - bc * pc) / determinant, (bb * pc - bc * pb) / determinant
-    inside = (s >= 0) & (t >= 0) & (s + t <= 1)
+    inside = (s >= 0) & (t >= 0) & (s + t <= 1) & ~flat
     best = a + s[:, None] * edge_b + t[:, None] * edge_c
     distance = np.where(inside, 0.0, np.inf)
     for start in range(3):

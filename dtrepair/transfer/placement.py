@@ -72,6 +72,8 @@ class Placement:
         self, match: Match, deformation: sparse.csr_matrix, ratio: float, pieces: Pieces
     ) -> None:
         """`deformation` is the source's operator (3Fs, Vs + Fs) of deformation gradients."""
+        if pieces not in ("seated", "separate"):
+            raise ValueError(f"pieces should be 'seated' or 'separate', got {pieces!r}")
         self.ratio = ratio
         self.labels = components(match.target_faces, len(match.target))
         self.count = int(self.labels.max()) + 1

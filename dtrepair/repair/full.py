@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from dtrepair.geometry import FloatArray
 from dtrepair.repair.contact import Defects, find_defects
 from dtrepair.repair.crease import fill_creases
 from dtrepair.repair.options import Solved, Stage
-from dtrepair.repair.push import push
+from dtrepair.repair.push import Pushed, push
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.tighten import distortion, pull_back, relax
 
-# Rings within which contacts are left to the crease stage, from careful to all.
+# Rings within which contacts are left to the crease stage: from careful to pushing all of them.
 NEAR = (20, 12, 6, 0)
 FIRST_STEP, STEP_DECAY = 0.02, 0.7
-# A result with less distortion than this needs no further phase.
+# A clean result with less distortion than this needs no further phase.
 GOOD_ENOUGH = 0.10
-ROUNDS = 4
+# A phase after a clean one must lower the distortion to this part to be followed by another.
+PHASE_GAIN = 0.97
+# A round of tightening must lower it to this part to be followed by another.
+ROUND_GAIN = 0.95
+PULL_BACK, PULL_BACK_DECAY = 0.35, 0.8
 
 
-@dataclass
-class Candidate:
+class Candidate(NamedTuple):
     """A pose, its defects and distortion, and the ring limit of the phase that made it."""
 
     points: FloatArray
@@ -39,112 +42,113 @@ class Candidate:
 class FullMethod:
     """Push far contacts in phases, fill the creases, tighten towards the input."""
 
-    def __init__(self, surface: Surface, *, rounds: int = ROUNDS) -> None:
+    def __init__(self, surface: Surface, *, rounds: int = 4) -> None:
+        """Repair poses of `surface`; `rounds` of tightening at most."""
         self.surface = surface
         self.rounds = rounds
 
     def __call__(self, original: FloatArray) -> Solved:
         """Repair a pose (V, 3) in units of the surface's size."""
-        stages: list[Stage] = []
-        defects = find_defects(self.surface, original)
-        if len(defects.crossings) == 0:
-            return Solved(original)
-        best = self._phases(original, defects, stages)
+        run = _Run(self.surface, original)
+        best = run.phases()
         points = best.points
-        if best.rank[0] == 0:
-            points = self._tighten(original, best, stages)
-        return Solved(points, stages)
+        if len(best.defects.crossings) == 0:
+            points = run.tighten(best, self.rounds)
+        return Solved(points, run.stages)
 
-    def _phases(self, original: FloatArray, defects: Defects, stages: list[Stage]) -> Candidate:
+
+class _Run:
+    """One pose on its way, and what its stages achieved."""
+
+    def __init__(self, surface: Surface, original: FloatArray) -> None:
+        self.surface, self.original = surface, original
+        self.known = find_defects(surface, original)
+        self.stages: list[Stage] = []
+
+    def phases(self) -> Candidate:
+        """The best result of pushing with ever fewer contacts left to the creases."""
         best: Candidate | None = None
-        points = original
+        points = self.original
         for index, near in enumerate(NEAR):
-            if index == 2 and best is not None and best.rank[0] > 0:
-                # Far contacts did not come apart: start again with half the step.
-                fresh, _, _ = self._candidate(
-                    original, original, 12, 0.5 * FIRST_STEP, stages, 40, 8
-                )
-                best = min(best, fresh, key=lambda candidate: candidate.rank)
-                if best.rank[0] == 0:
+            if index == 2 and best is not None and len(best.defects.crossings):
+                # Far contacts did not come apart: start again from the input with half the step.
+                pushed = self._push(self.original, 12, 0.5 * FIRST_STEP, 40, 8)
+                best = min(best, self._filled(pushed, 12), key=lambda one: one.rank)
+                if len(best.defects.crossings) == 0:
                     break
-            step = FIRST_STEP * STEP_DECAY**index
-            found, points, iterations = self._candidate(original, points, near, step, stages)
-            if iterations == 0 and best is not None:
+            pushed = self._push(points, near, FIRST_STEP * STEP_DECAY**index, 25, 6)
+            points = pushed.points
+            if pushed.iterations == 0 and best is not None:
                 continue
-            previous = best
-            if best is None or found.rank < best.rank:
-                best = found
-            if best.rank[0] == 0 and best.distortion < GOOD_ENOUGH:
-                break
-            if previous is not None and previous.rank[0] == 0:
-                if found.distortion > 0.97 * previous.distortion:
+            found, previous = self._filled(pushed, near), best
+            best = found if best is None or found.rank < best.rank else best
+            if len(best.defects.crossings) == 0:
+                if best.distortion < GOOD_ENOUGH:
                     break
+                if previous is not None and len(previous.defects.crossings) == 0:
+                    if found.distortion > PHASE_GAIN * previous.distortion:
+                        break
         assert best is not None
         return best
 
-    def _candidate(self, original, points, near, step, stages, iterations=25, patience=6):
+    def tighten(self, best: Candidate, rounds: int) -> FloatArray:
+        """The clean pose pulled towards the input in rounds of three stages."""
+        points, folds = best.points, len(best.defects.folds)
+        surface, original = self.surface, self.original
+        before = best.distortion
+        for index in range(rounds):
+            start = time.perf_counter()
+            fraction = PULL_BACK * PULL_BACK_DECAY**index
+            points = pull_back(
+                surface, original, points, near=best.near, fraction=fraction, folds=folds
+            )
+            middle = time.perf_counter()
+            self._record("pull back", points, 0, folds, 0, start)
+            points = relax(surface, original, points, cycles=3, folds=folds, soften=True)
+            start = time.perf_counter()
+            self._record("relax", points, 0, folds, 0, middle)
+            points = relax(surface, original, points, cycles=4, folds=folds, soften=False)
+            after = self._record("pin", points, 0, folds, 0, start)
+            if after > ROUND_GAIN * before:
+                break
+            before = after
+        return points
+
+    def _push(
+        self, points: FloatArray, near: int, step: float, iterations: int, patience: int
+    ) -> Pushed:
+        start = time.perf_counter()
+        known = self.known.crossings if points is self.original else None
+        pushed = push(
+            self.surface,
+            points,
+            near=near,
+            step=step,
+            iterations=iterations,
+            patience=patience,
+            known_pairs=known,
+        )
+        self._record(f"push {near}", pushed.points, len(pushed.pairs), 0, pushed.iterations, start)
+        return pushed
+
+    def _filled(self, pushed: Pushed, near: int) -> Candidate:
         start = time.perf_counter()
         surface = self.surface
-        pushed = push(
-            surface, points, near=near, step=step, iterations=iterations, patience=patience
-        )
-        middle = time.perf_counter()
-        filled = fill_creases(surface, pushed.points)
-        value = distortion(surface, original, filled.points)
-        left = filled.defects
-        stages.append(
-            Stage(
-                f"push {near}",
-                len(pushed.pairs),
-                0,
-                distortion(surface, original, pushed.points),
-                pushed.iterations,
-                middle - start,
-            )
-        )
-        stages.append(
-            Stage(
-                "fill", len(left.crossings), len(left.folds), value, 0, time.perf_counter() - middle
-            )
-        )
-        return Candidate(filled.points, left, value, near), pushed.points, pushed.iterations
+        folds = surface.queries.folds(surface.written(pushed.points))
+        points, left = fill_creases(surface, pushed.points, known=Defects(pushed.pairs, folds))
+        value = self._record("fill", points, len(left.crossings), len(left.folds), 0, start)
+        return Candidate(points, left, value, near)
 
-    def _tighten(self, original: FloatArray, best: Candidate, stages: list[Stage]) -> FloatArray:
-        surface, folds = self.surface, len(best.defects.folds)
-        points = best.points
-        for index in range(self.rounds):
-            before = distortion(surface, original, points)
-            for name, stage in (
-                (
-                    "pull back",
-                    lambda p: pull_back(
-                        surface,
-                        original,
-                        p,
-                        near=best.near,
-                        fraction=0.35 * 0.8**index,
-                        folds=folds,
-                        cycles=1,
-                    ),
-                ),
-                (
-                    "relax",
-                    lambda p: relax(surface, original, p, cycles=3, folds=folds, soften=True),
-                ),
-                ("pin", lambda p: relax(surface, original, p, cycles=4, folds=folds, soften=False)),
-            ):
-                start = time.perf_counter()
-                points = stage(points)
-                stages.append(
-                    Stage(
-                        name,
-                        0,
-                        folds,
-                        distortion(surface, original, points),
-                        0,
-                        time.perf_counter() - start,
-                    )
-                )
-            if distortion(surface, original, points) > 0.98 * before:
-                break
-        return points
+    def _record(
+        self,
+        name: str,
+        points: FloatArray,
+        crossings: int,
+        folds: int,
+        iterations: int,
+        start: float,
+    ) -> float:
+        value = distortion(self.surface, self.original, points)
+        seconds = time.perf_counter() - start
+        self.stages.append(Stage(name, crossings, folds, value, iterations, seconds))
+        return value

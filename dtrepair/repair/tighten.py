@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from dtrepair.geometry import FloatArray
 from dtrepair.metrics import displacements, edge_log_ratio
-from dtrepair.repair.contact import Defects, find_defects, near_contacts
-from dtrepair.repair.crease import fill_creases, membrane_fill
+from dtrepair.repair.contact import Defects, find_defects, near_contacts, update_defects
+from dtrepair.repair.crease import Filled, fill_creases, membrane_fill
 from dtrepair.repair.push import push
 from dtrepair.repair.rigidity import Rigidity
 from dtrepair.repair.surface import BoolArray, Surface
@@ -20,6 +18,9 @@ PIN = 10.0
 PIN_FADE, PIN_GONE = 0.5, 0.1
 # Rings over which a step is rolled back around what it would make collide.
 ROLLBACK_RINGS = 8
+# Motions below this (units of the size) are left out, those up to twice this fade in: what does not
+# move needs no new detection.
+STILL = 1e-5
 # Contacts within this many rings are creases: their surroundings follow, they are not pinned.
 CREASE_RINGS = 12
 
@@ -89,17 +90,18 @@ def relax(
     membrane extension of the displacement around them. What still collides is rolled back locally.
     """
     rigidity = Rigidity(surface, original)
+    known = find_defects(surface, points)
     current, best = points, distortion(surface, original, points)
     pins = np.zeros(surface.count)
     soft = np.zeros(surface.count, dtype=bool)
     rejected = 0
     for cycle in range(cycles):
         target = rigidity.target(current)
-        attempt = _Attempt(surface, current, target, pins, soft, folds)
+        attempt = _Attempt(surface, current, known, target, pins, soft, folds)
         trial = attempt.run(rigidity, tries, soften)
         value = distortion(surface, original, trial) if trial is not None else np.inf
         if trial is not None and value < (0.997 if soften else 0.998) * best:
-            current, best = trial, value
+            current, best, known = trial, value, attempt.defects
             pins = np.where(attempt.pins > PIN_GONE, PIN_FADE * attempt.pins, 0.0)
             soft = attempt.soft if cycle % 3 else np.zeros_like(soft)
         else:
@@ -117,30 +119,32 @@ class _Attempt:
         self,
         surface: Surface,
         current: FloatArray,
+        known: Defects,
         target: FloatArray,
         pins: FloatArray,
         soft: BoolArray,
         folds: int,
     ) -> None:
         self.surface, self.current, self.target = surface, current, target
+        self.known = self.defects = known
         self.pins, self.soft, self.folds = pins, soft, folds
 
     def run(self, rigidity: Rigidity, tries: int, soften: bool) -> FloatArray | None:
         """The clean pose of the step, or None."""
         for _ in range(tries):
             trial = rigidity.solve(self.target, PIN * self.pins, self.current)
-            trial = self._softened(trial)
-            defects = find_defects(self.surface, trial)
-            if _acceptable(defects, self.folds):
+            trial = without_still(self.current, self._softened(trial))
+            self.defects = changed_defects(self.surface, self.known, self.current, trial)
+            if _acceptable(self.defects, self.folds):
                 return trial
-            self._learn(defects, soften)
-        return roll_back(
-            self.surface,
-            self.current,
-            trial,
-            defects,
-            lambda found: _acceptable(found, self.folds),
+            self._learn(self.defects, soften)
+        rolled = roll_back(
+            self.surface, self.current, trial, self.known, self.defects, folds=self.folds
         )
+        if rolled is None:
+            return None
+        self.defects = rolled.defects
+        return rolled.points
 
     def _softened(self, trial: FloatArray) -> FloatArray:
         if not self.soft.any() or self.soft.mean() >= 0.5:
@@ -167,23 +171,41 @@ def roll_back(
     surface: Surface,
     current: FloatArray,
     trial: FloatArray,
+    known: Defects,
     defects: Defects,
-    acceptable: Callable[[Defects], bool],
     *,
+    folds: int,
     tries: int = 4,
-) -> FloatArray | None:
-    """The step from `current` to `trial` undone around what collides, fading over some rings."""
+) -> Filled | None:
+    """The step from `current` to `trial` undone around what collides, fading over some rings.
+
+    known: defects of `current`; defects: those of `trial`.
+    """
     bad = np.zeros(surface.count, dtype=bool)
-    pose = trial
     for attempt in range(tries):
         bad |= surface.vertices_of(defects.triangles)
         rings = surface.rings_from(bad, ROLLBACK_RINGS + 2)
         kept = np.clip((rings - 1 - attempt) / ROLLBACK_RINGS, 0.0, 1.0)
         pose = current + kept[:, None] * (trial - current)
-        defects = find_defects(surface, pose)
-        if acceptable(defects):
-            return pose
+        defects = changed_defects(surface, known, current, pose)
+        if _acceptable(defects, folds):
+            return Filled(pose, defects)
     return None
+
+
+def without_still(current: FloatArray, trial: FloatArray) -> FloatArray:
+    """The trial with every motion below STILL taken out, and those up to twice that faded in."""
+    motion = trial - current
+    length = np.linalg.norm(motion, axis=1)
+    kept = np.clip(length / STILL - 1.0, 0.0, 1.0)
+    return np.where(kept[:, None] > 0, current + kept[:, None] * motion, current)
+
+
+def changed_defects(
+    surface: Surface, known: Defects, current: FloatArray, trial: FloatArray
+) -> Defects:
+    """Defects of `trial`, given those of `current`."""
+    return update_defects(surface, known, trial, (trial != current).any(axis=1))
 
 
 def _acceptable(defects: Defects, folds: int) -> bool:

@@ -1,0 +1,423 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdUtils, Vt
+
+from tests.usd_stages import (
+    CUBE,
+    authored_properties,
+    cube_file,
+    define_cube,
+    moved_cube,
+    new_stage,
+    vec3f,
+)
+from usd_io import (
+    AnimatedMesh,
+    OutputError,
+    OverrideWriter,
+    StageError,
+    UsageError,
+    local_points,
+    open_stage,
+    read_frame,
+    read_meshes,
+    transform_points,
+    world_matrix,
+)
+
+NAN = float("nan")
+
+
+def rewrite(
+    path: Path, output: Path, times: Sequence[float] | None = None, **options: object
+) -> AnimatedMesh:
+    """Write points + 1 at the given times (default: all) of every mesh; the first mesh."""
+    opened = open_stage(path)
+    selection = read_meshes(opened, **options)  # type: ignore[arg-type]
+    with OverrideWriter(opened, output, settings={"iterations": 60}) as writer:
+        for mesh in selection.meshes:
+            for time in mesh.times if times is None else times:
+                points = read_frame(mesh, time)
+                assert points is not None
+                writer.write(mesh, time, points + np.float32(1.0))
+        writer.commit()
+    return selection.meshes[0]
+
+
+def points_at(path: Path, time: float, prim: str = "/Root/Cube") -> np.ndarray | None:
+    code = Usd.TimeCode.Default() if np.isnan(time) else time
+    stage = Usd.Stage.Open(str(path))
+    value = UsdGeom.Mesh(stage.GetPrimAtPath(prim)).GetPointsAttr().Get(code)
+    return None if value is None else np.array(value)
+
+
+def times_in(path: Path, name: str = "points", prim: str = "/Root/Cube") -> list[float]:
+    stage = Usd.Stage.Open(str(path))
+    return list(stage.GetPrimAtPath(prim).GetAttribute(name).GetTimeSamples())
+
+
+def test_same_times_out_as_in(tmp_path: Path) -> None:
+    times = [-7.25, 0.0, 1 / 3, 0.30000000000000004, 100.0]
+    path = cube_file(tmp_path / "in.usda", times=times)
+    rewrite(path, tmp_path / "out.usdc")
+    assert times_in(tmp_path / "out.usdc") == sorted(times)
+    for time in times:
+        np.testing.assert_array_equal(points_at(tmp_path / "out.usdc", time), moved_cube(time) + 1)
+
+
+def test_samples_not_written_are_copied_exactly(tmp_path: Path) -> None:
+    path = cube_file(tmp_path / "in.usdc", times=range(1, 41))
+    rewrite(path, tmp_path / "out.usdc", times=range(10, 21))
+    assert times_in(tmp_path / "out.usdc") == list(range(1, 41))
+    for time in range(1, 41):
+        expected = moved_cube(time) + np.float32(10 <= time <= 20)
+        found = points_at(tmp_path / "out.usdc", time)
+        assert found is not None and found.tobytes() == expected.tobytes()
+
+
+def test_nothing_but_points_and_extent_is_authored(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "in.usda")
+    cube = define_cube(stage, times=[1.0, 2.0])
+    cube.AddTranslateOp().Set((1, 2, 3))
+    UsdGeom.PrimvarsAPI(cube).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray).Set([(0, 0)])
+    UsdGeom.Subset.CreateGeomSubset(cube, "top", "face", Vt.IntArray([1]))
+    define_cube(stage, "/Root/Other", times=[1.0])
+    stage.GetRootLayer().Save()
+    rewrite(tmp_path / "in.usda", tmp_path / "out.usda", prim="/Root/Cube")
+    assert authored_properties(tmp_path / "out.usda") == {
+        "/Root/Cube.points",
+        "/Root/Cube.extent",
+    }
+    layer = Sdf.Layer.FindOrOpen(str(tmp_path / "out.usda"))
+    assert layer.subLayerPaths == ["./in.usda"]
+    for prim in ("/Root", "/Root/Cube"):
+        spec = layer.GetPrimAtPath(prim)
+        assert spec.specifier == Sdf.SpecifierOver
+        assert set(spec.ListInfoKeys()) == {"specifier"}
+    assert layer.GetAttributeAtPath("/Root/Cube.points").typeName == "point3f[]"
+
+
+@pytest.mark.parametrize("rate", [24.0, 25.0, 48.0, 60.0])
+@pytest.mark.parametrize("keys", ["both", "timeCodesPerSecond", "framesPerSecond"])
+def test_stage_metadata_is_copied(tmp_path: Path, rate: float, keys: str) -> None:
+    path = cube_file(tmp_path / "in.usda", times=[1.0, 2.0])
+    layer = Sdf.Layer.FindOrOpen(str(path))
+    for key in ("timeCodesPerSecond", "framesPerSecond") if keys == "both" else (keys,):
+        setattr(layer, key, rate)
+    layer.startTimeCode, layer.endTimeCode = -3.0, 7.0
+    layer.pseudoRoot.SetInfo("upAxis", "Z")
+    layer.pseudoRoot.SetInfo("metersPerUnit", 0.01)
+    layer.expressionVariables = {"SHOT": "sq10"}
+    layer.customLayerData = {"camera": "persp"}
+    layer.comment = "exported by hand"
+    layer.Save()
+    rewrite(path, tmp_path / "out.usdc")
+    stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
+    assert stage.GetTimeCodesPerSecond() == rate
+    if keys != "timeCodesPerSecond":
+        assert stage.GetFramesPerSecond() == rate
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (-3.0, 7.0)
+    assert UsdGeom.GetStageUpAxis(stage) == "Z"
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 0.01
+    assert stage.GetDefaultPrim().GetPath() == "/Root"
+    root = stage.GetRootLayer()
+    assert root.expressionVariables == {"SHOT": "sq10"}
+    assert set(root.customLayerData) == {"dtrepair"} and not root.comment
+    # Everything else on the stage stays at its time, too.
+    assert times_in(tmp_path / "out.usdc") == [1.0, 2.0]
+
+
+def test_composed_times_of_an_offset_layer_stay_exact(tmp_path: Path) -> None:
+    cube_file(tmp_path / "anim.usdc", times=range(200))
+    layer = Sdf.Layer.CreateNew(str(tmp_path / "shot.usda"))
+    layer.subLayerPaths = ["./anim.usdc"]
+    layer.subLayerOffsets[0] = Sdf.LayerOffset(0.1, 1 / 3)
+    layer.Save()
+    mesh = rewrite(tmp_path / "shot.usda", tmp_path / "out.usdc")
+    assert len(mesh.times) == 200
+    assert times_in(tmp_path / "out.usdc") == mesh.times.tolist()
+    for frame in (0, 7, 199):
+        found = points_at(tmp_path / "out.usdc", mesh.times[frame])
+        np.testing.assert_array_equal(found, moved_cube(frame) + 1)
+
+
+def test_default_points_stay_default(tmp_path: Path) -> None:
+    path = cube_file(tmp_path / "in.usda")
+    rewrite(path, tmp_path / "out.usdc")
+    assert times_in(tmp_path / "out.usdc") == []
+    np.testing.assert_array_equal(points_at(tmp_path / "out.usdc", NAN), CUBE + 1)
+
+
+def test_default_beside_samples_is_left_to_the_input(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "in.usda")
+    define_cube(stage, times=[1.0, 2.0]).GetPointsAttr().Set(vec3f(CUBE * 9))
+    stage.GetRootLayer().Save()
+    rewrite(tmp_path / "in.usda", tmp_path / "out.usdc")
+    np.testing.assert_array_equal(points_at(tmp_path / "out.usdc", NAN), CUBE * 9)
+    assert times_in(tmp_path / "out.usdc") == [1.0, 2.0]
+    # Even if only the default is written, which would hide all samples of the input.
+    rewrite(tmp_path / "in.usda", tmp_path / "rest.usdc", times=[NAN])
+    np.testing.assert_array_equal(points_at(tmp_path / "rest.usdc", NAN), CUBE * 9 + 1)
+    np.testing.assert_array_equal(points_at(tmp_path / "rest.usdc", 2.0), moved_cube(2.0))
+
+
+def test_static_points_on_an_animated_transform_get_samples(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "in.usda")
+    move = define_cube(stage).AddTranslateOp()
+    for time in (1.0, 2.0, 3.0, 4.0):
+        move.Set((time, 0, 0), time)
+    stage.GetRootLayer().Save()
+    rewrite(tmp_path / "in.usda", tmp_path / "out.usdc", times=[2.0, 2.5])
+    assert times_in(tmp_path / "out.usdc") == [1.0, 2.0, 2.5, 3.0, 4.0]
+    for time, change in ((1.0, 0), (2.0, 1), (2.5, 1), (3.0, 0), (4.0, 0), (NAN, 0)):
+        np.testing.assert_array_equal(points_at(tmp_path / "out.usdc", time), CUBE + change)
+
+
+def test_blocked_and_bad_samples_are_kept_as_they_are(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "in.usda")
+    points = define_cube(stage, times=[1.0, 5.0]).GetPointsAttr()
+    bad = CUBE.copy()
+    bad[2, 0] = np.nan
+    points.Set(Sdf.ValueBlock(), 2.0)
+    points.Set(vec3f(bad), 3.0)
+    points.Set(vec3f(CUBE[:5]), 4.0)
+    stage.GetRootLayer().Save()
+    rewrite(tmp_path / "in.usda", tmp_path / "out.usdc", times=[1.0])
+    out = tmp_path / "out.usdc"
+    assert times_in(out) == [1, 2, 3, 4, 5]
+    assert points_at(out, 2.0) is None
+    layer = Sdf.Layer.FindOrOpen(str(out))
+    assert isinstance(layer.QueryTimeSample("/Root/Cube.points", 2.0), Sdf.ValueBlock)
+    kept = points_at(out, 3.0)
+    assert kept is not None and kept.tobytes() == bad.tobytes()
+    np.testing.assert_array_equal(points_at(out, 4.0), CUBE[:5])
+    extent = layer.QueryTimeSample("/Root/Cube.extent", 3.0)
+    np.testing.assert_array_equal(extent, [[-1, -1, -1], [1, 1, 1]])
+
+
+def test_extent_is_always_that_of_the_points(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "in.usda")
+    cube = define_cube(stage, times=[1.0, 2.0])
+    cube.GetExtentAttr().Set([(-9, -9, -9), (9, 9, 9)])
+    cube.GetExtentAttr().Set([(-8, -8, -8), (8, 8, 8)], 1.7)
+    stage.GetRootLayer().Save()
+    rewrite(tmp_path / "in.usda", tmp_path / "out.usdc", times=[2.0])
+    result = Usd.Stage.Open(str(tmp_path / "out.usdc"))
+    box = UsdGeom.BBoxCache(Usd.TimeCode(2.0), [UsdGeom.Tokens.default_])
+    bounds = box.ComputeWorldBound(result.GetPrimAtPath("/Root/Cube")).ComputeAlignedRange()
+    expected = moved_cube(2.0) + 1
+    np.testing.assert_array_equal(bounds.GetMin(), expected.min(axis=0))
+    np.testing.assert_array_equal(bounds.GetMax(), expected.max(axis=0))
+    assert times_in(tmp_path / "out.usdc", "extent") == [1.0, 2.0]
+
+
+def test_static_points_win_over_a_sampled_extent(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "in.usda")
+    define_cube(stage).GetExtentAttr().Set([(-8, -8, -8), (8, 8, 8)], 1.0)
+    stage.GetRootLayer().Save()
+    rewrite(tmp_path / "in.usda", tmp_path / "out.usdc")
+    assert times_in(tmp_path / "out.usdc", "extent") == []
+    result = Usd.Stage.Open(str(tmp_path / "out.usdc"))
+    extent = result.GetAttributeAtPath("/Root/Cube.extent")
+    np.testing.assert_array_equal(extent.Get(1.0), [[0, 0, 0], [2, 2, 2]])
+
+
+def test_point3d_input_becomes_point3f(tmp_path: Path) -> None:
+    path = cube_file(tmp_path / "in.usda", points=None)
+    layer = Sdf.Layer.FindOrOpen(str(path))
+    prim = layer.GetPrimAtPath("/Root/Cube")
+    attribute = Sdf.AttributeSpec(prim, "points", Sdf.ValueTypeNames.Point3dArray)
+    for time in (1.0, 2.0):
+        layer.SetTimeSample(attribute.path, time, Vt.Vec3dArray.FromNumpy(CUBE / 3.0))
+    layer.Save()
+    rewrite(path, tmp_path / "out.usda", times=[2.0])
+    result = Sdf.Layer.FindOrOpen(str(tmp_path / "out.usda"))
+    for time in (1.0, 2.0):
+        assert isinstance(result.QueryTimeSample("/Root/Cube.points", time), Vt.Vec3fArray)
+
+
+def test_world_space_and_back(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "in.usda")
+    cube = define_cube(stage, times=[1.0])
+    matrix = Gf.Matrix4d().SetScale(Gf.Vec3d(100, 0.01, 3))
+    matrix.SetTranslateOnly(Gf.Vec3d(1e6, 1e6, 1e6))
+    cube.MakeMatrixXform().Set(matrix)
+    stage.GetRootLayer().Save()
+    opened = open_stage(tmp_path / "in.usda")
+    mesh = read_meshes(opened).meshes[0]
+    world = transform_points(mesh.rest, world_matrix(mesh, 1.0))
+    with OverrideWriter(opened, tmp_path / "out.usdc", settings={}) as writer:
+        writer.write(mesh, 1.0, local_points(mesh, 1.0, world))
+        writer.commit()
+    found = points_at(tmp_path / "out.usdc", 1.0)
+    assert found is not None
+    # 1e6 has steps of 1e-10 in float64; through the scale of 0.01: 1e-8, under float32's own.
+    assert np.abs(found - moved_cube(1.0)).max() < 2e-7
+
+
+def test_record_of_how_the_layer_was_made(tmp_path: Path) -> None:
+    path = cube_file(tmp_path / "in.usda", times=[1.0, 2.0, 3.0])
+    opened = open_stage(path)
+    mesh = read_meshes(opened).meshes[0]
+    settings = {"method": "full", "clearance": 0.0, "pin": None, "nested": {"steps": [1, 2]}}
+    with OverrideWriter(
+        opened, tmp_path / "out.usda", settings=settings, version="1.2.3"
+    ) as writer:
+        writer.write(mesh, 2.0, CUBE)
+        writer.commit(record={"counts": {"before": 690, "after": 0}})
+    record = Sdf.Layer.FindOrOpen(str(tmp_path / "out.usda")).customLayerData["dtrepair"]
+    assert record["version"] == "1.2.3" and record["input"] == "./in.usda"
+    assert record["settings"]["method"] == "full" and "pin" not in record["settings"]
+    assert list(record["settings"]["nested"]["steps"]) == [1, 2]
+    assert list(record["frames"]) == [2.0]
+    assert list(record["written"]["/Root/Cube"]) == [2.0]
+    assert record["counts"] == {"before": 690, "after": 0}
+
+
+def test_uninstanced_meshes_come_through(tmp_path: Path) -> None:
+    cube_file(tmp_path / "asset.usda", times=[1.0, 2.0])
+    stage = new_stage(tmp_path / "in.usda")
+    for name in ("A", "B"):
+        prim = UsdGeom.Xform.Define(stage, f"/Root/{name}").GetPrim()
+        prim.GetReferences().AddReference("./asset.usda")
+        prim.SetInstanceable(True)
+    stage.GetRootLayer().Save()
+    out = tmp_path / "out.usda"
+    rewrite(tmp_path / "in.usda", out, prim="/Root/A//", uninstance=True)
+    np.testing.assert_array_equal(points_at(out, 1.0, "/Root/A/Cube"), moved_cube(1.0) + 1)
+    np.testing.assert_array_equal(points_at(out, 1.0, "/Root/B/Cube"), moved_cube(1.0))
+    assert Usd.Stage.Open(str(out)).GetPrimAtPath("/Root/B").IsInstance()
+    assert authored_properties(out) == {"/Root/A/Cube.points", "/Root/A/Cube.extent"}
+
+
+def test_output_elsewhere_refers_to_the_input_relatively(tmp_path: Path) -> None:
+    (tmp_path / "shots").mkdir()
+    (tmp_path / "fixed").mkdir()
+    path = cube_file(tmp_path / "shots" / "in.usda", times=[1.0])
+    rewrite(path, tmp_path / "fixed" / "out.usdc")
+    layer = Sdf.Layer.FindOrOpen(str(tmp_path / "fixed" / "out.usdc"))
+    assert layer.subLayerPaths == ["../shots/in.usda"]
+    moved = tmp_path / "moved"
+    moved.mkdir()
+    (tmp_path / "shots").rename(moved / "shots")
+    (tmp_path / "fixed").rename(moved / "fixed")
+    np.testing.assert_array_equal(points_at(moved / "fixed" / "out.usdc", 1.0), moved_cube(1.0) + 1)
+    assert Usd.Stage.Open(str(moved / "fixed" / "out.usdc")).GetPrimAtPath("/Root/Cube").IsDefined()
+
+
+def test_usdz_in_is_fine_and_out_is_refused(tmp_path: Path) -> None:
+    cube_file(tmp_path / "cube.usdc", times=[1.0])
+    package = tmp_path / "in.usdz"
+    assert UsdUtils.CreateNewUsdzPackage(str(tmp_path / "cube.usdc"), str(package))
+    rewrite(package, tmp_path / "out.usdc")
+    np.testing.assert_array_equal(points_at(tmp_path / "out.usdc", 1.0), moved_cube(1.0) + 1)
+    with pytest.raises(UsageError, match="usdz package cannot be written"):
+        rewrite(package, tmp_path / "out.usdz")
+
+
+def test_output_that_is_a_layer_of_the_stage_is_refused(tmp_path: Path) -> None:
+    cube_file(tmp_path / "anim.usdc", times=[1.0])
+    cube_file(tmp_path / "asset.usda")
+    layer = Sdf.Layer.CreateNew(str(tmp_path / "in.usda"))
+    layer.subLayerPaths = ["./later.usdc", "./anim.usdc"]
+    layer.Save()
+    stage = Usd.Stage.Open(str(tmp_path / "in.usda"))
+    stage.DefinePrim("/Root/Prop").GetPayloads().AddPayload("./asset.usda")
+    layer.Save()
+    (tmp_path / "link.usdc").symlink_to(tmp_path / "anim.usdc")
+    (tmp_path / "hard.usdc").hardlink_to(tmp_path / "anim.usdc")
+    opened = open_stage(tmp_path / "in.usda")
+    names = ["in.usda", "anim.usdc", "asset.usda", "link.usdc", "hard.usdc", "later.usdc"]
+    for name in names:
+        before = (tmp_path / name).read_bytes() if (tmp_path / name).exists() else None
+        with pytest.raises(UsageError, match="part of the input stage") as caught:
+            OverrideWriter(opened, tmp_path / name, settings={})
+        assert caught.value.exit_code == 2
+        after = (tmp_path / name).read_bytes() if (tmp_path / name).exists() else None
+        assert after == before
+
+
+def test_outputs_that_cannot_be_written_fail_at_once(tmp_path: Path) -> None:
+    opened = open_stage(cube_file(tmp_path / "in.usda"))
+    (tmp_path / "folder.usdc").mkdir()
+    for name, reason in (
+        ("nowhere/out.usdc", "no directory"),
+        ("folder.usdc", "is a directory"),
+        ("in.usda/out.usdc", "no directory"),
+    ):
+        with pytest.raises(OutputError, match=reason) as caught:
+            OverrideWriter(opened, tmp_path / name, settings={})
+        assert caught.value.exit_code == 5
+    with pytest.raises(OutputError, match="cannot write into /proc"):
+        OverrideWriter(opened, "/proc/out.usdc", settings={})
+    with pytest.raises(UsageError, match=r"ending in \.usd"):
+        OverrideWriter(opened, tmp_path / "out.txt", settings={})
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_stage_in_memory_has_no_path_to_refer_to(tmp_path: Path) -> None:
+    with pytest.raises(StageError, match="in memory only"):
+        OverrideWriter(Usd.Stage.CreateInMemory(), tmp_path / "out.usdc", settings={})
+
+
+def test_bad_points_are_refused(tmp_path: Path) -> None:
+    opened = open_stage(cube_file(tmp_path / "in.usda", times=[1.0]))
+    mesh = read_meshes(opened).meshes[0]
+    with OverrideWriter(opened, tmp_path / "out.usdc", settings={}) as writer:
+        with pytest.raises(ValueError, match=r"frame 1: expected points \(8, 3\), got \(7, 3\)"):
+            writer.write(mesh, 1.0, CUBE[:7])
+        with pytest.raises(ValueError, match="expected finite points"):
+            writer.write(mesh, 1.0, CUBE * np.nan)
+        with pytest.raises(ValueError, match="expected finite points"):
+            writer.write(mesh, 1.0, CUBE.astype(np.float64) * 1e39)
+
+
+def test_float64_points_are_rounded_and_later_writes_win(tmp_path: Path) -> None:
+    opened = open_stage(cube_file(tmp_path / "in.usda", times=[1.0]))
+    mesh = read_meshes(opened).meshes[0]
+    with OverrideWriter(opened, tmp_path / "out.usdc", settings={}) as writer:
+        writer.write(mesh, 1.0, CUBE)
+        writer.write(mesh, 1.0, CUBE.astype(np.float64) / 3.0)
+        writer.commit()
+    found = points_at(tmp_path / "out.usdc", 1.0)
+    np.testing.assert_array_equal(found, (CUBE.astype(np.float64) / 3.0).astype(np.float32))
+
+
+def test_meshes_never_named_are_not_in_the_layer(tmp_path: Path) -> None:
+    path = cube_file(tmp_path / "in.usda", times=[1.0])
+    opened = open_stage(path)
+    with OverrideWriter(opened, tmp_path / "out.usda", settings={}) as writer:
+        writer.commit()
+    assert authored_properties(tmp_path / "out.usda") == set()
+    np.testing.assert_array_equal(points_at(tmp_path / "out.usda", 1.0), moved_cube(1.0))
+
+
+def test_real_files_survive_an_untouched_copy(shared_data: Path, tmp_path: Path) -> None:
+    for name in (
+        "humans/walk_male.usdc",
+        "scenes/sleeve_on_arm.usdc",
+        "scenes/sword_in_stone.usda",
+    ):
+        opened = open_stage(shared_data / name)
+        meshes = read_meshes(opened).meshes
+        out = tmp_path / f"{Path(name).stem}.usdc"
+        with OverrideWriter(opened, out, settings={}) as writer:
+            for mesh in meshes:
+                writer.keep(mesh, mesh.times[0])
+            writer.commit()
+        copies = read_meshes(open_stage(out)).meshes
+        for mesh, copy in zip(meshes, copies, strict=True):
+            assert copy.path == mesh.path
+            np.testing.assert_array_equal(copy.times, mesh.times)
+            np.testing.assert_array_equal(copy.faces, mesh.faces)
+            for time in mesh.times:
+                original, copied = read_frame(mesh, time), read_frame(copy, time)
+                assert original is not None and copied is not None
+                assert original.tobytes() == copied.tobytes()
+                moves = (world_matrix(mesh, time), world_matrix(copy, time))
+                np.testing.assert_array_equal(*moves)

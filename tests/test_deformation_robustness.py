@@ -173,3 +173,9 @@ def test_wrong_arguments_are_refused(shapes):
         transfer(source[0])
     with pytest.raises(ValueError, match="finite"):
         transfer(np.where(np.arange(288)[:, None] == 9, np.nan, source))
+
+
+def test_a_factor_that_failed_is_an_error_not_a_result(shapes, monkeypatch):
+    monkeypatch.setattr(Factor, "__call__", lambda self, rows: np.full(rows.shape, np.nan))
+    with pytest.raises(ValueError, match=r"could not be factorised.*weights='area'"):
+        Transfer(*shapes)

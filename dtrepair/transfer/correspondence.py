@@ -49,7 +49,8 @@ def checked_pairs(pairs: ArrayLike, source_count: int, target_count: int) -> Int
                 f"{rows[outside, column][0]} in row {np.flatnonzero(outside)[0]}: "
                 "was the correspondence made for other meshes?"
             )
-    keys = np.unique(rows[:, 0].astype(np.int64) * target_count + rows[:, 1])
+    keys = np.sort(rows[:, 0].astype(np.int64) * target_count + rows[:, 1])
+    keys = keys[np.concatenate([[True], keys[1:] != keys[:-1]])]
     return np.stack([keys // target_count, keys % target_count], axis=1).astype(np.int32)
 
 

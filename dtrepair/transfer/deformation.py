@@ -16,14 +16,11 @@ from dtrepair.transfer.gradients import (
     deformation_operator,
     degenerate_triangles,
     stacked,
-    surface_gradient,
 )
 from dtrepair.transfer.placement import Match, Pieces, Placement, ground_level, ground_ratio
+from dtrepair.transfer.poisson import poisson_system
 
 Weights = Literal["area", "cotan", "count", "uniform"]
-
-# Edge terms that hold degenerate triangles together, relative to the median diagonal entry.
-WEAK_EDGE = 1e-8
 
 
 class Transfer:
@@ -67,7 +64,7 @@ class Transfer:
         """Factorise for rests (Vs, 3), (Vt, 3), faces (F, 3) and pairs (K, 2) of triangles.
 
         Raises ValueError for arrays of wrong shape, indices out of range, a `rotation` that is
-        none, and meshes without a usable pair.
+        none, meshes without a usable pair, and a system that cannot be factorised.
         """
         self._turn = _checked_rotation(rotation)
         self.source_rest, self.source_faces = as_mesh(to_numpy(source), to_numpy(source_faces))
@@ -81,7 +78,7 @@ class Transfer:
         deformation = deformation_operator(self.source, self.source_faces, unusable)
         average = averaging_operator(self.pairs, ~unusable, len(self.target_faces))
         self.gradients = _GradientSource(self.target, self.target_faces, average, deformation)
-        divergence, matrix = _poisson(
+        divergence, matrix = poisson_system(
             self.target, self.target_faces, self.degenerate, self._weights(weights, average)
         )
         match = Match(self.source, self.source_faces, self.target, self.target_faces, average)
@@ -112,6 +109,11 @@ class Transfer:
         self._matched_part, self._filled_part = self.gradients.right_hand_sides(
             divergence[self.free]
         )
+        if not np.isfinite(self.solve(stacked(self.source, self.source_faces))).all():
+            raise ValueError(
+                "the system of the target could not be factorised: it has sliver triangles; "
+                "use weights='area'"
+            )
 
     def __call__(self, poses: Array) -> Array:
         """Target positions (T, Vt, 3), target units, of source poses (T, Vs, 3), source units.
@@ -229,47 +231,6 @@ class _GradientSource:
         direct = (divergence[:, matched] @ self.known).tocsr()
         direct.eliminate_zeros()
         return direct, None if self.fill is None else divergence[:, ~matched].tocsr()
-
-
-def _poisson(
-    points: FloatArray,
-    faces: IntArray,
-    degenerate: NDArray[np.bool_],
-    weights: FloatArray,
-) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """Divergence (V, 3F) and matrix (V, V) of the Poisson system.
-
-    Degenerate triangles have no gradient term; uniform edge terms |x_j - x_i - S (v_j - v_i)|^2
-    of negligible weight say where their vertices go when nothing else does.
-    """
-    gradient = surface_gradient(points, faces, degenerate)
-    divergence = gradient.T @ sparse.diags(np.repeat(np.where(degenerate, 0.0, weights), 3))
-    matrix = divergence @ gradient
-    if not degenerate.any():
-        return divergence.tocsr(), matrix.tocsr()
-    diagonal = matrix.diagonal()
-    positive = diagonal[diagonal > 0]
-    weight = WEAK_EDGE * (np.median(positive) if len(positive) else 1.0)
-    differences, wanted = _edge_terms(points, faces, np.flatnonzero(degenerate))
-    divergence = divergence + weight * (differences.T @ wanted)
-    return divergence.tocsr(), (matrix + weight * (differences.T @ differences)).tocsr()
-
-
-def _edge_terms(
-    points: FloatArray, faces: IntArray, triangles: NDArray[np.int64]
-) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """Edges of some triangles as differences (E, V) of positions and S (v_j - v_i) as (E, 3F)."""
-    first, second = faces[triangles].ravel(), np.roll(faces[triangles], -1, axis=1).ravel()
-    count = len(first)
-    rows, ones = np.arange(count), np.ones(count)
-    ends = sparse.coo_matrix((ones, (rows, second)), (count, len(points)))
-    starts = sparse.coo_matrix((ones, (rows, first)), (count, len(points)))
-    edges = points[second] - points[first]
-    columns = 3 * np.repeat(triangles, 3)[:, None] + np.arange(3)
-    wanted = sparse.coo_matrix(
-        (edges.ravel(), (np.repeat(rows, 3), columns.ravel())), (count, 3 * len(faces))
-    )
-    return (ends - starts).tocsr(), wanted.tocsr()
 
 
 def _checked_rotation(rotation: ArrayLike | None) -> FloatArray:

@@ -16,7 +16,8 @@ class Pins:
 
     The pins' Schur complement on the transfer's factor: one back-substitution per pin at set-up,
     a small dense system per frame, never a new factorisation; so contacts may change per frame.
-    A piece with a pin goes where its pins are; the others are placed as without pins.
+    A piece with a pin goes where its pins are; the others are placed as without pins. The
+    transfer's `snap` has no say in a frame with pins.
     """
 
     def __init__(self, transfer: Transfer, vertices: Array) -> None:

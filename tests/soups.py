@@ -26,6 +26,14 @@ def flat_pairs(count: int, seed: int = 0) -> Pairs:
     return pairs
 
 
+def tilted_pairs(count: int, seed: int = 0) -> Pairs:
+    """Both triangles in one tilted plane, exactly: corners on a lattice that float32 holds."""
+    rng = np.random.default_rng(seed)
+    steps = rng.integers(-(2**20), 2**20, (count, 2, 3))
+    pairs = np.einsum("kpcx,kxd->kpcd", rng.integers(0, 6, (count, 2, 3, 2)), steps)
+    return pairs.astype(np.float32)
+
+
 def nearly_flat_pairs(count: int, seed: int = 0) -> Pairs:
     """Both triangles in one tilted plane, rounded to float32: coplanar but for the rounding."""
     rng = np.random.default_rng(seed)
@@ -129,6 +137,7 @@ def stress_families(count: int) -> dict[str, Pairs]:
         "lattice": lattice_pairs(count, 2),
         "fine lattice": lattice_pairs(count, 3, 8),
         "flat": flat_pairs(count, 4),
+        "tilted": tilted_pairs(count, 20),
         "nearly flat": nearly_flat_pairs(count, 5),
         "vertex contacts": vertex_contacts(count, 6),
         "edge contacts": edge_contacts(count, 7),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from time import perf_counter
+
 import numpy as np
 import pytest
 from quadruped import SOURCE, TARGET, markers
@@ -37,6 +39,18 @@ def test_a_round_trip_comes_back(animals):
     off = np.linalg.norm(back - poses, axis=2) / diagonal(source)
     assert np.sqrt((off**2).mean(axis=1)).max() < 0.016
     assert off.max() < 0.06
+
+
+def test_a_frame_costs_a_fraction_of_the_registration(animals):
+    source, source_faces, target, target_faces, _ = animals
+    rows = markers(SOURCE, source, TARGET, target)
+    start = perf_counter()
+    register(source, source_faces, target, target_faces, rows)
+    registration = perf_counter() - start
+    transfer, poses = Transfer(*animals), SOURCE.walk(source, 20)
+    start = perf_counter()
+    transfer(poses)
+    assert (perf_counter() - start) / len(poses) < registration / 50
 
 
 def volume(points, faces):

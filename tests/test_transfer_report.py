@@ -92,3 +92,15 @@ def test_results_of_another_transfer_are_refused():
     other = Transfer(*source, *target, match_triangles(*source, *target))
     with pytest.raises(ValueError, match="result should have shape"):
         examine(other, source[0][None], source[0][None])
+
+
+def test_long_animations_are_sampled_evenly_with_both_ends():
+    points, transfer = simple()
+    scales = np.linspace(1.0, 1.4, 101)
+    poses = scales[:, None, None] * points
+    report = examine(transfer, poses, poses.astype(np.float32), samples=3)
+    assert report.unit_ratio == pytest.approx(1.2, rel=1e-9)
+    with pytest.raises(ValueError, match="got 101 frames, 0 samples"):
+        examine(transfer, poses, poses, samples=0)
+    with pytest.raises(ValueError, match="got 0 frames"):
+        examine(transfer, poses[:0], poses[:0])

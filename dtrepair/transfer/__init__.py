@@ -1,12 +1,20 @@
-"""Deformation transfer: source animation -> target animation (Sumner & Popovic 2004)."""
+"""Deformation transfer: source animation -> target animation (Sumner & Popovic 2004).
+
+markers = read_markers("horse_camel.cons")
+registered = register(source, source_faces, target, target_faces, markers)
+pairs = match_triangles(registered, source_faces, target, target_faces)
+transfer = Transfer(source, source_faces, target, target_faces, pairs)
+points = transfer(poses)
+report = examine(transfer, poses, points)
+"""
 
 from __future__ import annotations
 
+from dtrepair.transfer.alignment import Similarity, rotation_between, similarity
 from dtrepair.transfer.correspondence import identity_pairs, match_triangles
 from dtrepair.transfer.deformation import Transfer, transfer_blend_shapes
 from dtrepair.transfer.files import read_correspondence, read_markers, write_correspondence
 from dtrepair.transfer.marker_check import MarkerCheck, check_markers
-from dtrepair.transfer.markers import Similarity, similarity
 from dtrepair.transfer.pins import Pins
 from dtrepair.transfer.registration import register
 from dtrepair.transfer.report import Coverage, TransferReport, examine, measure_coverage
@@ -26,6 +34,7 @@ __all__ = [
     "read_correspondence",
     "read_markers",
     "register",
+    "rotation_between",
     "similarity",
     "transfer_blend_shapes",
     "write_correspondence",

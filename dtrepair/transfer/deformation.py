@@ -10,6 +10,7 @@ from scipy import sparse
 
 from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, triangle_areas
 from dtrepair.operators import Factor
+from dtrepair.transfer.alignment import checked_rotation, unit_vector
 from dtrepair.transfer.arrays import Array, floating_type, like, to_numpy
 from dtrepair.transfer.correspondence import HarmonicFill, averaging_operator, checked_pairs
 from dtrepair.transfer.gradients import (
@@ -66,7 +67,7 @@ class Transfer:
         Raises ValueError for arrays of wrong shape, indices out of range, a `rotation` that is
         none, meshes without a usable pair, and a system that cannot be factorised.
         """
-        self._turn = _checked_rotation(rotation)
+        self._turn = checked_rotation(rotation)
         self.source_rest, self.source_faces = as_mesh(to_numpy(source), to_numpy(source_faces))
         self.source = self.source_rest @ self._turn.T  # in the target's axes
         self.target, self.target_faces = as_mesh(to_numpy(target), to_numpy(target_faces))
@@ -82,7 +83,7 @@ class Transfer:
             self.target, self.target_faces, self.degenerate, self._weights(weights, average)
         )
         match = Match(self.source, self.source_faces, self.target, self.target_faces, average)
-        self.up = _unit(up)
+        self.up = unit_vector(up, "up")
         ratio = ground_ratio(match, self.up) if scale is None else float(scale)
         self.placement = Placement(match, deformation, ratio, pieces)
         self.snap = snap
@@ -231,25 +232,3 @@ class _GradientSource:
         direct = (divergence[:, matched] @ self.known).tocsr()
         direct.eliminate_zeros()
         return direct, None if self.fill is None else divergence[:, ~matched].tocsr()
-
-
-def _checked_rotation(rotation: ArrayLike | None) -> FloatArray:
-    if rotation is None:
-        return np.eye(3)
-    matrix = np.asarray(to_numpy(rotation), dtype=np.float64)
-    if matrix.shape != (3, 3):
-        raise ValueError(f"rotation should have shape (3, 3), got {matrix.shape}")
-    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6) or np.linalg.det(matrix) < 0:
-        raise ValueError(
-            f"rotation should be orthogonal with determinant 1, got {matrix.tolist()}: "
-            "take scale and reflection out of it"
-        )
-    left, _, right = np.linalg.svd(matrix)  # a float32 rotation made orthogonal to float64
-    return left @ right
-
-
-def _unit(vector: ArrayLike) -> FloatArray:
-    values = np.asarray(to_numpy(vector), dtype=np.float64)
-    if values.shape != (3,) or not np.linalg.norm(values) > 0:
-        raise ValueError(f"up should be a vector (3,) other than zero, got {values}")
-    return values / np.linalg.norm(values)

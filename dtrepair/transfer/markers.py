@@ -1,54 +1,11 @@
-"""Marker pairs: their checks, and the similarity they define."""
+"""Marker pairs and their checks."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.geometry import IntArray
 from dtrepair.transfer.arrays import Array, to_numpy
-
-
-@dataclass(frozen=True)
-class Similarity:
-    """x -> scale * rotation @ x + translation; scale is target units per source unit."""
-
-    scale: float
-    rotation: FloatArray  # (3, 3)
-    translation: FloatArray  # (3,)
-
-    def __call__(self, points: FloatArray) -> FloatArray:
-        """Points (V, 3) moved."""
-        return self.scale * points @ self.rotation.T + self.translation
-
-    @property
-    def angle(self) -> float:
-        """Angle of the rotation in degrees, 0 to 180."""
-        return float(np.degrees(np.arccos(np.clip((np.trace(self.rotation) - 1) / 2, -1, 1))))
-
-
-def similarity(source: FloatArray, target: FloatArray) -> Similarity:
-    """Least-squares similarity that takes points (K, 3) to points (K, 3) (Umeyama 1991).
-
-    Raises ValueError for fewer than three points, and for points on a line.
-    """
-    if len(source) < 3:
-        raise ValueError(f"an alignment needs at least 3 markers, got {len(source)}: add markers")
-    centres = source.mean(axis=0), target.mean(axis=0)
-    first, second = source - centres[0], target - centres[1]
-    for name, points in (("source", first), ("target", second)):
-        spread = np.linalg.svd(points, compute_uv=False)
-        if not spread[1] > 1e-6 * spread[0]:
-            raise ValueError(
-                f"the {name} markers lie on a line, which leaves the rotation open: "
-                "add markers away from it"
-            )
-    left, sizes, right = np.linalg.svd(second.T @ first)
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    rotation = (left * signs) @ right
-    scale = float((sizes * signs).sum() / (first**2).sum())
-    return Similarity(scale, rotation, centres[1] - scale * rotation @ centres[0])
 
 
 def checked_markers(markers: Array, source_count: int, target_count: int) -> IntArray:

@@ -10,11 +10,11 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from dtrepair.geometry import FloatArray, as_mesh, diagonal, triangle_areas, triangle_normals
+from dtrepair.transfer.alignment import similarity
 from dtrepair.transfer.arrays import Array, to_numpy
 from dtrepair.transfer.correspondence import checked_pairs
 from dtrepair.transfer.deformation import Transfer
 from dtrepair.transfer.gradients import shared_edges, stacked, surface_gradient
-from dtrepair.transfer.markers import similarity
 
 UNMATCHED_LIMIT = 0.005  # of the target's triangles
 UNIT_RANGE = (0.67, 1.5)
@@ -42,13 +42,13 @@ class Coverage:
 
 @dataclass(frozen=True)
 class TransferReport:
-    """Figures of a transferred animation."""
+    """Figures of a transferred animation, over the frames looked at."""
 
     coverage: Coverage
     residual_median: float  # of || G x - S P || over triangles and frames; no unit
     residual_p95: float
     residual_max: float
-    flipped: float  # largest part of a frame's triangles turned against S n
+    flipped: float  # part of a frame's triangles turned against S n, in the worst frame
     unit_ratio: float  # median over frames of the median det(S)^(1/3)
     turn: float  # degrees between the two rests, from their pairs
     rest_error: float  # transfer of the rest against the target's, relative to the diagonal
@@ -83,17 +83,26 @@ def measure_coverage(
     )
 
 
-def examine(transfer: Transfer, poses: Array, result: Array) -> TransferReport:
+def examine(
+    transfer: Transfer, poses: Array, result: Array, *, samples: int = 48
+) -> TransferReport:
     """Figures of `result` (T, Vt, 3), the transfer of `poses` (T, Vs, 3).
 
-    Raises ValueError when the two do not belong together.
+    At most `samples` frames, evenly spread, are looked at. Raises ValueError when the two do not
+    belong together.
     """
-    frames, outcomes = to_numpy(poses), np.asarray(to_numpy(result), dtype=np.float64)
+    frames, outcomes = to_numpy(poses), to_numpy(result)
     if frames.ndim != 3 or outcomes.shape != (len(frames), len(transfer.target), 3):
         raise ValueError(
             f"result should have shape ({len(frames)}, {len(transfer.target)}, 3) as the transfer "
             f"of poses (T, {len(transfer.source)}, 3), got {outcomes.shape} for {frames.shape}"
         )
+    if not len(frames) or samples < 1:
+        raise ValueError(
+            f"examine needs a frame and a sample, got {len(frames)} frames, {samples} samples"
+        )
+    chosen = np.unique(np.linspace(0, len(frames) - 1, min(samples, len(frames))).astype(int))
+    frames, outcomes = frames[chosen], outcomes[chosen].astype(np.float64)
     coverage = measure_coverage(
         transfer.pairs, transfer.source_faces, transfer.target, transfer.target_faces
     )
@@ -101,7 +110,7 @@ def examine(transfer: Transfer, poses: Array, result: Array) -> TransferReport:
     flipped = float(flipped_parts(transfer, frames, outcomes).max(initial=0.0))
     units = float(np.median([unit_ratio(transfer, frame) for frame in frames]))
     turn = _turn_between_rests(transfer)
-    middle, high = np.percentile(residual, [50, 95]) if residual.size else (0.0, 0.0)
+    middle, high = np.percentile(residual, [50, 95])
     rest_error = _rest_error(transfer)
     return TransferReport(
         coverage,

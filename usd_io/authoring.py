@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -67,10 +67,12 @@ def write_animation(
         record: entries of customLayerData.dtrepair.
 
     Raises:
-        UsageError: the output is not a USD layer, or a prim path is ill-formed.
+        UsageError: the output is not a USD layer, a prim path is ill-formed, or `up` is unknown.
         ValueError: arrays of a mesh do not fit together.
         OutputError: the output cannot be written; an older one is unchanged.
     """
+    if up not in ("Y", "Z"):
+        raise UsageError(f"expected up Y or Z, got {up!r}")
     meshes = [meshes] if isinstance(meshes, AuthoredMesh) else list(meshes)
     codes = np.asarray(times, dtype=np.float64).reshape(-1)
     checked = [_checked(mesh, len(codes)) for mesh in meshes]
@@ -78,11 +80,7 @@ def write_animation(
         stage = Usd.Stage.Open(file.layer)
         UsdGeom.SetStageUpAxis(stage, up)
         UsdGeom.SetStageMetersPerUnit(stage, meters_per_unit)
-        stage.SetTimeCodesPerSecond(fps)
-        stage.SetFramesPerSecond(fps)
-        if len(codes):
-            stage.SetStartTimeCode(float(codes.min()))
-            stage.SetEndTimeCode(float(codes.max()))
+        _set_times(stage, codes, fps)
         geometries = [
             _define(stage, mesh, *topology) for mesh, topology in zip(meshes, checked, strict=True)
         ]
@@ -93,9 +91,8 @@ def write_animation(
             _author_transforms(geometry, mesh, codes)
         for row, time in enumerate(codes):
             for mesh, geometry in zip(meshes, geometries, strict=True):
-                if _animated(mesh):
-                    assert mesh.points is not None
-                    _author_points(geometry, np.asarray(mesh.points[row]), Usd.TimeCode(time))
+                if len(_frames(mesh)):
+                    _author_points(geometry, np.asarray(_frames(mesh)[row]), Usd.TimeCode(time))
                     file.end_frame()
         if record:
             set_record(stage.GetRootLayer(), record)
@@ -103,43 +100,55 @@ def write_animation(
         file.commit()
 
 
-def _animated(mesh: AuthoredMesh) -> bool:
-    return mesh.points is not None and len(mesh.points) > 0
+def _set_times(stage: Usd.Stage, codes: NDArray[np.float64], fps: float) -> None:
+    stage.SetTimeCodesPerSecond(fps)
+    stage.SetFramesPerSecond(fps)
+    if len(codes):
+        stage.SetStartTimeCode(float(codes.min()))
+        stage.SetEndTimeCode(float(codes.max()))
+
+
+def _frames(mesh: AuthoredMesh) -> Sequence[ArrayLike] | NDArray[np.floating]:
+    return () if mesh.points is None else mesh.points
 
 
 def _checked(
     mesh: AuthoredMesh, time_count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """Face counts, face indices and the number of points; ValueError if anything does not fit."""
+    """Face counts, face indices and the number of points; an error if anything does not fit."""
     if not Sdf.Path.IsValidPathString(mesh.path) or not Sdf.Path(mesh.path).IsPrimPath():
         raise UsageError(f"{mesh.path!r}: not a prim path; expected one like /Character/Body")
     if not Sdf.Path(mesh.path).IsAbsolutePath():
         raise UsageError(f"{mesh.path!r}: not an absolute prim path; start it with /")
-    if _animated(mesh) and len(mesh.points or ()) != time_count:
-        raise ValueError(
-            f"{mesh.path}: expected points for {time_count} times, got {len(mesh.points or ())}"
-        )
-    if mesh.rest is None and not _animated(mesh):
+    frames = _frames(mesh)
+    if len(frames) not in (0, time_count):
+        raise ValueError(f"{mesh.path}: expected points for {time_count} times, got {len(frames)}")
+    if mesh.rest is None and not len(frames):
         raise ValueError(f"{mesh.path}: expected rest points or animated points, got neither")
-    sample = mesh.rest
-    if sample is None:
-        assert mesh.points is not None
-        sample = mesh.points[0]
-    shape = np.shape(sample)
+    shape = np.shape(frames[0] if mesh.rest is None else mesh.rest)
     if len(shape) != 2 or shape[1] != 3:
         raise ValueError(f"{mesh.path}: expected points (V, 3), got {shape}")
-    if isinstance(mesh.faces, np.ndarray):
-        counts = np.full(len(mesh.faces), mesh.faces.shape[1], dtype=np.int64)
-        indices = mesh.faces.reshape(-1).astype(np.int64)
-    else:
-        polygons = [np.asarray(face, dtype=np.int64) for face in mesh.faces]  # type: ignore[union-attr]
-        counts = np.array([len(face) for face in polygons], dtype=np.int64)
-        indices = np.concatenate([*polygons, np.empty(0, dtype=np.int64)])
+    for points in frames:
+        if np.shape(points) != shape:
+            raise ValueError(f"{mesh.path}: expected points {shape}, got {np.shape(points)}")
+    counts, indices = _topology(mesh.faces)
     try:
         check_topology(counts, indices, shape[0])
     except ValueError as error:
         raise ValueError(f"{mesh.path}: {error}") from None
     return counts, indices, shape[0]
+
+
+def _topology(
+    faces: ArrayLike | Sequence[Sequence[int]],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Counts and indices of polygons given as an array (F, k) or as lists."""
+    if isinstance(faces, np.ndarray):
+        counts = np.full(len(faces), faces.shape[1], dtype=np.int64)
+        return counts, faces.reshape(-1).astype(np.int64)
+    polygons = [np.asarray(face, dtype=np.int64) for face in cast(Sequence[Sequence[int]], faces)]
+    counts = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
+    return counts, np.concatenate([*polygons, np.empty(0, dtype=np.int64)])
 
 
 def _define(

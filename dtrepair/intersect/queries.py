@@ -40,17 +40,29 @@ class Queries:
 
         With `active` (V,) only those whose shared vertex is active.
         """
-        count = len(self._fans)
-        if count == 0:
-            return np.zeros((0, 2), dtype=np.int32)
+        warp = self._warp
         mask = np.ones(self._detector.vertex_count, bool) if active is None else active
-        folded = self._warp.empty(count, dtype=self._warp.uint8, device="cpu")
-        positions = self._array(points, self._warp.vec3f)
-        marks = self._array(mask.astype(np.uint8), self._warp.uint8)
-        inputs = [positions, self._faces, self._fan_array, marks, folded]
-        self._warp.launch(self._kernels.find_folds, dim=count, inputs=inputs, device="cpu")
-        found = self._fans[folded.numpy().astype(bool)][:, [0, 2]]
-        return np.sort(found, axis=1)
+        positions = self._array(points, warp.vec3f)
+        bent = warp.empty(len(mask), dtype=warp.uint8, device="cpu")
+        inputs = [
+            positions,
+            self._faces,
+            *self._corners,
+            self._array(mask.view(np.uint8), warp.uint8),
+        ]
+        warp.launch(self._kernels.find_bent, dim=len(mask), inputs=[*inputs, bent], device="cpu")
+        rows = self._fan_rows(np.flatnonzero(bent.numpy()))
+        folded = warp.empty(len(rows), dtype=warp.uint8, device="cpu")
+        inputs = [positions, self._faces, self._fan_array, self._array(rows, warp.int32), folded]
+        warp.launch(self._kernels.find_folds, dim=len(rows), inputs=inputs, device="cpu")
+        return np.sort(self._fans[rows[folded.numpy().astype(bool)]][:, [0, 2]], axis=1)
+
+    def _fan_rows(self, vertices: NDArray[np.int64]) -> IntArray:
+        """Rows of the fans around vertices."""
+        starts, stops = self._fan_starts[vertices], self._fan_starts[vertices + 1]
+        sizes = stops - starts
+        offsets = np.repeat(starts - np.cumsum(sizes) + sizes, sizes)
+        return (offsets + np.arange(len(offsets))).astype(np.int32)
 
     def ring_distance(self, pairs: IntArray) -> IntArray:
         """Edge rings (K,) between the triangles of pairs (K, 2), at most RING_LIMIT + 1."""
@@ -106,8 +118,26 @@ class Queries:
         return self._array(indptr, self._warp.int32), self._array(indices, self._warp.int32)
 
     @cached_property
+    def _corners(self) -> tuple[Any, Any]:
+        """Corners (3 x triangle + corner) around each vertex, as compressed rows."""
+        flat = self._detector.faces.ravel()
+        starts = np.searchsorted(np.sort(flat), np.arange(self._detector.vertex_count + 1))
+        order = np.argsort(flat, kind="stable").astype(np.int32)
+        return (
+            self._array(starts.astype(np.int32), self._warp.int32),
+            self._array(order, self._warp.int32),
+        )
+
+    @cached_property
     def _fans(self) -> IntArray:
         return one_vertex_pairs(self._detector.faces, self._detector.vertex_count)
+
+    @cached_property
+    def _fan_starts(self) -> NDArray[np.int64]:
+        """First row of each vertex in the fans, which are sorted by shared vertex (V + 1,)."""
+        fans, faces = self._fans, self._detector.faces
+        shared = faces[fans[:, 0], fans[:, 1]]
+        return np.searchsorted(shared, np.arange(self._detector.vertex_count + 1))
 
     @cached_property
     def _fan_array(self) -> Any:
@@ -118,19 +148,23 @@ class Queries:
 
 
 def one_vertex_pairs(faces: IntArray, count: int) -> IntArray:
-    """Rows (triangle, its corner, triangle, its corner) of pairs that share exactly one vertex."""
+    """Rows (triangle, its corner, triangle, its corner) of pairs that share exactly one vertex.
+
+    Sorted by the shared vertex.
+    """
     corners = np.argsort(faces.ravel(), kind="stable")
     valence = np.bincount(faces.ravel(), minlength=count)
     starts = np.concatenate([[0], np.cumsum(valence)])
-    rows = []
+    found = []
     for size in np.unique(valence[valence > 1]):
         vertices = np.flatnonzero(valence == size)
         around = corners[starts[vertices][:, None] + np.arange(size)]
         i, j = np.triu_indices(size, 1)
-        rows.append(np.stack([around[:, i].ravel(), around[:, j].ravel()], axis=1))
-    if not rows:
+        found.append(np.stack([around[:, i].ravel(), around[:, j].ravel()], axis=1))
+    if not found:
         return np.zeros((0, 4), dtype=np.int32)
-    first, second = np.concatenate(rows).T
+    first, second = np.concatenate(found).T
     shared = (faces[first // 3][:, :, None] == faces[second // 3][:, None, :]).sum(axis=(1, 2))
     first, second = first[shared == 1], second[shared == 1]
-    return np.stack([first // 3, first % 3, second // 3, second % 3], axis=1).astype(np.int32)
+    rows = np.stack([first // 3, first % 3, second // 3, second % 3], axis=1).astype(np.int32)
+    return rows[np.argsort(faces.ravel()[first], kind="stable")]

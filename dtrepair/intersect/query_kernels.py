@@ -33,25 +33,67 @@ def segment_meets(p: wp.vec3d, q: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3
 
 
 @wp.kernel
+def find_bent(
+    points: wp.array(dtype=wp.vec3f),
+    faces: wp.array(dtype=wp.vec3i),
+    indptr: wp.array(dtype=wp.int32),
+    corners: wp.array(dtype=wp.int32),
+    active: wp.array(dtype=wp.uint8),
+    bent: wp.array(dtype=wp.uint8),
+):
+    """Marks the active vertices around which triangles could fold; one thread a vertex.
+
+    Where every triangle around a vertex faces within 80 degrees of their mean normal, and goes
+    around it once, they lie over a plane side by side and cannot fold.
+    """
+    v = wp.tid()
+    bent[v] = wp.uint8(0)
+    if active[v] == wp.uint8(0):
+        return
+    mean = wp.vec3f()
+    turn = float(0.0)
+    for k in range(indptr[v], indptr[v + 1]):
+        f = faces[corners[k] / 3]
+        corner = corners[k] % 3
+        u = points[f[(corner + 1) % 3]] - points[v]
+        w = points[f[(corner + 2) % 3]] - points[v]
+        mean += wp.cross(u, w)
+        # 1 - cos is 0.64 to 1 times the angle in right angles: enough to tell one turn from two.
+        turn += 1.0 - wp.dot(u, w) / wp.sqrt(wp.dot(u, u) * wp.dot(w, w))
+    folded = not turn < 5.0
+    for k in range(indptr[v], indptr[v + 1]):
+        f = faces[corners[k] / 3]
+        corner = corners[k] % 3
+        u = points[f[(corner + 1) % 3]] - points[v]
+        w = points[f[(corner + 2) % 3]] - points[v]
+        normal = wp.cross(u, w)
+        facing = wp.dot(normal, mean)
+        if not (
+            facing > 0.0 and facing * facing > 0.03 * wp.dot(normal, normal) * wp.dot(mean, mean)
+        ):
+            folded = True
+    if folded:
+        bent[v] = wp.uint8(1)
+
+
+@wp.kernel
 def find_folds(
     points: wp.array(dtype=wp.vec3f),
     faces: wp.array(dtype=wp.vec3i),
     fans: wp.array(dtype=wp.vec4i),
-    active: wp.array(dtype=wp.uint8),
+    rows: wp.array(dtype=wp.int32),
     folded: wp.array(dtype=wp.uint8),
 ):
-    """Marks the rows (triangle, corner, triangle, corner) of `fans` whose triangles fold.
+    """Marks those of some rows (triangle, corner, triangle, corner) of `fans` that fold.
 
     Two triangles that share exactly one vertex fold if the edge opposite it of one crosses the
     other; one thread a row.
     """
     row = wp.tid()
     folded[row] = wp.uint8(0)
-    fan = fans[row]
+    fan = fans[rows[row]]
     f = faces[fan[0]]
     g = faces[fan[2]]
-    if active[f[fan[1]]] == wp.uint8(0):
-        return
     a = point(points, f[fan[1]])
     b = point(points, f[(fan[1] + 1) % 3])
     c = point(points, f[(fan[1] + 2) % 3])

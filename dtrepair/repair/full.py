@@ -11,7 +11,7 @@ from dtrepair.repair.crease import fill_creases
 from dtrepair.repair.options import Solved, Stage
 from dtrepair.repair.push import Pushed, push
 from dtrepair.repair.surface import Surface
-from dtrepair.repair.tighten import distortion, pull_back, relax
+from dtrepair.repair.tighten import distortion, pull_back, reach_of, relax
 
 # Rings within which contacts are left to the crease stage: from careful to pushing all of them.
 NEAR = (20, 12, 6, 0)
@@ -96,6 +96,7 @@ class _Run:
         points, folds = best.points, len(best.defects.folds)
         surface, original = self.surface, self.original
         before = best.distortion
+        reach = reach_of(surface, points - original)
         for index in range(rounds):
             start = time.perf_counter()
             fraction = PULL_BACK * PULL_BACK_DECAY**index
@@ -104,10 +105,14 @@ class _Run:
             )
             middle = time.perf_counter()
             self._record("pull back", points, 0, folds, 0, start)
-            points = relax(surface, original, points, cycles=3, folds=folds, soften=True)
+            points = relax(
+                surface, original, points, cycles=3, folds=folds, soften=True, reach=reach
+            )
             start = time.perf_counter()
             self._record("relax", points, 0, folds, 0, middle)
-            points = relax(surface, original, points, cycles=4, folds=folds, soften=False)
+            points = relax(
+                surface, original, points, cycles=4, folds=folds, soften=False, reach=reach
+            )
             after = self._record("pin", points, 0, folds, 0, start)
             if after > ROUND_GAIN * before:
                 break

@@ -21,6 +21,8 @@ ROLLBACK_RINGS = 8
 # Motions below this (units of the size) are left out, those up to twice this fade in: what does not
 # move needs no new detection.
 STILL = 1e-5
+# Tightening reaches this many rings beyond what the repair has displaced, fading over half of them.
+REACH_RINGS = 10
 # Contacts within this many rings are creases: their surroundings follow, they are not pinned.
 CREASE_RINGS = 12
 
@@ -43,11 +45,12 @@ def pull_back(
     step: float = 0.004,
 ) -> FloatArray:
     """Undo a fraction of the displacement, then push and fill what collides again."""
+    known = find_defects(surface, points)
     current, best = points, distortion(surface, original, points)
     failures = 0
     for _ in range(cycles):
         trial = original + (1.0 - fraction) * (current - original)
-        defects = find_defects(surface, trial)
+        defects = changed_defects(surface, known, current, trial)
         if len(defects.crossings):
             pushed = push(
                 surface,
@@ -59,13 +62,11 @@ def pull_back(
                 known_pairs=defects.crossings,
             )
             trial = pushed.points
-            if len(pushed.pairs):
-                trial, defects = fill_creases(surface, trial, rounds=5)
-            else:
-                defects = find_defects(surface, trial)
+            moved = changed_defects(surface, known, current, trial)
+            trial, defects = fill_creases(surface, trial, rounds=5, known=moved)
         value = distortion(surface, original, trial)
         if _acceptable(defects, folds) and value < 0.995 * best:
-            current, best = trial, value
+            current, best, known = trial, value, defects
         else:
             failures += 1
             fraction, step = 0.5 * fraction, 0.6 * step
@@ -82,11 +83,12 @@ def relax(
     cycles: int,
     folds: int,
     soften: bool,
+    reach: FloatArray,
     tries: int = 2,
 ) -> FloatArray:
     """As-rigid-as-possible cycles towards the input's edges.
 
-    What would collide is pinned inside the solve; with `soften`, creases instead follow the
+    `reach` (V,) scales the motion of each vertex. What would collide is pinned inside the solve; with `soften`, creases instead follow the
     membrane extension of the displacement around them. What still collides is rolled back locally.
     """
     rigidity = Rigidity(surface, original)
@@ -97,7 +99,7 @@ def relax(
     rejected = 0
     for cycle in range(cycles):
         target = rigidity.target(current)
-        attempt = _Attempt(surface, current, known, target, pins, soft, folds)
+        attempt = _Attempt(surface, current, known, target, pins, soft, reach, folds)
         trial = attempt.run(rigidity, tries, soften)
         value = distortion(surface, original, trial) if trial is not None else np.inf
         if trial is not None and value < (0.997 if soften else 0.998) * best:
@@ -123,17 +125,18 @@ class _Attempt:
         target: FloatArray,
         pins: FloatArray,
         soft: BoolArray,
+        reach: FloatArray,
         folds: int,
     ) -> None:
         self.surface, self.current, self.target = surface, current, target
         self.known = self.defects = known
-        self.pins, self.soft, self.folds = pins, soft, folds
+        self.pins, self.soft, self.reach, self.folds = pins, soft, reach, folds
 
     def run(self, rigidity: Rigidity, tries: int, soften: bool) -> FloatArray | None:
         """The clean pose of the step, or None."""
         for _ in range(tries):
             trial = rigidity.solve(self.target, PIN * self.pins, self.current)
-            trial = without_still(self.current, self._softened(trial))
+            trial = without_still(self.current, self._softened(trial), self.reach)
             self.defects = changed_defects(self.surface, self.known, self.current, trial)
             if _acceptable(self.defects, self.folds):
                 return trial
@@ -193,9 +196,16 @@ def roll_back(
     return None
 
 
-def without_still(current: FloatArray, trial: FloatArray) -> FloatArray:
-    """The trial with every motion below STILL taken out, and those up to twice that faded in."""
-    motion = trial - current
+def reach_of(surface: Surface, displacement: FloatArray) -> FloatArray:
+    """Weight (V,) of tightening: 1 at and near displaced vertices, 0 beyond REACH_RINGS."""
+    displaced = (displacement != 0).any(axis=1)
+    rings = surface.rings_from(displaced, REACH_RINGS)
+    return np.clip(2.0 - 2.0 * rings / REACH_RINGS, 0.0, 1.0)
+
+
+def without_still(current: FloatArray, trial: FloatArray, reach: FloatArray) -> FloatArray:
+    """The motion to `trial` scaled by `reach` (V,), and left out where it is below STILL."""
+    motion = reach[:, None] * (trial - current)
     length = np.linalg.norm(motion, axis=1)
     kept = np.clip(length / STILL - 1.0, 0.0, 1.0)
     return np.where(kept[:, None] > 0, current + kept[:, None] * motion, current)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dtrepair import __version__
+from dtrepair.cli.bodies import make_bodies, read_pins
 from dtrepair.cli.console import Console
 from dtrepair.cli.failures import (
     CLEAN,
@@ -33,6 +34,7 @@ from dtrepair.record import FrameRecord, Report, summarize, write_report
 
 if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions
+    from dtrepair.repair.repairer import Body
 
 
 @click.command(
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
     help="Rest pose; default: the default-time points, else the frame with fewest intersections.",
 )
 @click.option("--collider", metavar="EXPR", help="Meshes that take part but never move.")
+@click.option("--pin", metavar="NAME", help="Primvar (0 free to 1 fixed) or GeomSubset (fixed).")
 @click.option("--report", "report_path", metavar="F.json", help="Write a JSON report.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
@@ -62,6 +65,7 @@ def command(
     output: str,
     rest: str | None,
     collider: str | None,
+    pin: str | None,
     report_path: str | None,
     skip_existing: bool,
     dry_run: bool,
@@ -91,7 +95,8 @@ def command(
     run = Run(source_path, output, use_device(device), options, jobs)
     source = open_source(source_path, selection, collider=collider)
     console.warn(source.warnings)
-    run.settings = _settings(selection, options, rest, collider)
+    run.settings = _settings(selection, options, rest=rest, collider=collider, pin=pin)
+    pins = read_pins(source, pin)
     sink = open_sink(source, output, run.settings)
     try:
         run.lap("read")
@@ -99,7 +104,8 @@ def command(
         if dry_run:
             _print_plan(console, source, rests, output)
             return CLEAN
-        report = _repair(run, source, rests, sink, console)
+        bodies = make_bodies(source, rests, pins)
+        report = _repair(run, source, rests, bodies, sink, console)
     finally:
         sink.abort()
     if report_path is not None:
@@ -130,16 +136,21 @@ class Run:
         self.last = now
 
 
-def _settings(
-    selection: Selection, options: RepairOptions, rest: str | None, collider: str | None
-) -> dict[str, Any]:
-    chosen = {**vars(selection), **asdict(options), "rest": rest, "collider": collider}
+def _settings(selection: Selection, options: RepairOptions, **more: str | None) -> dict[str, Any]:
+    chosen = {**vars(selection), **asdict(options), **more}
     return {name: value for name, value in chosen.items() if value is not None}
 
 
-def _repair(run: Run, source: Source, rests: list[Rest], sink: Sink, console: Console) -> Report:
+def _repair(
+    run: Run,
+    source: Source,
+    rests: list[Rest],
+    bodies: list[Body],
+    sink: Sink,
+    console: Console,
+) -> Report:
     """Repair all frames into the sink, commit it, and return the report."""
-    repairer, rest_counts = _make_repairer(run, source, rests)
+    repairer, rest_counts = _make_repairer(run, source, rests, bodies)
     run.lap("factor")
     console.warn(_rest_warnings(source, rests, rest_counts))
     records: list[FrameRecord] = []
@@ -174,18 +185,14 @@ def _repair(run: Run, source: Source, rests: list[Rest], sink: Sink, console: Co
 
 
 def _make_repairer(
-    run: Run, source: Source, rests: list[Rest]
+    run: Run, source: Source, rests: list[Rest], bodies: list[Body]
 ) -> tuple[FrameRepairer, list[int | None]]:
+    """Build the solver and the counter, once for all frames; count the rests' own intersections."""
     from dtrepair.counts import SceneCounter
-    from dtrepair.repair.repairer import Body, SceneRepairer
+    from dtrepair.repair.repairer import SceneRepairer
 
-    time = float(source.times[0])
-    several = len(source.meshes) > 1
-    bodies: list[Body] = []
     rest_counts: list[int | None] = []
     for mesh, rest in zip(source.meshes, rests, strict=True):
-        points = source.to_world(mesh, time, rest.points) if several else rest.points
-        bodies.append(Body(points, mesh.faces, mobility=0.0 if mesh.collider else 1.0))
         counter = SceneCounter([rest.points], [mesh.faces], device=run.device)
         rest_counts.append(counter([rest.points]).total.triangles)
     scene = SceneRepairer(bodies, options=run.options, device=run.device)

@@ -15,7 +15,7 @@ from dtrepair.record import CountRecord, FramePrimRecord, FrameRecord
 
 if TYPE_CHECKING:
     from dtrepair.counts import SceneCount, SceneCounter
-    from dtrepair.repair.repairer import SceneRepairer
+    from dtrepair.repair.repairer import Body, SceneRepairer
 
 # Rounding to the float32 points of a local space may close the tiny gaps of a result again.
 _ROUNDS = 3
@@ -44,6 +44,7 @@ class FrameRepairer:
         self.source = source
         self.repairer = repairer
         self.counter = counter
+        self.free = [_free(body) for body in repairer.bodies]
 
     def __call__(self, frame: Frame) -> Repaired:
         """Repair a frame; an unusable or failing one comes back unchanged with the reason."""
@@ -86,7 +87,9 @@ class FrameRepairer:
         """Local float32 points of the meshes that changed; unmoved vertices keep every bit."""
         written: list[NDArray[np.float32] | None] = []
         for index, mesh in enumerate(self.source.meshes):
+            # A fixed vertex keeps its place whatever the solver says; the count tells the rest.
             moved = (np.asarray(results[index]) != frame.spaces[index]).any(axis=1)
+            moved &= self.free[index]
             if not moved.any():
                 written.append(None)
                 continue
@@ -149,6 +152,12 @@ def repair_frames(
     """Repair an iterator of frames, in order."""
     for _, repaired in side_by_side(repairer, frames, jobs=jobs):
         yield repaired
+
+
+def _free(body: Body) -> NDArray[np.bool_]:
+    """Which vertices (V,) of a body may move at all."""
+    free = np.full(len(np.asarray(body.rest)), body.mobility > 0.0)
+    return free if body.pin is None else free & (np.asarray(body.pin) < 1.0)
 
 
 def _status(before: CountRecord, after: CountRecord) -> str:

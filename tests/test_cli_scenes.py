@@ -1,0 +1,149 @@
+"""`dtrepair repair` with several meshes, colliders and pins."""
+
+import numpy as np
+import pytest
+from command_line import (
+    CLOSED,
+    OPEN,
+    assert_fails,
+    read_samples,
+    run,
+    tube_obj,
+    tube_polygons,
+    tube_stage,
+)
+from meshes import icosphere, tube_quads
+
+from dtrepair.record import read_report
+
+
+@pytest.fixture
+def rod_in_ball(tmp_path):
+    """A rod that a transform moves into a ball; both live under scaled or turned parents."""
+    from usd_io import AuthoredMesh, write_animation
+
+    ball, ball_faces = icosphere(2, radius=0.5)
+    rod, rod_faces = tube_quads(8, 12, radius=0.12, length=1.2)
+    into = np.tile(np.diag([10.0, 10.0, 10.0, 1.0]), (4, 1, 1))
+    into[:, 3, 2] = (20.0, 10.5, 9.0, 20.0)
+    turn = np.array([[0, 20.0, 0, 0], [-20.0, 0, 0, 0], [0, 0, 20.0, 0], [0, 0, 0, 1]])
+    path = tmp_path / "scene.usda"
+    meshes = [
+        AuthoredMesh(path="/Ball/Mesh", faces=ball_faces, rest=ball, transforms=turn),
+        AuthoredMesh(path="/Rod/Mesh", faces=rod_faces, rest=rod, transforms=into),
+    ]
+    write_animation(path, meshes, times=(1.0, 2.0, 3.0, 4.0))
+    return path
+
+
+def moved(path, out, prim):
+    """Whether a mesh's points differ from the input's at each time code that was written."""
+    from pxr import Usd
+
+    values = []
+    for name in (path, out):
+        stage = Usd.Stage.Open(str(name))  # prims die with their stage
+        attribute = stage.GetPrimAtPath(prim).GetAttribute("points")
+        values.append([np.array(attribute.Get(time)) for time in (1, 2, 3, 4)])
+    return [not np.array_equal(a, b) for a, b in zip(*values, strict=True)]
+
+
+def test_two_meshes_are_separated_in_world_space(rod_in_ball, tmp_path):
+    out = tmp_path / "out.usdc"
+    report = tmp_path / "r.json"
+    assert run("check", rod_in_ball).code == 1
+    done = run("repair", rod_in_ball, "-o", out, "--report", report)
+    assert done.code == 0, done
+    assert run("check", out).code == 0
+    frames = read_report(report)["frames"]
+    assert [frame["before"]["inter_pairs"] > 0 for frame in frames] == [False, True, True, False]
+    assert [frame["after"]["pairs"] for frame in frames] == [0, 0, 0, 0]
+    assert {prim["path"] for prim in frames[1]["prims"]} == {"/Ball/Mesh", "/Rod/Mesh"}
+    assert moved(rod_in_ball, out, "/Ball/Mesh") == [False, True, True, False]
+    assert moved(rod_in_ball, out, "/Rod/Mesh") == [False, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("still", "other"), [("/Ball/Mesh", "/Rod/Mesh"), ("/Rod/Mesh", "/Ball/Mesh")]
+)
+def test_a_collider_never_moves(rod_in_ball, tmp_path, still, other):
+    out = tmp_path / "out.usda"
+    done = run("repair", rod_in_ball, "-o", out, "--prim", other, "--collider", still)
+    # The exit code says honestly whether the rest could be repaired around what is fixed.
+    assert done.code == run("check", out).code
+    assert not any(moved(rod_in_ball, out, still))
+    assert any(moved(rod_in_ball, out, other))
+    # The collider is not even in the layer.
+    assert still.split("/")[1] not in out.read_text().split("subLayers")[1]
+
+
+def test_mode_self_leaves_contacts_between_meshes(rod_in_ball, tmp_path):
+    out = tmp_path / "out.usda"
+    assert run("repair", rod_in_ball, "-o", out, "--mode", "self").code == 0
+    assert not any(moved(rod_in_ball, out, "/Rod/Mesh"))
+    assert run("check", out).code == 1
+
+
+def add_pin(path, values, name="pin"):
+    from pxr import Sdf, Usd, UsdGeom
+
+    stage = Usd.Stage.Open(str(path))
+    primvars = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/Root/Tube"))
+    primvars.CreatePrimvar(name, Sdf.ValueTypeNames.FloatArray, "vertex").Set(values)
+    stage.Save()
+
+
+def test_pinned_vertices_keep_every_bit(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
+    fixed = np.arange(200) < 100  # one half of the tube
+    add_pin(path, fixed.astype(float).tolist())
+    out = tmp_path / "b.usdc"
+    assert run("repair", path, "-o", out, "--pin", "pin").code == run("check", out).code
+    before, after = read_samples(path)[2], read_samples(out)[2]
+    assert np.array_equal(before[fixed], after[fixed])
+    assert not np.array_equal(before[~fixed], after[~fixed])
+
+
+def test_bad_pins_are_refused(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
+    add_pin(path, [3.0] * 200)
+    out = tmp_path / "b.usdc"
+    assert_fails(run("repair", path, "-o", out, "--pin", "pin"), 3, "from 0 to 1")
+    assert_fails(run("repair", path, "-o", out, "--pin", "pen"), 2, "--pin pen", "GeomSubset")
+    mesh = tube_obj(tmp_path / "a.obj")
+    assert_fails(run("repair", mesh, "-o", tmp_path / "b.obj", "--pin", "p"), 2, "USD stages")
+    assert not out.exists()
+
+
+def test_a_mesh_that_holds_its_points_stays_put_between_its_samples(tmp_path):
+    """A mesh keyed at 1 and 5 beside one keyed at every frame: clean frames must not shift."""
+    from pxr import Usd
+
+    from usd_io import AuthoredMesh, write_animation
+
+    path = tube_stage(tmp_path / "tube.usda", (OPEN, OPEN, CLOSED, OPEN, OPEN))
+    ball, faces = icosphere(1, radius=0.1)
+    points = [ball + np.array([5, 0, 0.1 * time]) for time in range(5)]
+    meshes = [
+        AuthoredMesh(
+            path="/Root/Tube",
+            faces=tube_polygons(),
+            points=list(read_samples(path).values()),
+        ),
+        AuthoredMesh(path="/Root/Ball", faces=faces, points=points),
+    ]
+    both = tmp_path / "both.usda"
+    write_animation(both, meshes, times=np.arange(1.0, 6.0))
+    stage = Usd.Stage.Open(str(both))
+    attribute = stage.GetPrimAtPath("/Root/Tube").GetAttribute("points")
+    for time in (2, 4):
+        attribute.ClearAtTime(time)
+    stage.Save()
+    held = {time: np.array(attribute.Get(time)) for time in (1, 2, 4, 5)}
+    del attribute, stage
+    out = tmp_path / "out.usdc"
+    assert run("repair", both, "-o", out).code == 0
+    stage = Usd.Stage.Open(str(out))
+    result = stage.GetPrimAtPath("/Root/Tube").GetAttribute("points")
+    for time, points in held.items():
+        assert np.allclose(np.array(result.Get(time)), points, atol=1e-6)

@@ -1,0 +1,86 @@
+"""A number for each vertex, out of a primvar or a GeomSubset: what artists paint or select."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from usd_io.errors import StageError
+from usd_io.mesh import AnimatedMesh
+
+_PER_VERTEX = (UsdGeom.Tokens.vertex, UsdGeom.Tokens.varying)
+
+
+def read_vertex_weights(mesh: AnimatedMesh, name: str) -> NDArray[np.float64] | None:
+    """Weights (V,) between 0 and 1 of a mesh; None if it has nothing of that name.
+
+    A primvar (`name` with or without `primvars:`) of numbers with vertex, varying or constant
+    interpolation, taken at the default time or else its earliest sample; or a GeomSubset below the
+    mesh: 1 at its points, or at the corners of its faces, and 0 elsewhere.
+
+    Raises:
+        StageError: another interpolation or type, a wrong count, numbers outside 0..1, or indices
+            out of range.
+    """
+    primvar = UsdGeom.PrimvarsAPI(mesh.prim).FindPrimvarWithInheritance(
+        name.removeprefix("primvars:")
+    )
+    if primvar and primvar.HasAuthoredValue():
+        return _from_primvar(mesh, primvar, name)
+    for child in mesh.prim.GetChildren():
+        if child.GetName() == name and child.IsA(UsdGeom.Subset):
+            return _from_subset(mesh, UsdGeom.Subset(child))
+    return None
+
+
+def _from_primvar(mesh: AnimatedMesh, primvar: UsdGeom.Primvar, name: str) -> NDArray[np.float64]:
+    where = f"{mesh.path}: primvar {name}"
+    value = primvar.ComputeFlattened(Usd.TimeCode.Default())
+    if value is None:
+        value = primvar.ComputeFlattened(Usd.TimeCode.EarliestTime())
+    try:
+        weights = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise StageError(f"{where}: expected numbers, got {primvar.GetTypeName()}") from None
+    interpolation = primvar.GetInterpolation()
+    if interpolation == UsdGeom.Tokens.constant and weights.size == 1:
+        weights = np.full(len(mesh.rest), float(weights.reshape(-1)[0]))
+    elif interpolation not in _PER_VERTEX or weights.shape != (len(mesh.rest),):
+        raise StageError(
+            f"{where}: expected one number for each of {len(mesh.rest)} vertices, got "
+            f"{weights.shape} with {interpolation} interpolation"
+        )
+    if not ((weights >= 0.0) & (weights <= 1.0)).all():
+        raise StageError(f"{where}: expected numbers from 0 to 1; scale them")
+    return weights
+
+
+def _from_subset(mesh: AnimatedMesh, subset: UsdGeom.Subset) -> NDArray[np.float64]:
+    where = f"{mesh.path}: GeomSubset {subset.GetPrim().GetName()}"
+    kind = subset.GetElementTypeAttr().Get()
+    indices = np.asarray(_first(subset.GetIndicesAttr()), dtype=np.int64).reshape(-1)
+    if kind == UsdGeom.Tokens.face:
+        counts = np.asarray(_first(mesh.geometry.GetFaceVertexCountsAttr()), dtype=np.int64)
+        corners = np.asarray(_first(mesh.geometry.GetFaceVertexIndicesAttr()), dtype=np.int64)
+        _check_range(where, indices, len(counts), "faces")
+        chosen = np.zeros(len(counts), dtype=bool)
+        chosen[indices] = True
+        indices = corners[np.repeat(chosen, counts)]
+    elif kind != UsdGeom.Tokens.point:
+        raise StageError(f"{where}: expected elements of type face or point, got {kind}")
+    _check_range(where, indices, len(mesh.rest), "points")
+    weights = np.zeros(len(mesh.rest))
+    weights[indices] = 1.0
+    return weights
+
+
+def _first(attribute: Usd.Attribute) -> object:
+    value = attribute.Get(Usd.TimeCode.EarliestTime())
+    return () if value is None else value
+
+
+def _check_range(where: str, indices: NDArray[np.int64], count: int, what: str) -> None:
+    wrong = indices[(indices < 0) | (indices >= count)]
+    if len(wrong):
+        raise StageError(f"{where}: expected indices below {count} ({what}), got {wrong[0]}")

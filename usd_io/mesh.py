@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from usd_io.errors import StageError
+
+if TYPE_CHECKING:
+    from usd_io.skinning import Skin
 
 
 @dataclass(frozen=True)
@@ -23,14 +27,14 @@ class AnimatedMesh:
             sides; winding flipped for left-handed meshes; holes and degenerate polygons left out.
         polygons: source polygon of each triangle (F,) int32.
         times: time codes of the points (T,) float64, exactly as composed; [nan] for points that
-            exist at the default time only.
+            exist at the default time only. Skinned: the keys and every whole frame between them.
         up: up axis of the stage (3,).
         meters_per_unit: metres per stage unit.
         warnings: one line each.
         rest_time: time code of `rest`, NaN for the default time.
-        skinned: the points come from a skeleton or blend shapes; written points unbind the prim.
         uninstanced: paths of the instances that were expanded to reach this mesh.
         stage: the stage; held here because prims die with their stage.
+        skin: skeleton and blend shapes that deform the points, if any; writing unbinds the prim.
     """
 
     path: str
@@ -42,9 +46,9 @@ class AnimatedMesh:
     meters_per_unit: float
     warnings: tuple[str, ...] = ()
     rest_time: float = float("nan")
-    skinned: bool = False
     uninstanced: tuple[str, ...] = ()
     stage: Usd.Stage = field(default=None, repr=False, compare=False)
+    skin: Skin | None = field(default=None, repr=False, compare=False)
 
     @property
     def prim(self) -> Usd.Prim:
@@ -53,6 +57,11 @@ class AnimatedMesh:
         if not prim:
             raise StageError(f"{self.path}: no longer on the stage; read the meshes again")
         return prim
+
+    @property
+    def skinned(self) -> bool:
+        """Whether a skeleton or blend shapes deform the points."""
+        return self.skin is not None
 
     @property
     def geometry(self) -> UsdGeom.Mesh:

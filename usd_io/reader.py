@@ -10,6 +10,7 @@ from usd_io.errors import FrameError, StageError, time_text
 from usd_io.mesh import AnimatedMesh, MeshSelection
 from usd_io.polygons import Triangulation, nonmanifold_edges, triangulate
 from usd_io.select import Candidate, select_prims
+from usd_io.skinning import Skin, find_skin
 from usd_io.stages import OpenedStage, as_stage
 from usd_io.times import time_code
 
@@ -83,6 +84,8 @@ def read_frame(mesh: AnimatedMesh, time: float) -> NDArray[np.float32] | None:
 
 def raw_points(mesh: AnimatedMesh, time: float) -> NDArray[np.float32] | None:
     """Local points (N, 3) float32 of one frame as they are, unchecked; None if blocked."""
+    if mesh.skin is not None:
+        return mesh.skin.points(time)
     value = mesh.geometry.GetPointsAttr().Get(time_code(time))
     if value is None:
         return None
@@ -146,6 +149,9 @@ def _read_mesh(stage: Usd.Stage, candidate: Candidate, *, skip_varying: bool) ->
     triangles = _triangles(geometry, path, rest)
     if not len(triangles.faces):
         raise _Skip(f"{path}: the mesh has no faces")
+    skin = find_skin(candidate.prim)
+    if skin is not None:
+        rest, times = _skinned(skin, rest_time)
     return AnimatedMesh(
         path=path,
         rest=rest,
@@ -158,7 +164,18 @@ def _read_mesh(stage: Usd.Stage, candidate: Candidate, *, skip_varying: bool) ->
         rest_time=rest_time,
         uninstanced=candidate.uninstanced,
         stage=stage,
+        skin=skin,
     )
+
+
+def _skinned(skin: Skin, rest_time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rest points and times of a skinned mesh; StageError if it cannot be skinned at all."""
+    try:
+        times = skin.times()
+        skin.points(float(times[0]))
+        return skin.rest(rest_time), times
+    except FrameError as error:
+        raise StageError(f"{error}; mend the skin or exclude the mesh") from None
 
 
 def _topology(geometry: UsdGeom.Mesh) -> tuple[Usd.Attribute, Usd.Attribute, Usd.Attribute]:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 from pxr import Sdf, Tf, Usd, UsdUtils
 
-from usd_io.errors import StageError, one_line
+from usd_io.atomic_layer import same_file
+from usd_io.errors import StageError, UsageError, one_line
 
 # Extensions of usd-core; plugins may add more, so this is only used for a better message.
 USD_EXTENSIONS = (".usd", ".usda", ".usdc", ".usdz")
@@ -69,6 +70,21 @@ def open_stage(
 def as_stage(stage: OpenedStage | Usd.Stage) -> Usd.Stage:
     """The `Usd.Stage` of an opened stage, or the stage itself."""
     return stage.stage if isinstance(stage, OpenedStage) else stage
+
+
+def check_not_an_input(stage: Usd.Stage, path: str) -> None:
+    """Raise UsageError if a path is a file the stage is made of, or refers to."""
+    for layer in stage.GetUsedLayers(True):
+        files = [layer.realPath.partition("[")[0]]
+        # Also files that are missing or not loaded now: writing them would close a circle.
+        for asset in layer.GetCompositionAssetDependencies():
+            files.append(layer.ComputeAbsolutePath(asset))
+        for file in files:
+            if file and same_file(file, path):
+                raise UsageError(
+                    f"{path}: is part of the input stage; choose another output, it will be a "
+                    "layer over the input"
+                )
 
 
 @contextmanager

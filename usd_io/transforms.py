@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from usd_io.errors import FrameError
 from usd_io.mesh import AnimatedMesh
@@ -27,24 +27,33 @@ def world_matrix(mesh: AnimatedMesh, time: float) -> NDArray[np.float64]:
     At the default time (NaN) an animated transform without default values is taken at its
     earliest sample (pxr would silently leave it out).
     """
+    return prim_matrix(mesh.prim, time)
+
+
+def prim_matrix(prim: Usd.Prim, time: float) -> NDArray[np.float64]:
+    """Local to world matrix (4, 4) of a prim; see `world_matrix`."""
     code = time_code(time)
-    if math.isnan(time) and len(transform_times(mesh)):
+    if math.isnan(time) and chain_times(prim):
         code = Usd.TimeCode.EarliestTime()
-    return np.array(UsdGeom.Imageable(mesh.prim).ComputeLocalToWorldTransform(code))
+    return np.array(UsdGeom.Imageable(prim).ComputeLocalToWorldTransform(code))
 
 
 def transform_times(mesh: AnimatedMesh) -> NDArray[np.float64]:
     """Time codes (N,), sorted, of all animated transforms between the mesh and the root."""
+    return np.array(sorted(chain_times(mesh.prim)), dtype=np.float64)
+
+
+def chain_times(prim: Usd.Prim, *, below: Sdf.Path = Sdf.Path.absoluteRootPath) -> set[float]:
+    """Time codes of the transforms of a prim and its ancestors, those under `below` only."""
     times: set[float] = set()
-    prim = mesh.prim
-    while prim and not prim.IsPseudoRoot():
+    while prim and prim.GetPath() != below and not prim.IsPseudoRoot():
         xformable = UsdGeom.Xformable(prim)
         if xformable:
             times.update(xformable.GetTimeSamples())
             if xformable.GetResetXformStack():
                 break
         prim = prim.GetParent()
-    return np.array(sorted(times), dtype=np.float64)
+    return times
 
 
 def transform_points(points: ArrayLike, matrix: NDArray[np.float64]) -> NDArray[np.float64]:

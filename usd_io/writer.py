@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pxr import Sdf, Usd, Vt
+from pxr import Sdf, Usd
 
-from usd_io.atomic_layer import AtomicLayer, check_output_path, relative_asset_path, same_file
+from usd_io.atomic_layer import AtomicLayer, check_output_path, relative_asset_path
 from usd_io.attributes import (
     NormalsSource,
     authored_rates,
@@ -22,11 +22,13 @@ from usd_io.attributes import (
     normals_sources,
     vec3f_array,
 )
-from usd_io.errors import StageError, UsageError, time_text
+from usd_io.errors import StageError, time_text
 from usd_io.mesh import AnimatedMesh
 from usd_io.metadata import copy_stage_metadata, set_record
 from usd_io.rates import author_rates
-from usd_io.stages import OpenedStage, as_stage
+from usd_io.reader import raw_points
+from usd_io.skinning import unbind
+from usd_io.stages import OpenedStage, as_stage, check_not_an_input
 from usd_io.times import time_code
 from usd_io.transforms import transform_times
 
@@ -114,13 +116,8 @@ class OverrideWriter:
         """
         values = _checked(mesh, time, points)
         output = self._output(mesh)
-        self._set_points(output, time, vec3f_array(values), values)
-        for normals in list(output.normals):
-            new = normals.recomputed(mesh, time, values)
-            if new is None:
-                self._block_normals(output, normals)
-            else:
-                self._set(output, normals.name, time, vec3f_array(new))
+        self._set_points(output, time, values)
+        self._set_normals(output, time, values)
         self._done(output, time, written=True)
 
     def keep(self, mesh: AnimatedMesh, time: float) -> None:
@@ -132,17 +129,14 @@ class OverrideWriter:
             OutputError: the disk is full or the like.
         """
         output = self._output(mesh)
-        value = mesh.geometry.GetPointsAttr().Get(time_code(time))
-        if value is None:
-            for name in ("points", "extent"):
+        points = raw_points(mesh, time)
+        if points is None:
+            for name in ("points", "extent", *(normals.name for normals in output.normals)):
                 self._set(output, name, time, Sdf.ValueBlock())
         else:
-            points = vec3f_array(value)
-            self._set_points(output, time, points, np.asarray(points))
-        for normals in output.normals:
-            old = normals.value(mesh, time)
-            block = value is None or old is None
-            self._set(output, normals.name, time, Sdf.ValueBlock() if block else vec3f_array(old))
+            self._set_points(output, time, points)
+            # Normals of a skinned mesh belong to the bind pose: they are stale in any case.
+            self._set_normals(output, time, points if mesh.skinned else None)
         self._done(output, time, written=False)
 
     def commit(self, *, record: Mapping[str, Any] | None = None) -> None:
@@ -193,6 +187,8 @@ class OverrideWriter:
                 create_attribute(layer, path, name)
             for instance in mesh.uninstanced:
                 Sdf.CreatePrimInLayer(layer, instance).instanceable = False
+            if mesh.skinned:
+                unbind(layer, path)
             self._meshes[mesh.path] = _MeshOutput(mesh, path, normals_sources(mesh))
         return self._meshes[mesh.path]
 
@@ -201,11 +197,26 @@ class OverrideWriter:
         path = create_attribute(self._file.layer, output.path, name)
         self._file.set_sample(path, time, value)
 
-    def _set_points(
-        self, output: _MeshOutput, time: float, points: Vt.Vec3fArray, values: NDArray[np.floating]
+    def _set_points(self, output: _MeshOutput, time: float, points: NDArray[np.float32]) -> None:
+        self._set(output, "points", time, vec3f_array(points))
+        self._set(output, "extent", time, extent_of(points))
+
+    def _set_normals(
+        self, output: _MeshOutput, time: float, changed: NDArray[np.float32] | None
     ) -> None:
-        self._set(output, "points", time, points)
-        self._set(output, "extent", time, extent_of(values))
+        """Normals of changed points; without, those of the input."""
+        for normals in list(output.normals):
+            old = normals.value(output.mesh, time)
+            if old is None:
+                self._set(output, normals.name, time, Sdf.ValueBlock())
+            elif changed is None:
+                self._set(output, normals.name, time, vec3f_array(old))
+            else:
+                new = normals.recomputed(output.mesh, time, changed)
+                if new is None:
+                    self._block_normals(output, normals)
+                else:
+                    self._set(output, normals.name, time, vec3f_array(new))
 
     def _block_normals(self, output: _MeshOutput, normals: NormalsSource) -> None:
         """Block stale normals at all times; clients then compute their own."""
@@ -242,7 +253,8 @@ class OverrideWriter:
             self._file,
             output.path,
             authored_rates(output.mesh),
-            output.times,
+            # Rates of a skinned mesh were those of its base points: never worth a copy.
+            {time: changed or output.mesh.skinned for time, changed in output.times.items()},
             self._stage.GetTimeCodesPerSecond(),
             original=lambda name, time: prim.GetAttribute(name).Get(time_code(time)),
         )
@@ -258,21 +270,6 @@ class OverrideWriter:
             "written": {path: times for path, times in written.items() if times},
             "written_default": [p for p, output in self._meshes.items() if output.default],
         }
-
-
-def check_not_an_input(stage: Usd.Stage, path: str) -> None:
-    """Raise UsageError if a path is a file the stage is made of, or refers to."""
-    for layer in stage.GetUsedLayers(True):
-        files = [layer.realPath.partition("[")[0]]
-        # Also files that are missing or not loaded now: writing them would close a circle.
-        for asset in layer.GetCompositionAssetDependencies():
-            files.append(layer.ComputeAbsolutePath(asset))
-        for file in files:
-            if file and same_file(file, path):
-                raise UsageError(
-                    f"{path}: is part of the input stage; choose another output, it will be a "
-                    "layer over the input"
-                )
 
 
 def _checked(mesh: AnimatedMesh, time: float, points: ArrayLike) -> NDArray[np.float32]:

@@ -1,0 +1,291 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
+
+from tests.usd_stages import CUBE, authored_properties, define_cube, new_stage, vec3f
+from usd_io import (
+    AnimatedMesh,
+    OverrideWriter,
+    StageError,
+    join_layers,
+    open_stage,
+    read_frame,
+    read_meshes,
+    transform_points,
+    world_matrix,
+)
+
+# A tall box: the lower four points on joint a, the upper four on joint b at height 2.
+BOX = (CUBE * [0.5, 2.0, 0.5] + [0.0, 2.0, 0.0]).astype(np.float32)
+UPPER = BOX[:, 1] > 2.0
+BIND = np.array([0.0, 0.0, 0.25])
+SKELETON = np.array([0.0, 1.0, 0.0])
+MESH = np.array([0.0, 0.0, 7.0])
+KEYS = {0.0: 0.0, 30.0: 90.0}
+
+
+def skinned_stage(path: Path, *, keys: dict[float, float] = KEYS, names: str = "A") -> Usd.Stage:
+    """Boxes that bend at half their height; not saved yet."""
+    stage = Usd.Stage.CreateNew(str(path))
+    root = UsdSkel.Root.Define(stage, "/Root")
+    root.AddTranslateOp().Set((5, 0, 0))
+    skeleton = UsdSkel.Skeleton.Define(stage, "/Root/Skeleton")
+    skeleton.AddTranslateOp().Set(tuple(SKELETON))
+    skeleton.CreateJointsAttr(["a", "a/b"])
+    pose = [Gf.Matrix4d(1), Gf.Matrix4d(1).SetTranslate((0, 2, 0))]
+    skeleton.CreateBindTransformsAttr(pose)
+    skeleton.CreateRestTransformsAttr(pose)
+    animation = UsdSkel.Animation.Define(stage, "/Root/Animation")
+    animation.CreateJointsAttr(["a", "a/b"])
+    for time, angle in keys.items():
+        turn = Gf.Quatf(Gf.Rotation((0, 0, 1), angle).GetQuat())
+        animation.CreateRotationsAttr().Set([Gf.Quatf(1), turn], time)
+    animation.CreateTranslationsAttr([(0, 0, 0), (0, 2, 0)])
+    animation.CreateScalesAttr(Vt.Vec3hArray([Gf.Vec3h(1, 1, 1)] * 2))
+    source = UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel()
+    source.SetTargets(["/Root/Animation"])
+    for name in names:
+        mesh = define_cube(stage, f"/Root/{name}", points=BOX)
+        mesh.AddTranslateOp().Set(tuple(MESH))
+        binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
+        binding.CreateSkeletonRel().SetTargets(["/Root/Skeleton"])
+        binding.CreateJointIndicesPrimvar(False, 1).Set([int(upper) for upper in UPPER])
+        binding.CreateJointWeightsPrimvar(False, 1).Set([1.0] * 8)
+        binding.CreateGeomBindTransformAttr().Set(Gf.Matrix4d(1).SetTranslate(tuple(BIND)))
+    return stage
+
+
+def skinned_file(path: Path, *, names: str = "A") -> None:
+    """The boxes as a file."""
+    stage = skinned_stage(path, names=names)
+    stage.GetRootLayer().Save()
+
+
+def bent(angle: float) -> np.ndarray:
+    """Where the points belong, local space of the mesh."""
+    radians = np.radians(angle)
+    turn = np.array([[np.cos(radians), np.sin(radians)], [-np.sin(radians), np.cos(radians)]])
+    points = BOX + BIND
+    points[UPPER, :2] = (points[UPPER, :2] - [0, 2]) @ turn + [0, 2]
+    return points + SKELETON - MESH
+
+
+def only_mesh(path: Path, **options: object) -> AnimatedMesh:
+    return read_meshes(open_stage(path), **options).meshes[0]  # type: ignore[arg-type]
+
+
+def test_frames_between_sparse_keys_are_skinned(tmp_path: Path) -> None:
+    skinned_file(tmp_path / "in.usda")
+    mesh = only_mesh(tmp_path / "in.usda")
+    assert mesh.skinned
+    assert mesh.times.tolist() == list(range(31))
+    for time in mesh.times:
+        np.testing.assert_allclose(read_frame(mesh, time), bent(3.0 * time), atol=2e-6)
+    # What interpolating the keys would give at frame 15 is off by a good part of the box.
+    straight = (bent(0.0) + bent(90.0)) / 2
+    assert np.abs(straight - bent(45.0)).max() > 0.3
+    np.testing.assert_allclose(mesh.rest, bent(0.0), atol=1e-12)
+
+
+def test_keys_agree_with_baking(tmp_path: Path) -> None:
+    skinned_file(tmp_path / "in.usda")
+    mesh = only_mesh(tmp_path / "in.usda")
+    baked = Usd.Stage.Open(Usd.Stage.Open(str(tmp_path / "in.usda")).Flatten())
+    assert UsdSkel.BakeSkinning(UsdSkel.Root(baked.GetPrimAtPath("/Root")), Gf.Interval(0, 30))
+    points = UsdGeom.Mesh(baked.GetPrimAtPath("/Root/A"))
+    for time in (0.0, 30.0):
+        matrix = np.array(points.ComputeLocalToWorldTransform(time))
+        theirs = transform_points(points.GetPointsAttr().Get(time), matrix)
+        frame = read_frame(mesh, time)
+        assert frame is not None
+        ours = transform_points(frame, world_matrix(mesh, time))
+        np.testing.assert_allclose(ours, theirs, atol=2e-6)
+
+
+def test_fractional_keys_and_whole_frames(tmp_path: Path) -> None:
+    stage = skinned_stage(tmp_path / "in.usda", keys={-1.5: 0.0, 2.25: 90.0})
+    stage.GetRootLayer().Save()
+    mesh = only_mesh(tmp_path / "in.usda")
+    assert mesh.times.tolist() == [-1.5, -1.0, 0.0, 1.0, 2.0, 2.25]
+
+
+def test_transforms_between_mesh_and_skeleton_count(tmp_path: Path) -> None:
+    stage = skinned_stage(tmp_path / "in.usda", keys={0.0: 0.0})
+    move = UsdGeom.Xformable(stage.GetPrimAtPath("/Root/Skeleton")).GetOrderedXformOps()[0]
+    move.Set((0, 1, 0), 0.0)
+    move.Set((0, 4, 0), 2.0)
+    # What both share moves the world, not the points.
+    UsdGeom.Xformable(stage.GetPrimAtPath("/Root")).GetOrderedXformOps()[0].Set((9, 9, 9), 50.0)
+    stage.GetRootLayer().Save()
+    mesh = only_mesh(tmp_path / "in.usda")
+    assert mesh.times.tolist() == [0.0, 1.0, 2.0]
+    np.testing.assert_allclose(read_frame(mesh, 1.0), bent(0.0) + np.array([0, 1.5, 0]), atol=2e-6)
+
+
+def test_written_meshes_are_unbound_and_others_are_not(tmp_path: Path) -> None:
+    skinned_file(tmp_path / "in.usda", names="AB")
+    opened = open_stage(tmp_path / "in.usda")
+    mesh = read_meshes(opened, prim="/Root/A").meshes[0]
+    with OverrideWriter(opened, tmp_path / "out.usda", settings={}) as writer:
+        writer.write(mesh, 10.0, bent(30.0) + 1.0)
+        writer.commit()
+    assert authored_properties(tmp_path / "out.usda") == {"/Root/A.points", "/Root/A.extent"}
+    out = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    cache = UsdSkel.Cache()
+    root = UsdSkel.Root(out.GetPrimAtPath("/Root"))
+    assert out.GetPrimAtPath("/Root").GetTypeName() == "SkelRoot"
+    cache.Populate(root, Usd.PrimDefaultPredicate)
+    bindings = cache.ComputeSkelBindings(root, Usd.PrimDefaultPredicate)
+    bound = [str(query.GetPrim().GetPath()) for b in bindings for query in b.GetSkinningTargets()]
+    assert bound == ["/Root/B"], "a client would deform the written points once more"
+    again, other = read_meshes(open_stage(tmp_path / "out.usda")).meshes
+    assert not again.skinned and other.skinned
+    assert again.times.tolist() == list(range(31))
+    # Kept frames look as they did, written ones as written.
+    for time in (0.0, 15.0, 30.0):
+        np.testing.assert_allclose(read_frame(again, time), bent(3.0 * time), atol=2e-6)
+    np.testing.assert_allclose(read_frame(again, 10.0), bent(30.0) + 1.0, atol=2e-6)
+
+
+def test_normals_of_skinned_meshes_follow_in_kept_frames_too(tmp_path: Path) -> None:
+    stage = skinned_stage(tmp_path / "in.usda")
+    cube = UsdGeom.Mesh(stage.GetPrimAtPath("/Root/A"))
+    cube.CreateNormalsAttr().Set(vec3f([(0, -1, 0)] * 4 + [(0, 1, 0)] * 2))
+    cube.SetNormalsInterpolation("uniform")
+    cube.CreateVelocitiesAttr().Set(vec3f(BOX * 0))
+    stage.GetRootLayer().Save()
+    opened = open_stage(tmp_path / "in.usda")
+    mesh = read_meshes(opened).meshes[0]
+    with OverrideWriter(opened, tmp_path / "out.usda", settings={}) as writer:
+        writer.keep(mesh, 30.0)
+        writer.commit()
+    out = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    normals = np.array(out.GetAttributeAtPath("/Root/A.normals").Get(30.0))
+    # The top of the box looks along -x after a quarter turn, the bottom still down.
+    np.testing.assert_allclose(normals[3], [-1, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(normals[2], [0, -1, 0], atol=1e-6)
+    velocities = out.GetAttributeAtPath("/Root/A.velocities").Get(15.0)
+    assert np.linalg.norm(velocities, axis=1).max() > 1.0
+
+
+def test_joined_chunks_stay_unbound(tmp_path: Path) -> None:
+    skinned_file(tmp_path / "in.usda")
+    parts = []
+    for name, times in (("a.usdc", range(0, 15)), ("b.usdc", range(15, 31))):
+        opened = open_stage(tmp_path / "in.usda")
+        mesh = read_meshes(opened).meshes[0]
+        with OverrideWriter(opened, tmp_path / name, settings={}) as writer:
+            for time in times:
+                writer.write(mesh, time, bent(3.0 * time) + 1.0)
+            writer.commit()
+        parts.append(tmp_path / name)
+    join_layers(parts, tmp_path / "all.usdc")
+    again = only_mesh(tmp_path / "all.usdc")
+    assert not again.skinned
+    for time in range(31):
+        np.testing.assert_allclose(read_frame(again, time), bent(3.0 * time) + 1.0, atol=2e-6)
+
+
+def test_a_skeleton_at_rest(tmp_path: Path) -> None:
+    stage = skinned_stage(tmp_path / "in.usda", keys={})
+    animation = UsdSkel.Animation(stage.GetPrimAtPath("/Root/Animation"))
+    turn = Gf.Quatf(Gf.Rotation((0, 0, 1), 90).GetQuat())
+    animation.CreateRotationsAttr([Gf.Quatf(1), turn])
+    stage.GetRootLayer().Save()
+    mesh = only_mesh(tmp_path / "in.usda")
+    assert np.isnan(mesh.times).all()
+    np.testing.assert_allclose(read_frame(mesh, mesh.times[0]), bent(90.0), atol=2e-6)
+    UsdSkel.BindingAPI(stage.GetPrimAtPath("/Root/Skeleton")).GetAnimationSourceRel().SetTargets([])
+    stage.GetRootLayer().Save()
+    mesh = only_mesh(tmp_path / "in.usda")
+    np.testing.assert_allclose(read_frame(mesh, mesh.times[0]), bent(0.0), atol=2e-6)
+
+
+def blend_shaped(path: Path, *, joints: bool) -> None:
+    """Shape 'lift' raises points 4 to 7 by z; it comes second in the animation's order."""
+    stage = skinned_stage(path)
+    animation = UsdSkel.Animation(stage.GetPrimAtPath("/Root/Animation"))
+    animation.CreateBlendShapesAttr(["other", "lift"])
+    animation.CreateBlendShapeWeightsAttr().Set([1.0, 0.0], 0.0)
+    animation.CreateBlendShapeWeightsAttr().Set([0.0, 1.0], 10.0)
+    prim = stage.GetPrimAtPath("/Root/A")
+    shape = UsdSkel.BlendShape.Define(stage, "/Root/A/lift")
+    shape.CreateOffsetsAttr([(0, 0, 2)] * 4)
+    shape.CreatePointIndicesAttr([4, 5, 6, 7])
+    binding = UsdSkel.BindingAPI(prim)
+    binding.CreateBlendShapesAttr(["lift"])
+    binding.CreateBlendShapeTargetsRel().SetTargets(["/Root/A/lift"])
+    if not joints:
+        for name in ("jointIndices", "jointWeights"):
+            prim.RemoveProperty(f"primvars:skel:{name}")
+    stage.GetRootLayer().Save()
+
+
+def test_blend_shapes_alone_stay_in_local_space(tmp_path: Path) -> None:
+    blend_shaped(tmp_path / "in.usda", joints=False)
+    mesh = only_mesh(tmp_path / "in.usda")
+    np.testing.assert_array_equal(mesh.rest, BOX)
+    expected = BOX.astype(np.float64)
+    expected[4:, 2] += 0.5 * 2
+    np.testing.assert_allclose(read_frame(mesh, 5.0), expected, atol=1e-6)
+
+
+def test_blend_shapes_come_before_the_joints(tmp_path: Path) -> None:
+    blend_shaped(tmp_path / "in.usda", joints=True)
+    mesh = only_mesh(tmp_path / "in.usda")
+    expected = bent(15.0)
+    expected[4:, 2] += 0.5 * 2
+    np.testing.assert_allclose(read_frame(mesh, 5.0), expected, atol=2e-6)
+    assert mesh.times.tolist() == list(range(31))
+
+
+def test_skins_that_do_not_fit_are_bad_input(tmp_path: Path) -> None:
+    stage = skinned_stage(tmp_path / "in.usda")
+    prim = stage.GetPrimAtPath("/Root/A")
+    UsdSkel.BindingAPI(prim).GetJointIndicesPrimvar().Set([0, 1, 0])
+    stage.GetRootLayer().Save()
+    with pytest.raises(StageError, match=r"/Root/A .*cannot be skinned.*exclude"):
+        only_mesh(tmp_path / "in.usda")
+
+
+def test_inherited_influences_cannot_be_unbound(tmp_path: Path) -> None:
+    stage = skinned_stage(tmp_path / "in.usda")
+    root = UsdSkel.BindingAPI.Apply(stage.GetPrimAtPath("/Root"))
+    root.CreateSkeletonRel().SetTargets(["/Root/Skeleton"])
+    root.CreateJointIndicesPrimvar(True, 1).Set([0])
+    root.CreateJointWeightsPrimvar(True, 1).Set([1.0])
+    define_cube(stage, "/Root/Rigid")
+    stage.GetRootLayer().Save()
+    for name in ("Rigid", "A"):
+        # Unbound, A would fall back on the influences of its parent.
+        with pytest.raises(StageError, match=f"/Root/{name}: inherits joint influences from /Root"):
+            only_mesh(tmp_path / "in.usda", prim=f"/Root/{name}")
+
+
+def test_meshes_beside_the_skeleton_are_plain(tmp_path: Path) -> None:
+    stage = skinned_stage(tmp_path / "in.usda")
+    define_cube(stage, "/Root/Plain", times=[1.0])
+    stage.GetRootLayer().Save()
+    assert not only_mesh(tmp_path / "in.usda", prim="/Root/Plain").skinned
+
+
+def test_blocked_base_points_stay_blocked(tmp_path: Path) -> None:
+    stage = skinned_stage(tmp_path / "in.usda")
+    points = UsdGeom.Mesh(stage.GetPrimAtPath("/Root/A")).GetPointsAttr()
+    points.Set(vec3f(BOX), 0.0)
+    points.Set(Sdf.ValueBlock(), 20.0)
+    stage.GetRootLayer().Save()
+    mesh = only_mesh(tmp_path / "in.usda")
+    assert read_frame(mesh, 25.0) is None
+    np.testing.assert_allclose(read_frame(mesh, 15.0), bent(45.0), atol=2e-6)
+
+
+def test_a_stage_without_skeletons_has_no_skins(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "in.usda")
+    define_cube(stage)
+    stage.GetRootLayer().Save()
+    assert only_mesh(tmp_path / "in.usda").skin is None

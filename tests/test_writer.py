@@ -377,6 +377,44 @@ def test_bad_points_are_refused(tmp_path: Path) -> None:
             writer.write(mesh, 1.0, CUBE.astype(np.float64) * 1e39)
 
 
+def test_writers_and_meshes_belong_together(tmp_path: Path) -> None:
+    path = cube_file(tmp_path / "in.usda", times=[1.0])
+    opened = open_stage(path)
+    mesh, stranger = (read_meshes(stage).meshes[0] for stage in (opened, open_stage(path)))
+    writer = OverrideWriter(opened, tmp_path / "out.usdc", settings={})
+    with pytest.raises(ValueError, match="lies on another stage"):
+        writer.write(stranger, 1.0, CUBE)
+    writer.commit()
+    for action in (lambda: writer.write(mesh, 1.0, CUBE), writer.commit):
+        with pytest.raises(ValueError, match="committed or aborted before"):
+            action()
+    assert (tmp_path / "out.usdc").exists()
+
+
+def test_points_of_value_clips(tmp_path: Path) -> None:
+    for name, times in (("a", [1.0, 2.0]), ("b", [3.0, 4.0])):
+        cube_file(tmp_path / f"{name}.usdc", times=times)
+    stage = new_stage(tmp_path / "in.usda")
+    define_cube(stage, points=None)
+    clips = Usd.ClipsAPI(stage.GetPrimAtPath("/Root"))
+    clips.SetClipAssetPaths([Sdf.AssetPath("./a.usdc"), Sdf.AssetPath("./b.usdc")])
+    clips.SetClipPrimPath("/Root")
+    clips.SetClipActive([(1, 0), (3, 1)])
+    clips.SetClipTimes([(1, 1), (4, 4)])
+    cube_file(tmp_path / "manifest.usda", points=None)
+    manifest = Sdf.Layer.FindOrOpen(str(tmp_path / "manifest.usda"))
+    points = Sdf.ValueTypeNames.Point3fArray
+    Sdf.AttributeSpec(manifest.GetPrimAtPath("/Root/Cube"), "points", points)
+    manifest.Save()
+    clips.SetClipManifestAssetPath(Sdf.AssetPath("./manifest.usda"))
+    stage.GetRootLayer().Save()
+    mesh = rewrite(tmp_path / "in.usda", tmp_path / "out.usdc", times=[2.0])
+    assert mesh.times.tolist() == times_in(tmp_path / "out.usdc") == [1.0, 2.0, 3.0, 4.0]
+    for time in (1.0, 2.0, 3.0, 4.0):
+        expected = moved_cube(time) + np.float32(time == 2.0)
+        np.testing.assert_array_equal(points_at(tmp_path / "out.usdc", time), expected)
+
+
 def test_float64_points_are_rounded_and_later_writes_win(tmp_path: Path) -> None:
     opened = open_stage(cube_file(tmp_path / "in.usda", times=[1.0]))
     mesh = read_meshes(opened).meshes[0]

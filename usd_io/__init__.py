@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         world_faces,
         world_matrix,
     )
+    from usd_io.vertex_weights import read_vertex_weights
     from usd_io.writer import OverrideWriter
 
 __all__ = [
@@ -64,6 +65,7 @@ __all__ = [
     "read_frame",
     "read_meshes",
     "read_points",
+    "read_vertex_weights",
     "transform_points",
     "transform_times",
     "world_faces",
@@ -95,6 +97,7 @@ _MODULES = {
         "world_faces",
         "world_matrix",
     ),
+    "vertex_weights": ("read_vertex_weights",),
     "writer": ("OverrideWriter",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

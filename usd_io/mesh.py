@@ -64,6 +64,11 @@ class AnimatedMesh:
         return self.skin is not None
 
     @property
+    def coordinate_step(self) -> float:
+        """Distance of neighbouring float32 numbers at the largest coordinate, stage units."""
+        return float(np.spacing(np.float32(np.abs(self.rest).max())))
+
+    @property
     def geometry(self) -> UsdGeom.Mesh:
         """The mesh schema of the prim."""
         return UsdGeom.Mesh(self.prim)

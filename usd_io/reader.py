@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pxr import Usd, UsdGeom
@@ -152,7 +154,7 @@ def _read_mesh(stage: Usd.Stage, candidate: Candidate, *, skip_varying: bool) ->
     skin = find_skin(candidate.prim)
     if skin is not None:
         rest, times = _skinned(skin, rest_time)
-    return AnimatedMesh(
+    mesh = AnimatedMesh(
         path=path,
         rest=rest,
         faces=triangles.faces,
@@ -160,12 +162,12 @@ def _read_mesh(stage: Usd.Stage, candidate: Candidate, *, skip_varying: bool) ->
         times=times,
         up=np.array(UP_AXES[UsdGeom.GetStageUpAxis(stage)]),
         meters_per_unit=float(UsdGeom.GetStageMetersPerUnit(stage)),
-        warnings=_mesh_warnings(geometry, path, rest, triangles),
         rest_time=rest_time,
         uninstanced=candidate.uninstanced,
         stage=stage,
         skin=skin,
     )
+    return replace(mesh, warnings=_mesh_warnings(mesh, triangles.degenerate))
 
 
 def _skinned(skin: Skin, rest_time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -253,25 +255,22 @@ def _triangles(geometry: UsdGeom.Mesh, path: str, rest: NDArray[np.floating]) ->
         raise StageError(f"{path}: {error}; mend the mesh or exclude it") from None
 
 
-def _mesh_warnings(
-    geometry: UsdGeom.Mesh, path: str, rest: NDArray[np.float64], triangles: Triangulation
-) -> tuple[str, ...]:
+def _mesh_warnings(mesh: AnimatedMesh, degenerate: int) -> tuple[str, ...]:
     warnings = []
-    edges = nonmanifold_edges(triangles.faces)
+    edges = nonmanifold_edges(mesh.faces)
     if edges:
-        warnings.append(f"{path}: {edges} non-manifold edges (more than two triangles)")
-    if triangles.degenerate:
-        warnings.append(f"{path}: {triangles.degenerate} degenerate polygons take no part")
-    scheme = geometry.GetSubdivisionSchemeAttr().Get()
+        warnings.append(f"{mesh.path}: {edges} non-manifold edges (more than two triangles)")
+    if degenerate:
+        warnings.append(f"{mesh.path}: {degenerate} degenerate polygons take no part")
+    scheme = mesh.geometry.GetSubdivisionSchemeAttr().Get()
     if scheme != UsdGeom.Tokens.none:
         warnings.append(
-            f"{path}: subdivision surface ({scheme}); its control cage is used, not its limit"
+            f"{mesh.path}: subdivision surface ({scheme}); its control cage is used, not its limit"
         )
-    step = float(np.spacing(np.float32(np.abs(rest).max())))
-    size = float(np.ptp(rest, axis=0).max())
-    if size > 0.0 and step > 1e-4 * size:
+    size = float(np.ptp(mesh.rest, axis=0).max())
+    if size > 0.0 and mesh.coordinate_step > 1e-4 * size:
         warnings.append(
-            f"{path}: points lie far from their origin: float32 steps of {step:.3g} units on a "
-            f"mesh of {size:.3g} units"
+            f"{mesh.path}: points lie far from their origin: float32 steps of "
+            f"{mesh.coordinate_step:.3g} units on a mesh of {size:.3g} units"
         )
     return tuple(warnings)

@@ -97,9 +97,8 @@ class OverrideWriter:
         self._meshes: dict[str, _MeshOutput] = {}
         self._file = AtomicLayer(self.path)
         try:
-            assert self._file.layer is not None
-            self._file.layer.subLayerPaths = [source]
-            copy_stage_metadata(self._stage, self._file.layer, directory)
+            self._layer.subLayerPaths = [source]
+            copy_stage_metadata(self._stage, self._layer, directory)
         except BaseException:
             self.abort()
             raise
@@ -148,14 +147,13 @@ class OverrideWriter:
         Raises:
             OutputError: the output cannot be written; an older one is unchanged.
         """
-        assert self._file.layer is not None, "committed or aborted before"
         try:
             for output in self._meshes.values():
                 self._keep_the_rest(output)
             for output in self._meshes.values():
                 if output.times or output.default:
                     self._author_rates(output)
-            set_record(self._file.layer, {**self._record, **self._frames(), **(record or {})})
+            set_record(self._layer, {**self._record, **self._frames(), **(record or {})})
             self._file.commit()
         finally:
             self.abort()
@@ -177,12 +175,18 @@ class OverrideWriter:
         """Abort unless committed."""
         self.abort()
 
+    @property
+    def _layer(self) -> Sdf.Layer:
+        if self._file.layer is None:
+            raise ValueError(f"{self.path}: committed or aborted before; make a new writer")
+        return self._file.layer
+
     def _output(self, mesh: AnimatedMesh) -> _MeshOutput:
-        assert self._file.layer is not None, "committed or aborted before"
-        assert mesh.stage == self._stage, "the mesh belongs to another stage"
+        layer = self._layer
+        if mesh.stage != self._stage:
+            raise ValueError(f"{mesh.path}: lies on another stage; read the meshes again")
         if mesh.path not in self._meshes:
             path = Sdf.Path(mesh.path)
-            layer = self._file.layer
             for name in ("points", "extent"):
                 create_attribute(layer, path, name)
             for instance in mesh.uninstanced:
@@ -193,8 +197,7 @@ class OverrideWriter:
         return self._meshes[mesh.path]
 
     def _set(self, output: _MeshOutput, name: str, time: float, value: object) -> None:
-        assert self._file.layer is not None
-        path = create_attribute(self._file.layer, output.path, name)
+        path = create_attribute(self._layer, output.path, name)
         self._file.set_sample(path, time, value)
 
     def _set_points(self, output: _MeshOutput, time: float, points: NDArray[np.float32]) -> None:
@@ -220,9 +223,8 @@ class OverrideWriter:
 
     def _block_normals(self, output: _MeshOutput, normals: NormalsSource) -> None:
         """Block stale normals at all times; clients then compute their own."""
-        assert self._file.layer is not None
-        path = create_attribute(self._file.layer, output.path, normals.name)
-        attribute = self._file.layer.GetAttributeAtPath(path)
+        path = create_attribute(self._layer, output.path, normals.name)
+        attribute = self._layer.GetAttributeAtPath(path)
         attribute.ClearInfo("timeSamples")
         attribute.default = Sdf.ValueBlock()
         output.normals.remove(normals)

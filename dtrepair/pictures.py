@@ -6,9 +6,11 @@ renderer needs numpy only; Pillow, which writes the file and the captions, is lo
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -175,6 +177,23 @@ def _fragments(
     return row, pixel, bary
 
 
+def png_bytes(image: Image) -> bytes:
+    """Return an image (H, W, 3) as a PNG file. Raises ImportError where Pillow is missing."""
+    images, _, _ = _pillow()
+    buffer = io.BytesIO()
+    images.fromarray(image).save(buffer, format="PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def _pillow() -> tuple[Any, Any, Any]:
+    try:
+        from PIL import Image as Images
+        from PIL import ImageDraw, ImageFont
+    except ImportError:
+        raise ImportError("pictures need Pillow: pip install pillow") from None
+    return Images, ImageDraw, ImageFont
+
+
 def save_pictures(
     path: str | os.PathLike[str],
     images: Sequence[Image],
@@ -186,23 +205,19 @@ def save_pictures(
 
     Raises ImportError with the cure where Pillow is not installed, OSError.
     """
-    try:
-        from PIL import Image as Images
-        from PIL import ImageDraw, ImageFont
-    except ImportError:
-        raise ImportError("pictures need Pillow: pip install pillow") from None
+    images_of, draw_on, fonts = _pillow()
     height, width = images[0].shape[:2]
     columns = columns or len(images)
     rows = -(-len(images) // columns)
     band = max(width // 13, 20) if captions else 0
-    sheet = Images.new("RGB", (columns * width, rows * (height + band)), BACKGROUND)
-    pen = ImageDraw.Draw(sheet)
+    sheet = images_of.new("RGB", (columns * width, rows * (height + band)), BACKGROUND)
+    pen = draw_on.Draw(sheet)
     for index, image in enumerate(images):
         x, y = index % columns * width, index // columns * (height + band)
-        sheet.paste(Images.fromarray(image), (x, y))
+        sheet.paste(images_of.fromarray(image), (x, y))
         if index < len(captions):
             place = (x + width // 2, y + height + band // 2)
-            font = ImageFont.load_default(size=0.55 * band)
+            font = fonts.load_default(size=0.55 * band)
             pen.text(place, captions[index], fill=(60, 60, 64), font=font, anchor="mm")
     with atomic_output(path) as temporary:
         sheet.save(temporary)

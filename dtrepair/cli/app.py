@@ -21,6 +21,7 @@ COMMANDS = {
     "check": "Count intersecting triangles, per prim and frame.",
     "repair": "Repair every selected frame and write a layer over the input, or a mesh file.",
     "join": "Merge the layers of frame ranges (farm chunks) into one layer.",
+    "report": "Make a self-contained HTML page of a JSON report.",
 }
 
 

@@ -1,0 +1,49 @@
+"""`dtrepair report`: a page from the report of a real run."""
+
+import pytest
+from command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
+
+
+@pytest.fixture
+def finished(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, CLOSED + 0.1))
+    report = tmp_path / "r.json"
+    assert run("repair", path, "-o", tmp_path / "b.usdc", "--report", report).code == 0
+    return tmp_path, report
+
+
+def test_page_with_pictures_before_and_after(finished):
+    folder, report = finished
+    done = run("report", report, "-o", folder / "r.html")
+    assert done.code == 0 and done.err == ""
+    page = (folder / "r.html").read_text()
+    assert page.count("data:image/png") == 4  # two frames intersect
+    assert "frame 2, after: 0 intersecting triangles" in page
+    fewer = run("report", report, "-o", folder / "r.html", "--pictures", 1)
+    assert fewer.code == 0
+    assert (folder / "r.html").read_text().count("data:image/png") == 2
+
+
+def test_pictures_of_a_check_and_of_a_mesh_file(tmp_path):
+    path = tube_obj(tmp_path / "a.obj")
+    assert run("check", path, "--json", tmp_path / "c.json").code == 1
+    assert run("report", tmp_path / "c.json", "-o", tmp_path / "c.html").code == 0
+    assert (tmp_path / "c.html").read_text().count("data:image/png") == 1
+
+
+def test_missing_input_leaves_out_the_pictures(finished):
+    folder, report = finished
+    (folder / "b.usdc").unlink()
+    done = run("report", report, "-o", folder / "r.html")
+    assert done.code == 0 and "without pictures" in done.err and "b.usdc" in done.err
+    assert "data:image" not in (folder / "r.html").read_text()
+
+
+def test_errors(finished):
+    folder, report = finished
+    page = folder / "r.html"
+    assert_fails(run("report", folder / "no.json", "-o", page), 3, "no.json", "cannot be read")
+    assert_fails(run("report", folder / "a.usda", "-o", page), 3, "expected a JSON report")
+    assert_fails(run("report", report, "-o", report), 2, "is an input")
+    assert_fails(run("report", report, "-o", folder / "no" / "r.html"), 5, "cannot be written")
+    assert not page.exists()

@@ -1,0 +1,100 @@
+"""The HTML page: self-contained, escaped, with the numbers of the report."""
+
+import re
+from html.parser import HTMLParser
+
+import pytest
+
+from dtrepair.record import CountRecord, FrameRecord, PrimRecord, Report
+from dtrepair.report_page import Picture, make_page
+
+
+def document(count=40, **changes):
+    frames = [
+        FrameRecord(
+            time=float(k),
+            status="clean",
+            before=CountRecord(triangles=10 * k, pairs=k),
+            after=CountRecord(),
+            displacement_max=0.001 * k,
+        )
+        for k in range(1, count + 1)
+    ]
+    values = {
+        "command": "repair",
+        "version": "1",
+        "input": "a <b> & c.usd",
+        "output": "out.usdc",
+        "seconds": {"total": 2.0},
+        "prims": (PrimRecord(path="/A", vertices=8, triangles=12, rest_intersections=3),),
+        "frames": (*frames, FrameRecord(time=None, status="failed", message="bad <points>")),
+    }
+    return Report(**{**values, **changes}).document()
+
+
+class Tags(HTMLParser):
+    """Collects start tags, and checks that what is opened is closed."""
+
+    def __init__(self):
+        super().__init__()
+        self.seen, self.open = [], []
+
+    def handle_starttag(self, tag, attributes):
+        self.seen.append((tag, dict(attributes)))
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.seen.append((tag, dict(attributes)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def parsed(page):
+    tags = Tags()
+    tags.feed(page)
+    assert tags.open == []
+    return tags.seen
+
+
+def test_page_is_well_formed_and_needs_nothing_else():
+    page = make_page(document(), [Picture("before", b"\x89PNG")])
+    tags = parsed(page)
+    assert not [tag for tag, _ in tags if tag in ("script", "link", "iframe")]
+    assert "http" not in page
+    images = [attributes["src"] for tag, attributes in tags if tag == "img"]
+    assert images == ["data:image/png;base64,iVBORw=="]
+
+
+def test_names_and_messages_are_escaped():
+    page = make_page(document())
+    assert "a &lt;b&gt; &amp; c.usd" in page and "<b> &" not in page
+    assert "bad &lt;points&gt;" in page
+
+
+def test_one_bar_each_and_heights_in_proportion():
+    bars = [a for tag, a in parsed(make_page(document())) if tag == "rect"]
+    before = [float(bar["height"]) for bar in bars if bar["class"] == "before"]
+    assert len(before) == 41
+    assert before[19] == pytest.approx(before[39] / 2, abs=0.1)
+    assert before[40] == 0  # the failed frame
+    assert all(float(bar["y"]) >= 0 and float(bar["x"]) <= 900 for bar in bars)
+
+
+def test_totals_and_table():
+    page = make_page(document())
+    assert "40 of 41" in page and "<b>8200</b>triangles before" in page
+    assert "frames failed" in page
+    rows = re.findall(r"<tr><td>(.*?)</td>", page)
+    assert rows[0] == "1" and rows[40] == "default"
+    assert "<td>3</td><td>/A</td>" in page
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_small_reports(count):
+    parsed(make_page(document(count, frames=document_frames(count))))
+
+
+def document_frames(count):
+    return tuple(FrameRecord(time=None, status="skipped") for _ in range(count))

@@ -44,6 +44,15 @@ if TYPE_CHECKING:
     from dtrepair.repair.repairer import (
         repair as repair,
     )
+    from dtrepair.transfer.correspondence import (
+        match_triangles as match_triangles,
+    )
+    from dtrepair.transfer.deformation import (
+        Transfer as Transfer,
+    )
+    from dtrepair.transfer.registration import (
+        register as register,
+    )
 
 _HOMES = {
     "Detector": "dtrepair.intersect.detector",
@@ -57,6 +66,9 @@ _HOMES = {
     "Repairer": "dtrepair.repair.repairer",
     "SceneRepairer": "dtrepair.repair.repairer",
     "repair": "dtrepair.repair.repairer",
+    "Transfer": "dtrepair.transfer.deformation",
+    "match_triangles": "dtrepair.transfer.correspondence",
+    "register": "dtrepair.transfer.registration",
 }
 __all__ = [
     "Body",
@@ -68,8 +80,11 @@ __all__ = [
     "SceneRepairer",
     "Stage",
     "Status",
+    "Transfer",
     "__version__",
     "find_intersections",
+    "match_triangles",
+    "register",
     "repair",
 ]
 

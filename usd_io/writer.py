@@ -95,6 +95,7 @@ class OverrideWriter:
             "settings": dict(settings),
         }
         self._meshes: dict[str, _MeshOutput] = {}
+        self._keeps = True
         self._file = AtomicLayer(self.path)
         try:
             self._layer.subLayerPaths = [source]
@@ -102,6 +103,20 @@ class OverrideWriter:
         except BaseException:
             self.abort()
             raise
+
+    def replace_animation(self, start: float, end: float, rate: float | None = None) -> None:
+        """Make what is written a new animation: samples of the input are not copied.
+
+        Args:
+            start: first time code of the stage.
+            end: last time code of the stage.
+            rate: time codes per second; None keeps the input's. Another rate rescales the times
+                of everything else that the input animates.
+        """
+        self._keeps = False
+        self._layer.startTimeCode, self._layer.endTimeCode = start, end
+        if rate is not None:
+            self._layer.timeCodesPerSecond = self._layer.framesPerSecond = rate
 
     def write(self, mesh: AnimatedMesh, time: float, points: ArrayLike) -> None:
         """Write local points (V, 3), stage units, at a time code (NaN: the default time).
@@ -148,7 +163,7 @@ class OverrideWriter:
             OutputError: the output cannot be written; an older one is unchanged.
         """
         try:
-            for output in self._meshes.values():
+            for output in self._meshes.values() if self._keeps else ():
                 self._keep_the_rest(output)
             for output in self._meshes.values():
                 if output.times or output.default:
@@ -257,7 +272,7 @@ class OverrideWriter:
             authored_rates(output.mesh),
             # Rates of a skinned mesh were those of its base points: never worth a copy.
             {time: changed or output.mesh.skinned for time, changed in output.times.items()},
-            self._stage.GetTimeCodesPerSecond(),
+            self._layer.timeCodesPerSecond,
             original=lambda name, time: prim.GetAttribute(name).Get(time_code(time)),
         )
 

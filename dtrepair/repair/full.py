@@ -15,13 +15,17 @@ from dtrepair.repair.tighten import distortion, pull_back, reach_of, relax
 
 # Rings within which contacts are left to the crease stage: from careful to pushing all of them.
 NEAR = (20, 12, 6, 0)
-FIRST_STEP, STEP_DECAY = 0.02, 0.7
+FIRST_STEPS, STEP_DECAY = (0.02, 0.01), 0.7
 # A clean result with less distortion than this needs no further phase.
 GOOD_ENOUGH = 0.10
 # A phase after a clean one must lower the distortion to this part to be followed by another.
 PHASE_GAIN = 0.97
 # A round of tightening must lower it to this part to be followed by another.
-ROUND_GAIN = 0.95
+ROUND_GAIN = 0.97
+# Tightening ends below this distortion, and does not begin below a tenth of it.
+LOW_ENOUGH = 0.04
+# A stage must lower it to this part to be run in the next round too.
+STAGE_GAIN = 0.995
 PULL_BACK, PULL_BACK_DECAY = 0.35, 0.8
 
 
@@ -50,7 +54,7 @@ class FullMethod:
     def __call__(self, original: FloatArray) -> Solved:
         """Repair a pose (V, 3) in units of the surface's size."""
         run = _Run(self.surface, original)
-        best = run.phases()
+        best = run.best_of_steps()
         points = best.points
         if len(best.defects.crossings) == 0:
             points = run.tighten(best, self.rounds)
@@ -65,18 +69,26 @@ class _Run:
         self.known = find_defects(surface, original)
         self.stages: list[Stage] = []
 
-    def phases(self) -> Candidate:
+    def best_of_steps(self) -> Candidate:
+        """The best of several first step lengths; later ones only where the first did not suffice.
+
+        Long steps keep a pose open that short ones squeeze, short ones solve what long ones miss.
+        """
+        best: Candidate | None = None
+        for step in FIRST_STEPS:
+            found = self.phases(step)
+            best = found if best is None or found.rank < best.rank else best
+            if len(best.defects.crossings) == 0 and best.distortion < GOOD_ENOUGH:
+                break
+        assert best is not None
+        return best
+
+    def phases(self, step: float) -> Candidate:
         """The best result of pushing with ever fewer contacts left to the creases."""
         best: Candidate | None = None
         points = self.original
         for index, near in enumerate(NEAR):
-            if index == 2 and best is not None and len(best.defects.crossings):
-                # Far contacts did not come apart: start again from the input with half the step.
-                pushed = self._push(self.original, 12, 0.5 * FIRST_STEP, 40, 8)
-                best = min(best, self._filled(pushed, 12), key=lambda one: one.rank)
-                if len(best.defects.crossings) == 0:
-                    break
-            pushed = self._push(points, near, FIRST_STEP * STEP_DECAY**index, 25, 6)
+            pushed = self._push(points, near, step * STEP_DECAY**index)
             points = pushed.points
             if pushed.iterations == 0 and best is not None:
                 continue
@@ -88,40 +100,55 @@ class _Run:
                 if previous is not None and len(previous.defects.crossings) == 0:
                     if found.distortion > PHASE_GAIN * previous.distortion:
                         break
+            elif index == 1:
+                # Far contacts did not come apart: this step length is not for this pose.
+                break
         assert best is not None
         return best
 
     def tighten(self, best: Candidate, rounds: int) -> FloatArray:
-        """The clean pose pulled towards the input in rounds of three stages."""
+        """The clean pose pulled towards the input in rounds of three stages.
+
+        A stage that gained nothing in one round is left out in the next.
+        """
         points, folds = best.points, len(best.defects.folds)
         surface, original = self.surface, self.original
         before = best.distortion
         reach = reach_of(surface, points - original)
+        idle = ""
         for index in range(rounds):
-            start = time.perf_counter()
             fraction = PULL_BACK * PULL_BACK_DECAY**index
-            points = pull_back(
-                surface, original, points, near=best.near, fraction=fraction, folds=folds
-            )
-            middle = time.perf_counter()
-            self._record("pull back", points, 0, folds, 0, start)
-            points = relax(
-                surface, original, points, cycles=3, folds=folds, soften=True, reach=reach
-            )
-            start = time.perf_counter()
-            self._record("relax", points, 0, folds, 0, middle)
-            points = relax(
-                surface, original, points, cycles=4, folds=folds, soften=False, reach=reach
-            )
-            after = self._record("pin", points, 0, folds, 0, start)
-            if after > ROUND_GAIN * before:
+            if before < LOW_ENOUGH * (1.0 if index else 0.1):
                 break
-            before = after
+            start_of_round = before
+            for name in ("pull back", "relax", "pin"):
+                if name == idle:
+                    idle = ""
+                    continue
+                start = time.perf_counter()
+                if name == "pull back":
+                    points = pull_back(
+                        surface, original, points, near=best.near, fraction=fraction, folds=folds
+                    )
+                else:
+                    points = relax(
+                        surface,
+                        original,
+                        points,
+                        cycles=3 if name == "relax" else 4,
+                        folds=folds,
+                        soften=name == "relax",
+                        reach=reach,
+                    )
+                after = self._record(name, points, 0, folds, 0, start)
+                if after > STAGE_GAIN * before:
+                    idle = name
+                before = after
+            if before > ROUND_GAIN * start_of_round:
+                break
         return points
 
-    def _push(
-        self, points: FloatArray, near: int, step: float, iterations: int, patience: int
-    ) -> Pushed:
+    def _push(self, points: FloatArray, near: int, step: float) -> Pushed:
         start = time.perf_counter()
         known = self.known.crossings if points is self.original else None
         pushed = push(
@@ -129,8 +156,6 @@ class _Run:
             points,
             near=near,
             step=step,
-            iterations=iterations,
-            patience=patience,
             known_pairs=known,
         )
         self._record(f"push {near}", pushed.points, len(pushed.pairs), 0, pushed.iterations, start)

@@ -28,7 +28,13 @@ from dtrepair.cli.frames import (
     side_by_side,
     unusable,
 )
-from dtrepair.cli.options import Selection, console_options, run_options, selection_options
+from dtrepair.cli.options import (
+    Selection,
+    console_options,
+    jobs_option,
+    run_options,
+    selection_options,
+)
 from dtrepair.cli.sources import Source, open_source, time_label
 from dtrepair.record import (
     FramePrimRecord,
@@ -55,6 +61,7 @@ from dtrepair.record import (
 )
 @selection_options
 @run_options
+@jobs_option
 @console_options
 @one_line_errors
 def command(

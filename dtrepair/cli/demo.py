@@ -30,7 +30,7 @@ PRIM = "/Character/Body"
 @run_options
 @console_options
 @one_line_errors
-def command(*, directory: str, frame_count: int, device: str, jobs: int, console: Console) -> int:
+def command(*, directory: str, frame_count: int, device: str, console: Console) -> int:
     """Make an animated character whose limbs pass through its body, and repair it.
 
     Writes DIR/demo.usda, DIR/demo_repaired.usdc, DIR/report.json and DIR/before_after.png.
@@ -48,7 +48,7 @@ def command(*, directory: str, frame_count: int, device: str, jobs: int, console
     source, output = folder / "demo.usda", folder / "demo_repaired.usdc"
     quads = _write_character(source, frame_count)
     console.result(f"{source}: {quads} quads, {frame_count} frames")
-    code = _repair(source, output, folder / "report.json", device, jobs, console)
+    code = _repair(source, output, folder / "report.json", device, console)
     picture = folder / "before_after.png"
     try:
         with writing(picture):
@@ -88,14 +88,12 @@ def _turntable(frame_count: int) -> np.ndarray[Any, np.dtype[np.float64]]:
     return matrices
 
 
-def _repair(
-    source: Path, output: Path, report: Path, device: str, jobs: int, console: Console
-) -> int:
+def _repair(source: Path, output: Path, report: Path, device: str, console: Console) -> int:
     """Run `dtrepair repair` as a user would, with its table."""
     from dtrepair.cli.repair import command as repair
 
     arguments = [os.fspath(source), "-o", os.fspath(output), "--report", os.fspath(report)]
-    arguments += ["--device", device, "--jobs", str(jobs), *(["-q"] if console.quiet else [])]
+    arguments += ["--device", device, *(["-q"] if console.quiet else [])]
     arguments += ["-v"] * console.verbosity
     code = repair.main(args=arguments, prog_name="dtrepair repair", standalone_mode=False)
     return int(code)

@@ -74,14 +74,9 @@ def console_options(function: Function) -> Function:
 
 
 def run_options(function: Function) -> Function:
-    """Add --device, --jobs and --config; `device` and `jobs` arrive resolved."""
-
-    @wraps(function)
-    def wrapper(*, device: str, jobs: int | None, **options: Any) -> Any:
-        return function(device=device, jobs=jobs or os.cpu_count() or 1, **options)
-
+    """Add --device and --config."""
     return _with(
-        wrapper,
+        function,
         (
             click.option(
                 "--device",
@@ -91,18 +86,32 @@ def run_options(function: Function) -> Function:
                 help="auto, cpu or cuda[:N].",
             ),
             click.option(
-                "--jobs",
-                type=click.IntRange(min=1),
-                metavar="N",
-                help="Frames worked on side by side; default: all cores.",
-            ),
-            click.option(
                 "--config",
                 metavar="F.toml",
                 is_eager=True,
                 expose_value=False,
                 callback=_read_config,
                 help="Defaults of these options, by name, from a TOML file.",
+            ),
+        ),
+    )
+
+
+def jobs_option(function: Function) -> Function:
+    """Add --jobs; `jobs` arrives as a number."""
+
+    @wraps(function)
+    def wrapper(*, jobs: int | None, **options: Any) -> Any:
+        return function(jobs=jobs or os.cpu_count() or 1, **options)
+
+    return _with(
+        wrapper,
+        (
+            click.option(
+                "--jobs",
+                type=click.IntRange(min=1),
+                metavar="N",
+                help="Frames worked on side by side; default: all cores.",
             ),
         ),
     )

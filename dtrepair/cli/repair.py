@@ -72,7 +72,6 @@ def command(
     selection: Selection,
     options: RepairOptions,
     device: str,
-    jobs: int,
     console: Console,
 ) -> int:
     """Repair the self-intersections of a USD stage or a mesh file.
@@ -92,7 +91,7 @@ def command(
     if report_path is not None:
         refuse_overwriting(report_path, source_path, output)
         check_writable(report_path)
-    run = Run(source_path, output, use_device(device), options, jobs)
+    run = Run(source_path, output, use_device(device), options)
     source = open_source(source_path, selection, collider=collider)
     console.warn(source.warnings)
     run.settings = _settings(selection, options, rest=rest, collider=collider, pin=pin)
@@ -123,7 +122,6 @@ class Run:
     output: str
     device: str
     options: RepairOptions
-    jobs: int
     settings: dict[str, Any] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     start: float = field(default_factory=clock.perf_counter)
@@ -155,14 +153,13 @@ def _repair(
     console.warn(_rest_warnings(source, rests, rest_counts))
     records: list[FrameRecord] = []
     meter = [JitterMeter() for _ in source.meshes]
-    frames = repair_frames(read_frames(source, source.times), repairer, jobs=run.jobs)
+    frames = repair_frames(read_frames(source, source.times), repairer)
     for repaired in console.progress(frames, total=len(source.times), what="repairing"):
         _store(repaired, sink, meter)
         records.append(repaired.record)
         for name, value in repaired.seconds.items():
             run.seconds[name] = run.seconds.get(name, 0.0) + value
         _say(console, repaired)
-    # Frames may run side by side: the parts are sums over all of them, the total is the wall clock.
     run.last = clock.perf_counter()
     summary = summarize(records)
     warnings = sink.commit({"counts": summary})

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.frames import Frame, frame_time, side_by_side, unusable
+from dtrepair.cli.frames import Frame, frame_time, unusable
 from dtrepair.cli.sources import Source
 from dtrepair.record import CountRecord, FramePrimRecord, FrameRecord
 
@@ -146,12 +146,10 @@ class FrameRepairer:
         )
 
 
-def repair_frames(
-    frames: Iterable[Frame], repairer: FrameRepairer, *, jobs: int
-) -> Iterator[Repaired]:
+def repair_frames(frames: Iterable[Frame], repairer: FrameRepairer) -> Iterator[Repaired]:
     """Repair an iterator of frames, in order."""
-    for _, repaired in side_by_side(repairer, frames, jobs=jobs):
-        yield repaired
+    for frame in frames:
+        yield repairer(frame)
 
 
 def _free(body: Body) -> NDArray[np.bool_]:

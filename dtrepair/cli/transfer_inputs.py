@@ -1,0 +1,276 @@
+"""What a transfer starts from: source poses, target, and how their axes and sizes compare."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.cli.failures import INPUT, USAGE, Failure
+from dtrepair.cli.options import Selection
+from dtrepair.cli.sources import (
+    MeshSource,
+    Points,
+    Source,
+    SourceMesh,
+    StageSource,
+    is_stage,
+    open_source,
+    time_label,
+)
+
+_AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+# Bodies this many times larger or smaller than each other are a wrong unit, not another animal.
+_SIZE_LIMIT = 20.0
+
+
+class PoseFiles:
+    """A rest mesh and its poses in mesh files: time codes 1, 2, ... in the order given."""
+
+    def __init__(self, rest: Source, paths: Sequence[str], frames: str | None) -> None:
+        """Take the rest's mesh; the files are read frame by frame."""
+        from usd_io import parse_frames
+
+        missing = [path for path in paths if not os.path.isfile(path)]
+        if missing:
+            raise Failure(f"{missing[0]}: no such file; check --poses", INPUT)
+        self._rest = rest
+        self._paths = tuple(paths)
+        self.name = rest.name
+        self.meshes = (replace(rest.meshes[0], has_rest=True),)
+        self.times = np.arange(1.0, len(paths) + 1.0)
+        if frames is not None:
+            self.times = self.times[parse_frames(frames).select(self.times, require=True)]
+        self.warnings = rest.warnings
+        self.up = rest.up
+
+    def path(self, time: float) -> str:
+        """The file of a time code."""
+        return self._paths[round(time) - 1]
+
+    def read(self, mesh: SourceMesh, time: float) -> Points | None:
+        """Points (V, 3) as the file has them. Raises FrameError for a file that does not fit."""
+        from dtrepair.mesh_files import MeshFileError, read_mesh
+        from usd_io import FrameError
+
+        path = self.path(time)
+        try:
+            pose = read_mesh(path)
+        except MeshFileError as error:
+            raise FrameError(mesh.path, time, f"{error}; export the pose again") from None
+        if len(pose.points) != len(mesh.rest):
+            raise FrameError(
+                mesh.path,
+                time,
+                f"{path}: expected {len(mesh.rest)} vertices as the rest pose has, got "
+                f"{len(pose.points)}; export the pose again",
+            )
+        if isinstance(self._rest, MeshSource):
+            rest = self._rest.file
+            same = np.array_equal(pose.counts, rest.counts)
+            if not same or not np.array_equal(pose.corners, rest.corners):
+                raise FrameError(
+                    mesh.path,
+                    time,
+                    f"{path}: the faces are not those of the rest pose; export the pose again",
+                )
+        return pose.points
+
+    def to_world(self, mesh: SourceMesh, time: float, points: Points) -> Points:
+        """The points themselves."""
+        return np.asarray(points, dtype=np.float64)
+
+    def to_local(self, mesh: SourceMesh, time: float, points: Points) -> Points:
+        """The points themselves."""
+        return np.asarray(points, dtype=np.float64)
+
+
+def open_poses(path: str, poses: Sequence[str], selection: Selection) -> Source:
+    """Open the source: an animated stage, or a rest mesh with pose files or an animated stage."""
+    if not poses:
+        if not is_stage(path):
+            raise Failure(
+                f"{path}: is a mesh file, which holds one pose; name its poses with --poses, or "
+                "give an animated stage",
+                USAGE,
+            )
+        return _single(open_source(path, selection), "--prim")
+    if any(is_stage(pose) for pose in poses):
+        if len(poses) > 1:
+            raise Failure(f"--poses: expected one stage or mesh files, got {len(poses)}", USAGE)
+        return _single(open_source(poses[0], selection), "--prim")
+    of_rest = replace(selection, frames=None)
+    rest = _single(open_source(path, of_rest), "--prim")
+    return PoseFiles(rest, poses, selection.frames)
+
+
+def open_target(path: str, prim: str | None) -> StageSource | MeshSource:
+    """Open the target: one mesh of a stage, or a mesh file."""
+    if prim is not None and not is_stage(path):
+        raise Failure(f"--target-prim: only for USD stages, and {path} is a mesh file", USAGE)
+    source = _single(open_source(path, Selection(prim=prim)), "--target-prim")
+    assert isinstance(source, StageSource | MeshSource)
+    return source
+
+
+def _single(source: Any, option: str) -> Any:
+    if len(source.meshes) != 1:
+        names = ", ".join(mesh.path for mesh in source.meshes[:4])
+        more = ", ..." if len(source.meshes) > 4 else ""
+        raise Failure(
+            f"{source.name}: expected one mesh, got {len(source.meshes)} ({names}{more}); "
+            f"choose one with {option}",
+            USAGE,
+        )
+    return source
+
+
+@contextmanager
+def input_errors(*, code: int = INPUT, prefix: str = "") -> Iterator[None]:
+    """Turn a ValueError about the user's arrays, or a file that cannot be read, into a failure."""
+    try:
+        yield
+    except OSError as error:
+        raise Failure(f"{error.filename}: cannot be read: {error.strerror}", INPUT) from None
+    except ValueError as error:
+        raise Failure(f"{prefix}{error}", code) from None
+
+
+@dataclass(frozen=True)
+class Frames:
+    """How the source's local axes become the target's local axes.
+
+    rotation: (3, 3) from one to the other; up: the target's up axis (3,), local.
+    still: the source's matrix (4, 4), row vectors, at the first frame; None where it never moves.
+    """
+
+    rotation: NDArray[np.float64]
+    up: NDArray[np.float64]
+    still: NDArray[np.float64] | None
+
+    def pose(self, source: Source, time: float, points: Points) -> NDArray[np.float64]:
+        """Local points (V, 3) with what the source's transform has moved since the first frame."""
+        if self.still is None:
+            return np.asarray(points, dtype=np.float64)
+        from usd_io import inverse_matrix, transform_points, world_matrix
+
+        world = world_matrix(source.meshes[0].handle, time)
+        return transform_points(points, world @ inverse_matrix(self.still))
+
+
+def frames_of_reference(source: Source, target: Source, ups: tuple[str | None, str | None]) -> Frames:
+    """Compare the axes of both inputs; `ups` are given names of axes, else the stages' own.
+
+    A mesh file does not say its up axis: it is taken for that of the other input.
+    """
+    from dtrepair.transfer import rotation_between
+
+    known = [np.asarray(_AXES[up]) if up else _up(s) for s, up in zip((source, target), ups, strict=True)]
+    fallback = np.asarray(_AXES["Y"])
+    source_up = next((up for up in known if up is not None), fallback)
+    target_up = next((up for up in known[::-1] if up is not None), fallback)
+    first, second = _orientation(source), _orientation(target)
+    rotation = second.T @ rotation_between(source_up, target_up) @ first
+    return Frames(rotation, second.T @ target_up, _still(source))
+
+
+def _up(source: Source) -> NDArray[np.float64] | None:
+    return np.asarray(source.up) if isinstance(source, StageSource) else None
+
+
+def _matrix(source: Source) -> NDArray[np.float64] | None:
+    if not isinstance(source, StageSource):
+        return None
+    from usd_io import world_matrix
+
+    return world_matrix(source.meshes[0].handle, float(source.times[0]))
+
+
+def _orientation(source: Source) -> NDArray[np.float64]:
+    """Rotation (3, 3), column vectors, from local to world axes; scale and shear taken out."""
+    matrix = _matrix(source)
+    if matrix is None:
+        return np.eye(3)
+    left, _, right = np.linalg.svd(matrix[:3, :3].T)
+    flip = np.sign(np.linalg.det(left @ right))
+    return np.asarray((left * (1.0, 1.0, flip)) @ right)
+
+
+def _still(source: Source) -> NDArray[np.float64] | None:
+    if not isinstance(source, StageSource):
+        return None
+    from usd_io import transform_times
+
+    return _matrix(source) if len(transform_times(source.meshes[0].handle)) > 1 else None
+
+
+def with_transform_times(source: Source) -> NDArray[np.float64]:
+    """Times of a source's poses; where only its transform moves, the times of that."""
+    if isinstance(source, StageSource) and np.isnan(source.times).all():
+        from usd_io import transform_times
+
+        times = transform_times(source.meshes[0].handle)
+        return times if len(times) > 1 else source.times
+    return source.times
+
+
+def input_problems(source: Source, target: Source) -> list[str]:
+    """What an artist should know of the rests before looking at the result."""
+    from usd_io.polygons import nonmanifold_edges
+
+    found = []
+    for side in (source, target):
+        mesh = side.meshes[0]
+        edges = 0 if isinstance(side, StageSource) else nonmanifold_edges(mesh.faces)
+        if edges:
+            found.append(f"{side.name}: {edges} non-manifold edges (more than two triangles)")
+        if _volume(mesh.rest, mesh.faces) < -1e-3:
+            found.append(
+                f"{side.name}: {mesh.path} is wound inside out; matching compares normals, so "
+                "flip its faces or its orientation"
+            )
+    if isinstance(target, StageSource) and not np.isnan(target.times).all():
+        found.append(f"{target.name}: the animation of {target.meshes[0].path} is replaced")
+    if isinstance(source, StageSource) and isinstance(target, StageSource):
+        found += _unit_problems(source, target)
+    return found
+
+
+def _volume(points: NDArray[np.float64], faces: NDArray[np.int32]) -> float:
+    """Signed volume over the cube of the size: negative for a closed mesh wound inside out."""
+    size = max(float(np.ptp(points, axis=0).max(initial=0.0)), np.finfo(float).tiny)
+    return float(np.linalg.det(((points - points.mean(axis=0)) / size)[faces]).sum() / 6.0)
+
+
+def _unit_problems(source: StageSource, target: StageSource) -> list[str]:
+    sizes = []
+    for side in (source, target):
+        mesh = side.meshes[0]
+        world = side.to_world(mesh, float(side.times[0]), mesh.rest)
+        sizes.append(float(np.ptp(world, axis=0).max()) * mesh.handle.meters_per_unit)
+    ratio = sizes[1] / max(sizes[0], np.finfo(float).tiny)
+    if 1.0 / _SIZE_LIMIT < ratio < _SIZE_LIMIT:
+        return []
+    return [
+        f"{target.name}: the target measures {sizes[1]:.3g} m, the source {sizes[0]:.3g} m: is "
+        "metersPerUnit right in both stages?"
+    ]
+
+
+def clip_name(target: Source) -> str:
+    """A prim name made of the target's file name."""
+    stem = Path(target.name).stem
+    name = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in stem)
+    return name if name and not name[0].isdigit() else f"_{name}"
+
+
+def describe_times(source: Source) -> str:
+    """The frames of a source in words."""
+    labels = [time_label(float(time)) for time in source.times]
+    return labels[0] if len(labels) == 1 else f"{labels[0]} to {labels[-1]}"

@@ -50,7 +50,7 @@ def dented_torus() -> Mesh:
     return unit((points, faces))
 
 
-@pytest.mark.parametrize("optimizer", OPTIMIZERS.values(), ids=OPTIMIZERS.keys())
+@pytest.mark.parametrize("optimizer", [kind() for kind in OPTIMIZERS.values()], ids=str)
 def test_crossing_tube_becomes_clean(optimizer: Optimizer) -> None:
     mesh = crossing_tube()
     descent, points = make(mesh, optimizer=optimizer)
@@ -180,6 +180,34 @@ def test_two_bodies_separate_and_a_collider_stays(mobility: list[float]) -> None
     moved = (result.points - points)[0].norm(dim=-1)
     for part, free in zip((moved[:first], moved[first:]), mobility, strict=True):
         assert (part.max() > 0) == (free > 0)
+
+
+def test_direction_control_moves_the_region_where_the_user_wants() -> None:
+    descent, points, first = two_bodies([0.0, 1.0])
+    region = (descent.faces >= first).all(dim=1)
+    for wanted in np.eye(3):
+        direction = torch.zeros(len(region), 3, dtype=torch.float64)
+        direction[region] = torch.from_numpy(wanted)
+        result = replace(descent, direction=direction)(points)
+        assert result.triangles[0] == 0
+        moved = (result.points - points)[0, first:].mean(dim=0)
+        # Left alone it leaves along x, where it is nearest to the surface.
+        assert int(moved.abs().argmax()) == int(wanted.argmax())
+
+
+@pytest.mark.parametrize("dtype, tolerance", [(torch.float64, 1e-9), (torch.float32, 1e-3)])
+def test_precomputed_operators_give_the_same_result(dtype: torch.dtype, tolerance: float) -> None:
+    # Few iterations: touching triangles amplify rounding, as in every contact problem.
+    descent, points = make(crossing_tube(), optimizer=GradientDescent(rate=2.0), iterations=4)
+    other = replace(
+        descent,
+        diffusion=descent.diffusion.dense(device="cpu", dtype=dtype),
+        laplacian=descent.laplacian.on(device="cpu", dtype=dtype),
+    )
+    result, expected = other(points.to(dtype)), descent(points)
+    assert result.points.dtype == dtype
+    assert result.iterations[0] == expected.iterations[0] > 0
+    assert (result.points - expected.points).abs().max() < tolerance
 
 
 def test_brute_force_agrees_that_the_bodies_are_apart() -> None:

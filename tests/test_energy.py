@@ -21,6 +21,7 @@ from dtrepair.repair.energy import (
     mean_square_strength,
     pair_energy,
     shape_term,
+    triangle_directions,
     triangle_planes,
 )
 from tests.meshes import icosphere
@@ -29,8 +30,8 @@ KERNEL_CASES = [
     *KERNELS.values(),
     SignedTangentPoint(exponent=3, power=6),
     SignedTangentPoint(exponent=3, power=3),
-    UnsignedTangentPoint(exponent=2, power=4),
-    ConicalField(height=0.1),
+    UnsignedTangentPoint(exponent=3, power=6),
+    ConicalField(height=0.5),
     ConicalField(height=0.02),
 ]
 
@@ -162,6 +163,12 @@ def test_direction_replaces_the_other_normal_and_moves_the_region() -> None:
     direction[0] = torch.tensor([0.0, 1.0, 0.0])
     _, both = pair_energy(points, faces, pairs, kernel=kernel, direction=direction)
     assert torch.equal(both, free)
+
+
+def test_triangle_has_a_direction_where_all_its_corners_have_one() -> None:
+    direction = torch.tensor([[0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 0, 0]], dtype=torch.float64)
+    faces = torch.tensor([[0, 1, 2], [1, 2, 3]])
+    assert triangle_directions(direction, faces).tolist() == [[0, 2, 1], [0, 0, 0]]
 
 
 def test_pair_of_weight_zero_takes_no_part() -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 
+from dtrepair.repair.energy import KERNELS
 from dtrepair.repair.optimizer import (
     OPTIMIZERS,
     GradientDescent,
@@ -12,6 +15,7 @@ from dtrepair.repair.optimizer import (
     MomentumBrake,
     Optimizer,
     UniformAdam,
+    make_optimizer,
     start,
 )
 
@@ -71,7 +75,7 @@ def test_momentum_brake_follows_the_running_mean_before_it_brakes() -> None:
 
 @pytest.mark.parametrize("mask", ["component", "vertex"])
 def test_momentum_brake_drops_the_momentum_that_left_the_band(mask: str) -> None:
-    optimizer = MomentumBrake(rate=1.0, mask=mask)
+    optimizer = replace(MomentumBrake(rate=1.0), mask=mask)
     gradients = noisy(30, noise=0.01)
     gradients[-1, 0, 2, 1] = -5.0
     _, before = run(optimizer, gradients[:-1])
@@ -94,7 +98,7 @@ def test_momentum_brake_waits_for_its_warm_up() -> None:
         assert torch.equal(moments.first, gradients[-1]) is dropped
 
 
-@pytest.mark.parametrize("optimizer", OPTIMIZERS.values(), ids=OPTIMIZERS.keys())
+@pytest.mark.parametrize("optimizer", [kind() for kind in OPTIMIZERS.values()], ids=str)
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_frames_are_independent_inputs_untouched_and_zero_is_safe(
     optimizer: Optimizer, dtype: torch.dtype
@@ -110,3 +114,12 @@ def test_frames_are_independent_inputs_untouched_and_zero_is_safe(
     assert together[-1].dtype == dtype
     still, _ = run(optimizer, torch.zeros(12, 1, 4, 3, dtype=dtype))
     assert all(not step.any() for step in still)
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+@pytest.mark.parametrize("energy", KERNELS)
+def test_every_optimizer_can_be_made_for_every_energy(name: str, energy: str) -> None:
+    optimizer = make_optimizer(name, energy=energy)
+    assert isinstance(optimizer, OPTIMIZERS[name])
+    if energy == "signed-tpe":
+        assert optimizer == OPTIMIZERS[name]()

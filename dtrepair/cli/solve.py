@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,10 @@ from dtrepair.record import CountRecord, FramePrimRecord, FrameRecord
 
 if TYPE_CHECKING:
     from dtrepair.counts import SceneCount, SceneCounter
+    from dtrepair.repair.options import RepairResult
     from dtrepair.repair.repairer import Body, SceneRepairer
+
+    Solution = list[RepairResult] | Exception
 
 # Rounding to the float32 points of a local space may close the tiny gaps of a result again.
 _ROUNDS = 3
@@ -46,26 +50,37 @@ class FrameRepairer:
         self.counter = counter
         self.free = [_free(body) for body in repairer.bodies]
 
-    def __call__(self, frame: Frame) -> Repaired:
-        """Repair a frame; an unusable or failing one comes back unchanged with the reason."""
+    def solve(self, poses: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Solution]:
+        """Solve (time, points of each mesh) one after the other; an error takes a frame's place."""
+        for _, points in poses:
+            try:
+                yield self.repairer(points)
+            except Exception as error:
+                yield error
+
+    def finish(self, frame: Frame, solution: Solution | None) -> Repaired:
+        """Verify a solution on the points that would be written; unchanged where there is none."""
         unchanged: tuple[None, ...] = (None,) * len(self.source.meshes)
-        if not frame.usable:
+        if solution is None:
             return Repaired(frame, unchanged, frame.spaces, unusable(frame), {})
         try:
-            return self._repair(frame)
+            if isinstance(solution, Exception):
+                raise solution
+            return self._verified(frame, solution)
         except Exception as error:
             message = f"{type(error).__name__}: {error}"
             record = FrameRecord(time=frame_time(frame), status="failed", message=message)
             return Repaired(frame, unchanged, frame.spaces, record, {}, error)
 
-    def _repair(self, frame: Frame) -> Repaired:
+    def _verified(self, frame: Frame, results: list[RepairResult]) -> Repaired:
         weld = self.counter.weld(frame.spaces)
         before = after = self.counter(frame.spaces, weld=weld)
         points: tuple[NDArray[np.float32] | None, ...] = (None,) * len(frame.points)
         spaces, message, iterations = frame.spaces, "", 0
         seconds = {"detect": 0.0, "solve": 0.0}
-        for _ in range(_ROUNDS if before.total.pairs else 0):
-            results = self.repairer(spaces)
+        for repetition in range(_ROUNDS):
+            if repetition:
+                results = self.repairer(spaces)
             iterations += results[0].iterations
             for name in seconds:
                 seconds[name] += results[0].seconds.get(name, 0.0)
@@ -73,7 +88,8 @@ class FrameRepairer:
             written = self._written(frame, [result.points for result in results])
             placed = self._placed(frame, written)
             count = self.counter(placed, weld=weld)
-            if count.total.pairs >= after.total.pairs:
+            # A clean frame may be moved, to go along with its neighbours, if it stays clean.
+            if count.total.pairs >= max(after.total.pairs, 1):
                 break
             points, spaces, after = written, placed, count
             if after.total.pairs == 0 or any(result.after.pairs for result in results):
@@ -147,9 +163,24 @@ class FrameRepairer:
 
 
 def repair_frames(frames: Iterable[Frame], repairer: FrameRepairer) -> Iterator[Repaired]:
-    """Repair an iterator of frames, in order."""
-    for frame in frames:
-        yield repairer(frame)
+    """Repair an iterator of frames, in order; the solver sees one iterator of usable poses.
+
+    The solver may look ahead as far as it likes: frames wait here until their solution comes.
+    """
+    waiting: deque[Frame] = deque()
+
+    def poses() -> Iterator[tuple[float, Sequence[Any]]]:
+        for frame in frames:
+            waiting.append(frame)
+            if frame.usable:
+                yield frame.time, frame.spaces
+
+    for solution in repairer.solve(poses()):
+        while not waiting[0].usable:
+            yield repairer.finish(waiting.popleft(), None)
+        yield repairer.finish(waiting.popleft(), solution)
+    while waiting:
+        yield repairer.finish(waiting.popleft(), None)
 
 
 def _free(body: Body) -> NDArray[np.bool_]:

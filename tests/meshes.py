@@ -130,3 +130,114 @@ def crossing_tubes(around: int = 16, along: int = 20, offset: float = 0.05) -> M
     points, faces = tube(around, along)
     other = points[:, [2, 1, 0]] * (1.0, 1.0, -1.0) + (0.0, offset, 0.013)
     return joined((points, faces), (other, faces))
+
+
+def overlapping_spheres(level: int = 2, distance: float = 1.5) -> Mesh:
+    """Two unit spheres in one mesh, centres `distance` apart along x, the second one turned."""
+    points, faces = icosphere(level)
+    c, s = np.cos(0.4), np.sin(0.4)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    turn = turn @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    return joined((points, faces), (points @ turn.T + (distance, 0.0, 0.0), faces))
+
+
+def swept(
+    centre: NDArray[np.float64], radius: NDArray[np.float64], around: int, closed: bool
+) -> Mesh:
+    """Tube about a curve of centres (N, 3) with radii (N,): closed into a ring, or with two caps.
+
+    Frames are carried along the curve without twist; a ring spreads the twist that is left.
+    """
+    ahead = np.roll(centre, -1, axis=0) - np.roll(centre, 1, axis=0)
+    if not closed:
+        ahead[0], ahead[-1] = centre[1] - centre[0], centre[-1] - centre[-2]
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    normal = np.zeros_like(centre)
+    start = np.eye(3)[np.abs(ahead[0]).argmin()]
+    for k in range(len(centre)):
+        previous = start if k == 0 else normal[k - 1]
+        normal[k] = previous - (previous @ ahead[k]) * ahead[k]
+        normal[k] /= np.linalg.norm(normal[k])
+    side = np.cross(ahead, normal)
+    twist = np.zeros(len(centre))
+    if closed:
+        last = np.arctan2(normal[-1] @ side[0], normal[-1] @ normal[0])
+        twist = -last * np.arange(len(centre)) / (len(centre) - 1)
+    angle = 2 * np.pi * np.arange(around) / around + twist[:, None]
+    circle = np.cos(angle)[..., None] * normal[:, None] + np.sin(angle)[..., None] * side[:, None]
+    points = (centre[:, None] + radius[:, None, None] * circle).reshape(-1, 3)
+    rings = len(centre) if closed else len(centre) - 1
+    i, j = np.meshgrid(np.arange(rings), np.arange(around), indexing="ij")
+    corners = [(i, j), (i, j + 1), (i + 1, j + 1), (i + 1, j)]
+    quads = [((p % len(centre)) * around + q % around).ravel() for p, q in corners]
+    faces = split_quads(np.stack(quads, axis=1).astype(np.int32))
+    if closed:
+        return points, faces
+    ring, count = np.arange(around), len(points)
+    first = np.stack([np.full(around, count), (ring + 1) % around, ring], axis=1)
+    base = (len(centre) - 1) * around
+    last_cap = np.stack(
+        [np.full(around, count + 1), base + ring, base + (ring + 1) % around], axis=1
+    )
+    tips = centre[[0, -1]] + 0.3 * radius[[0, -1], None] * ahead[[0, -1]] * [[-1.0], [1.0]]
+    return np.concatenate([points, tips]), np.concatenate([faces, first, last_cap]).astype(np.int32)
+
+
+def knot(along: int = 96, around: int = 10, tube_radius: float = 0.75) -> Mesh:
+    """Closed trefoil tube, three-fold symmetric; it meets itself from a tube radius of 0.6 on."""
+    t = 2 * np.pi * np.arange(along) / along
+    x, y = np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t)
+    centre = np.stack([x, y, -np.sin(3 * t)], axis=1)
+    return swept(centre, np.full(along, tube_radius), around, closed=True)
+
+
+def elbow(angle: float, along: int = 40, around: int = 12, radius: float = 0.2) -> Mesh:
+    """Closed tube of length 2 bent by `angle` over its middle tenth: a deep crease beyond 1.5."""
+    arc = np.linspace(-1.0, 1.0, along + 1)
+    heading = angle * np.clip(arc / 0.1, -1.0, 1.0) / 2
+    middle = 0.5 * (heading[1:] + heading[:-1])
+    step = np.stack([np.sin(middle), np.zeros(along), np.cos(middle)], axis=1) * (2.0 / along)
+    centre = np.concatenate([np.zeros((1, 3)), np.cumsum(step, axis=0)])
+    return swept(centre, np.full(along + 1, radius), around, closed=False)
+
+
+def armed_body(curl: float, along: int = 60, around: int = 12) -> Mesh:
+    """One closed mesh: a wide body, and a thin arm that turns by `curl` radians.
+
+    From a curl of about 3.6 on the arm goes through the body it grows from.
+    """
+    arc = np.linspace(0.0, 4.0, along + 1)
+    heading = curl * np.clip((arc - 1.2) / 2.0, 0.0, 1.0)
+    middle = 0.5 * (heading[1:] + heading[:-1])
+    step = np.stack([np.sin(middle), np.zeros(along), np.cos(middle)], axis=1) * (4.0 / along)
+    centre = np.concatenate([np.zeros((1, 3)), np.cumsum(step, axis=0)])
+    blend = 1.0 / (1.0 + np.exp((arc - 1.0) / 0.06))
+    return swept(centre, 0.12 + 0.38 * blend, around, closed=False)
+
+
+def klein_bottle(around: int = 24, across: int = 16) -> Mesh:
+    """Figure-eight immersion of the Klein bottle: closed, not orientable, crossing on a curve."""
+    u = 2 * np.pi * np.arange(around)[:, None] / around
+    v = 2 * np.pi * (np.arange(across)[None] + 0.5) / across
+    width = np.cos(u / 2) * np.sin(v) - np.sin(u / 2) * np.sin(2 * v)
+    height = np.sin(u / 2) * np.sin(v) + np.cos(u / 2) * np.sin(2 * v)
+    points = np.stack([(3 + width) * np.cos(u), (3 + width) * np.sin(u), height], axis=-1)
+    i, j = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
+    # Once around, the cross-section comes back mirrored: v becomes -v.
+    corners = []
+    for p, q in [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]:
+        turned = np.where(p == around, across - 1 - q % across, q % across)
+        corners.append(((p % around) * across + turned).ravel())
+    return points.reshape(-1, 3), split_quads(np.stack(corners, axis=1).astype(np.int32))
+
+
+def with_seam(points: NDArray[np.float64], faces: NDArray[np.int32], first: int) -> Mesh:
+    """The mesh with every vertex of its triangles from `first` on duplicated, as on a UV seam."""
+    used = np.unique(faces[first:])
+    place = np.full(len(points), -1)
+    place[used] = len(points) + np.arange(len(used))
+    other = place[faces[first:]]
+    return (
+        np.concatenate([points, points[used]]),
+        np.concatenate([faces[:first], other]).astype(np.int32),
+    )

@@ -1,0 +1,212 @@
+"""Surface: operators and masks of a rest pose, units, bodies and what counts as a pair."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair.geometry import adjacency, extent, unique_edges, vector_areas
+from dtrepair.intersect.detector import find_intersections
+from dtrepair.operators import Factor
+from dtrepair.repair.surface import BodyRange, Surface, link_labels
+from tests.meshes import (
+    Mesh,
+    crossing_tubes,
+    grid,
+    icosphere,
+    joined,
+    overlapping_spheres,
+    torus,
+)
+
+
+def two_bodies(mode: str = "both", first: float = 99.0, second: float = 99.0) -> Surface:
+    points, faces = overlapping_spheres()
+    half = len(points) // 2
+    bodies = [BodyRange(0, half, first), BodyRange(half, 2 * half, second)]
+    return Surface(points, faces, bodies=bodies, mode=mode)
+
+
+def sliver_grid() -> Mesh:
+    """A grid whose columns crowd: cotangents of both signs before they are clamped."""
+    points, faces = grid(12, 12)
+    points = points.copy()
+    points[:, 0] = points[:, 0] ** 3 + 0.3 * points[:, 1]
+    return points, faces
+
+
+@pytest.mark.parametrize("mesh", [icosphere(), torus(), sliver_grid()])
+def test_diffused_fields_obey_the_maximum_principle(mesh: Mesh) -> None:
+    surface = Surface(*mesh)
+    random = np.random.default_rng(0)
+    field = random.random((surface.count, 3)) + 0.1
+    smooth = surface.diffuse(field)
+    # A^-1 of an M-matrix is non-negative, and A^-1 M 1 = 1 because L 1 = 0.
+    assert smooth.min() > 0
+    source = field / surface.mass[:, None]
+    assert smooth.max() <= source.max() * (1 + 1e-9)
+    assert smooth.min() >= source.min() * (1 - 1e-9)
+
+
+@pytest.mark.parametrize("mesh", [icosphere(), sliver_grid()])
+def test_diffusion_keeps_constants_totals_and_symmetry(mesh: Mesh) -> None:
+    surface = Surface(*mesh)
+    ones = np.ones((surface.count, 1))
+    assert np.allclose(surface.diffuse(surface.mass[:, None] * ones), ones, rtol=0, atol=1e-9)
+    random = np.random.default_rng(1)
+    a, b = random.normal(size=(2, surface.count, 1))
+    smooth_a, smooth_b = surface.diffuse(a), surface.diffuse(b)
+    assert (surface.mass @ smooth_a)[0] == pytest.approx(a.sum(), abs=1e-9 * np.abs(a).sum())
+    assert (b.T @ smooth_a).item() == pytest.approx((a.T @ smooth_b).item(), abs=1e-9)
+
+
+def test_diffusion_smooths() -> None:
+    surface = Surface(*icosphere(3))
+    peak = np.zeros((surface.count, 1))
+    peak[0] = 1.0
+    smooth = surface.diffuse(peak)
+    first, second = surface.edges.T
+    assert np.argmax(smooth) == 0 and smooth.min() > 0
+    assert np.abs(smooth[first] - smooth[second]).max() < 0.2 * smooth.max()
+
+
+def test_every_body_diffuses_on_its_own_with_its_own_strength() -> None:
+    surface = two_bodies(first=1.0, second=1000.0)
+    half = surface.count // 2
+    field = np.zeros((surface.count, 1))
+    field[0] = 1.0
+    assert (surface.diffuse(field)[half:] == 0).all()
+    field[half] = 1.0
+    smooth = surface.diffuse(field)
+    assert smooth[:half].max() > 5 * smooth[half:].max()
+
+
+def test_factors_are_computed_once() -> None:
+    surface = two_bodies()
+    before = Factor.count
+    for _ in range(3):
+        surface.diffuse(np.ones((surface.count, 3)))
+    assert Factor.count == before + 2
+    assert surface.rigidity_factor is surface.rigidity_factor
+    assert Factor.count == before + 3
+
+
+@pytest.mark.parametrize("scale", [2.0**-20, 1.0, 2.0**20])
+def test_lengths_are_in_units_of_the_size(scale: float) -> None:
+    points, faces = torus()
+    plain, scaled = Surface(points, faces), Surface(scale * points, faces)
+    assert scaled.size == scale * plain.size == scale * extent(points)
+    assert np.array_equal(scaled.rest, plain.rest)
+    assert scaled.edge_length == plain.edge_length
+    assert np.array_equal(scaled.written(plain.rest), np.float32(scale) * plain.written(plain.rest))
+    edges = unique_edges(faces)
+    lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+    assert plain.edge_length * plain.size == pytest.approx(lengths.mean(), rel=1e-12)
+
+
+def test_a_point_has_size_one() -> None:
+    assert Surface(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32)).size == 1.0
+
+
+def test_dilation_and_rings_follow_the_edges() -> None:
+    points, faces = torus(20, 8)
+    surface = Surface(points, faces)
+    indptr, indices = adjacency(faces, len(points))
+    seed = np.zeros(len(points), dtype=bool)
+    seed[[0, 77]] = True
+    expected = np.where(seed, 0, 6)
+    reached = seed
+    for ring in range(1, 6):
+        wider = reached.copy()
+        for v in np.flatnonzero(reached):
+            wider[indices[indptr[v] : indptr[v + 1]]] = True
+        expected[wider & ~reached] = ring
+        assert np.array_equal(surface.dilate(seed, ring), wider)
+        reached = wider
+    assert np.array_equal(surface.rings_from(seed, 6), expected)
+    nothing = np.zeros(len(points), dtype=bool)
+    assert (surface.rings_from(nothing, 4) == 4).all()
+    assert np.array_equal(surface.dilate(seed, 0), seed)
+
+
+def test_masks_and_components() -> None:
+    points, faces = joined(icosphere(1), icosphere(1))
+    surface = Surface(points, faces)
+    half = len(points) // 2
+    labels = surface.components(np.ones(len(points), dtype=bool))
+    assert len(np.unique(labels)) == 2 and (labels[:half] == labels[0]).all()
+    alone = surface.components(np.zeros(len(points), dtype=bool))
+    assert len(np.unique(alone)) == len(points)
+    mask = surface.vertices_of(np.array([[0, 3]]))
+    assert set(np.flatnonzero(mask)) == set(faces[[0, 3]].ravel())
+    assert np.array_equal(surface.triangles_at(mask), np.isin(faces, faces[[0, 3]]).any(axis=1))
+
+
+def test_link_labels_without_links() -> None:
+    assert len(np.unique(link_labels(np.zeros((0, 2), np.int32), 5))) == 5
+
+
+def test_vector_areas_of_vertices_sum_to_those_of_triangles() -> None:
+    points, faces = sliver_grid()
+    surface = Surface(points, faces)
+    total = surface.vector_areas(surface.rest).sum(axis=0)
+    assert np.allclose(total, vector_areas(surface.rest, faces).sum(axis=0), rtol=0, atol=1e-12)
+    closed = Surface(*icosphere())
+    flux = closed.vector_areas(closed.rest)
+    assert np.abs(flux.sum(axis=0)).max() < 1e-12
+    assert (np.einsum("ij,ij->i", flux, closed.rest) > 0).all()
+
+
+def test_pairs_are_those_of_the_written_coordinates() -> None:
+    points, faces = crossing_tubes(8, 20)
+    surface = Surface(points, faces)
+    expected = find_intersections(surface.written(surface.rest), faces)
+    assert len(expected) > 20
+    assert np.array_equal(surface.pairs(surface.rest), expected)
+    batch = surface.batch_pairs(np.stack([surface.rest, surface.rest]))
+    assert np.array_equal(batch[batch[:, 0] == 1, 1:], expected)
+
+
+def test_active_pairs_have_an_active_triangle() -> None:
+    points, faces = crossing_tubes(8, 20)
+    surface = Surface(points, faces)
+    every = surface.pairs(surface.rest)
+    active = np.zeros(len(faces), dtype=bool)
+    active[every[::3, 0]] = True
+    expected = every[active[every].any(axis=1)]
+    assert 0 < len(expected) < len(every)
+    assert np.array_equal(surface.pairs(surface.rest, active=active), expected)
+
+
+def test_mode_chooses_the_pairs() -> None:
+    # Two bodies, the first of which also meets itself.
+    crossing = crossing_tubes(8, 20)
+    sphere = icosphere(1, radius=0.3)
+    points, faces = joined(crossing, (sphere[0] + (0.0, 0.1, 0.0), sphere[1]))
+    split = len(crossing[0])
+    bodies = [BodyRange(0, split, 99.0), BodyRange(split, len(points), 99.0)]
+    found = {
+        mode: Surface(points, faces, bodies=bodies, mode=mode).pairs(points / extent(points))
+        for mode in ("both", "self", "inter")
+    }
+    side = faces[:, 0] >= split
+    between = side[found["both"][:, 0]] != side[found["both"][:, 1]]
+    assert 0 < between.sum() < len(between)
+    assert np.array_equal(found["inter"], found["both"][between])
+    assert np.array_equal(found["self"], found["both"][~between])
+
+
+def test_pairs_of_two_fixed_triangles_do_not_count() -> None:
+    points, faces = overlapping_spheres()
+    mobility = np.ones(len(points))
+    mobility[: len(points) // 2] = 0.0
+    half_fixed = Surface(points, faces, mobility=mobility)
+    assert len(half_fixed.pairs(half_fixed.rest)) == len(find_intersections(points, faces)) > 0
+    still = Surface(points, faces, mobility=np.zeros(len(points)))
+    assert len(still.pairs(still.rest)) == 0
+
+
+def test_diffused_field_of_a_thin_body_is_finite() -> None:
+    points, faces = torus()
+    flat = Surface(points * (1.0, 1.0, 1e-9), faces)
+    assert np.isfinite(flat.diffuse(np.ones((len(points), 3)))).all()

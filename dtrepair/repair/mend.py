@@ -1,0 +1,46 @@
+"""A single frame that the space-time scheme left dirty: pushed and filled from its state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dtrepair.geometry import FloatArray
+from dtrepair.repair.crease import Filled, fill_creases
+from dtrepair.repair.push import push
+from dtrepair.repair.surface import Surface
+
+# Rings within which contacts are left to the creases, from careful to pushing all of them.
+NEAR = (12, 6, 0)
+
+
+def mend(
+    surface: Surface,
+    original: FloatArray,
+    points: FloatArray,
+    *,
+    warm: FloatArray | None,
+    step: float,
+    alone: Callable[[Surface, FloatArray], FloatArray],
+) -> FloatArray:
+    """A clean pose near `points` (V, 3), or the one with the fewest pairs that was found.
+
+    warm: correction (V, 3) of the neighbouring frame, tried first; alone: the solver from the
+    input's pose, the last resort.
+    """
+    starts = [points] if warm is None else [points + warm, points]
+    best: Filled | None = None
+    for start in starts:
+        pose = start
+        for near in NEAR:
+            pushed = push(surface, pose, near=near, step=step, iterations=12, patience=5)
+            pose = pushed.points
+            filled = fill_creases(surface, pose)
+            if best is None or filled.defects.rank[0] < best.defects.rank[0]:
+                best = filled
+            if len(best.defects.crossings) == 0:
+                return best.points
+    assert best is not None
+    cold = alone(surface, original)
+    if len(surface.pairs(cold)) < len(best.defects.crossings):
+        return cold
+    return best.points

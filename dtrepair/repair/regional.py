@@ -1,0 +1,105 @@
+"""Push directions of one frame of an animation: every contact region at its own step length."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy import sparse
+
+from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.operators import Factor
+from dtrepair.repair.contact import contact_regions
+from dtrepair.repair.inside import winding_numbers
+from dtrepair.repair.push import DEEPEST, VOLUME_WEIGHT, tangent_point_gradient
+from dtrepair.repair.surface import BoolArray, Surface
+
+# A region of K pairs moves at most SHARE x mean edge x sqrt(K) a sweep, and at least SMALLEST.
+SHARE = 0.5
+SMALLEST = 5e-4
+# The overlap volume counts in full at this many rings from the nearest crease.
+OPEN_RINGS = 6
+
+
+Diffuse = Callable[[FloatArray], FloatArray]
+
+
+class Diffusion:
+    """A^-1 M A^-1 with A = M + lambda L and each body's lambda times a factor."""
+
+    def __init__(self, surface: Surface, strength: float) -> None:
+        """Factor once per body; `strength` multiplies the bodies' own lambda."""
+        self._mass = surface.mass[:, None]
+        self._parts = []
+        for body in surface.bodies:
+            own = slice(body.start, body.stop)
+            matrix = sparse.diags(surface.mass[own])
+            matrix = matrix + strength * body.diffusion * surface.laplacian[own, own]
+            self._parts.append((own, Factor(matrix)))
+
+    def __call__(self, field: FloatArray) -> FloatArray:
+        """The diffused field (V, k)."""
+        result = np.empty_like(field)
+        for own, factor in self._parts:
+            result[own] = factor(self._mass[own] * factor(field[own]))
+        return result
+
+
+def regional_push(
+    surface: Surface,
+    points: FloatArray,
+    pairs: IntArray,
+    pushed: BoolArray,
+    *,
+    diffuse: Diffuse,
+    step: float,
+) -> FloatArray:
+    """Displacement (V, 3) that separates the `pushed` (K,) of the pairs (K, 2) of a pose.
+
+    The sum of the tangent-point direction and of the gradient of the overlap volume, as in `push`;
+    but no region moves farther than its share, so that a new small contact starts gently.
+    """
+    winding = winding_numbers(surface, points, pairs)
+    count, regions = contact_regions(surface, pairs, winding != 0)
+    far = pairs[pushed]
+    of_pair = regions[surface.faces[far[:, 0], 0]]
+    sizes = np.bincount(of_pair, minlength=count)
+    limits = np.clip(SHARE * surface.edge_length * np.sqrt(sizes), SMALLEST, step)
+    gradient = tangent_point_gradient(points, surface.faces, far, 1.0 / sizes[of_pair])
+    fields = [gradient]
+    buried = _buried(surface, pairs[~pushed], winding)
+    buried *= (sizes > 0)[regions]
+    if buried.any():
+        fields.append(buried[:, None] * surface.vector_areas(points))
+    smooth = diffuse(np.concatenate(fields, axis=1))
+    owner = np.flatnonzero(regions >= 0)
+    total = np.zeros_like(points)
+    for index, weight in zip(range(len(fields)), (1.0, VOLUME_WEIGHT), strict=False):
+        largest = _largest(smooth[:, 3 * index : 3 * index + 3], owner, regions, count)
+        floor = 1e-3 * largest.max(initial=0.0) + 1e-30
+        scale = weight * limits / np.maximum(largest, floor)
+        # A triangle across two regions does not exist: its vertices are in one or outside.
+        own = np.where(regions >= 0, scale[regions], 0.0)
+        total += own[:, None] * fields[index]
+    moved = diffuse(total) * surface.mobility[:, None]
+    largest = _largest(moved, owner, regions, count)
+    excess = float((largest / limits)[sizes > 0].max(initial=0.0))
+    if not (excess > 0 and np.isfinite(excess)):
+        return np.zeros_like(points)
+    return -moved / excess
+
+
+def _buried(surface: Surface, creased: IntArray, winding: IntArray) -> FloatArray:
+    """How deep vertices (V,) are, fading towards creases."""
+    depth = np.clip(winding, -DEEPEST, DEEPEST).astype(np.float64)
+    if len(creased) and depth.any():
+        rings = surface.rings_from(surface.vertices_of(creased), OPEN_RINGS + 1)
+        depth *= np.minimum(rings / OPEN_RINGS, 1.0)
+    return depth
+
+
+def _largest(field: FloatArray, owner: IntArray, regions: IntArray, count: int) -> FloatArray:
+    """Largest length (count,) of a field (V, 3) over the vertices of each region."""
+    largest = np.zeros(count)
+    np.maximum.at(largest, regions[owner], np.linalg.norm(field[owner], axis=1))
+    return largest

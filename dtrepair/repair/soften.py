@@ -1,0 +1,124 @@
+"""Fill of creases with a strength per vertex: smooth in time where the strength is."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import linalg
+
+from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.repair.surface import BoolArray, Surface
+from dtrepair.repair.timeline import apply_in_time, gaussian_kernel, spread_in_time
+
+# Levels below this leave a vertex alone.
+FAINT = 0.05
+# A frame without any level above this is not softened at all.
+SLIGHT = 0.3
+# A level of e holds a vertex with the weight 10 ** (HOLD - e).
+HOLD = 4.0
+# Width in frames of the smoothing of levels after they were spread.
+LEVEL_WIDTH = 1.5
+# Changes of a level below this keep the factor.
+UNCHANGED = 0.02
+
+
+class Patch(NamedTuple):
+    """Vertices that are softened, the factor of their system and its rows."""
+
+    vertices: IntArray
+    factor: linalg.SuperLU
+    rows: sparse.csr_matrix
+
+
+def soften(patch: Patch | None, field: FloatArray) -> FloatArray:
+    """The field (V, 3) with the patch softened: least sum |L z|^2 + weight |z - field|^2."""
+    if patch is None:
+        return field
+    result = field.copy()
+    result[patch.vertices] -= patch.factor.solve(np.ascontiguousarray(patch.rows @ field))
+    return result
+
+
+class Softener:
+    """Levels (T, V) at which each frame's surroundings of a crease are softened.
+
+    A hit raises the level; levels fade over time as bells and over the mesh by one a ring, so the
+    result changes smoothly from frame to frame: nothing switches.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        matrix: sparse.csr_matrix,
+        frames: FloatArray,
+        *,
+        first: float,
+        highest: float,
+    ) -> None:
+        """Soften with a squared operator (V, V); the first hit gives the level `first`."""
+        self.surface, self.matrix, self.frames = surface, matrix, frames
+        self.first, self.highest = first, highest
+        shape = (len(frames), surface.count)
+        self.hits = np.zeros(shape, dtype=np.float32)
+        self.levels = np.zeros(shape, dtype=np.float32)
+        self._patches: dict[int, Patch | None] = {}
+
+    def hit(self, frame: int, vertices: BoolArray) -> None:
+        """Raise the level of vertices (V,) of a frame."""
+        hits = self.hits[frame]
+        hits[vertices] = np.where(hits[vertices] == 0, self.first, hits[vertices] + 1.0)
+        np.minimum(hits, self.highest + 2.0, out=hits)
+
+    def replace_matrix(self, matrix: sparse.csr_matrix) -> None:
+        """Soften with another operator from now on."""
+        self.matrix = matrix
+        self._patches.clear()
+
+    def update(self, width: float) -> None:
+        """Levels from the hits; `width` in frames is how long before and after they act."""
+        touched = np.flatnonzero(self.hits.max(axis=0) > 0)
+        wanted = np.zeros_like(self.levels)
+        if len(touched):
+            spread = spread_in_time(self.frames, self.hits[:, touched], width)
+            kernel = gaussian_kernel(self.frames, LEVEL_WIDTH).astype(np.float32)
+            wanted[:, touched] = apply_in_time(kernel, spread)
+        for frame in np.flatnonzero(wanted.max(axis=1) > 0):
+            wanted[frame] = np.minimum(spread_rings(self.surface, wanted[frame]), self.highest)
+        wanted[:, self.surface.fixed] = 0.0
+        changed = np.abs(wanted - self.levels).max(axis=1) > UNCHANGED
+        for frame in np.flatnonzero(changed):
+            self._patches.pop(int(frame), None)
+            self.levels[frame] = wanted[frame]
+
+    def patch(self, frame: int) -> Patch | None:
+        """What `soften` needs for a frame; None where nothing is softened."""
+        if frame not in self._patches:
+            self._patches[frame] = self._factored(self.levels[frame])
+        return self._patches[frame]
+
+    def _factored(self, level: FloatArray) -> Patch | None:
+        if level.max(initial=0.0) <= SLIGHT:
+            return None
+        inner = np.flatnonzero(level > FAINT).astype(np.int32)
+        rows = self.matrix[inner]
+        hold = sparse.diags(10.0 ** (HOLD - level[inner].astype(np.float64)))
+        factor = linalg.splu(
+            sparse.csc_matrix(rows[:, inner] + hold),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+        return Patch(inner, factor, rows)
+
+
+def spread_rings(surface: Surface, level: FloatArray) -> FloatArray:
+    """Levels (V,) spread over the mesh, one less for each ring."""
+    level = level.copy()
+    used = np.diff(surface.indptr) > 0
+    starts = surface.indptr[:-1][used]
+    for _ in range(int(np.ceil(level.max(initial=0.0)))):
+        around = np.maximum.reduceat(level[surface.indices], starts) - 1.0
+        level[used] = np.maximum(level[used], around)
+    return level

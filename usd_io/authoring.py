@@ -13,7 +13,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from usd_io.atomic_layer import AtomicLayer
 from usd_io.attributes import extent_of, vec3f_array
-from usd_io.errors import UsageError
+from usd_io.errors import UsageError, time_text
 from usd_io.metadata import set_record
 from usd_io.polygons import check_topology
 
@@ -25,8 +25,8 @@ class AuthoredMesh:
     Attributes:
         path: prim path such as /Character/Body; missing parents become Xforms.
         faces: polygons: an array (F, k), or a list of index lists of any lengths.
-        points: one (V, 3) per time code: an array (T, V, 3) or any sequence; empty or None for a
-            mesh without animation.
+        points: one (V, 3) per time code: an array (T, V, 3), or any sequence, which is read frame
+            by frame; empty or None for a mesh without animation.
         rest: default-time points (V, 3); needed if there is no animation.
         st: texture coordinates (N, 2): one per vertex, per corner, or per entry of `st_indices`.
         st_indices: index into `st` of each corner (C,).
@@ -90,9 +90,9 @@ def write_animation(
         for mesh, geometry in zip(meshes, geometries, strict=True):
             _author_transforms(geometry, mesh, codes)
         for row, time in enumerate(codes):
-            for mesh, geometry in zip(meshes, geometries, strict=True):
+            for mesh, geometry, (_, _, count) in zip(meshes, geometries, checked, strict=True):
                 if len(_frames(mesh)):
-                    _author_points(geometry, np.asarray(_frames(mesh)[row]), Usd.TimeCode(time))
+                    _author_frame(geometry, mesh, row, time, count)
                     file.end_frame()
         if record:
             set_record(stage.GetRootLayer(), record)
@@ -128,9 +128,6 @@ def _checked(
     shape = np.shape(frames[0] if mesh.rest is None else mesh.rest)
     if len(shape) != 2 or shape[1] != 3:
         raise ValueError(f"{mesh.path}: expected points (V, 3), got {shape}")
-    for points in frames:
-        if np.shape(points) != shape:
-            raise ValueError(f"{mesh.path}: expected points {shape}, got {np.shape(points)}")
     counts, indices = _topology(mesh.faces)
     try:
         check_topology(counts, indices, shape[0])
@@ -200,6 +197,17 @@ def _author_points(
     values = vec3f_array(points)
     geometry.CreatePointsAttr().Set(values, code)
     geometry.CreateExtentAttr().Set(extent_of(np.asarray(values)), code)
+
+
+def _author_frame(
+    geometry: UsdGeom.Mesh, mesh: AuthoredMesh, row: int, time: float, count: int
+) -> None:
+    points = np.asarray(_frames(mesh)[row])
+    if points.shape != (count, 3):
+        raise ValueError(
+            f"{mesh.path} at {time_text(time)}: expected points {(count, 3)}, got {points.shape}"
+        )
+    _author_points(geometry, points, Usd.TimeCode(time))
 
 
 def _author_transforms(

@@ -108,8 +108,8 @@ def check_points(
             f"expected {len(mesh.rest)} points as in the topology, got {len(points)}; "
             "export the frame again",
         )
-    wrong = ~np.isfinite(points).all(axis=1)
-    if wrong.any():
+    if not np.isfinite(points).all():
+        wrong = ~np.isfinite(points).all(axis=1)
         raise FrameError(
             mesh.path,
             time,

@@ -82,6 +82,7 @@ class Report:
     frames: tuple[FrameRecord, ...] = ()
     warnings: tuple[str, ...] = ()
     jitter: float | None = None
+    transfer: Mapping[str, Any] | None = None
 
     def document(self) -> dict[str, Any]:
         """Return the report as plain JSON values, checked against `SCHEMA`.
@@ -102,6 +103,8 @@ class Report:
             "frames": [asdict(frame) for frame in self.frames],
             "summary": summarize(self.frames, jitter=self.jitter),
         }
+        if self.transfer is not None:
+            content["transfer"] = dict(self.transfer)
         try:
             document: dict[str, Any] = json.loads(json.dumps(content, allow_nan=False))
         except (TypeError, ValueError) as error:
@@ -163,11 +166,11 @@ def validate(document: object) -> None:
     _check(document, SCHEMA, "report")
 
 
-def _object(**properties: dict[str, Any]) -> dict[str, Any]:
+def _object(*optional: str, **properties: dict[str, Any]) -> dict[str, Any]:
     return {
         "type": "object",
         "properties": properties,
-        "required": list(properties),
+        "required": [name for name in properties if name not in optional],
         "additionalProperties": False,
     }
 
@@ -203,10 +206,41 @@ _SUMMARY = _object(
     displacement_mean=_AMOUNT,
     jitter={"type": ["number", "null"], "minimum": 0},
 )
+_FIGURE = {"type": ["number", "null"], "minimum": 0}
+# Only of transfers. Residuals have no unit; parts are of the target's triangles or area; None
+# where no frame could be measured, or without markers.
+_TRANSFER = _object(
+    correspondence={"type": "string", "enum": ["topology", "markers", "file"]},
+    target=_TEXT,
+    pairs=_COUNT,
+    unmatched=_COUNT,
+    unmatched_area=_AMOUNT,
+    largest_hole=_COUNT,
+    source_used=_AMOUNT,
+    root_scale=_AMOUNT,
+    residual_median=_FIGURE,
+    residual_p95=_FIGURE,
+    residual_max=_FIGURE,
+    inside_out=_FIGURE,
+    unit_ratio=_FIGURE,
+    turn_degrees=_FIGURE,
+    rest_error=_FIGURE,
+    markers={
+        **_object(
+            count=_COUNT,
+            distance_median=_AMOUNT,
+            distance_max=_AMOUNT,
+            suspects={"type": "array", "items": _COUNT},
+            swapped={"type": "array", "items": {"type": "array", "items": _COUNT}},
+        ),
+        "type": ["object", "null"],
+    },
+)
 SCHEMA: dict[str, Any] = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",
     "title": SCHEMA_NAME,
     **_object(
+        "transfer",
         schema={"type": "string", "enum": [SCHEMA_NAME]},
         version=_TEXT,
         command=_TEXT,
@@ -227,6 +261,7 @@ SCHEMA: dict[str, Any] = {
         },
         frames={"type": "array", "items": _FRAME},
         summary=_SUMMARY,
+        transfer=_TRANSFER,
     ),
 }
 

@@ -76,7 +76,7 @@ _OPTIONS = (
         help="--method paper.",
     ),
 )
-_NAMES = ("method", "mode", "diffusion", "tighten", *_PAPER_ONLY)
+METHOD_NAMES = ("method", "mode", "diffusion", "tighten", *_PAPER_ONLY)
 
 
 def method_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -86,7 +86,7 @@ def method_options(function: Callable[..., Any]) -> Callable[..., Any]:
     def wrapper(**values: Any) -> Any:
         from dtrepair.repair.options import RepairOptions
 
-        chosen = {name: values.pop(name) for name in _NAMES}
+        chosen = {name: values.pop(name) for name in METHOD_NAMES}
         _refuse_without_effect(chosen["method"])
         try:
             options = RepairOptions(**chosen)

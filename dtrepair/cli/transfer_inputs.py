@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from dtrepair.cli.sources import (
     StageSource,
     is_stage,
     open_source,
-    time_label,
 )
 
 _AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
@@ -40,10 +38,10 @@ class PoseFiles:
         missing = [path for path in paths if not os.path.isfile(path)]
         if missing:
             raise Failure(f"{missing[0]}: no such file; check --poses", INPUT)
-        self._rest = rest
+        self.rest = rest
         self._paths = tuple(paths)
         self.name = rest.name
-        self.meshes = (replace(rest.meshes[0], has_rest=True),)
+        self.meshes: tuple[SourceMesh, ...] = (replace(rest.meshes[0], has_rest=True),)
         self.times = np.arange(1.0, len(paths) + 1.0)
         if frames is not None:
             self.times = self.times[parse_frames(frames).select(self.times, require=True)]
@@ -71,8 +69,8 @@ class PoseFiles:
                 f"{path}: expected {len(mesh.rest)} vertices as the rest pose has, got "
                 f"{len(pose.points)}; export the pose again",
             )
-        if isinstance(self._rest, MeshSource):
-            rest = self._rest.file
+        if isinstance(self.rest, MeshSource):
+            rest = self.rest.file
             same = np.array_equal(pose.counts, rest.counts)
             if not same or not np.array_equal(pose.corners, rest.corners):
                 raise FrameError(
@@ -143,7 +141,7 @@ def input_errors(*, code: int = INPUT, prefix: str = "") -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Frames:
+class Axes:
     """How the source's local axes become the target's local axes.
 
     rotation: (3, 3) from one to the other; up: the target's up axis (3,), local.
@@ -164,113 +162,76 @@ class Frames:
         return transform_points(points, world @ inverse_matrix(self.still))
 
 
-def frames_of_reference(source: Source, target: Source, ups: tuple[str | None, str | None]) -> Frames:
-    """Compare the axes of both inputs; `ups` are given names of axes, else the stages' own.
+def compare_axes(source: Source, target: Source, ups: tuple[str | None, str | None]) -> Axes:
+    """Compare the axes of both inputs; `ups` are names given by the user, else the stages' own.
 
     A mesh file does not say its up axis: it is taken for that of the other input.
     """
-    from dtrepair.transfer import rotation_between
-
-    known = [np.asarray(_AXES[up]) if up else _up(s) for s, up in zip((source, target), ups, strict=True)]
-    fallback = np.asarray(_AXES["Y"])
-    source_up = next((up for up in known if up is not None), fallback)
-    target_up = next((up for up in known[::-1] if up is not None), fallback)
-    first, second = _orientation(source), _orientation(target)
-    rotation = second.T @ rotation_between(source_up, target_up) @ first
-    return Frames(rotation, second.T @ target_up, _still(source))
-
-
-def _up(source: Source) -> NDArray[np.float64] | None:
-    return np.asarray(source.up) if isinstance(source, StageSource) else None
-
-
-def _matrix(source: Source) -> NDArray[np.float64] | None:
-    if not isinstance(source, StageSource):
-        return None
-    from usd_io import world_matrix
-
-    return world_matrix(source.meshes[0].handle, float(source.times[0]))
-
-
-def _orientation(source: Source) -> NDArray[np.float64]:
-    """Rotation (3, 3), column vectors, from local to world axes; scale and shear taken out."""
-    matrix = _matrix(source)
-    if matrix is None:
-        return np.eye(3)
-    left, _, right = np.linalg.svd(matrix[:3, :3].T)
-    flip = np.sign(np.linalg.det(left @ right))
-    return np.asarray((left * (1.0, 1.0, flip)) @ right)
-
-
-def _still(source: Source) -> NDArray[np.float64] | None:
-    if not isinstance(source, StageSource):
-        return None
+    from dtrepair.transfer.rests import local_rotation, rotation_of
     from usd_io import transform_times
 
-    return _matrix(source) if len(transform_times(source.meshes[0].handle)) > 1 else None
+    stages = _stage(source), _stage(target)
+    known = [_AXES[name] if name else s and s.up for name, s in zip(ups, stages, strict=True)]
+    source_up = known[0] or known[1] or _AXES["Y"]
+    target_up = known[1] or known[0] or _AXES["Y"]
+    matrices = _matrix(source), _matrix(target)
+    rotation = local_rotation(source_up, target_up, *matrices)
+    up = rotation_of(matrices[1][:3, :3]).T @ np.asarray(target_up)
+    moves = isinstance(source, StageSource) and len(transform_times(source.meshes[0].handle)) > 1
+    return Axes(rotation, up, matrices[0] if moves else None)
 
 
-def with_transform_times(source: Source) -> NDArray[np.float64]:
-    """Times of a source's poses; where only its transform moves, the times of that."""
-    if isinstance(source, StageSource) and np.isnan(source.times).all():
-        from usd_io import transform_times
+def _stage(source: Source) -> StageSource | None:
+    """The stage whose space a source's points are in."""
+    found = source.rest if isinstance(source, PoseFiles) else source
+    return found if isinstance(found, StageSource) else None
 
-        times = transform_times(source.meshes[0].handle)
-        return times if len(times) > 1 else source.times
-    return source.times
+
+def _matrix(source: Source) -> NDArray[np.float64]:
+    stage = _stage(source)
+    if stage is None:
+        return np.eye(4)
+    from usd_io import world_matrix
+
+    return world_matrix(stage.meshes[0].handle, float(stage.times[0]))
 
 
 def input_problems(source: Source, target: Source) -> list[str]:
     """What an artist should know of the rests before looking at the result."""
+    from dtrepair.transfer.rests import inside_out
     from usd_io.polygons import nonmanifold_edges
 
     found = []
     for side in (source, target):
         mesh = side.meshes[0]
-        edges = 0 if isinstance(side, StageSource) else nonmanifold_edges(mesh.faces)
+        # The reader of stages has told its own already.
+        edges = 0 if _stage(side) else nonmanifold_edges(mesh.faces)
         if edges:
             found.append(f"{side.name}: {edges} non-manifold edges (more than two triangles)")
-        if _volume(mesh.rest, mesh.faces) < -1e-3:
+        if inside_out(mesh.rest, mesh.faces):
             found.append(
-                f"{side.name}: {mesh.path} is wound inside out; matching compares normals, so "
-                "flip its faces or its orientation"
+                f"{side.name}: {mesh.path} is wound inside out; matching compares normals: flip "
+                "its faces, or its orientation in USD"
             )
-    if isinstance(target, StageSource) and not np.isnan(target.times).all():
+    if not np.isnan(target.times).all():
         found.append(f"{target.name}: the animation of {target.meshes[0].path} is replaced")
-    if isinstance(source, StageSource) and isinstance(target, StageSource):
-        found += _unit_problems(source, target)
+    stages = _stage(source), _stage(target)
+    if stages[0] and stages[1]:
+        found += _unit_problems(stages[0], stages[1])
     return found
 
 
-def _volume(points: NDArray[np.float64], faces: NDArray[np.int32]) -> float:
-    """Signed volume over the cube of the size: negative for a closed mesh wound inside out."""
-    size = max(float(np.ptp(points, axis=0).max(initial=0.0)), np.finfo(float).tiny)
-    return float(np.linalg.det(((points - points.mean(axis=0)) / size)[faces]).sum() / 6.0)
-
-
 def _unit_problems(source: StageSource, target: StageSource) -> list[str]:
+    from dtrepair.geometry import extent
+
     sizes = []
     for side in (source, target):
         mesh = side.meshes[0]
         world = side.to_world(mesh, float(side.times[0]), mesh.rest)
-        sizes.append(float(np.ptp(world, axis=0).max()) * mesh.handle.meters_per_unit)
-    ratio = sizes[1] / max(sizes[0], np.finfo(float).tiny)
-    if 1.0 / _SIZE_LIMIT < ratio < _SIZE_LIMIT:
+        sizes.append(extent(world) * mesh.handle.meters_per_unit)
+    if sizes[0] < _SIZE_LIMIT * sizes[1] and sizes[1] < _SIZE_LIMIT * sizes[0]:
         return []
     return [
         f"{target.name}: the target measures {sizes[1]:.3g} m, the source {sizes[0]:.3g} m: is "
         "metersPerUnit right in both stages?"
     ]
-
-
-def clip_name(target: Source) -> str:
-    """A prim name made of the target's file name."""
-    stem = Path(target.name).stem
-    name = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in stem)
-    return name if name and not name[0].isdigit() else f"_{name}"
-
-
-def describe_times(source: Source) -> str:
-    """The frames of a source in words."""
-    labels = [time_label(float(time)) for time in source.times]
-    return labels[0] if len(labels) == 1 else f"{labels[0]} to {labels[-1]}"

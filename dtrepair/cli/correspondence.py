@@ -1,0 +1,93 @@
+"""Which triangles belong together: the same topology, markers, or a correspondence file."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.cli.failures import INPUT, USAGE, Failure
+from dtrepair.cli.transfer_inputs import input_errors
+
+Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
+
+
+@dataclass(frozen=True)
+class Correspondence:
+    """Pairs (K, 2) of (source triangle, target triangle) and where they come from.
+
+    registered: source rest (V, 3) deformed onto the target, None where nothing was registered.
+    origin: markers, file or topology; markers: what a report says of them.
+    """
+
+    pairs: NDArray[np.int32]
+    origin: str
+    registered: NDArray[np.float64] | None = None
+    markers: dict[str, Any] | None = None
+    warnings: tuple[str, ...] = ()
+
+
+def find_correspondence(
+    source: Mesh, target: Mesh, *, markers: str | None, file: str | None
+) -> Correspondence:
+    """Pair the triangles of two rests, each (V, 3) and (F, 3)."""
+    from dtrepair.transfer import identity_pairs, read_correspondence
+
+    if file is not None:
+        with input_errors():
+            return Correspondence(read_correspondence(file, source[1], target[1]), "file")
+    if markers is not None:
+        return _from_markers(source, target, markers)
+    with input_errors(code=USAGE, prefix="--markers, --correspondence: "):
+        return Correspondence(identity_pairs(source[1], target[1]), "topology")
+
+
+def _from_markers(source: Mesh, target: Mesh, path: str) -> Correspondence:
+    from dtrepair.transfer import check_markers, match_triangles, register
+
+    rows = read_marker_file(path, len(source[0]), len(target[0]))
+    with input_errors(prefix=f"{path}: "):
+        check = check_markers(*source, *target, rows)
+        registered = register(*source, *target, rows)
+        pairs = match_triangles(registered, source[1], *target)
+    record = {
+        "count": len(rows),
+        "distance_median": float(np.median(check.distances)),
+        "distance_max": float(check.distances.max()),
+        "suspects": list(check.suspects),
+        "swapped": [list(pair) for pair in check.swapped],
+    }
+    warnings = tuple(f"{path}: {text}" for text in check.warnings)
+    return Correspondence(pairs, "markers", registered, record, warnings)
+
+
+def read_marker_file(path: str, source_count: int, target_count: int) -> NDArray[np.int32]:
+    """Read markers (K, 2) from `.cons`, two columns of text, or an npz with the entry `markers`."""
+    from dtrepair.transfer import read_markers
+    from dtrepair.transfer.markers import checked_markers
+
+    with input_errors():
+        if not path.lower().endswith(".npz"):
+            return read_markers(path, source_count=source_count, target_count=target_count)
+    rows = read_arrays(path, "markers")["markers"]
+    with input_errors(prefix=f"{path}: "):
+        return checked_markers(rows, source_count, target_count)
+
+
+def read_arrays(path: str, needed: str) -> dict[str, NDArray[Any]]:
+    """Read an npz that holds at least the entry `needed`."""
+    if not os.path.isfile(path):
+        raise Failure(f"{path}: cannot be read: no such file", INPUT)
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            content = {name: archive[name] for name in archive.files}
+    except (zipfile.BadZipFile, ValueError, EOFError, OSError, AttributeError):
+        raise Failure(f"{path}: is not an npz archive; write it with numpy.savez", INPUT) from None
+    if needed not in content:
+        names = ", ".join(sorted(content)) or "nothing"
+        raise Failure(f"{path}: expected the entry {needed!r}, got {names}", INPUT)
+    return content

@@ -1,0 +1,165 @@
+"""`dtrepair transfer`: the motion of one character for another (deformation transfer)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.core import ParameterSource
+
+from dtrepair.cli.console import Console
+from dtrepair.cli.failures import (
+    CLEAN,
+    USAGE,
+    Failure,
+    check_writable,
+    one_line_errors,
+    refuse_overwriting,
+    use_device,
+    writing,
+)
+from dtrepair.cli.method import METHOD_NAMES, method_options
+from dtrepair.cli.options import Selection, console_options, run_options, selection_options
+from dtrepair.cli.sinks import existing
+from dtrepair.cli.transfer_run import Inputs, TransferOptions, run_transfer
+from dtrepair.record import write_report
+
+if TYPE_CHECKING:
+    from dtrepair.repair.options import RepairOptions
+
+
+class GreedyPoses(click.Command):
+    """A command whose --poses takes all words up to the next option."""
+
+    def parse_args(self, context: click.Context, arguments: list[str]) -> list[str]:
+        """Repeat the option before each of its values, which click can read."""
+        expanded: list[str] = []
+        inside = False
+        for word in arguments:
+            if word == "--poses" or word.startswith("-"):
+                inside = word == "--poses"
+                expanded += [] if inside else [word]
+            else:
+                expanded += ["--poses", word] if inside else [word]
+        return super().parse_args(context, expanded)
+
+
+_UP = click.Choice(["Y", "Z"], case_sensitive=False)
+
+
+@click.command(
+    "transfer",
+    cls=GreedyPoses,
+    epilog="Exit code 0: done, nothing intersects; 1: the result intersects itself, but is "
+    "written; 2: usage; 3: input unusable; 4: some frames failed, the rest is written; 5: output "
+    "cannot be written.",
+)
+@click.argument("source_path", metavar="SOURCE")
+@click.argument("target_path", metavar="TARGET")
+@click.option("-o", "--output", metavar="OUT", required=True, help="The stage or layer to write.")
+@click.option(
+    "--poses",
+    multiple=True,
+    metavar="FILE...",
+    help="Poses of SOURCE: mesh files, time codes 1, 2, ...; or one animated stage.",
+)
+@click.option("--markers", metavar="F", help="Vertex pairs: .cons, two columns of text, or npz.")
+@click.option("--correspondence", metavar="F", help="Triangle pairs: .tricorrs, text, or npz.")
+@click.option("--save-correspondence", metavar="F", help="Write the triangle pairs: npz or text.")
+@click.option("--rest", metavar="STAGE|MESH|TIME", help="Rest pose of SOURCE; default as repair.")
+@click.option("--target-prim", metavar="EXPR", help="The mesh of TARGET, as --prim for SOURCE.")
+@click.option("--source-up", type=_UP, help="Up axis of SOURCE, where it does not say.")
+@click.option("--target-up", type=_UP, help="Up axis of TARGET, where it does not say.")
+@click.option(
+    "--align",
+    type=click.Choice(["axes", "rests"]),
+    default="axes",
+    show_default=True,
+    help="Turn the motion as the up axes, or as the rest poses, lie to each other.",
+)
+@click.option(
+    "--root-scale",
+    type=click.FloatRange(min=0.0),
+    metavar="X",
+    help="Scale of the travel; default: the ratio of the heights.",
+)
+@click.option("--ground", is_flag=True, help="Keep the lowest vertex on the source's ground.")
+@click.option(
+    "--pin",
+    metavar="NAME|F.npz",
+    help="Target vertices held at rest: primvar or GeomSubset; or npz of vertices, positions.",
+)
+@click.option("--repair", is_flag=True, help="Repair each frame; the target's rest is its rest.")
+@click.option("--picture", metavar="F.png", help="Draw the registered source over the target.")
+@click.option("--report", "report_path", metavar="F.json", help="Write a JSON report.")
+@click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
+@click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
+@selection_options
+@method_options
+@run_options
+@console_options
+@one_line_errors
+def command(
+    *,
+    output: str,
+    repair: bool,
+    selection: Selection,
+    options: RepairOptions,
+    device: str,
+    console: Console,
+    skip_existing: bool,
+    report_path: str | None,
+    picture: str | None,
+    **given: Any,
+) -> int:
+    """Give TARGET the motion of SOURCE (deformation transfer).
+
+    SOURCE is an animated stage, or a rest mesh with its --poses; TARGET a rest mesh in a stage or a
+    mesh file. Without --markers and --correspondence both have the same topology. A stage as
+    TARGET gives a layer over it, a mesh file a new stage; time codes are those of the source.
+
+    \b
+    Example:
+        dtrepair transfer horse.obj camel.obj --poses horse-*.obj --markers horse_camel.cons \\
+            --repair -o camel.usdc --report report.json
+        dtrepair transfer walk.usd hero.usd --prim /Cat/Body --target-prim /Lion/Body \\
+            --correspondence cat_lion.npz -o lion_walk.usdc
+    """
+    if skip_existing and existing(output):
+        console.result(f"{output}: exists; skipped")
+        return CLEAN
+    wanted = TransferOptions(repair=options if repair else None, picture=picture, **given)
+    _check_options(wanted)
+    _check_outputs(wanted, output, report_path)
+    inputs = Inputs(wanted, selection, use_device(device))
+    code, report = run_transfer(inputs, output, console)
+    if report is not None and report_path is not None:
+        with writing(report_path):
+            write_report(report, report_path)
+    return code
+
+
+def _check_options(wanted: TransferOptions) -> None:
+    if wanted.markers and wanted.correspondence:
+        raise Failure("--markers, --correspondence: give one of them", USAGE)
+    if wanted.ground and wanted.pin:
+        raise Failure("--ground: has no effect on pinned frames; leave out it or --pin", USAGE)
+    if wanted.repair is not None:
+        return
+    context = click.get_current_context()
+    for name in METHOD_NAMES:
+        if context.get_parameter_source(name) != ParameterSource.DEFAULT:
+            raise Failure(f"--{name}: has no effect without --repair", USAGE)
+
+
+def _check_outputs(wanted: TransferOptions, output: str, report: str | None) -> None:
+    """Refuse outputs that are inputs, each other, or not writable, before any computing."""
+    inputs = [wanted.source_path, wanted.target_path, *wanted.poses]
+    inputs += [path for path in (wanted.markers, wanted.correspondence, wanted.pin) if path]
+    files = [output]
+    refuse_overwriting(output, *inputs)
+    for path in (wanted.save_correspondence, wanted.picture, report):
+        if path is not None:
+            refuse_overwriting(path, *inputs, *files)
+            check_writable(path)
+            files.append(path)

@@ -1,0 +1,174 @@
+"""Source frames in, frames of the target out; pins, and figures of the whole."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.cli.bodies import read_pins
+from dtrepair.cli.correspondence import read_arrays
+from dtrepair.cli.failures import INPUT, Failure
+from dtrepair.cli.frames import Frame, frame_time, read_frames, unusable
+from dtrepair.cli.solve import Repaired
+from dtrepair.cli.sources import MeshSource, Source, StageSource
+from dtrepair.cli.transfer_inputs import Axes, input_errors
+from dtrepair.record import FramePrimRecord, FrameRecord
+
+if TYPE_CHECKING:
+    from dtrepair.counts import SceneCounter
+    from dtrepair.transfer import Transfer
+
+_SAMPLES = 48  # frames that the figures of a clip are taken from
+
+
+@dataclass(frozen=True)
+class PinSet:
+    """Target vertices (P,) held at positions (P, 3), or (T, P, 3) with NaN where free."""
+
+    vertices: NDArray[np.int64]
+    positions: NDArray[np.float64]
+
+    def at(self, frame: int) -> NDArray[np.float64]:
+        """Positions (P, 3) in a frame."""
+        return self.positions if self.positions.ndim == 2 else self.positions[frame]
+
+    def mask(self, count: int) -> NDArray[np.float64]:
+        """Weights (V,): 1 at the pins, 0 elsewhere."""
+        weights = np.zeros(count)
+        weights[self.vertices] = 1.0
+        return weights
+
+
+def read_pin_set(
+    target: StageSource | MeshSource,
+    rest: NDArray[np.float64],
+    option: str | None,
+    frame_count: int,
+) -> PinSet | None:
+    """Read --pin: an npz of vertices and positions, or a primvar or GeomSubset held at rest."""
+    if option is None:
+        return None
+    if not option.lower().endswith(".npz"):
+        if isinstance(target, MeshSource):
+            raise Failure(
+                f"--pin {option}: a mesh file has no primvars: name an npz of vertices", INPUT
+            )
+        weights = read_pins(target, option)[0]
+        assert weights is not None
+        vertices = np.flatnonzero(weights >= 0.5)
+        return PinSet(vertices, rest[vertices])
+    content = read_arrays(option, "vertices")
+    vertices = content["vertices"]
+    if vertices.ndim != 1 or vertices.min(initial=0) < 0 or vertices.max(initial=0) >= len(rest):
+        raise Failure(
+            f"--pin {option}: vertices should be indices (P,) below {len(rest)}, got "
+            f"{vertices.shape} up to {vertices.max(initial=0)}",
+            INPUT,
+        )
+    positions = np.asarray(content.get("positions", rest[vertices.astype(np.int64)]))
+    shapes = ((len(vertices), 3), (frame_count, len(vertices), 3))
+    if positions.shape not in shapes:
+        raise Failure(
+            f"--pin {option}: positions should have shape {shapes[0]} or {shapes[1]}, got "
+            f"{positions.shape}",
+            INPUT,
+        )
+    return PinSet(vertices, positions.astype(np.float64))
+
+
+@dataclass
+class FrameTransfer:
+    """Transfers the frames of a source, keeping some for `examine`."""
+
+    transfer: Transfer
+    source: Source
+    axes: Axes
+    pins: PinSet | None = None
+    samples: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=lambda: {"read": 0.0, "transfer": 0.0})
+
+    def __post_init__(self) -> None:
+        """Prepare the pins: one back-substitution each."""
+        from dtrepair.transfer import Pins
+
+        self._hold: Pins | None = None
+        if self.pins is not None:
+            with input_errors(prefix="--pin: "):
+                self._hold = Pins(self.transfer, self.pins.vertices)
+
+    def frames(self) -> Iterator[Frame]:
+        """Frames of the target: local points (V, 3) float32; unusable ones stay unusable."""
+        times = self.source.times
+        looked_at = set(np.linspace(0, len(times) - 1, min(_SAMPLES, len(times))).astype(int))
+        start = clock.perf_counter()
+        for index, frame in enumerate(read_frames(self.source, times)):
+            middle = clock.perf_counter()
+            self.seconds["read"] += middle - start
+            moved = self._moved(index, frame, index in looked_at) if frame.usable else frame
+            self.seconds["transfer"] += clock.perf_counter() - middle
+            yield moved
+            start = clock.perf_counter()
+
+    def _moved(self, index: int, frame: Frame, keep: bool) -> Frame:
+        from usd_io import FrameError
+
+        try:
+            pose = self.axes.pose(self.source, frame.time, frame.points[0])
+            points = self._points(index, pose)
+        except (FrameError, ValueError) as error:
+            return replace(frame, points=(), spaces=(), failure=str(error))
+        if keep:
+            self.samples.append((pose, points))
+        rounded = points.astype(np.float32)
+        return Frame(frame.time, (rounded,), (rounded,))
+
+    def _points(self, index: int, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        if self._hold is None or self.pins is None:
+            return np.asarray(self.transfer(pose))
+        return np.asarray(self._hold(pose, self.pins.at(index)))
+
+    def figures(self) -> dict[str, Any] | None:
+        """What a report says of the transfer; None if no frame was usable."""
+        from dtrepair.transfer import examine
+
+        if not self.samples:
+            return None
+        poses, points = (np.stack(part) for part in zip(*self.samples, strict=True))
+        found = examine(self.transfer, poses, points)
+        return {
+            "residual_median": found.residual_median,
+            "residual_p95": found.residual_p95,
+            "residual_max": found.residual_max,
+            "inside_out": found.flipped,
+            "unit_ratio": found.unit_ratio,
+            "turn_degrees": found.turn,
+            "rest_error": found.rest_error,
+            "warnings": found.warnings,
+        }
+
+
+def counted_frames(
+    frames: Iterable[Frame], target: Source, counter: SceneCounter
+) -> Iterator[Repaired]:
+    """Count the intersections of frames and leave them as they are."""
+    for frame in frames:
+        if not frame.usable:
+            yield Repaired(frame, (None,), frame.spaces, unusable(frame), {})
+            continue
+        start = clock.perf_counter()
+        count = counter(frame.spaces).total
+        seconds = clock.perf_counter() - start
+        record = FrameRecord(
+            time=frame_time(frame),
+            status="unchanged" if count.pairs else "clean",
+            before=count,
+            after=count,
+            seconds=seconds,
+            prims=(FramePrimRecord(path=target.meshes[0].path, before=count, after=count),),
+        )
+        yield Repaired(frame, (None,), frame.spaces, record, {"detect": seconds})

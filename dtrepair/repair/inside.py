@@ -13,6 +13,9 @@ RAYS = 7
 RAY_NOISE = 0.25
 # Rings around the contacts in which folds are cut open too.
 FOLD_RINGS = 3
+# An edge that meets an edge must be cut by one triangle at least: triangles are wider by this part
+# of their edges. One edge too many does no harm, one too few joins the inside with the outside.
+EDGE_MARGIN = 1e-9
 
 
 def winding_numbers(surface: Surface, points: FloatArray, pairs: IntArray) -> IntArray:
@@ -43,7 +46,10 @@ def _pieces(surface: Surface, points: FloatArray, pairs: IntArray) -> IntArray:
     """Label (V,) of the pieces that are left when every crossing edge is cut."""
     around = surface.dilate(surface.vertices_of(pairs), FOLD_RINGS)
     folds = surface.queries.folds(surface.written(points), active=around)
-    cut = crossing_edges(points, surface.faces, np.concatenate([pairs, folds]))
+    # Of the rounded coordinates, as the pairs: an edge that just misses the one triangle and hits
+    # the next must do so here too.
+    rounded = surface.written(points).astype(np.float64)
+    cut = crossing_edges(rounded, surface.faces, np.concatenate([pairs, folds]))
     keys = surface.edges[:, 0].astype(np.int64) * surface.count + surface.edges[:, 1]
     kept = ~np.isin(keys, cut[:, 0].astype(np.int64) * surface.count + cut[:, 1])
     # The shared vertex of a fold lies on the cut itself.
@@ -82,7 +88,8 @@ def _within(hit: FloatArray, triangle: FloatArray, normal: FloatArray) -> BoolAr
     inside = np.ones(len(hit), dtype=bool)
     for k in range(3):
         edge = triangle[:, (k + 1) % 3] - triangle[:, k]
-        inside &= np.einsum("ij,ij->i", normal, np.cross(edge, hit - triangle[:, k])) >= 0
+        height = np.einsum("ij,ij->i", normal, np.cross(edge, hit - triangle[:, k]))
+        inside &= height >= -EDGE_MARGIN * np.einsum("ij,ij->i", edge, edge)
     return inside
 
 

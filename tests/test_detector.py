@@ -182,6 +182,29 @@ def test_pairs_that_share_a_vertex_do_not_count() -> None:
     assert Detector(points, faces)(points).tolist() == []
 
 
+def test_a_vertex_of_very_many_triangles_makes_no_pairs() -> None:
+    count = 5000
+    angles = 2 * np.pi * np.arange(count) / count
+    rim = np.stack([np.cos(angles), np.sin(angles), 0.3 * np.cos(3 * angles)], axis=1)
+    points = np.vstack([[0, 0, 1], rim, [0.3, 0.2, -1], [0.31, 0.2, 2], [0.3, 0.21, 2]])
+    k = np.arange(count)
+    fan = np.stack([np.zeros(count, int), 1 + k, 1 + (k + 1) % count], axis=1)
+    spike = [[count + 1, count + 2, count + 3]]
+    cone = Detector(points, fan)(points)
+    assert cone.shape == (0, 2)
+    pairs = Detector(points, np.concatenate([fan, spike]))(points)
+    assert len(pairs) > 0 and (pairs[:, 1] == count).all()
+
+
+def test_the_largest_numbers_stay_in_bounds() -> None:
+    # Boxes that reach from end to end of float32 meet the unused places of other leaves, too.
+    top = float(np.finfo(np.float32).max)
+    rng = np.random.default_rng(0)
+    points = top * rng.choice([-1.0, 1.0, 0.5, -0.25], (60, 3))
+    faces = np.arange(60, dtype=np.int32).reshape(-1, 3)
+    assert np.array_equal(Detector(points, faces)(points), cgal_pairs(points, faces))
+
+
 def test_seams_weld() -> None:
     points, faces = meshes.tube(12, 6)
     # The same surface with its first column of vertices doubled, as a texture seam does.

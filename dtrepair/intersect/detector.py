@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dtrepair.geometry import as_mesh, weld_map
 from dtrepair.intersect.exact import intersect
+from dtrepair.intersect.neighbors import leaf_neighbors
 from dtrepair.intersect.tree import build_tree
 
 
@@ -38,13 +39,14 @@ class Detector:
         device: str = "cpu",
     ) -> None:
         from dtrepair.device import start_warp
+        from dtrepair.intersect import kernels
 
         points, triangles = as_mesh(rest, faces)
         self.device = device
         self.vertex_count = len(points)
         self.faces = triangles
         self.tree = build_tree(points[triangles].mean(axis=1)) if len(triangles) else None
-        self._warp = start_warp()
+        self._warp, self._kernels = start_warp(), kernels
         if self.tree is None:
             return
         self._capacity = max(4096, 4 * len(triangles))
@@ -53,6 +55,9 @@ class Detector:
         self._order = self._upload(self.tree.order, self._warp.int32)
         self._leaf_start = self._upload(self.tree.leaf_start, self._warp.int32)
         self._skip = self._upload(self.tree.skip, self._warp.int32)
+        near = leaf_neighbors(ordered, self.tree.leaf_start)
+        self._neighbors = [self._upload(a, self._warp.int32) for a in (near.start, near.leaf)]
+        self._neighbors += [self._upload(near.excluded, self._warp.uint64)]
         self._welded = self._weld(weld) if weld is not None else self._ordered
 
     def __call__(
@@ -89,30 +94,46 @@ class Detector:
             return np.zeros((0, 4), dtype=np.int32)
         warp = self._warp
         welded = self._welded if weld is None else self._weld(weld)
-        kernel, queries = "find_pairs", self.tree.leaf_count
-        extra: list[Any] = []
-        if active is not None:
-            if active.shape != (len(self.faces),) or active.dtype != bool:
-                raise ValueError(
-                    f"active should be booleans of shape ({len(self.faces)},), one for each "
-                    f"triangle, got {active.dtype} of shape {active.shape}"
-                )
-            chosen = active[self.tree.order]
-            kernel, queries = "find_active_pairs", int(chosen.sum())
-            extra = [self._upload(np.flatnonzero(chosen).astype(np.int32), warp.int32)]
-            extra += [self._upload(chosen.astype(np.uint8), warp.uint8)]
         positions = warp.array(points, dtype=warp.vec3f, device=self.device, copy=False)
+        near = self._near(positions, active)
+        pairs = warp.empty(len(near), dtype=warp.vec4i, device=self.device)
+        count = warp.zeros(1, dtype=warp.int32, device=self.device)
+        inputs = [near, positions, self._ordered, welded, self._order, pairs, count]
+        self._launch("test_candidates", (len(near),), inputs)
+        return pairs.numpy()[: int(count.numpy()[0])]
+
+    def _near(self, positions: Any, active: NDArray[np.bool_] | None) -> Any:
+        """Candidate pairs (frame, i, j) in leaf order: a Warp array of their number."""
+        assert self.tree is not None
+        warp = self._warp
+        kernel, threads, extra = "find_candidates", self.tree.leaf_count, self._neighbors
+        if active is not None:
+            queries, marks = self._active(active)
+            kernel, threads, extra = "find_active_candidates", len(queries), [queries, marks]
         boxes = self.boxes(positions)
-        tree = [self._ordered, welded, self._order, self._leaf_start, self._skip]
         while True:
-            pairs = warp.empty(self._capacity, dtype=warp.vec4i, device=self.device)
+            near = warp.empty(self._capacity, dtype=warp.vec3i, device=self.device)
             count = warp.zeros(1, dtype=warp.int32, device=self.device)
-            inputs = [positions, *tree, *boxes, pairs, count, *extra]
-            self._launch(kernel, (points.shape[0], queries), inputs)
+            inputs = [self._leaf_start, self._skip, *extra, *boxes, near, count]
+            self._launch(kernel, (positions.shape[0], threads), inputs)
             found = int(count.numpy()[0])
             if found <= self._capacity:
-                return pairs.numpy()[:found]
+                return near[:found]
             self._capacity = 2 * found
+
+    def _active(self, active: NDArray[np.bool_]) -> tuple[Any, Any]:
+        assert self.tree is not None
+        if active.shape != (len(self.faces),) or active.dtype != bool:
+            raise ValueError(
+                f"active should be booleans of shape ({len(self.faces)},), one for each "
+                f"triangle, got {active.dtype} of shape {active.shape}"
+            )
+        chosen = active[self.tree.order]
+        queries = np.flatnonzero(chosen).astype(np.int32)
+        return (
+            self._upload(queries, self._warp.int32),
+            self._upload(chosen.astype(np.uint8), self._warp.uint8),
+        )
 
     def _rounded(self, points: Any) -> NDArray[np.float32]:
         array = points.detach().cpu().numpy() if hasattr(points, "detach") else np.asarray(points)
@@ -142,7 +163,10 @@ class Detector:
         return pairs[keep]
 
     def boxes(self, points: Any) -> list[Any]:
-        """Boxes of triangles (in leaf order) and nodes, lower and upper, of poses (B, V, 3)."""
+        """Boxes of triangles (in leaf order) and nodes, lower and upper, of poses (B, V, 3).
+
+        The fifth array holds the boxes of the triangles once more, as blocks by leaf.
+        """
         assert self.tree is not None
         warp, frames = self._warp, points.shape[0]
         positions = warp.array(points, dtype=warp.vec3f, device=self.device, copy=False)
@@ -154,7 +178,10 @@ class Detector:
             warp.empty((frames, self.tree.node_count), dtype=warp.vec3f, device=self.device)
             for _ in range(2)
         )
-        boxes = [low, high, node_low, node_high]
+        blocks = warp.empty(
+            (frames, self.tree.leaf_count, 6), dtype=self._kernels.vec8f, device=self.device
+        )
+        boxes = [low, high, node_low, node_high, blocks]
         self._launch(
             "fit_leaves",
             (frames, self.tree.leaf_count),
@@ -164,11 +191,9 @@ class Detector:
             self._launch("fit_level", (frames, 1 << level), [(1 << level) - 1, node_low, node_high])
         return boxes
 
-    def _launch(self, kernel: str, dimensions: tuple[int, int], inputs: list[Any]) -> None:
-        from dtrepair.intersect import kernels
-
+    def _launch(self, kernel: str, dimensions: tuple[int, ...], inputs: list[Any]) -> None:
         self._warp.launch(
-            getattr(kernels, kernel), dim=dimensions, inputs=inputs, device=self.device
+            getattr(self._kernels, kernel), dim=dimensions, inputs=inputs, device=self.device
         )
 
     def _weld(self, weld: ArrayLike) -> Any:

@@ -9,6 +9,37 @@ wp = start_warp()
 wp.set_module_options({"enable_backward": False, "fast_math": False})
 
 
+# The same bound of all (at most eight) triangles of a leaf, side by side for vector instructions.
+vec8f = wp.types.vector(length=8, dtype=wp.float32)
+
+
+@wp.func
+def larger(a: float, b: float) -> float:
+    """The larger of two finite numbers; `wp.max` also minds NaN, which costs vector code."""
+    return wp.where(a > b, a, b)
+
+
+@wp.func
+def gap(
+    low_a: wp.vec3f,
+    high_a: wp.vec3f,
+    low_x: float,
+    low_y: float,
+    low_z: float,
+    high_x: float,
+    high_y: float,
+    high_z: float,
+) -> float:
+    """Positive if two closed boxes have no common point: the sign of a difference is exact."""
+    return larger(
+        larger(
+            larger(low_a[0] - high_x, low_a[1] - high_y),
+            larger(low_a[2] - high_z, low_x - high_a[0]),
+        ),
+        larger(low_y - high_a[1], low_z - high_a[2]),
+    )
+
+
 @wp.func
 def overlap(low_a: wp.vec3f, high_a: wp.vec3f, low_b: wp.vec3f, high_b: wp.vec3f) -> bool:
     """Whether two closed boxes have a common point."""
@@ -38,43 +69,6 @@ def share_vertex(a: wp.vec3i, b: wp.vec3i) -> bool:
     )
 
 
-@wp.func
-def test_pair(
-    frame: int,
-    i: int,
-    j: int,
-    points: wp.array2d(dtype=wp.vec3f),
-    faces: wp.array(dtype=wp.vec3i),
-    welded: wp.array(dtype=wp.vec3i),
-    order: wp.array(dtype=wp.int32),
-    low: wp.array2d(dtype=wp.vec3f),
-    high: wp.array2d(dtype=wp.vec3f),
-    pairs: wp.array(dtype=wp.vec4i),
-    count: wp.array(dtype=wp.int32),
-):
-    """Appends (frame, smaller, larger, certain) of an intersecting or uncertain pair."""
-    if not overlap(low[frame, i], high[frame, i], low[frame, j], high[frame, j]):
-        return
-    if share_vertex(welded[i], welded[j]):
-        return
-    a = faces[i]
-    b = faces[j]
-    found = classify(
-        points[frame, a[0]],
-        points[frame, a[1]],
-        points[frame, a[2]],
-        points[frame, b[0]],
-        points[frame, b[1]],
-        points[frame, b[2]],
-    )
-    if found != APART:
-        slot = wp.atomic_add(count, 0, 1)
-        if slot < pairs.shape[0]:
-            t = order[i]
-            u = order[j]
-            pairs[slot] = wp.vec4i(frame, wp.min(t, u), wp.max(t, u), found)
-
-
 @wp.kernel
 def fit_leaves(
     points: wp.array2d(dtype=wp.vec3f),
@@ -84,24 +78,36 @@ def fit_leaves(
     high: wp.array2d(dtype=wp.vec3f),
     node_low: wp.array2d(dtype=wp.vec3f),
     node_high: wp.array2d(dtype=wp.vec3f),
+    blocks: wp.array3d(dtype=vec8f),
 ):
-    """Boxes of the triangles (in leaf order) and of the leaves; one thread a frame and leaf."""
+    """Boxes of triangles (in leaf order, and as blocks) and leaves; one thread a frame and leaf."""
     frame, leaf = wp.tid()
     first = leaf_start[leaf]
-    last = leaf_start[leaf + 1]
-    leaf_low = wp.vec3f(1.0e38, 1.0e38, 1.0e38)
-    leaf_high = wp.vec3f(-1.0e38, -1.0e38, -1.0e38)
-    for i in range(first, last):
-        f = faces[i]
-        a = points[frame, f[0]]
-        b = points[frame, f[1]]
-        c = points[frame, f[2]]
-        triangle_low = wp.min(a, wp.min(b, c))
-        triangle_high = wp.max(a, wp.max(b, c))
-        low[frame, i] = triangle_low
-        high[frame, i] = triangle_high
+    count = leaf_start[leaf + 1] - first
+    leaf_low = wp.vec3f(wp.inf, wp.inf, wp.inf)
+    leaf_high = -leaf_low
+    block_low = wp.matrix(shape=(3, 8), dtype=wp.float32)
+    block_high = wp.matrix(shape=(3, 8), dtype=wp.float32)
+    for k in range(8):
+        triangle_low = wp.vec3f(wp.inf, wp.inf, wp.inf)
+        triangle_high = -triangle_low
+        if k < count:
+            f = faces[first + k]
+            a = points[frame, f[0]]
+            b = points[frame, f[1]]
+            c = points[frame, f[2]]
+            triangle_low = wp.min(a, wp.min(b, c))
+            triangle_high = wp.max(a, wp.max(b, c))
+            low[frame, first + k] = triangle_low
+            high[frame, first + k] = triangle_high
+        for axis in range(3):
+            block_low[axis, k] = triangle_low[axis]
+            block_high[axis, k] = triangle_high[axis]
         leaf_low = wp.min(leaf_low, triangle_low)
         leaf_high = wp.max(leaf_high, triangle_high)
+    for axis in range(3):
+        blocks[frame, leaf, axis] = block_low[axis]
+        blocks[frame, leaf, 3 + axis] = block_high[axis]
     node = leaf_start.shape[0] - 2 + leaf
     node_low[frame, node] = leaf_low
     node_high[frame, node] = leaf_high
@@ -121,86 +127,171 @@ def fit_level(
     node_high[frame, node] = wp.max(node_high[frame, left], node_high[frame, left + 1])
 
 
+@wp.func
+def overlaps(
+    frame: int,
+    leaf: int,
+    other: int,
+    leaf_start: wp.array(dtype=wp.int32),
+    low: wp.array2d(dtype=wp.vec3f),
+    high: wp.array2d(dtype=wp.vec3f),
+    blocks: wp.array3d(dtype=vec8f),
+) -> wp.uint64:
+    """Bit 8 * i + j: the boxes of triangle i of a leaf and triangle j of another overlap."""
+    low_x = blocks[frame, other, 0]
+    low_y = blocks[frame, other, 1]
+    low_z = blocks[frame, other, 2]
+    high_x = blocks[frame, other, 3]
+    high_y = blocks[frame, other, 4]
+    high_z = blocks[frame, other, 5]
+    found = wp.uint64(0)
+    shift = wp.uint64(0)
+    for i in range(leaf_start[leaf], leaf_start[leaf + 1]):
+        box_low = low[frame, i]
+        box_high = high[frame, i]
+        row = int(0)
+        for k in range(8):
+            apart = gap(
+                box_low,
+                box_high,
+                low_x[k],
+                low_y[k],
+                low_z[k],
+                high_x[k],
+                high_y[k],
+                high_z[k],
+            )
+            row += wp.where(apart > 0.0, 0, 1 << k)
+        found = found | (wp.uint64(row) << shift)
+        shift += wp.uint64(8)
+    return found
+
+
 @wp.kernel
-def find_pairs(
-    points: wp.array2d(dtype=wp.vec3f),
-    faces: wp.array(dtype=wp.vec3i),
-    welded: wp.array(dtype=wp.vec3i),
-    order: wp.array(dtype=wp.int32),
+def find_candidates(
     leaf_start: wp.array(dtype=wp.int32),
     skip: wp.array(dtype=wp.int32),
+    neighbor_start: wp.array(dtype=wp.int32),
+    neighbor: wp.array(dtype=wp.int32),
+    excluded: wp.array(dtype=wp.uint64),
     low: wp.array2d(dtype=wp.vec3f),
     high: wp.array2d(dtype=wp.vec3f),
     node_low: wp.array2d(dtype=wp.vec3f),
     node_high: wp.array2d(dtype=wp.vec3f),
-    pairs: wp.array(dtype=wp.vec4i),
+    blocks: wp.array3d(dtype=vec8f),
+    candidates: wp.array(dtype=wp.vec3i),
     count: wp.array(dtype=wp.int32),
 ):
-    """Pairs of each leaf with itself and with the leaves behind it; one thread a frame and leaf."""
+    """Pairs (frame, i, j), i < j in leaf order, that are not excluded and whose boxes overlap.
+
+    One thread a frame and leaf: the leaf with itself and with the leaves behind it.
+    """
     frame, leaf = wp.tid()
-    first = leaf_start[leaf]
-    last = leaf_start[leaf + 1]
-    for i in range(first, last):
-        for j in range(i + 1, last):
-            test_pair(frame, i, j, points, faces, welded, order, low, high, pairs, count)
+    entry = neighbor_start[leaf]
+    last_entry = neighbor_start[leaf + 1]
     leaves = leaf_start.shape[0] - 1
-    own_low = node_low[frame, leaves - 1 + leaf]
-    own_high = node_high[frame, leaves - 1 + leaf]
-    # What follows a leaf in depth-first order holds exactly the leaves behind it.
-    node = skip[leaves - 1 + leaf]
+    # From a leaf on, depth-first order holds exactly the leaves behind it.
+    node = leaves - 1 + leaf
+    own_low = node_low[frame, node]
+    own_high = node_high[frame, node]
     while node < skip.shape[0]:
-        if overlap(own_low, own_high, node_low[frame, node], node_high[frame, node]):
-            if node >= leaves - 1:
-                other = node - leaves + 1
-                for i in range(first, last):
-                    if overlap(
-                        low[frame, i], high[frame, i], node_low[frame, node], node_high[frame, node]
-                    ):
-                        for j in range(leaf_start[other], leaf_start[other + 1]):
-                            test_pair(
-                                frame, i, j, points, faces, welded, order, low, high, pairs, count
-                            )
-                node = skip[node]
-            else:
-                node = 2 * node + 1
-        else:
+        if not overlap(own_low, own_high, node_low[frame, node], node_high[frame, node]):
             node = skip[node]
+        elif node < leaves - 1:
+            node = 2 * node + 1
+        else:
+            other = node - leaves + 1
+            node = skip[node]
+            # Leaves come in order, so the rows of neighbours need no search.
+            while entry < last_entry and neighbor[entry] < other:
+                entry += 1
+            out = wp.uint64(0)
+            if entry < last_entry and neighbor[entry] == other:
+                out = excluded[entry]
+            near = overlaps(frame, leaf, other, leaf_start, low, high, blocks) & (~out)
+            if near != wp.uint64(0):
+                for i in range(leaf_start[leaf], leaf_start[leaf + 1]):
+                    row = wp.int32(near & wp.uint64(255))
+                    near = near >> wp.uint64(8)
+                    j = leaf_start[other]
+                    while row != 0:
+                        if row & 1 != 0:
+                            slot = wp.atomic_add(count, 0, 1)
+                            if slot < candidates.shape[0]:
+                                candidates[slot] = wp.vec3i(frame, i, j)
+                        row = row >> 1
+                        j += 1
 
 
 @wp.kernel
-def find_active_pairs(
-    points: wp.array2d(dtype=wp.vec3f),
-    faces: wp.array(dtype=wp.vec3i),
-    welded: wp.array(dtype=wp.vec3i),
-    order: wp.array(dtype=wp.int32),
+def find_active_candidates(
     leaf_start: wp.array(dtype=wp.int32),
     skip: wp.array(dtype=wp.int32),
-    low: wp.array2d(dtype=wp.vec3f),
-    high: wp.array2d(dtype=wp.vec3f),
-    node_low: wp.array2d(dtype=wp.vec3f),
-    node_high: wp.array2d(dtype=wp.vec3f),
-    pairs: wp.array(dtype=wp.vec4i),
-    count: wp.array(dtype=wp.int32),
     queries: wp.array(dtype=wp.int32),
     active: wp.array(dtype=wp.uint8),
+    low: wp.array2d(dtype=wp.vec3f),
+    high: wp.array2d(dtype=wp.vec3f),
+    node_low: wp.array2d(dtype=wp.vec3f),
+    node_high: wp.array2d(dtype=wp.vec3f),
+    blocks: wp.array3d(dtype=vec8f),
+    candidates: wp.array(dtype=wp.vec3i),
+    count: wp.array(dtype=wp.int32),
 ):
-    """Pairs with an active triangle; one thread a frame and active triangle (in leaf order)."""
+    """Pairs (frame, i, j) in leaf order with an active triangle whose boxes overlap.
+
+    One thread a frame and active triangle.
+    """
     frame, query = wp.tid()
     i = queries[query]
     leaves = leaf_start.shape[0] - 1
     node = int(0)
+    box_low = low[frame, i]
+    box_high = high[frame, i]
     while node < skip.shape[0]:
-        if overlap(low[frame, i], high[frame, i], node_low[frame, node], node_high[frame, node]):
-            if node >= leaves - 1:
-                leaf = node - leaves + 1
-                for j in range(leaf_start[leaf], leaf_start[leaf + 1]):
-                    # A pair of two active triangles is found from its first one only.
-                    if i < j or active[j] == wp.uint8(0):
-                        test_pair(
-                            frame, i, j, points, faces, welded, order, low, high, pairs, count
-                        )
-                node = skip[node]
-            else:
-                node = 2 * node + 1
-        else:
+        if not overlap(box_low, box_high, node_low[frame, node], node_high[frame, node]):
             node = skip[node]
+        elif node < leaves - 1:
+            node = 2 * node + 1
+        else:
+            leaf = node - leaves + 1
+            node = skip[node]
+            for j in range(leaf_start[leaf], leaf_start[leaf + 1]):
+                # A pair of two active triangles is found from its first one only.
+                if i < j or active[j] == wp.uint8(0):
+                    if overlap(box_low, box_high, low[frame, j], high[frame, j]):
+                        slot = wp.atomic_add(count, 0, 1)
+                        if slot < candidates.shape[0]:
+                            candidates[slot] = wp.vec3i(frame, i, j)
+
+
+@wp.kernel
+def test_candidates(
+    candidates: wp.array(dtype=wp.vec3i),
+    points: wp.array2d(dtype=wp.vec3f),
+    faces: wp.array(dtype=wp.vec3i),
+    welded: wp.array(dtype=wp.vec3i),
+    order: wp.array(dtype=wp.int32),
+    pairs: wp.array(dtype=wp.vec4i),
+    count: wp.array(dtype=wp.int32),
+):
+    """Rows (frame, smaller, larger, certain) of the candidates that intersect or may do so."""
+    candidate = candidates[wp.tid()]
+    frame = candidate[0]
+    i = candidate[1]
+    j = candidate[2]
+    if share_vertex(welded[i], welded[j]):
+        return
+    a = faces[i]
+    b = faces[j]
+    found = classify(
+        points[frame, a[0]],
+        points[frame, a[1]],
+        points[frame, a[2]],
+        points[frame, b[0]],
+        points[frame, b[1]],
+        points[frame, b[2]],
+    )
+    if found != APART:
+        t = order[i]
+        u = order[j]
+        pairs[wp.atomic_add(count, 0, 1)] = wp.vec4i(frame, wp.min(t, u), wp.max(t, u), found)

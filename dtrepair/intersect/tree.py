@@ -8,7 +8,7 @@ import numpy as np
 
 from dtrepair.geometry import FloatArray, IntArray
 
-LEAF_SIZE = 4
+LEAF_SIZE = 8
 
 
 @dataclass(frozen=True)

@@ -73,13 +73,12 @@ def fill_creases(
     *,
     rounds: int = 8,
     known: Defects | None = None,
-    fixed: BoolArray | None = None,
 ) -> Filled:
     """Replace the surroundings of every defect until none is left or the patches grew too often.
 
     A patch starts as the smoothest (bi-Laplacian) continuation of its surroundings, grows by a
     ring where it still fails, up to `rounds` times, and then starts again as a membrane. Folds
-    count as defects. `fixed` vertices (V,) are never replaced.
+    count as defects. Fixed vertices are never replaced.
     """
     base = find_defects(surface, points) if known is None else known
     filled, defects = points, base
@@ -89,9 +88,7 @@ def fill_creases(
         if len(defects.triangles) == 0:
             break
         patches.grow(surface, surface.vertices_of(defects.triangles), rounds)
-        mask = patches.mask(surface)
-        if fixed is not None:
-            mask &= ~fixed
+        mask = patches.mask(surface) & ~surface.fixed
         if not mask.any() or mask.mean() > LARGEST:
             break
         kinds = patches.settle(surface, mask)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import time
 from typing import NamedTuple
 
+import numpy as np
+
 from dtrepair.geometry import FloatArray
+from dtrepair.repair.clearance import open_contacts
 from dtrepair.repair.contact import Defects, find_defects
 from dtrepair.repair.crease import fill_creases
 from dtrepair.repair.options import Solved, Stage
@@ -46,28 +49,56 @@ class Candidate(NamedTuple):
 class FullMethod:
     """Push far contacts in phases, fill the creases, tighten towards the input."""
 
-    def __init__(self, surface: Surface, *, rounds: int = 4) -> None:
-        """Repair poses of `surface`; `rounds` of tightening at most."""
+    def __init__(
+        self,
+        surface: Surface,
+        *,
+        rounds: int = 4,
+        farthest: float | None = None,
+        clearance: float = 0.0,
+    ) -> None:
+        """Repair poses of `surface`; `rounds` of tightening at most.
+
+        farthest: no vertex moves farther; clearance: what contacts keep; units of the size.
+        """
         self.surface = surface
         self.rounds = rounds
+        self.farthest = farthest
+        self.clearance = clearance
 
     def __call__(self, original: FloatArray) -> Solved:
         """Repair a pose (V, 3) in units of the surface's size."""
-        run = _Run(self.surface, original)
+        run = _Run(self.surface, original, self.farthest)
         best = run.best_of_steps()
         points = best.points
         if len(best.defects.crossings) == 0:
             points = run.tighten(best, self.rounds)
-        return Solved(points, run.stages)
+            if (run.limited(points) != points).any():
+                points = best.points
+        left = 0
+        if self.clearance > 0.0:
+            points, left = run.opened(points, self.clearance)
+        return Solved(points, run.stages, left)
 
 
 class _Run:
     """One pose on its way, and what its stages achieved."""
 
-    def __init__(self, surface: Surface, original: FloatArray) -> None:
-        self.surface, self.original = surface, original
+    def __init__(self, surface: Surface, original: FloatArray, farthest: float | None) -> None:
+        self.surface, self.original, self.farthest = surface, original, farthest
         self.known = find_defects(surface, original)
         self.stages: list[Stage] = []
+
+    def limited(self, points: FloatArray) -> FloatArray:
+        """The pose with every displacement shortened to the limit."""
+        if self.farthest is None:
+            return points
+        moved = points - self.original
+        length = np.linalg.norm(moved, axis=1, keepdims=True)
+        # A little less than the limit: rounding to float32 must not exceed it.
+        farthest = self.farthest * (1.0 - 1e-6)
+        shorter = self.original + moved * (farthest / np.maximum(length, 1e-300))
+        return np.where(length > farthest, shorter, points)
 
     def best_of_steps(self) -> Candidate:
         """The best of several first step lengths; later ones only where the first did not suffice.
@@ -148,6 +179,14 @@ class _Run:
                 break
         return points
 
+    def opened(self, points: FloatArray, clearance: float) -> tuple[FloatArray, int]:
+        """The pose with its contacts apart by the clearance, and the pairs still closer."""
+        start = time.perf_counter()
+        points, left = open_contacts(self.surface, points, clearance, limit=self.limited)
+        defects = find_defects(self.surface, points)
+        self._record("open", points, len(defects.crossings), len(defects.folds), 0, start)
+        return points, left
+
     def _push(self, points: FloatArray, near: int, step: float) -> Pushed:
         start = time.perf_counter()
         known = self.known.crossings if points is self.original else None
@@ -157,6 +196,7 @@ class _Run:
             near=near,
             step=step,
             known_pairs=known,
+            limit=self.limited,
         )
         self._record(f"push {near}", pushed.points, len(pushed.pairs), 0, pushed.iterations, start)
         return pushed
@@ -166,6 +206,9 @@ class _Run:
         surface = self.surface
         folds = surface.queries.folds(surface.written(pushed.points))
         points, left = fill_creases(surface, pushed.points, known=Defects(pushed.pairs, folds))
+        allowed = self.limited(points)
+        if (allowed != points).any():
+            points, left = allowed, find_defects(surface, allowed)
         value = self._record("fill", points, len(left.crossings), len(left.folds), 0, start)
         return Candidate(points, left, value, near)
 

@@ -146,10 +146,14 @@ class RepairResult:
 
 @dataclass
 class Solved:
-    """What a method hands back: the pose in units of the surface's size, and its stages."""
+    """What a method hands back: the pose in units of the surface's size, and its stages.
+
+    left: pairs that are still closer than the clearance.
+    """
 
     points: FloatArray
     stages: list[Stage] = field(default_factory=list)
+    left: int = 0
 
     @property
     def iterations(self) -> int:

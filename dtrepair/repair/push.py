@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,10 @@ VOLUME_WEIGHT = 2.0
 DEEPEST = 3
 # A new best must improve on the last one by this factor to renew the patience.
 PROGRESS = 0.98
+
+
+# Maps a pose (V, 3) to the nearest one that is allowed; None: every pose is.
+Limit = Callable[[FloatArray], FloatArray] | None
 
 
 class Pushed(NamedTuple):
@@ -36,6 +41,8 @@ def push(
     iterations: int = 25,
     patience: int = 6,
     known_pairs: IntArray | None = None,
+    limit: Limit = None,
+    detect: Callable[[FloatArray], IntArray] | None = None,
 ) -> Pushed:
     """Separate the contacts of triangles more than `near` edge rings apart.
 
@@ -43,13 +50,16 @@ def push(
     gradient of the overlap volume, the largest displacement being `step` (units of the size).
     Contacts within `near` rings are creases, which so smooth a field cannot open: it stops when
     only those are left, when nothing improved for `patience` iterations, or when a direction is
-    not finite. The pose with the fewest far pairs and the least buried weight is returned.
+    not finite. `limit` maps a pose to the nearest allowed one, `detect` finds the pairs of a pose
+    (default: those that intersect). The pose with the fewest far pairs and the least buried weight
+    is returned.
     """
     best: tuple[float, FloatArray, IntArray] | None = None
+    detect = detect or surface.pairs
     renewed, pairs = 0, known_pairs
     for iteration in range(iterations + 1):
         if pairs is None:
-            pairs = surface.pairs(points)
+            pairs = detect(points)
         far, openness = _far_contacts(surface, pairs, near)
         winding = winding_numbers(surface, points, pairs)
         buried = np.clip(winding, -DEEPEST, DEEPEST) * openness
@@ -65,6 +75,8 @@ def push(
         if not (largest > 0 and np.isfinite(largest)):
             break
         points = points - (step / largest) * direction
+        if limit is not None:
+            points = limit(points)
         pairs = None
     assert best is not None
     return Pushed(best[1], best[2], iteration)
@@ -90,7 +102,11 @@ def _direction(
     count, regions = contact_regions(surface, pairs, winding != 0)
     of_pair = regions[surface.faces[far[:, 0], 0]]
     weights = 1.0 / np.bincount(of_pair, minlength=count)[of_pair]
-    fields = [tangent_point_gradient(points, surface.faces, far, weights)]
+    fields = [
+        tangent_point_gradient(
+            points, surface.faces, far, weights, direction=surface.face_direction
+        )
+    ]
     if buried.any():
         fields.append(_volume_gradient(surface, points, buried, count, regions))
     smooth = surface.diffuse(np.concatenate(fields, axis=1)) * surface.mobility[:, None]
@@ -102,12 +118,19 @@ def _direction(
 
 
 def tangent_point_gradient(
-    points: FloatArray, faces: IntArray, pairs: IntArray, weights: FloatArray
+    points: FloatArray,
+    faces: IntArray,
+    pairs: IntArray,
+    weights: FloatArray,
+    *,
+    direction: FloatArray | None = None,
 ) -> FloatArray:
     """Gradient (V, 3) of the signed tangent-point energy with the kernel <n, c - v> / |c - v|.
 
     Jang et al. 2025, eq. 3 and 4 with exponents (1, 1); each vertex of a triangle meets the plane
-    and centroid of the other triangle of its pair; normals and areas are held fixed.
+    and centroid of the other triangle of its pair; normals and areas are held fixed. Where a
+    triangle has a preferred `direction` (F, 3), it takes the place of the other one's normal
+    (section 7.4).
     """
     gradient = np.zeros_like(points)
     for source, target in ((0, 1), (1, 0)):
@@ -116,6 +139,9 @@ def tangent_point_gradient(
         vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         length = np.linalg.norm(vector, axis=1, keepdims=True)
         normal = np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
+        if direction is not None:
+            wanted = direction[pairs[:, target]] - direction[pairs[:, source]]
+            normal = np.where((wanted != 0).any(axis=1, keepdims=True), wanted, normal)
         area = (0.5 * weights[:, None] * length)[:, :, None]
         offset = corners.mean(axis=1)[:, None] - points[moved]
         squared = (offset**2).sum(axis=2, keepdims=True) + 1e-30
@@ -136,6 +162,11 @@ def _volume_gradient(
 ) -> FloatArray:
     """Gradient (V, 3) of the overlap volume; every region weighs the same."""
     field = buried[:, None] * surface.vector_areas(points)
+    if surface.face_direction is not None:
+        wanted = surface.incidence @ surface.face_direction
+        lengths = np.linalg.norm(wanted, axis=1, keepdims=True)
+        size = np.linalg.norm(field, axis=1, keepdims=True)
+        field = np.where(lengths > 0, -size * wanted / np.maximum(lengths, 1e-30), field)
     inside = np.flatnonzero(buried)
     lengths = np.linalg.norm(field[inside], axis=1)
     totals = np.bincount(regions[inside], lengths, minlength=count)

@@ -15,6 +15,7 @@ from dtrepair.device import resolve_device
 from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, extent, weld_map
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.metrics import displacements
+from dtrepair.repair.animation import AnimationRepairer, animate
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
 from dtrepair.repair.surface import BodyRange, Surface
@@ -77,6 +78,9 @@ class SceneRepairer:
         self._mobility = np.concatenate(
             [_mobility(b, len(p)) for b, (p, _) in zip(bodies, meshes, strict=True)]
         )
+        self._direction = np.concatenate(
+            [_direction(b, len(p)) for b, (p, _) in zip(bodies, meshes, strict=True)]
+        )
         self._systems: dict[bytes, _System] = {}
 
     @cached_property
@@ -87,7 +91,14 @@ class SceneRepairer:
     @cached_property
     def rest_intersections(self) -> int:
         """Number of intersecting triangles of the rest poses themselves, mode respected."""
-        return triangle_count(self._pairs(_centred(self._rest)[0], self._weld(_centred(self._rest)[0])))
+        return triangle_count(
+            self._pairs(_centred(self._rest)[0], self._weld(_centred(self._rest)[0]))
+        )
+
+    @cached_property
+    def animator(self) -> AnimationRepairer:
+        """Repairs frames together: `animator.stream(frames)`."""
+        return AnimationRepairer(self)
 
     def __call__(self, points: Sequence[Any]) -> list[RepairResult]:
         """Repair one pose (V, 3) of each body, all in one space and length unit.
@@ -101,10 +112,10 @@ class SceneRepairer:
         pairs = self._pairs(centred, weld)
         detected = time.perf_counter()
         final, left, solved = centred, pairs, Solved(centred)
-        if len(pairs):
+        if len(pairs) or self.options.clearance > 0.0:
             final, solved = self._solve(centred, weld)
             left = self._pairs(final, weld)
-            if len(left) >= len(pairs):
+            if len(left) > len(pairs) or len(left) == len(pairs) > 0:
                 final, left = centred, pairs
         moved = (final != centred).any(axis=1)
         repaired = np.where(moved[:, None], final.astype(np.float32) + centre, original)
@@ -164,13 +175,16 @@ class SceneRepairer:
         counts = [self._count(pairs, index) for pairs in (before, after)]
         moved = displacements(original[own], repaired[own])
         status = _status(*counts)
+        message = status.advice
+        if status is Status.CLEAN and solved.left:
+            message = f"{solved.left} pairs are closer than the clearance"
         return RepairResult(
             points=_as_given(repaired[own], given),
             before=counts[0],
             after=counts[1],
             iterations=solved.iterations,
             status=status,
-            message=status.advice,
+            message=message,
             displacement_max=float(moved.max(initial=0.0)),
             displacement_mean=float(moved.mean()) if len(moved) else 0.0,
             stages=tuple(solved.stages),
@@ -222,6 +236,16 @@ class Repairer:
         """Repair a pose (V, 3) in the length unit of the rest; ValueError for wrong poses."""
         return self._scene([points])[0]
 
+    def animation(
+        self, points: Any, *, times: ArrayLike | None = None, jobs: int | None = None
+    ) -> list[RepairResult]:
+        """Repair frames (T, V, 3) together: clean, close to the input, and steady in time.
+
+        times: time of each frame (T,), increasing; default: one apart. jobs: threads; default:
+        all processors. ValueError for wrong frames or times.
+        """
+        return animate(self._scene, points, times, jobs)
+
 
 def repair(points: Any, faces: ArrayLike, *, options: RepairOptions | None = None) -> RepairResult:
     """Repair a single mesh (V, 3), (F, 3) that has no rest pose: it is its own."""
@@ -251,14 +275,21 @@ class _System:
             bodies=bodies,
             mobility=mobility,
             mode=options.mode,
-            device="cpu",
+            leave_rest=options.rest_contacts == "leave",
+            direction=scene._direction[self.kept] if scene._direction.any() else None,
         )
         if options.method == "paper":
             from dtrepair.repair.paper import PaperMethod
 
             self.method: Any = PaperMethod(self.surface, options)
         else:
-            self.method = FullMethod(self.surface, rounds=options.tighten)
+            limit = options.maximum_displacement
+            self.method = FullMethod(
+                self.surface,
+                rounds=options.tighten,
+                farthest=None if limit is None else limit / self.surface.size,
+                clearance=options.clearance / self.surface.size,
+            )
 
     def solve(self, points: FloatArray) -> tuple[FloatArray, Solved]:
         """The repaired pose (V, 3); vertices that stayed where they were keep every bit."""
@@ -279,6 +310,15 @@ def _mobility(body: Body, count: int) -> FloatArray:
     if pin.shape != (count,) or not ((pin >= 0) & (pin <= 1)).all():
         raise ValueError(f"pin should hold {count} numbers between 0 and 1, got {pin.shape}")
     return body.mobility * (1.0 - pin)
+
+
+def _direction(body: Body, count: int) -> FloatArray:
+    if body.direction is None:
+        return np.zeros((count, 3))
+    direction = np.asarray(body.direction, dtype=np.float64)
+    if direction.shape != (count, 3) or not np.isfinite(direction).all():
+        raise ValueError(f"direction should be finite, shape ({count}, 3), got {direction.shape}")
+    return direction
 
 
 def _centred(points: FloatArray) -> tuple[FloatArray, FloatArray | float]:

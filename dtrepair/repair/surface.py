@@ -13,6 +13,7 @@ from scipy.sparse import csgraph
 
 from dtrepair.geometry import FloatArray, IntArray, adjacency, extent, unique_edges, vector_areas
 from dtrepair.intersect.detector import Detector
+from dtrepair.intersect.proximity import close_pairs
 from dtrepair.intersect.queries import Queries
 from dtrepair.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
 
@@ -20,6 +21,8 @@ BoolArray = NDArray[np.bool_]
 
 # Weights of the cotangent Laplacian are kept positive: the diffused field then has no overshoot.
 COTANGENT_CLAMP = (1e-3, 1e3)
+# Triangles at most so many edge rings apart are the sides of a crease to a clearance.
+NEIGHBOUR_RINGS = 6
 # Anchor of the as-rigid-as-possible steps to the input.
 ANCHOR = 0.01
 
@@ -47,6 +50,8 @@ class Surface:
         bodies: Vertex ranges of the bodies; default: one body of strength 99.
         mobility: How freely each vertex moves (V,), 0 fixed to 1 free; default: all free.
         mode: Which pairs count: "self", "inter" (between bodies) or "both".
+        leave_rest: Leave pairs alone that intersect in the rest pose.
+        direction: Preferred direction (V, 3) of the repair, zero rows where none.
     """
 
     def __init__(
@@ -57,6 +62,8 @@ class Surface:
         bodies: Sequence[BodyRange] | None = None,
         mobility: FloatArray | None = None,
         mode: str = "both",
+        leave_rest: bool = False,
+        direction: FloatArray | None = None,
         device: str = "cpu",
     ) -> None:
         self.size = extent(rest) or 1.0
@@ -83,6 +90,9 @@ class Surface:
         )
         self.detector = Detector(rest, faces, device=device)
         self.queries = Queries(self.detector)
+        self.leave_rest = leave_rest
+        self._close_at_rest: dict[float, NDArray[np.int64]] = {}
+        self.face_direction = None if direction is None else _unit(direction[faces].sum(axis=1))
 
     @cached_property
     def _diffusion_factors(self) -> list[Factor]:
@@ -125,19 +135,42 @@ class Surface:
         """
         return self._counted(self.detector(self.written(points), exact=False, active=active))
 
+    def close_pairs(self, points: FloatArray, clearance: float) -> IntArray:
+        """Pairs (K, 2) closer than a clearance, units of the size, that are not neighbours.
+
+        Neighbours are triangles as close in the rest pose or at most NEIGHBOUR_RINGS apart: the
+        sides of a crease. Intersecting pairs count as close whatever they are.
+        """
+        near = 1.1 * clearance * self.size
+        if near not in self._close_at_rest:
+            rest = close_pairs(self.detector, self.written(self.rest), near)
+            self._close_at_rest[near] = _keys(rest)
+        found = close_pairs(self.detector, self.written(points), clearance * self.size)
+        found = found[~np.isin(_keys(found), self._close_at_rest[near])]
+        found = found[self.queries.ring_distance(found) > NEIGHBOUR_RINGS]
+        crossing = self.detector(self.written(points), exact=False)
+        return self._counted(_united(crossing, found))
+
     def batch_pairs(self, points: FloatArray) -> IntArray:
         """Intersecting pairs (K, 3) of poses (B, V, 3): frame, triangle, triangle."""
         return self._counted(self.detector(self.written(points), exact=False))
 
     def _counted(self, pairs: IntArray) -> IntArray:
-        """The pairs that the mode asks for; two fixed triangles can never be separated."""
+        """The pairs that are to be separated; two fixed triangles can never be."""
+        first, second = pairs[:, -2], pairs[:, -1]
+        keep = np.ones(len(pairs), dtype=bool)
         if self.mode != "both":
-            inter = self.body_of[pairs[:, -2]] != self.body_of[pairs[:, -1]]
-            pairs = pairs[inter == (self.mode == "inter")]
+            keep &= (self.body_of[first] != self.body_of[second]) == (self.mode == "inter")
         if self.fixed.any():
             still = self.fixed[self.faces].all(axis=1)
-            pairs = pairs[~(still[pairs[:, -2]] & still[pairs[:, -1]])]
-        return pairs
+            keep &= ~(still[first] & still[second])
+        if self.leave_rest:
+            keep &= ~np.isin(_keys(pairs[:, -2:]), self._crossing_at_rest)
+        return pairs[keep]
+
+    @cached_property
+    def _crossing_at_rest(self) -> NDArray[np.int64]:
+        return _keys(self.detector(self.written(self.rest)))
 
     def vertices_of(self, triangles: NDArray[np.integer]) -> BoolArray:
         """Mask (V,) of the corners of triangles given by index, any shape."""
@@ -174,6 +207,22 @@ class Surface:
     def vector_areas(self, points: FloatArray) -> FloatArray:
         """Vector area (V, 3) of each vertex: a third of its triangles'."""
         return self.incidence @ (vector_areas(points, self.faces) / 3.0)
+
+
+def _keys(pairs: IntArray) -> NDArray[np.int64]:
+    """One number for each pair (K, 2)."""
+    return pairs[:, 0].astype(np.int64) << 32 | pairs[:, 1].astype(np.int64)
+
+
+def _united(first: IntArray, second: IntArray) -> IntArray:
+    """The pairs of two sets, each once, sorted."""
+    keys = np.union1d(_keys(first), _keys(second))
+    return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
 
 
 def link_labels(links: NDArray[np.integer], count: int) -> IntArray:

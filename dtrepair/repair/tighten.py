@@ -88,8 +88,9 @@ def relax(
 ) -> FloatArray:
     """As-rigid-as-possible cycles towards the input's edges.
 
-    `reach` (V,) scales the motion of each vertex. What would collide is pinned inside the solve; with `soften`, creases instead follow the
-    membrane extension of the displacement around them. What still collides is rolled back locally.
+    `reach` (V,) scales the motion of each vertex. What would collide is pinned inside the solve;
+    with `soften`, creases instead follow the membrane extension of the displacement around them.
+    What still collides is rolled back locally.
     """
     rigidity = Rigidity(surface, original)
     known = find_defects(surface, points)
@@ -197,10 +198,10 @@ def roll_back(
 
 
 def reach_of(surface: Surface, displacement: FloatArray) -> FloatArray:
-    """Weight (V,) of tightening: 1 at and near displaced vertices, 0 beyond REACH_RINGS."""
+    """Weight (V,) of tightening: 1 at and near what was displaced, 0 beyond and where fixed."""
     displaced = (displacement != 0).any(axis=1)
     rings = surface.rings_from(displaced, REACH_RINGS)
-    return np.clip(2.0 - 2.0 * rings / REACH_RINGS, 0.0, 1.0)
+    return np.where(surface.fixed, 0.0, np.clip(2.0 - 2.0 * rings / REACH_RINGS, 0.0, 1.0))
 
 
 def without_still(current: FloatArray, trial: FloatArray, reach: FloatArray) -> FloatArray:

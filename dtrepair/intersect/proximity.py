@@ -1,0 +1,53 @@
+"""Pairs of triangles closer than a distance: what a clearance forbids."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.geometry import IntArray
+from dtrepair.intersect.detector import Detector
+
+
+def close_pairs(
+    detector: Detector,
+    points: NDArray[np.float32],
+    distance: float,
+    *,
+    active: NDArray[np.bool_] | None = None,
+) -> IntArray:
+    """Pairs (K, 2), i < j, sorted, of triangles without a common vertex closer than `distance`.
+
+    Distances are those of the boundaries: of a pair that intersects only where an edge pierces a
+    face the distance may be positive, so unite the result with the detector's pairs. Points (V, 3)
+    and distance have the same length unit; `active` (F,) as in `Detector`.
+    """
+    tree = detector.tree
+    if tree is None or distance <= 0.0:
+        return np.zeros((0, 2), dtype=np.int32)
+    from dtrepair.device import start_warp
+    from dtrepair.intersect.proximity_kernels import find_close_pairs
+
+    warp = start_warp()
+    chosen = np.ones(len(tree.order), dtype=bool) if active is None else active[tree.order]
+    queries = np.flatnonzero(chosen).astype(np.int32)
+    boxes = detector.boxes(points[None])
+    inputs = [warp.array(points, dtype=warp.vec3f, device="cpu", copy=False)]
+    inputs.append(warp.array(detector.faces[tree.order], dtype=warp.vec3i, device="cpu"))
+    inputs += [
+        warp.array(values, dtype=warp.int32, device="cpu")
+        for values in (tree.order, tree.leaf_start, tree.skip)
+    ]
+    inputs += [*boxes, warp.array(queries, dtype=warp.int32, device="cpu")]
+    inputs.append(warp.array(chosen.astype(np.uint8), dtype=warp.uint8, device="cpu"))
+    capacity = 4 * len(tree.order) + 1024
+    while True:
+        pairs = warp.empty(capacity, dtype=warp.vec2i, device="cpu")
+        count = warp.zeros(1, dtype=warp.int32, device="cpu")
+        arguments = [*inputs, float(distance), pairs, count]
+        warp.launch(find_close_pairs, dim=len(queries), inputs=arguments, device="cpu")
+        found = int(count.numpy()[0])
+        if found <= capacity:
+            rows = pairs.numpy()[:found]
+            return rows[np.lexsort((rows[:, 1], rows[:, 0]))]
+        capacity = 2 * found

@@ -213,6 +213,12 @@ def input_problems(source: Source, target: Source) -> list[str]:
                 f"{side.name}: {mesh.path} is wound inside out; matching compares normals: flip "
                 "its faces, or its orientation in USD"
             )
+    matrices = [_matrix(side)[:3, :3] for side in (source, target)]
+    if np.prod([np.linalg.det(matrix) for matrix in matrices]) < 0:
+        found.append(
+            f"{source.name}, {target.name}: the transform of one of them mirrors it; the motion "
+            "may come out on the wrong side"
+        )
     if not np.isnan(target.times).all():
         found.append(f"{target.name}: the animation of {target.meshes[0].path} is replaced")
     stages = _stage(source), _stage(target)

@@ -47,10 +47,10 @@ def test_clean_mesh_file_comes_back_byte_for_byte(tmp_path):
     assert (tmp_path / "b.obj").read_bytes() == path.read_bytes()
 
 
-def test_stage_gives_a_layer_whose_clean_frames_are_untouched(tmp_path):
+def test_alone_leaves_clean_frames_bit_for_bit(tmp_path):
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, 5.5, CLOSED + 0.2), times=(-1, 0.5, 2, 3))
     bytes_before = path.read_bytes()
-    done = run("repair", path, "-o", tmp_path / "b.usdc")
+    done = run("repair", path, "-o", tmp_path / "b.usdc", "--alone")
     assert done.code == 0
     assert path.read_bytes() == bytes_before
     before, after = read_samples(path), read_samples(tmp_path / "b.usdc")
@@ -59,6 +59,17 @@ def test_stage_gives_a_layer_whose_clean_frames_are_untouched(tmp_path):
     assert run("check", tmp_path / "b.usdc").code == 0
     rows = [line.split() for line in done.out.splitlines()[1:]]
     assert [row[0] for row in rows[:2]] == ["0.5", "3"]  # only frames with something to do
+
+
+def test_frames_away_from_contacts_stay_bit_for_bit(tmp_path):
+    angles = np.r_[np.full(25, OPEN), CLOSED, np.full(25, OPEN)]
+    path = tube_stage(tmp_path / "a.usdc", angles)
+    assert run("repair", path, "-o", tmp_path / "b.usdc").code == 0
+    assert run("check", tmp_path / "b.usdc").code == 0
+    before, after = read_samples(path), read_samples(tmp_path / "b.usdc")
+    changed = [time for time in before if not np.array_equal(before[time], after[time])]
+    assert 26 in changed
+    assert min(changed) > 5 and max(changed) < 47
 
 
 def test_selected_frames_only(tmp_path):
@@ -200,12 +211,12 @@ def test_solver_errors_fail_one_frame_only(tmp_path, monkeypatch):
         return solve(self, points)
 
     monkeypatch.setattr(repairer.SceneRepairer, "__call__", sometimes)
-    done = run("repair", path, "-o", tmp_path / "b.usdc")
+    done = run("repair", path, "-o", tmp_path / "b.usdc", "--alone")
     assert done.code == 4 and "frame 2: failed: ArithmeticError: no factor" in done.err
     before, after = read_samples(path), read_samples(tmp_path / "b.usdc")
     assert [np.array_equal(before[t], after[t]) for t in before] == [False, True, False]
     calls.clear()
-    again = run("repair", path, "-o", tmp_path / "b.usdc", "-vv")
+    again = run("repair", path, "-o", tmp_path / "b.usdc", "--alone", "-vv")
     assert "Traceback" in again.err
 
 

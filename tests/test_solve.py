@@ -1,5 +1,7 @@
 """The loop between reading and writing: order, looking ahead, verification of what is written."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from command_line import CLOSED, OPEN, tube_pose, tube_stage
@@ -8,6 +10,7 @@ from dtrepair.cli.frames import Frame, make_counter, read_frames
 from dtrepair.cli.options import Selection
 from dtrepair.cli.solve import FrameRepairer, repair_frames
 from dtrepair.cli.sources import open_source
+from dtrepair.jitter_meter import JitterMeter
 from dtrepair.repair.repairer import Body, SceneRepairer
 
 
@@ -21,7 +24,8 @@ def source(tmp_path):
 def repairer(source):
     mesh = source.meshes[0]
     scene = SceneRepairer([Body(mesh.rest, mesh.faces)])
-    return FrameRepairer(source, scene, make_counter(source, mode="both", device="cpu"))
+    counter = make_counter(source, mode="both", device="cpu")
+    return FrameRepairer(source, scene, counter, alone=True)
 
 
 def frames_of(source):
@@ -69,6 +73,40 @@ def test_a_solver_may_look_ahead(source, repairer, ahead):
     assert [item.frame.time for item in done] == [1, 2, 3, 4, 5]
     statuses = [item.record.status for item in done]
     assert statuses == ["failed", "clean", "clean", "skipped", "clean"]
+
+
+def test_frames_are_solved_together_and_steadily(source, repairer):
+    frames = frames_of(source)
+    jitter = []
+    for alone in (True, False):
+        repairer.alone = alone
+        done = list(repair_frames(frames, repairer))
+        assert [item.frame.time for item in done] == [1, 2, 3, 4, 5]
+        assert {item.record.status for item in done} == {"clean"}
+        meter = JitterMeter()
+        for item in done:
+            meter.add(item.frame.spaces[0], item.spaces[0])
+        jitter.append(meter.value)
+    assert jitter[1] < 0.5 * jitter[0]
+    assert repairer.warnings == []
+
+
+@pytest.mark.parametrize("before", [0, 2])
+def test_frames_that_cannot_be_solved_together_are_solved_alone(source, repairer, before):
+    def stream(poses, *, jobs):
+        for number, (time, points) in enumerate(poses):
+            if number == before:
+                next(poses)  # it looked ahead
+                raise ArithmeticError("no factor")
+            yield SimpleNamespace(time=time, results=repairer.repairer(points))
+
+    repairer.alone = False
+    repairer.repairer.animator = SimpleNamespace(stream=stream)
+    done = list(repair_frames(frames_of(source), repairer))
+    assert [item.frame.time for item in done] == [1, 2, 3, 4, 5]
+    assert {item.record.status for item in done} == {"clean"}
+    assert len(repairer.warnings) == 1
+    assert f"frames from {before + 1} are repaired alone: Arith" in repairer.warnings[0]
 
 
 def test_only_unusable_frames(repairer):

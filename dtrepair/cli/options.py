@@ -102,7 +102,7 @@ def jobs_option(function: Function) -> Function:
 
     @wraps(function)
     def wrapper(*, jobs: int | None, **options: Any) -> Any:
-        return function(jobs=jobs or os.cpu_count() or 1, **options)
+        return function(jobs=jobs or _cores(), **options)
 
     return _with(
         wrapper,
@@ -111,10 +111,17 @@ def jobs_option(function: Function) -> Function:
                 "--jobs",
                 type=click.IntRange(min=1),
                 metavar="N",
-                help="Frames worked on side by side; default: all cores.",
+                help="Threads for frames side by side; default: all cores.",
             ),
         ),
     )
+
+
+def _cores() -> int:
+    """Cores that this process may use, fewer than the machine has in a container."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _with(function: Function, options: tuple[Function, ...]) -> Function:

@@ -24,7 +24,13 @@ from dtrepair.cli.failures import (
 )
 from dtrepair.cli.frames import make_counter, prim_records, read_frames
 from dtrepair.cli.method import method_options
-from dtrepair.cli.options import Selection, console_options, run_options, selection_options
+from dtrepair.cli.options import (
+    Selection,
+    console_options,
+    jobs_option,
+    run_options,
+    selection_options,
+)
 from dtrepair.cli.rest import Rest, choose_rests
 from dtrepair.cli.sinks import Sink, existing, open_sink
 from dtrepair.cli.solve import FrameRepairer, Repaired, repair_frames
@@ -54,9 +60,11 @@ if TYPE_CHECKING:
 @click.option("--report", "report_path", metavar="F.json", help="Write a JSON report.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
+@click.option("--alone", is_flag=True, help="Repair each frame for itself, not steady in time.")
 @selection_options
 @method_options
 @run_options
+@jobs_option
 @console_options
 @one_line_errors
 def command(
@@ -69,16 +77,19 @@ def command(
     report_path: str | None,
     skip_existing: bool,
     dry_run: bool,
+    alone: bool,
     selection: Selection,
     options: RepairOptions,
     device: str,
+    jobs: int,
     console: Console,
 ) -> int:
     """Repair the self-intersections of a USD stage or a mesh file.
 
-    A stage gives a layer over it that holds new points only; clean frames stay bit for bit as they
-    are. Several meshes are repaired together in world space. A mesh file gives a mesh file with the
-    same vertices and faces.
+    A stage gives a layer over it that holds new points only. Frames are repaired together, so that
+    the correction is steady in time and eases in before a contact; frames away from contacts stay
+    bit for bit as they are. Several meshes are repaired together in world space. A mesh file gives
+    a mesh file with the same vertices and faces.
 
     \b
     Example:
@@ -91,7 +102,7 @@ def command(
     if report_path is not None:
         refuse_overwriting(report_path, source_path, output)
         check_writable(report_path)
-    run = Run(source_path, output, use_device(device), options)
+    run = Run(source_path, output, use_device(device), options, jobs, alone)
     source = open_source(source_path, selection, collider=collider)
     console.warn(source.warnings)
     run.settings = _settings(selection, options, rest=rest, collider=collider, pin=pin)
@@ -122,6 +133,8 @@ class Run:
     output: str
     device: str
     options: RepairOptions
+    jobs: int
+    alone: bool
     settings: dict[str, Any] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     start: float = field(default_factory=clock.perf_counter)
@@ -162,7 +175,7 @@ def _repair(
         _say(console, repaired)
     run.last = clock.perf_counter()
     summary = summarize(records)
-    warnings = sink.commit({"counts": summary})
+    warnings = (*repairer.warnings, *sink.commit({"counts": summary}))
     console.warn(warnings)
     run.lap("write")
     run.seconds["total"] = clock.perf_counter() - run.start
@@ -194,7 +207,10 @@ def _make_repairer(
         rest_counts.append(counter([rest.points]).total.triangles)
     scene = SceneRepairer(bodies, options=run.options, device=run.device)
     counter = make_counter(source, mode=run.options.mode, device=run.device)
-    return FrameRepairer(source, scene, counter), rest_counts
+    return (
+        FrameRepairer(source, scene, counter, jobs=run.jobs, alone=run.alone),
+        rest_counts,
+    )
 
 
 def _rest_warnings(source: Source, rests: list[Rest], counts: list[int | None]) -> Iterator[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from dtrepair.repair.repairer import Body, SceneRepairer
 
     Solution = list[RepairResult] | Exception
+    Pose = tuple[float, Sequence[Any]]
 
 # Rounding to the float32 points of a local space may close the tiny gaps of a result again.
 _ROUNDS = 3
@@ -43,16 +45,49 @@ class Repaired:
 class FrameRepairer:
     """Repairs the frames of one input; built once, one factor however many frames."""
 
-    def __init__(self, source: Source, repairer: SceneRepairer, counter: SceneCounter) -> None:
-        """Take the solver of all meshes together, and the counter that verifies its results."""
+    def __init__(
+        self,
+        source: Source,
+        repairer: SceneRepairer,
+        counter: SceneCounter,
+        *,
+        jobs: int | None = None,
+        alone: bool = False,
+    ) -> None:
+        """Take the solver of all meshes together, and the counter that verifies its results.
+
+        Frames are solved together, steady in time, on `jobs` threads; `alone`: each for itself.
+        """
         self.source = source
         self.repairer = repairer
         self.counter = counter
+        self.jobs = jobs
+        self.alone = alone or len(source.times) == 1
         self.free = [_free(body) for body in repairer.bodies]
+        self.warnings: list[str] = []
 
-    def solve(self, poses: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Solution]:
-        """Solve (time, points of each mesh) one after the other; an error takes a frame's place."""
-        for _, points in poses:
+    def solve(self, poses: Iterable[Pose]) -> Iterator[Solution]:
+        """Solve (time, points of each mesh) in order; an error may take a frame's place."""
+        iterator = iter(poses)
+        if not self.alone:
+            fed: deque[Pose] = deque()
+
+            def feed() -> Iterator[Pose]:
+                for pose in iterator:
+                    fed.append(pose)
+                    yield pose
+
+            try:
+                for repaired in self.repairer.animator.stream(feed(), jobs=self.jobs):
+                    fed.popleft()
+                    yield repaired.results
+                return
+            except Exception as error:
+                # One window that cannot be solved together must not lose a long run.
+                reason = f"{type(error).__name__}: {error}"
+                self.warnings.append(f"frames from {fed[0][0]:g} are repaired alone: {reason}")
+            iterator = chain(list(fed), iterator)
+        for _, points in iterator:
             try:
                 yield self.repairer(points)
             except Exception as error:
@@ -169,7 +204,7 @@ def repair_frames(frames: Iterable[Frame], repairer: FrameRepairer) -> Iterator[
     """
     waiting: deque[Frame] = deque()
 
-    def poses() -> Iterator[tuple[float, Sequence[Any]]]:
+    def poses() -> Iterator[Pose]:
         for frame in frames:
             waiting.append(frame)
             if frame.usable:

@@ -120,6 +120,11 @@ def test_readers_of_the_old_output_keep_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize("extension", [".usdc", ".usd", ".usda"])
 def test_same_calls_same_bytes(tmp_path: Path, extension: str) -> None:
     path = cube_file(tmp_path / "in.usdc", times=range(35))
+    layer = Sdf.Layer.FindOrOpen(str(path))
+    layer.startTimeCode, layer.endTimeCode, layer.framesPerSecond = 0.0, 34.0, 24.0
+    for key, value in (("upAxis", "Z"), ("metersPerUnit", 0.01), ("kilogramsPerUnit", 2.0)):
+        layer.pseudoRoot.SetInfo(key, value)
+    layer.Save()
     digests = set()
     for seed in range(3):
         out = tmp_path / f"out{seed}{extension}"

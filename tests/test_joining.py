@@ -137,6 +137,11 @@ def test_an_input_that_changed_in_between_is_noticed(tmp_path: Path) -> None:
     second = chunk(path, tmp_path / "b.usdc", [1])
     with pytest.raises(StageError, match="at frame 3; the inputs have changed"):
         join_layers([first, second], tmp_path / "all.usdc")
+    layer.SetTimeSample("/Root/Cube.points", 2.0, Sdf.ValueBlock())
+    layer.Save()
+    third = chunk(path, tmp_path / "c.usdc", [3])
+    with pytest.raises(StageError, match="at frame 2; the inputs have changed"):
+        join_layers([second, third], tmp_path / "all.usdc")
 
 
 def test_different_inputs_are_refused(tmp_path: Path) -> None:

@@ -108,15 +108,20 @@ def test_topology_that_changes_is_refused_or_skipped(tmp_path: Path) -> None:
         mesh.GetFaceVertexIndicesAttr().Set(indices, 1.0)
         mesh.GetFaceVertexIndicesAttr().Set(indices, 2.0)
         mesh.GetFaceVertexIndicesAttr().Set(indices[::-1], 3.0)
+        other = define_cube(mesh.GetPrim().GetStage(), "/Root/Other")
+        other.GetHoleIndicesAttr().Set([1], 1.0)
+        other.GetHoleIndicesAttr().Set([2], 2.0)
         define_cube(mesh.GetPrim().GetStage(), "/Root/Fine")
 
     path = edited_cube(tmp_path, vary)
     with pytest.raises(StageError, match=r"/Root/Cube: .*faceVertexIndices at frame 3"):
         selection_of(path)
+    with pytest.raises(StageError, match=r"/Root/Other: .*holeIndices at frame 2"):
+        selection_of(path, prim="/Root/Other")
     selection = selection_of(path, skip_varying=True)
     assert [mesh.path for mesh in selection.meshes] == ["/Root/Fine"]
     assert "/Root/Cube" in selection.warnings[0] and "skipped" in selection.warnings[0]
-    assert len(selection_of(path, exclude="/Root/Cube").meshes) == 1
+    assert len(selection_of(path, exclude="/Root/Cube /Root/Other").meshes) == 1
 
 
 def test_equal_topology_samples_are_no_change(tmp_path: Path) -> None:

@@ -211,7 +211,7 @@ def blend_shaped(path: Path, *, joints: bool) -> None:
     animation = UsdSkel.Animation(stage.GetPrimAtPath("/Root/Animation"))
     animation.CreateBlendShapesAttr(["other", "lift"])
     animation.CreateBlendShapeWeightsAttr().Set([1.0, 0.0], 0.0)
-    animation.CreateBlendShapeWeightsAttr().Set([0.0, 1.0], 10.0)
+    animation.CreateBlendShapeWeightsAttr().Set([1.0, 1.0], 10.0)
     prim = stage.GetPrimAtPath("/Root/A")
     shape = UsdSkel.BlendShape.Define(stage, "/Root/A/lift")
     shape.CreateOffsetsAttr([(0, 0, 2)] * 4)

@@ -55,6 +55,7 @@ def test_select_takes_named_times_only() -> None:
     times = [-5.0, 0.0, 1.0, 1.5, 2.0, 9.0, 10.0, np.nan]
     assert parse_frames("-5:10x5").select(times).tolist() == [1, 1, 0, 0, 0, 0, 1, 0]
     assert parse_frames("1:3").select(times).tolist() == [0, 0, 1, 0, 1, 0, 0, 0]
+    assert parse_frames("3:8").select(times).tolist() == [0] * 8
     assert parse_frames("1:3x0.5").select(times).tolist() == [0, 0, 1, 1, 1, 0, 0, 0]
 
 

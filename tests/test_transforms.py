@@ -52,6 +52,7 @@ def test_row_vectors_innermost_transform_first(tmp_path: Path) -> None:
     world = transform_points([[1.0, 0.0, 0.0]], world_matrix(mesh, NAN))
     # Turned from x to y, doubled, moved.
     np.testing.assert_allclose(world, [[5.0, 7.0, 5.0]], atol=1e-12)
+    assert transform_points([1 / 3, 0.1, 1e9 / 7], np.eye(4)).tolist() == [1 / 3, 0.1, 1e9 / 7]
 
 
 def test_far_and_uneven_transforms_keep_their_digits(tmp_path: Path) -> None:

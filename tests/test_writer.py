@@ -119,6 +119,7 @@ def test_stage_metadata_is_copied(tmp_path: Path, rate: float, keys: str) -> Non
     rewrite(path, tmp_path / "out.usdc")
     stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
     assert stage.GetTimeCodesPerSecond() == rate
+    assert stage.GetRootLayer().HasTimeCodesPerSecond(), "left to a fallback"
     if keys != "timeCodesPerSecond":
         assert stage.GetFramesPerSecond() == rate
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (-3.0, 7.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -264,6 +265,16 @@ def test_results_repeat_and_leave_the_input_alone() -> None:
     assert all(np.array_equal(first, detector(points)) for _ in range(3))
     assert np.array_equal(first, Detector(points, faces)(points))
     assert np.array_equal(points, kept)
+
+
+def test_threads_may_share_a_detector() -> None:
+    points, faces = MESHES["crumpled sphere"]
+    detector = Detector(points, faces)
+    poses = [crumpled(meshes.icosphere(2), 0.15, seed)[0] for seed in range(16)]
+    expected = [detector(pose) for pose in poses]
+    with ThreadPoolExecutor(4) as threads:
+        found = list(threads.map(detector, poses))
+    assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
 
 
 def test_the_rest_pose_decides_nothing_but_speed() -> None:

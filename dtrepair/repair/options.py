@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from math import isinf
+from numbers import Integral
 from typing import Any
 
 from dtrepair.geometry import FloatArray
@@ -62,6 +64,12 @@ class RepairOptions:
                 raise ValueError(
                     f"{name} should be one of {', '.join(allowed)}, got {getattr(self, name)!r}"
                 )
+        for name in ("iterations", "tighten"):
+            if not isinstance(getattr(self, name), Integral):
+                raise ValueError(f"{name} should be a whole number, got {getattr(self, name)}")
+        for name in ("diffusion", "regularization", "clearance", "maximum_displacement"):
+            if isinf(getattr(self, name) or 0.0):
+                raise ValueError(f"{name} should be finite, got {getattr(self, name)}")
         least = {"iterations": 1, "tighten": 0, "regularization": 0.0, "clearance": 0.0}
         for name, lowest in least.items():
             if not getattr(self, name) >= lowest:

@@ -1,0 +1,144 @@
+"""Fills: residuals of their equations, exact fields, and creases that come out clean."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair.geometry import FloatArray
+from dtrepair.intersect.detector import find_intersections
+from dtrepair.operators import uniform_laplacian
+from dtrepair.repair.contact import Defects, find_defects
+from dtrepair.repair.crease import bilaplacian_fill, fill_creases, membrane_fill
+from dtrepair.repair.surface import Surface
+from tests.meshes import Mesh, elbow, grid, icosphere, tube
+
+FILLS = [membrane_fill, bilaplacian_fill]
+
+
+def patch(mesh: Mesh, centre: int, rings: int) -> tuple[Surface, np.ndarray]:
+    surface = Surface(*mesh)
+    return surface, surface.dilate(np.arange(surface.count) == centre, rings)
+
+
+def field_of(count: int) -> FloatArray:
+    return np.random.default_rng(0).normal(size=(count, 3))
+
+
+@pytest.mark.parametrize("fill", FILLS)
+@pytest.mark.parametrize("mesh", [icosphere(3), tube(12, 20), grid(16, 16)])
+def test_only_masked_vertices_change(fill, mesh: Mesh) -> None:
+    surface, mask = patch(mesh, 100, 3)
+    field = field_of(surface.count)
+    kept = field.copy()
+    filled = fill(surface.uniform, field, mask)
+    assert np.array_equal(field, kept)
+    assert np.array_equal(filled[~mask], field[~mask])
+    assert (filled[mask] != field[mask]).all()
+
+
+@pytest.mark.parametrize("mesh", [icosphere(3), tube(12, 20)])
+def test_a_membrane_is_harmonic(mesh: Mesh) -> None:
+    surface, mask = patch(mesh, 100, 3)
+    filled = membrane_fill(surface.uniform, field_of(surface.count), mask)
+    assert np.abs((surface.uniform @ filled)[mask]).max() < 1e-8
+    # Harmonic: within the range of its surroundings.
+    ring = surface.dilate(mask) & ~mask
+    assert (filled[mask].max(axis=0) <= filled[ring].max(axis=0) + 1e-8).all()
+    assert (filled[mask].min(axis=0) >= filled[ring].min(axis=0) - 1e-8).all()
+
+
+@pytest.mark.parametrize("mesh", [icosphere(3), tube(12, 20)])
+def test_a_bilaplacian_patch_is_the_smoothest(mesh: Mesh) -> None:
+    surface, mask = patch(mesh, 100, 3)
+    laplacian = surface.uniform
+    filled = bilaplacian_fill(laplacian, field_of(surface.count), mask)
+    assert np.abs((laplacian @ (laplacian @ filled))[mask]).max() < 1e-7
+    least = np.square(laplacian @ filled).sum()
+    random = np.random.default_rng(1)
+    for _ in range(5):
+        other = filled + 0.01 * mask[:, None] * random.normal(size=filled.shape)
+        assert np.square(laplacian @ other).sum() > least
+
+
+@pytest.mark.parametrize("fill", FILLS)
+def test_linear_fields_on_a_regular_grid_come_back(fill) -> None:
+    # The umbrella of the inner vertices of a regular grid is symmetric: linear is harmonic.
+    surface, mask = patch(grid(16, 16), 8 * 17 + 8, 4)
+    points = surface.rest
+    spoiled = points + mask[:, None] * field_of(surface.count)
+    filled = fill(surface.uniform, spoiled, mask)
+    assert np.abs(filled - points).max() < 1e-6
+
+
+@pytest.mark.parametrize("fill", FILLS)
+def test_fills_do_not_depend_on_what_they_replace(fill) -> None:
+    surface, mask = patch(icosphere(3), 100, 3)
+    one = field_of(surface.count)
+    other = np.where(mask[:, None], 1e6, one)
+    difference = fill(surface.uniform, one, mask) - fill(surface.uniform, other, mask)
+    assert np.abs(difference).max() < 1e-9
+
+
+@pytest.mark.parametrize("fill", FILLS)
+def test_a_patch_without_surroundings_stays_finite(fill) -> None:
+    points, faces = icosphere(1)
+    everything = np.ones(len(points), dtype=bool)
+    filled = fill(uniform_laplacian(faces, len(points)), points, everything)
+    assert np.isfinite(filled).all()
+
+
+@pytest.mark.parametrize("angle", [1.6, 2.0, 2.4])
+def test_creases_come_out_clean(angle: float) -> None:
+    (points, faces), (rest, _) = elbow(angle), elbow(0.0)
+    surface = Surface(rest, faces)
+    pose = points / surface.size
+    before = find_defects(surface, pose)
+    assert len(before.crossings) > 20
+    filled, left = fill_creases(surface, pose)
+    assert left.rank[0] == 0 and len(left.folds) <= len(before.folds)
+    again = find_defects(surface, filled)
+    assert again.rank == left.rank
+    assert len(find_intersections(surface.written(filled), faces)) == 0
+    # Only the surroundings of the crease are replaced: both ends stay.
+    moved = (filled != pose).any(axis=1)
+    assert 0 < moved.mean() < 0.5
+    assert not moved[:12].any() and not moved[-14:].any()
+
+
+def test_a_pose_without_defects_comes_back() -> None:
+    points, faces = elbow(0.0)
+    surface = Surface(points, faces)
+    filled, left = fill_creases(surface, surface.rest)
+    assert filled is surface.rest and left.rank == (0, 0)
+
+
+def test_fixed_vertices_are_never_replaced() -> None:
+    (points, faces), (rest, _) = elbow(2.0), elbow(0.0)
+    fixed = points[:, 1] > 0
+    surface = Surface(rest, faces, mobility=np.where(fixed, 0.0, 1.0))
+    pose = points / surface.size
+    filled, left = fill_creases(surface, pose)
+    assert np.array_equal(filled[fixed], pose[fixed])
+    assert left.rank <= find_defects(surface, pose).rank
+
+
+def test_known_defects_save_a_detection_and_change_nothing() -> None:
+    (points, faces), (rest, _) = elbow(2.0), elbow(0.0)
+    surface = Surface(rest, faces)
+    pose = points / surface.size
+    known = find_defects(surface, pose)
+    one, other = fill_creases(surface, pose), fill_creases(surface, pose, known=known)
+    assert np.array_equal(one.points, other.points)
+
+
+def test_the_best_state_is_returned_when_it_never_comes_clean() -> None:
+    # One round of tiny patches cannot open this; what it returns is never worse than the pose.
+    (points, faces), (rest, _) = elbow(3.0), elbow(0.0)
+    surface = Surface(rest, faces)
+    pose = points / surface.size
+    before = find_defects(surface, pose)
+    filled, left = fill_creases(surface, pose, rounds=1, known=before)
+    assert isinstance(left, Defects)
+    assert left.rank <= before.rank
+    assert find_defects(surface, filled).rank == left.rank

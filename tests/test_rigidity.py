@@ -1,0 +1,162 @@
+"""As-rigid-as-possible steps: rigid motions, the energy they lower, pins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair.geometry import FloatArray
+from dtrepair.metrics import edge_log_ratio
+from dtrepair.operators import Factor
+from dtrepair.repair.rigidity import Rigidity
+from dtrepair.repair.surface import ANCHOR, Surface
+from tests.meshes import Mesh, elbow, grid, icosphere, torus
+
+FREE = np.zeros
+
+
+def rotation(seed: int) -> FloatArray:
+    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    return q if np.linalg.det(q) > 0 else -q
+
+
+def best_rotations(surface: Surface, original: FloatArray, points: FloatArray) -> FloatArray:
+    """Rotation (V, 3, 3) of each vertex by NumPy's SVD (Sorkine & Alexa 2007, eq. 5 and 6)."""
+    weights = -surface.laplacian
+    result = np.zeros((surface.count, 3, 3))
+    for i in range(surface.count):
+        row = weights[i].tocoo()
+        others = row.col[row.col != i]
+        w = row.data[row.col != i]
+        covariance = ((points[i] - points[others]) * w[:, None]).T @ (
+            original[i] - original[others]
+        )
+        u, _, vt = np.linalg.svd(covariance)
+        flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+        result[i] = u @ flip @ vt
+    return result
+
+
+def energy(
+    surface: Surface, original: FloatArray, points: FloatArray, rotations: FloatArray
+) -> float:
+    """The quadratic a step minimises for given rotations: edges plus the anchor."""
+    weights = (-surface.laplacian).tocoo()
+    off = weights.row != weights.col
+    i, j, w = weights.row[off], weights.col[off], weights.data[off]
+    before = np.einsum("ijk,ik->ij", 0.5 * (rotations[i] + rotations[j]), original[i] - original[j])
+    # Every edge appears twice, and the system is the gradient over two.
+    edges = 0.5 * (w[:, None] * (points[i] - points[j] - before) ** 2).sum()
+    return float(edges + ANCHOR * (surface.mass[:, None] * (points - original) ** 2).sum())
+
+
+@pytest.mark.parametrize("mesh", [icosphere(2), torus(), grid(8, 8), elbow(1.0)])
+def test_the_original_stays(mesh: Mesh) -> None:
+    surface = Surface(*mesh)
+    rigidity = Rigidity(surface, surface.rest)
+    step = rigidity.solve(rigidity.target(surface.rest), FREE(surface.count), surface.rest)
+    assert np.abs(step - surface.rest).max() < 1e-9
+
+
+@pytest.mark.parametrize("mesh", [icosphere(2), torus(), elbow(1.0)])
+def test_a_rigid_motion_turns_every_edge_and_only_the_anchor_pulls(mesh: Mesh) -> None:
+    surface = Surface(*mesh)
+    rigidity = Rigidity(surface, surface.rest)
+    turn = rotation(3)
+    pose = surface.rest @ turn.T + (0.3, -0.2, 0.1)
+    # Without the anchor the target is L times the pose: the step would stay there.
+    target = rigidity.target(pose) - ANCHOR * surface.mass[:, None] * surface.rest
+    assert np.abs(target - surface.laplacian @ pose).max() < 1e-9
+    # Anchored at the pose instead of the original it does stay.
+    step = rigidity.solve(target + ANCHOR * surface.mass[:, None] * pose, FREE(surface.count), pose)
+    assert np.abs(step - pose).max() < 1e-8
+
+
+def test_the_target_is_that_of_numpys_rotations() -> None:
+    surface = Surface(*torus(16, 8))
+    random = np.random.default_rng(0)
+    pose = surface.rest + 0.02 * random.normal(size=surface.rest.shape)
+    rotations = best_rotations(surface, surface.rest, pose)
+    expected = ANCHOR * surface.mass[:, None] * surface.rest
+    weights = (-surface.laplacian).tocoo()
+    for i, j, w in zip(weights.row, weights.col, weights.data, strict=True):
+        if i != j:
+            mean = 0.5 * (rotations[i] + rotations[j])
+            expected[i] += w * mean @ (surface.rest[i] - surface.rest[j])
+    found = Rigidity(surface, surface.rest).target(pose)
+    assert np.abs(found - expected).max() < 1e-9 * np.abs(expected).max() + 1e-12
+
+
+def test_mirrored_surroundings_are_not_mirrored_back() -> None:
+    # A reflection is no rotation: turned, the edges keep their handedness.
+    surface = Surface(*icosphere(2))
+    pose = surface.rest * np.array([1.0, 1.0, -1.0])
+    rigidity = Rigidity(surface, surface.rest)
+    target = rigidity.target(pose) - ANCHOR * surface.mass[:, None] * surface.rest
+    assert np.isfinite(target).all()
+    assert np.abs(target - surface.laplacian @ pose).max() > 1e-3
+
+
+def test_a_step_minimises_its_quadratic_and_lowers_the_edge_change() -> None:
+    surface = Surface(*elbow(1.0))
+    random = np.random.default_rng(0)
+    pose = surface.rest + 0.005 * random.normal(size=surface.rest.shape)
+    rigidity = Rigidity(surface, surface.rest)
+    step = rigidity.solve(rigidity.target(pose), FREE(surface.count), pose)
+    rotations = best_rotations(surface, surface.rest, pose)
+    least = energy(surface, surface.rest, step, rotations)
+    assert least < energy(surface, surface.rest, pose, rotations)
+    for _ in range(5):
+        other = step + 1e-3 * random.normal(size=step.shape)
+        assert energy(surface, surface.rest, other, rotations) > least
+    changes = [edge_log_ratio(surface.rest, points, surface.edges) for points in (pose, step)]
+    assert changes[1] < 0.5 * changes[0]
+
+
+def test_pins_hold_the_more_the_heavier_they_are() -> None:
+    surface = Surface(*torus())
+    random = np.random.default_rng(0)
+    pose = surface.rest + 0.01 * random.normal(size=surface.rest.shape)
+    rigidity = Rigidity(surface, surface.rest)
+    target = rigidity.target(pose)
+    held = np.zeros(surface.count)
+    held[:40] = 1.0
+    strays = []
+    for weight in (0.0, 1.0, 10.0):
+        step = rigidity.solve(target, weight * held, pose)
+        strays.append(np.linalg.norm(step - pose, axis=1)[:40].mean())
+    assert strays[2] < 0.5 * strays[0] and strays[2] < strays[1] < strays[0]
+
+
+def test_pinned_steps_come_close_to_the_direct_solution() -> None:
+    surface = Surface(*torus(16, 8))
+    random = np.random.default_rng(0)
+    pose = surface.rest + 0.01 * random.normal(size=surface.rest.shape)
+    rigidity = Rigidity(surface, surface.rest)
+    target = rigidity.target(pose)
+    pins = 10.0 * (np.arange(surface.count) < 4)
+    matrix = surface.laplacian.toarray() + np.diag(ANCHOR * surface.mass + pins)
+    direct = np.linalg.solve(matrix, target + pins[:, None] * pose)
+    found = rigidity.solve(target, pins, pose)
+    assert np.abs(found - direct).max() < 0.05 * np.abs(direct - pose).max()
+
+
+def test_one_factor_serves_every_pose_and_every_pin() -> None:
+    surface = Surface(*torus(16, 8))
+    before = Factor.count
+    for seed in range(3):
+        original = surface.rest @ rotation(seed).T
+        rigidity = Rigidity(surface, original)
+        pins = np.random.default_rng(seed).random(surface.count)
+        rigidity.solve(rigidity.target(original), pins, original)
+        rigidity.solve(rigidity.target(original), FREE(surface.count), original)
+    assert Factor.count == before + 1
+
+
+def test_collapsed_surroundings_stay_finite() -> None:
+    surface = Surface(*torus(16, 8))
+    pose = surface.rest.copy()
+    pose[:40] = pose[0]
+    rigidity = Rigidity(surface, surface.rest)
+    assert np.isfinite(rigidity.solve(rigidity.target(pose), FREE(surface.count), pose)).all()

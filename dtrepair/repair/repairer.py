@@ -114,7 +114,8 @@ class SceneRepairer:
         final, left, solved = centred, pairs, Solved(centred)
         if len(pairs) or self.options.clearance > 0.0:
             final, solved = self._solve(centred, weld)
-            left = self._pairs(final, weld)
+            # Vertices that only happened to coincide in the input are two in the result.
+            left = self._pairs(final, self._weld(final))
             if len(left) > len(pairs) or len(left) == len(pairs) > 0:
                 final, left = centred, pairs
         moved = (final != centred).any(axis=1)

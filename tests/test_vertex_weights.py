@@ -6,7 +6,7 @@ from pxr import Sdf, UsdGeom
 from usd_stages import CUBE_QUADS, define_cube, new_stage
 
 from usd_io import StageError, open_stage, read_meshes
-from usd_io.vertex_weights import read_vertex_weights
+from usd_io.vertex_weights import read_vertex_directions, read_vertex_weights
 
 RAMP = [k / 7 for k in range(8)]
 
@@ -96,7 +96,7 @@ def test_nothing_of_that_name(cube):
         (primvar("pin", [0.5] * 6, "uniform"), "uniform interpolation"),
         (primvar("pin", [2.0] * 8), "from 0 to 1"),
         (primvar("pin", [float("nan")] * 8), "from 0 to 1"),
-        (primvar("pin", ["a"] * 8, kind=Sdf.ValueTypeNames.StringArray), "expected numbers"),
+        (primvar("pin", ["a"] * 8, kind=Sdf.ValueTypeNames.StringArray), "expected a number"),
         (subset("pin", "point", [8]), r"below 8 \(points\), got 8"),
         (subset("pin", "face", [-1]), r"below 6 \(faces\), got -1"),
         (subset("pin", "edge", [0]), "face or point, got edge"),
@@ -105,3 +105,28 @@ def test_nothing_of_that_name(cube):
 def test_unusable_weights_are_refused(cube, change, message):
     with pytest.raises(StageError, match=message):
         read_vertex_weights(cube(change), "pin")
+
+
+def test_vectors_of_vertices(cube):
+    kind = Sdf.ValueTypeNames.Vector3fArray
+    mesh = cube(primvar("out", [(k, 0, -k) for k in range(8)], kind=kind))
+    vectors = read_vertex_directions(mesh, "out")
+    assert vectors.tolist() == [[k, 0, -k] for k in range(8)]
+    assert read_vertex_directions(mesh, "in") is None
+    mesh = cube(primvar("all", [(0, 2, 0)], "constant", kind))
+    assert read_vertex_directions(mesh, "all").tolist() == [[0, 2, 0]] * 8
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (primvar("out", RAMP), "expected one vector for each of 8 vertices"),
+        (
+            primvar("out", [(0, 0, float("inf"))] * 8, kind=Sdf.ValueTypeNames.Vector3fArray),
+            "finite vectors",
+        ),
+    ],
+)
+def test_unusable_vectors_are_refused(cube, change, message):
+    with pytest.raises(StageError, match=message):
+        read_vertex_directions(cube(change), "out")

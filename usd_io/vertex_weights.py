@@ -1,4 +1,4 @@
-"""A number for each vertex, out of a primvar or a GeomSubset: what artists paint or select."""
+"""A number or a vector for each vertex, out of a primvar or a GeomSubset: what artists paint."""
 
 from __future__ import annotations
 
@@ -23,37 +23,65 @@ def read_vertex_weights(mesh: AnimatedMesh, name: str) -> NDArray[np.float64] | 
         StageError: another interpolation or type, a wrong count, numbers outside 0..1, or indices
             out of range.
     """
-    primvar = UsdGeom.PrimvarsAPI(mesh.prim).FindPrimvarWithInheritance(
-        name.removeprefix("primvars:")
-    )
-    if primvar and primvar.HasAuthoredValue():
-        return _from_primvar(mesh, primvar, name)
+    primvar = _find(mesh, name)
+    if primvar is not None:
+        weights = _values(mesh, primvar, name, "number", ())
+        if not ((weights >= 0.0) & (weights <= 1.0)).all():
+            raise StageError(
+                f"{mesh.path}: primvar {name}: expected numbers from 0 to 1; scale them"
+            )
+        return weights
     for child in mesh.prim.GetChildren():
         if child.GetName() == name and child.IsA(UsdGeom.Subset):
             return _from_subset(mesh, UsdGeom.Subset(child))
     return None
 
 
-def _from_primvar(mesh: AnimatedMesh, primvar: UsdGeom.Primvar, name: str) -> NDArray[np.float64]:
+def read_vertex_directions(mesh: AnimatedMesh, name: str) -> NDArray[np.float64] | None:
+    """Vectors (V, 3) of a primvar of a mesh, of any length; None if it has none of that name.
+
+    Vertex, varying or constant interpolation, taken as `read_vertex_weights` does.
+
+    Raises:
+        StageError: another interpolation or type, a wrong count, or NaN or infinity.
+    """
+    primvar = _find(mesh, name)
+    if primvar is None:
+        return None
+    vectors = _values(mesh, primvar, name, "vector", (3,))
+    if not np.isfinite(vectors).all():
+        raise StageError(f"{mesh.path}: primvar {name}: expected finite vectors; mend it")
+    return vectors
+
+
+def _find(mesh: AnimatedMesh, name: str) -> UsdGeom.Primvar | None:
+    primvars = UsdGeom.PrimvarsAPI(mesh.prim)
+    primvar = primvars.FindPrimvarWithInheritance(name.removeprefix("primvars:"))
+    return primvar if primvar and primvar.HasAuthoredValue() else None
+
+
+def _values(
+    mesh: AnimatedMesh, primvar: UsdGeom.Primvar, name: str, what: str, shape: tuple[int, ...]
+) -> NDArray[np.float64]:
+    """One number or vector for each vertex, (V, *shape)."""
     where = f"{mesh.path}: primvar {name}"
     value = primvar.ComputeFlattened(Usd.TimeCode.Default())
     if value is None:
         value = primvar.ComputeFlattened(Usd.TimeCode.EarliestTime())
     try:
-        weights = np.asarray(value, dtype=np.float64)
+        values = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise StageError(f"{where}: expected numbers, got {primvar.GetTypeName()}") from None
+        raise StageError(f"{where}: expected a {what}, got {primvar.GetTypeName()}") from None
     interpolation = primvar.GetInterpolation()
-    if interpolation == UsdGeom.Tokens.constant and weights.size == 1:
-        weights = np.full(len(mesh.rest), float(weights.reshape(-1)[0]))
-    elif interpolation not in _PER_VERTEX or weights.shape != (len(mesh.rest),):
+    wanted = (len(mesh.rest), *shape)
+    if interpolation == UsdGeom.Tokens.constant and values.size == int(np.prod(shape)):
+        return np.broadcast_to(values.reshape(shape), wanted).copy()
+    if interpolation not in _PER_VERTEX or values.shape != wanted:
         raise StageError(
-            f"{where}: expected one number for each of {len(mesh.rest)} vertices, got "
-            f"{weights.shape} with {interpolation} interpolation"
+            f"{where}: expected one {what} for each of {len(mesh.rest)} vertices, got "
+            f"{values.shape} with {interpolation} interpolation"
         )
-    if not ((weights >= 0.0) & (weights <= 1.0)).all():
-        raise StageError(f"{where}: expected numbers from 0 to 1; scale them")
-    return weights
+    return values
 
 
 def _from_subset(mesh: AnimatedMesh, subset: UsdGeom.Subset) -> NDArray[np.float64]:

@@ -46,6 +46,27 @@ _OPTIONS = (
         help="Rounds that pull a clean result back towards the input.",
     ),
     click.option(
+        "--clearance",
+        type=float,
+        default=0.0,
+        show_default=True,
+        metavar="D",
+        help="Distance that contacts keep, stage units.",
+    ),
+    click.option(
+        "--maximum-displacement",
+        type=float,
+        metavar="D",
+        help="No vertex moves farther, stage units; default: no limit.",
+    ),
+    click.option(
+        "--rest-contacts",
+        type=click.Choice(["repair", "leave"]),
+        default="repair",
+        show_default=True,
+        help="What to do with intersections that the rest pose has as well.",
+    ),
+    click.option(
         "--iterations",
         type=int,
         default=60,
@@ -76,7 +97,9 @@ _OPTIONS = (
         help="--method paper.",
     ),
 )
-METHOD_NAMES = ("method", "mode", "diffusion", "tighten", *_PAPER_ONLY)
+# Options of the full method alone.
+_FULL_ONLY = ("tighten", "clearance", "maximum_displacement", "rest_contacts")
+METHOD_NAMES = ("method", "mode", "diffusion", *_FULL_ONLY, *_PAPER_ONLY)
 
 
 def method_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -91,7 +114,7 @@ def method_options(function: Callable[..., Any]) -> Callable[..., Any]:
         try:
             options = RepairOptions(**chosen)
         except ValueError as error:
-            raise Failure(f"--{error}", USAGE) from None
+            raise Failure(f"--{_as_option(str(error))}", USAGE) from None
         return function(options=options, **values)
 
     for option in reversed(_OPTIONS):
@@ -102,8 +125,15 @@ def method_options(function: Callable[..., Any]) -> Callable[..., Any]:
 def _refuse_without_effect(method: str) -> None:
     """Refuse options that the chosen method would ignore."""
     context = click.get_current_context()
-    ignored = ("tighten",) if method == "paper" else _PAPER_ONLY
+    ignored = _FULL_ONLY if method == "paper" else _PAPER_ONLY
     for name in ignored:
         if context.get_parameter_source(name) != ParameterSource.DEFAULT:
             other = "full" if method == "paper" else "paper"
-            raise Failure(f"--{name}: has no effect with --method {method}; use {other}", USAGE)
+            option = name.replace("_", "-")
+            raise Failure(f"--{option}: has no effect with --method {method}; use {other}", USAGE)
+
+
+def _as_option(message: str) -> str:
+    """A library's message about `some_option` as one about `some-option`."""
+    name, space, rest = message.partition(" ")
+    return name.replace("_", "-") + space + rest

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from dtrepair import __version__
-from dtrepair.cli.bodies import make_bodies, read_pins
+from dtrepair.cli.bodies import in_units_of_frames, make_bodies, read_controls
 from dtrepair.cli.console import Console
 from dtrepair.cli.failures import (
     CLEAN,
     FRAMES,
     REMAINING,
+    USAGE,
+    Failure,
     check_writable,
     one_line_errors,
     refuse_overwriting,
@@ -31,10 +32,11 @@ from dtrepair.cli.options import (
     run_options,
     selection_options,
 )
+from dtrepair.cli.repair_output import print_plan, print_table, rest_warnings, say
 from dtrepair.cli.rest import Rest, choose_rests
 from dtrepair.cli.sinks import Sink, existing, open_sink
 from dtrepair.cli.solve import FrameRepairer, Repaired, repair_frames
-from dtrepair.cli.sources import Source, open_source, time_label
+from dtrepair.cli.sources import Source, open_source
 from dtrepair.jitter_meter import JitterMeter
 from dtrepair.record import FrameRecord, Report, summarize, write_report
 
@@ -57,6 +59,9 @@ if TYPE_CHECKING:
 )
 @click.option("--collider", metavar="EXPR", help="Meshes that take part but never move.")
 @click.option("--pin", metavar="NAME", help="Primvar (0 free to 1 fixed) or GeomSubset (fixed).")
+@click.option(
+    "--direction", metavar="NAME|SUBSET=x,y,z", help="Preferred direction of the repair, in world."
+)
 @click.option("--report", "report_path", metavar="F.json", help="Write a JSON report.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
@@ -74,6 +79,7 @@ def command(
     rest: str | None,
     collider: str | None,
     pin: str | None,
+    direction: str | None,
     report_path: str | None,
     skip_existing: bool,
     dry_run: bool,
@@ -105,23 +111,25 @@ def command(
     run = Run(source_path, output, use_device(device), options, jobs, alone)
     source = open_source(source_path, selection, collider=collider)
     console.warn(source.warnings)
-    run.settings = _settings(selection, options, rest=rest, collider=collider, pin=pin)
-    pins = read_pins(source, pin)
+    more = {"rest": rest, "collider": collider, "pin": pin, "direction": direction}
+    run.settings = _settings(selection, options, more)
+    _refuse_together(source, run, direction)
+    controls = read_controls(source, pin, direction)
     sink = open_sink(source, output, run.settings)
     try:
         run.lap("read")
         rests = choose_rests(source, rest, device=run.device)
         if dry_run:
-            _print_plan(console, source, rests, output)
+            print_plan(console, source, rests, output)
             return CLEAN
-        bodies = make_bodies(source, rests, pins)
+        bodies = make_bodies(source, rests, controls)
         report = _repair(run, source, rests, bodies, sink, console)
     finally:
         sink.abort()
     if report_path is not None:
         with writing(report_path):
             write_report(report, report_path)
-    _print_table(console, report.frames, output)
+    print_table(console, report.frames, output)
     return _exit_code(report.frames)
 
 
@@ -147,7 +155,23 @@ class Run:
         self.last = now
 
 
-def _settings(selection: Selection, options: RepairOptions, **more: str | None) -> dict[str, Any]:
+def _refuse_together(source: Source, run: Run, direction: str | None) -> None:
+    """Refuse options that the repair of frames together does not have."""
+    given = {
+        "--direction": direction is not None,
+        "--clearance": run.options.clearance > 0.0,
+        "--maximum-displacement": run.options.maximum_displacement is not None,
+    }
+    for option, used in given.items():
+        if used and run.options.method == "paper":
+            raise Failure(f"{option}: has no effect with --method paper; leave it out", USAGE)
+        if used and len(source.times) > 1 and not run.alone:
+            raise Failure(f"{option}: works frame by frame only; add --alone", USAGE)
+
+
+def _settings(
+    selection: Selection, options: RepairOptions, more: dict[str, str | None]
+) -> dict[str, Any]:
     chosen = {**vars(selection), **asdict(options), **more}
     return {name: value for name, value in chosen.items() if value is not None}
 
@@ -163,7 +187,7 @@ def _repair(
     """Repair all frames into the sink, commit it, and return the report."""
     repairer, rest_counts = _make_repairer(run, source, rests, bodies)
     run.lap("factor")
-    console.warn(_rest_warnings(source, rests, rest_counts))
+    console.warn(rest_warnings(source, rests, rest_counts))
     records: list[FrameRecord] = []
     meter = [JitterMeter() for _ in source.meshes]
     frames = repair_frames(read_frames(source, source.times), repairer)
@@ -172,7 +196,7 @@ def _repair(
         records.append(repaired.record)
         for name, value in repaired.seconds.items():
             run.seconds[name] = run.seconds.get(name, 0.0) + value
-        _say(console, repaired)
+        say(console, repaired)
     run.last = clock.perf_counter()
     summary = summarize(records)
     warnings = (*repairer.warnings, *sink.commit({"counts": summary}))
@@ -205,23 +229,13 @@ def _make_repairer(
     for mesh, rest in zip(source.meshes, rests, strict=True):
         counter = SceneCounter([rest.points], [mesh.faces], device=run.device)
         rest_counts.append(counter([rest.points]).total.triangles)
-    scene = SceneRepairer(bodies, options=run.options, device=run.device)
+    options = in_units_of_frames(source, run.options)
+    scene = SceneRepairer(bodies, options=options, device=run.device)
     counter = make_counter(source, mode=run.options.mode, device=run.device)
     return (
         FrameRepairer(source, scene, counter, jobs=run.jobs, alone=run.alone),
         rest_counts,
     )
-
-
-def _rest_warnings(source: Source, rests: list[Rest], counts: list[int | None]) -> Iterator[str]:
-    for mesh, rest, count in zip(source.meshes, rests, counts, strict=True):
-        # A mesh file, or points at the default time only, is its own rest pose: nothing to say.
-        own = len(source.times) == 1 and mesh.has_rest
-        if count and not own:
-            yield (
-                f"{mesh.path}: the rest pose ({rest.origin}) has {count} intersecting triangles; "
-                "name a better one with --rest"
-            )
 
 
 def _store(repaired: Repaired, sink: Sink, meters: list[JitterMeter]) -> None:
@@ -230,57 +244,6 @@ def _store(repaired: Repaired, sink: Sink, meters: list[JitterMeter]) -> None:
     pairs = zip(meters, repaired.frame.spaces, repaired.spaces, strict=False)
     for meter, before, after in pairs:
         meter.add(before, after)
-
-
-def _say(console: Console, repaired: Repaired) -> None:
-    record = repaired.record
-    label = f"frame {time_label(record.time)}"
-    if repaired.error is not None and console.verbosity > 1:
-        import traceback
-
-        console.remark("".join(traceback.format_exception(repaired.error)))
-    if record.before is None or record.after is None:
-        console.warn([f"{label}: {record.status}: {record.message}"])
-        return
-    console.remark(
-        f"{label}: {record.before.triangles} -> {record.after.triangles} triangles, "
-        f"{record.iterations} iterations, {record.seconds:.2f} s, {record.status}"
-    )
-
-
-def _print_plan(console: Console, source: Source, rests: list[Rest], output: str) -> None:
-    """Print what a run would do."""
-    rows = []
-    for mesh, rest in zip(source.meshes, rests, strict=True):
-        role = "collider" if mesh.collider else "repaired"
-        rows.append([mesh.path, str(len(mesh.rest)), str(len(mesh.faces)), role, rest.origin])
-    console.table(["mesh", "vertices", "triangles", "role", "rest pose"], rows)
-    labels = [time_label(float(time)) for time in source.times]
-    frames = labels[0] if len(labels) == 1 else f"{labels[0]} to {labels[-1]}"
-    console.result(f"{len(labels)} frames ({frames}) would be written to {output}")
-
-
-def _print_table(console: Console, records: tuple[FrameRecord, ...], output: str) -> None:
-    """Print one row for each frame that was not clean from the start, and the totals."""
-    rows = []
-    for record in records:
-        label = time_label(record.time)
-        if record.before is None or record.after is None:
-            rows.append([label, "", "", "", record.status])
-        elif record.before.pairs:
-            numbers = [str(record.before.triangles), str(record.after.triangles)]
-            rows.append([label, *numbers, f"{record.displacement_max:.4f}", record.status])
-    if rows:
-        console.table(["frame", "before", "after", "largest move", "status"], rows)
-    totals = summarize(records)
-    console.result(
-        f"{totals['clean']} of {totals['frames']} frames clean: "
-        f"{totals['triangles_before']} -> {totals['triangles_after']} intersecting triangles"
-    )
-    advice = {r.message for r in records if r.status in ("improved", "unchanged") and r.message}
-    for text in sorted(advice):
-        console.result(f"advice: {text}")
-    console.result(f"written: {output}")
 
 
 def _exit_code(records: tuple[FrameRecord, ...]) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -62,14 +62,16 @@ class FrameRepairer:
         self.repairer = repairer
         self.counter = counter
         self.jobs = jobs
-        self.alone = alone or len(source.times) == 1
+        self.alone = alone
         self.free = [_free(body) for body in repairer.bodies]
         self.warnings: list[str] = []
 
     def solve(self, poses: Iterable[Pose]) -> Iterator[Solution]:
         """Solve (time, points of each mesh) in order; an error may take a frame's place."""
         iterator = iter(poses)
-        if not self.alone:
+        first = list(islice(iterator, 2))
+        iterator = chain(first, iterator)
+        if not self.alone and len(first) == 2:  # there is no time in a single frame
             fed: deque[Pose] = deque()
 
             def feed() -> Iterator[Pose]:

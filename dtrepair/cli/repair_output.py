@@ -1,0 +1,75 @@
+"""What `dtrepair repair` says: its plan, each frame, the table, warnings about the rest pose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from dtrepair.cli.console import Console
+from dtrepair.cli.rest import Rest
+from dtrepair.cli.solve import Repaired
+from dtrepair.cli.sources import Source, time_label
+from dtrepair.record import FrameRecord, summarize
+
+
+def rest_warnings(source: Source, rests: list[Rest], counts: list[int | None]) -> Iterator[str]:
+    """Say which rest poses intersect themselves, as `counts` of triangles tell."""
+    for mesh, rest, count in zip(source.meshes, rests, counts, strict=True):
+        # A mesh file, or points at the default time only, is its own rest pose: nothing to say.
+        own = len(source.times) == 1 and mesh.has_rest
+        if count and not own:
+            yield (
+                f"{mesh.path}: the rest pose ({rest.origin}) has {count} intersecting triangles; "
+                "name a better one with --rest"
+            )
+
+
+def say(console: Console, repaired: Repaired) -> None:
+    """Tell about one frame: with -v all of them, otherwise those without a result."""
+    record = repaired.record
+    label = f"frame {time_label(record.time)}"
+    if repaired.error is not None and console.verbosity > 1:
+        import traceback
+
+        console.remark("".join(traceback.format_exception(repaired.error)))
+    if record.before is None or record.after is None:
+        console.warn([f"{label}: {record.status}: {record.message}"])
+        return
+    console.remark(
+        f"{label}: {record.before.triangles} -> {record.after.triangles} triangles, "
+        f"{record.iterations} iterations, {record.seconds:.2f} s, {record.status}"
+    )
+
+
+def print_plan(console: Console, source: Source, rests: list[Rest], output: str) -> None:
+    """Print what a run would do."""
+    rows = []
+    for mesh, rest in zip(source.meshes, rests, strict=True):
+        role = "collider" if mesh.collider else "repaired"
+        rows.append([mesh.path, str(len(mesh.rest)), str(len(mesh.faces)), role, rest.origin])
+    console.table(["mesh", "vertices", "triangles", "role", "rest pose"], rows)
+    labels = [time_label(float(time)) for time in source.times]
+    frames = labels[0] if len(labels) == 1 else f"{labels[0]} to {labels[-1]}"
+    console.result(f"{len(labels)} frames ({frames}) would be written to {output}")
+
+
+def print_table(console: Console, records: tuple[FrameRecord, ...], output: str) -> None:
+    """Print one row for each frame that was not clean from the start, and the totals."""
+    rows = []
+    for record in records:
+        label = time_label(record.time)
+        if record.before is None or record.after is None:
+            rows.append([label, "", "", "", record.status])
+        elif record.before.pairs:
+            numbers = [str(record.before.triangles), str(record.after.triangles)]
+            rows.append([label, *numbers, f"{record.displacement_max:.4f}", record.status])
+    if rows:
+        console.table(["frame", "before", "after", "largest move", "status"], rows)
+    totals = summarize(records)
+    console.result(
+        f"{totals['clean']} of {totals['frames']} frames clean: "
+        f"{totals['triangles_before']} -> {totals['triangles_after']} intersecting triangles"
+    )
+    advice = {r.message for r in records if r.status in ("improved", "unchanged") and r.message}
+    for text in sorted(advice):
+        console.result(f"advice: {text}")
+    console.result(f"written: {output}")

@@ -17,7 +17,7 @@ from dtrepair.repair.options import RepairResult, Solved, Stage
 from dtrepair.repair.shot import ShotMethod
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.tighten import distortion
-from dtrepair.repair.timeline import CutFinder, frame_units
+from dtrepair.repair.timeline import frame_units, is_cut, motion_between
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer, _System
@@ -38,7 +38,7 @@ class Frame(NamedTuple):
     centre: FloatArray | float
     weld: IntArray
     pairs: IntArray
-    starts: bool
+    starts: bool = False
 
 
 class Repaired(NamedTuple):
@@ -137,9 +137,27 @@ class _Stream:
             yield from self._window(waiting, tail, keep=0)[0]
 
     def _read(self, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Frame]:
+        """Frames with their pairs; those that start a new shot are marked."""
+        last: Frame | None = None
+        before = jump = motion = 0.0
+        starts = True
+        for frame in self._detected(frames):
+            if last is not None:
+                size = extent(last.original) or 1.0
+                following = motion_between(last.original, frame.original, size)
+                speed = following / (frame.time - last.time)
+                # Whether `last` starts a shot is known once the motion after it is.
+                starts = starts or is_cut(before, jump, speed, motion)
+                yield last._replace(starts=starts)
+                before, jump, motion, starts = jump, speed, following, False
+            last = frame
+        if last is not None:
+            yield last._replace(starts=starts or is_cut(before, jump, 0.0, motion))
+
+    def _detected(self, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Frame]:
         from dtrepair.repair.repairer import _centred
 
-        cuts, last = CutFinder(), -np.inf
+        last = -np.inf
         for time, poses in frames:
             if not time > last:
                 raise ValueError(f"times should increase, got {time} after {last}")
@@ -148,8 +166,7 @@ class _Stream:
             centred, centre = _centred(original)
             weld = self.scene._weld(centred)
             pairs = self.scene._pairs(centred, weld)
-            starts = cuts(time, original, extent(original) or 1.0)
-            yield Frame(time, poses, original, centred, centre, weld, pairs, starts)
+            yield Frame(time, poses, original, centred, centre, weld, pairs)
 
     def _window(
         self, frames: list[Frame], tail: list[FloatArray], *, keep: int

@@ -19,6 +19,9 @@ SHARE = 0.5
 SMALLEST = 5e-4
 # The overlap volume counts in full at this many rings from the nearest crease.
 OPEN_RINGS = 6
+# A push below this part of the frame's largest is left out, up to twice this it fades in: what is
+# far from every contact stays where it is.
+FAINT = 0.04
 
 
 Diffuse = Callable[[FloatArray], FloatArray]
@@ -86,7 +89,9 @@ def regional_push(
     excess = float((largest / limits)[sizes > 0].max(initial=0.0))
     if not (excess > 0 and np.isfinite(excess)):
         return np.zeros_like(points)
-    return -moved / excess
+    length = np.linalg.norm(moved, axis=1)
+    kept = np.clip(length / (FAINT * length.max()) - 1.0, 0.0, 1.0)
+    return -kept[:, None] * moved / excess
 
 
 def _buried(surface: Surface, creased: IntArray, winding: IntArray) -> FloatArray:

@@ -31,14 +31,18 @@ STILL = 2e-5
 
 
 class Phase(NamedTuple):
-    """Sweeps with a diffusion strength (times lambda) and a step in units of the size."""
+    """Sweeps with a diffusion strength (times lambda), a step in units of the size, and a width.
+
+    width: standard deviation in frames of what is added.
+    """
 
     strength: float
     step: float
     sweeps: int
+    width: float = WIDTH
 
 
-PHASES = (Phase(1.0, 0.01, 20), Phase(4.0, 0.006, 6))
+PHASES = (Phase(1.0, 0.01, 20), Phase(1.0, 0.006, 8, 1.75))
 
 
 class ShotMethod:
@@ -57,8 +61,8 @@ class ShotMethod:
     @cached_property
     def diffusions(self) -> list[Diffuse]:
         """One for each phase; the first is the surface's own."""
-        stronger = [Diffusion(self.surface, phase.strength) for phase in PHASES[1:]]
-        return [self.surface.diffuse, *stronger]
+        stronger = {p.strength: Diffusion(self.surface, p.strength) for p in PHASES if p.strength > 1}
+        return [stronger.get(phase.strength, self.surface.diffuse) for phase in PHASES]
 
     def __call__(self, original: FloatArray, frames: FloatArray, crew: Crew) -> FloatArray:
         """Repaired poses (T, V, 3) of poses in units of the size, at times in frame units."""
@@ -88,10 +92,11 @@ class _Run:
         best = (state.remaining, state.snapshot())
         for phase, diffuse in zip(PHASES, self.method.diffusions, strict=True):
             stalled = 0
+            kernel = gaussian_kernel(self.frames, phase.width)
             for index in range(phase.sweeps):
                 if not state.dirty:
                     return
-                state.sweep(self.kernel, WIDTH, diffuse, phase.step)
+                state.sweep(kernel, phase.width, diffuse, phase.step)
                 if index % BLOCK != BLOCK - 1:
                     continue
                 stalled += 1

@@ -116,9 +116,15 @@ class Softener:
 def spread_rings(surface: Surface, level: FloatArray) -> FloatArray:
     """Levels (V,) spread over the mesh, one less for each ring."""
     level = level.copy()
-    used = np.diff(surface.indptr) > 0
-    starts = surface.indptr[:-1][used]
-    for _ in range(int(np.ceil(level.max(initial=0.0)))):
-        around = np.maximum.reduceat(level[surface.indices], starts) - 1.0
-        level[used] = np.maximum(level[used], around)
+    front = np.flatnonzero(level > 1.0)
+    while len(front):
+        starts, counts = surface.indptr[front], np.diff(surface.indptr)[front]
+        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        around = surface.indices[np.repeat(starts, counts) + within]
+        offered = np.repeat(level[front] - 1.0, counts)
+        higher = offered > level[around]
+        around, offered = around[higher], offered[higher]
+        np.maximum.at(level, around, offered)
+        raised = np.unique(around)
+        front = raised[level[raised] > 1.0]
     return level

@@ -18,8 +18,9 @@ from dtrepair.repair.timeline import apply_in_time, gaussian_kernel, undamped
 STALE = 2e-5
 # Contacts within this many rings, next to the input's own such contacts, are folds.
 FOLD_RINGS = 12
-# Contacts of triangles this close on the rest pose, clean in the input: lips, eyelids.
-CLOSE = 0.05
+# Contacts of triangles this close in the rest pose and in SAMPLES frames of the input, yet clean in
+# the input: lips, eyelids.
+CLOSE, SAMPLES = 0.05, 7
 # Weight of the springs between vertices that touch in close contacts.
 SPRING = 20.0
 # Softening levels at which folds and close contacts are pushed as well.
@@ -58,7 +59,6 @@ class SpaceTime:
         self.extra = np.zeros_like(original)
         self.poses = original.copy()
         self.springs = np.zeros(0, dtype=np.int64)
-        self.rest_centres = surface.rest[surface.faces].mean(axis=1)
         self._detected = np.full_like(original, np.nan)
         self.pairs: list[IntArray] = [np.zeros((0, 2), dtype=np.int32)] * len(original)
         self.detect()
@@ -145,10 +145,8 @@ class SpaceTime:
         """Raise the levels of a frame's near contacts; which pairs (K,) are to be pushed."""
         surface, pairs = self.surface, self.pairs[frame]
         near = surface.queries.ring_distance(pairs) <= FOLD_RINGS
-        centres = self.rest_centres
-        apart = np.linalg.norm(centres[pairs[:, 0]] - centres[pairs[:, 1]], axis=1)
         own_fold = self.in_fold[frame][pairs].any(axis=1)
-        close = (apart < CLOSE) & ~own_fold
+        close = self._always_close(pairs) & ~own_fold
         fold = near & own_fold
         corners = surface.faces[pairs].reshape(-1, 6)
         hard_fold = self.folds.levels[frame][corners].max(axis=1, initial=0.0) >= PUSH_FOLD
@@ -163,6 +161,15 @@ class SpaceTime:
             if stubborn.any():
                 self.folds.hit(frame, stubborn)
         return ~(close | fold) | (fold & hard_fold) | (close & hard_close)
+
+    def _always_close(self, pairs: IntArray) -> BoolArray:
+        """Which pairs (K,) are close in the rest pose and in samples of the input."""
+        samples = np.linspace(0, len(self.original) - 1, SAMPLES).astype(int)
+        close = np.ones(len(pairs), dtype=bool)
+        for points in (self.surface.rest, *self.original[np.unique(samples)]):
+            first, second = (points[self.surface.faces[pairs[:, k]]].mean(axis=1) for k in (0, 1))
+            close &= np.linalg.norm(first - second, axis=1) < CLOSE
+        return close
 
     def _couple(self, frame: int, pairs: IntArray) -> None:
         """Springs between the nearest vertices of touching triangles, for all frames."""

@@ -8,12 +8,11 @@ from dtrepair.geometry import FloatArray
 
 # A Gaussian in time ends at this many standard deviations: farther frames are not touched.
 REACH = 3.0
-# A jump this many times larger than the typical motion between frames is a cut ...
-CUT_RATIO = 8.0
-# ... unless it is below this root mean square motion in units of the mesh's size.
-CUT_FLOOR = 0.05
-# The typical motion is the median of this many motions before the jump.
-CUT_MEMORY = 24
+# A jump between frames this many times faster than those before and after it is a cut ...
+CUT_RATIO = 5.0
+# ... unless the root mean square motion is below the first part of the mesh's size; above the
+# second it always is one.
+CUT_FLOOR, CUT_ALWAYS = 0.05, 0.5
 
 
 def frame_units(times: FloatArray) -> FloatArray:
@@ -60,28 +59,16 @@ def spread_in_time(frames: FloatArray, values: FloatArray, width: float) -> Floa
     return result
 
 
-class CutFinder:
-    """Tells, pose by pose, where a new shot starts."""
+def is_cut(before: float, jump: float, after: float, motion: float) -> bool:
+    """Whether a jump between two frames starts a new shot.
 
-    def __init__(self) -> None:
-        self._last: FloatArray | None = None
-        self._time = 0.0
-        self._speeds: list[float] = []
+    before, jump, after: speeds (size / time) across the gap before, this gap and the one after: a
+    cut stands out from both, however fast the shots are. motion: the jump itself, in sizes.
+    """
+    alone = motion > CUT_FLOOR and jump > CUT_RATIO * max(before, after)
+    return alone or motion > CUT_ALWAYS
 
-    def __call__(self, time: float, points: FloatArray, size: float) -> bool:
-        """Whether the pose (V, 3) at `time` starts a new shot; the first pose does.
 
-        Motions are compared as speeds: uneven samples are no cuts.
-        """
-        last, self._last = self._last, points
-        step, self._time = time - self._time, time
-        if last is None:
-            return True
-        motion = float(np.sqrt(((points - last) ** 2).sum(axis=1).mean()))
-        speed = motion / step if step > 0 else 0.0
-        known, self._speeds = self._speeds, [*self._speeds, speed][-CUT_MEMORY:]
-        typical = float(np.median(known)) if known else np.inf
-        if motion > CUT_FLOOR * size and speed > CUT_RATIO * typical:
-            self._speeds = []
-            return True
-        return False
+def motion_between(first: FloatArray, second: FloatArray, size: float) -> float:
+    """Root mean square motion of the vertices (V, 3) from one pose to another, in sizes."""
+    return float(np.sqrt(((second - first) ** 2).sum(axis=1).mean())) / size

@@ -23,6 +23,7 @@ COMMANDS = {
     "transfer": "Give a mesh the motion of another one (deformation transfer).",
     "join": "Merge the layers of frame ranges (farm chunks) into one layer.",
     "report": "Make a self-contained HTML page of a JSON report.",
+    "view": "Look at a stage or mesh, its intersecting triangles in red.",
 }
 
 

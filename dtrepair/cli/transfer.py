@@ -149,7 +149,8 @@ def _check_options(wanted: TransferOptions) -> None:
     context = click.get_current_context()
     for name in METHOD_NAMES:
         if context.get_parameter_source(name) != ParameterSource.DEFAULT:
-            raise Failure(f"--{name}: has no effect without --repair", USAGE)
+            option = name.replace("_", "-")
+            raise Failure(f"--{option}: has no effect without --repair", USAGE)
 
 
 def _check_outputs(wanted: TransferOptions, output: str, report: str | None) -> None:

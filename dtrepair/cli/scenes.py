@@ -1,0 +1,57 @@
+"""All meshes of an input as one mesh in world space, frame by frame: for pictures and windows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.cli.failures import INPUT, Failure
+from dtrepair.cli.frames import make_counter, read_frame
+from dtrepair.cli.sources import Source, time_label
+
+
+@dataclass(frozen=True)
+class SceneFrame:
+    """World points (V, 3), the mask (F,) of intersecting triangles, and their number."""
+
+    points: NDArray[np.float64]
+    intersecting: NDArray[np.bool_]
+    triangles: int
+
+
+class WorldScene:
+    """The meshes of a source joined in world space; `faces` (F, 3)."""
+
+    def __init__(self, source: Source, *, mode: str = "both", device: str = "cpu") -> None:
+        self.source = source
+        self._counter = make_counter(source, mode=mode, device=device)
+        starts = np.cumsum([0, *(len(mesh.rest) for mesh in source.meshes)])
+        meshes = zip(source.meshes, starts, strict=False)
+        self.faces = np.concatenate([mesh.faces + start for mesh, start in meshes]).astype(np.int32)
+
+    def __call__(self, time: float) -> SceneFrame:
+        """Read a frame and count its intersections; a failure where it has no points."""
+        frame = read_frame(self.source, time)
+        if not frame.usable:
+            reason = frame.failure or f"{frame.blocked}: the sample is blocked"
+            raise Failure(f"{self.source.name}, frame {time_label(time)}: {reason}", INPUT)
+        found = self._counter(frame.spaces)
+        placed: list[NDArray[Any]] = [
+            self.source.to_world(mesh, time, part)
+            for mesh, part in zip(self.source.meshes, frame.points, strict=True)
+        ]
+        mask = np.concatenate(found.intersecting)
+        return SceneFrame(np.concatenate(placed), mask, found.total.triangles)
+
+    def worst(self) -> int:
+        """Index of the frame with most intersecting triangles; of several the first."""
+        times = self.source.times.tolist()
+        usable = [k for k, time in enumerate(times) if read_frame(self.source, time).usable]
+        if not usable:
+            raise Failure(f"{self.source.name}: no frame is usable", INPUT)
+        if len(usable) == 1:
+            return usable[0]
+        return max(usable, key=lambda index: self(times[index]).triangles)

@@ -1,0 +1,126 @@
+"""`dtrepair view`: a window on a stage or mesh, or a picture without one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import click
+
+from dtrepair.cli.console import Console
+from dtrepair.cli.failures import (
+    CLEAN,
+    USAGE,
+    Failure,
+    check_writable,
+    one_line_errors,
+    refuse_overwriting,
+    writing,
+)
+from dtrepair.cli.options import Selection, console_options, selection_options
+from dtrepair.cli.scenes import WorldScene
+from dtrepair.cli.sources import open_source, time_label
+
+
+@click.command("view")
+@click.argument("source_path", metavar="STAGE|MESH")
+@click.option("--before", metavar="STAGE|MESH", help="The unrepaired input, shown beside it.")
+@click.option("--screenshot", metavar="F.png", help="Write a picture and open no window.")
+@selection_options
+@console_options
+@one_line_errors
+def command(
+    *,
+    source_path: str,
+    before: str | None,
+    screenshot: str | None,
+    selection: Selection,
+    console: Console,
+) -> int:
+    """Look at a stage or mesh, its intersecting triangles in red.
+
+    The window has a slider over the frames and needs polyscope (pip install 'dtrepair[view]'). A
+    screenshot shows the frame with most intersections among --frames; without polyscope or a
+    display it is drawn without them.
+
+    \b
+    Example:
+        dtrepair view shot_repaired.usdc --before shot.usd
+        dtrepair view shot.usd --frames 17 --screenshot frame17.png
+    """
+    from dtrepair.viewer import has_display, has_polyscope
+
+    if screenshot is not None:
+        refuse_overwriting(screenshot, source_path, before)
+        check_writable(screenshot)
+    elif not has_polyscope():
+        raise Failure(
+            "the window needs polyscope: pip install 'dtrepair[view]', or name a --screenshot",
+            USAGE,
+        )
+    elif not has_display():
+        raise Failure("no display to open a window on; name a --screenshot", USAGE)
+    scenes = []
+    for path in (before, source_path):
+        if path is not None:
+            scenes.append(WorldScene(open_source(path, selection)))
+            console.warn(scenes[-1].source.warnings)
+    names = ["before", "after"] if before is not None else [source_path]
+    window = screenshot is None or (has_polyscope() and has_display())
+    if window and not _show(scenes, names, screenshot):
+        if screenshot is None:
+            raise Failure("the display cannot open a window; name a --screenshot", USAGE)
+        window = False
+    if screenshot is not None:
+        if not window:
+            _draw(scenes, names, screenshot)
+        console.result(f"written: {screenshot}")
+    return CLEAN
+
+
+def _show(scenes: Sequence[WorldScene], names: Sequence[str], screenshot: str | None) -> bool:
+    """Open the window, or write what it would show; False where the display cannot."""
+    from dtrepair.viewer import Frame, Viewed, Viewer
+
+    times = scenes[0].source.times.tolist()
+
+    def viewed(name: str, scene: WorldScene) -> Viewed:
+        def frame(index: int) -> Frame:
+            found = scene(times[index])
+            return found.points, found.intersecting
+
+        return Viewed(name, scene.faces, frame)
+
+    meshes = [viewed(name, scene) for name, scene in zip(names, scenes, strict=True)]
+    labels = [time_label(time) for time in times]
+    first = scenes[0].worst() if screenshot is not None else 0
+    try:
+        viewer = Viewer(meshes, labels, up=scenes[0].source.up, first=first)
+    except RuntimeError:
+        return False
+    if screenshot is None:
+        viewer.show()
+    else:
+        with writing(screenshot):
+            viewer.screenshot(screenshot)
+    return True
+
+
+def _draw(scenes: Sequence[WorldScene], names: Sequence[str], screenshot: str) -> None:
+    """Draw the frame with most intersections side by side, from one view."""
+    from dtrepair.pictures import best_view, render, save_pictures
+
+    time = float(scenes[0].source.times[scenes[0].worst()])
+    frames = [scene(time) for scene in scenes]
+    first = frames[0]
+    view = best_view(first.points, scenes[0].faces, first.intersecting, up=scenes[0].source.up)
+    images, captions = [], []
+    for name, scene, frame in zip(names, scenes, frames, strict=True):
+        mask = frame.intersecting
+        images.append(render(frame.points, scene.faces, view=view, intersecting=mask))
+        title = f"{name}, " if len(names) > 1 else ""
+        captions.append(f"{title}frame {time_label(time)}: {frame.triangles} intersecting")
+    try:
+        with writing(screenshot):
+            save_pictures(screenshot, images, captions=captions)
+    except ImportError as error:
+        raise Failure(f"{screenshot}: {error}", USAGE) from None

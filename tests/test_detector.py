@@ -115,6 +115,24 @@ def test_stress_pairs_have_the_verdict_of_cgal(family: str) -> None:
     assert not expected[verdict == 0].any(), "a pair left out should be apart"
 
 
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+@pytest.mark.parametrize("name", MESHES)
+def test_cuda_finds_the_pairs_of_the_cpu(name: str) -> None:
+    points, faces = MESHES[name]
+    expected = Detector(points, faces)(points)
+    detector = Detector(points, faces, device="cuda:0")
+    assert np.array_equal(detector(points), expected)
+    assert np.array_equal(detector(torch.tensor(points, device="cuda:0")), expected)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+@pytest.mark.parametrize("family", stress_families(1))
+def test_cuda_settles_stress_pairs_as_the_cpu(family: str) -> None:
+    poses = stress_families(2000)[family].reshape(-1, 6, 3)
+    expected = Detector(poses[0], TWO_FACES)(poses)
+    assert np.array_equal(Detector(poses[0], TWO_FACES, device="cuda:0")(poses), expected)
+
+
 def test_few_generic_pairs_are_uncertain() -> None:
     points, faces = MESHES["crumpled sphere"]
     rows = Detector(points, faces).candidates(points.astype(np.float32)[None])

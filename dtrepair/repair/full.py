@@ -56,8 +56,9 @@ class FullMethod:
         rounds: int = 4,
         farthest: float | None = None,
         clearance: float = 0.0,
+        skip: tuple[str, ...] = (),
     ) -> None:
-        """Repair poses of `surface`; `rounds` of tightening at most.
+        """Repair poses of `surface`; `rounds` of tightening at most, stages in `skip` left out.
 
         farthest: no vertex moves farther; clearance: what contacts keep; units of the size.
         """
@@ -65,10 +66,11 @@ class FullMethod:
         self.rounds = rounds
         self.farthest = farthest
         self.clearance = clearance
+        self.skip = skip
 
     def __call__(self, original: FloatArray) -> Solved:
         """Repair a pose (V, 3) in units of the surface's size."""
-        run = _Run(self.surface, original, self.farthest)
+        run = _Run(self.surface, original, self.farthest, self.skip)
         best = run.best_of_steps()
         points = best.points
         if len(best.defects.crossings) == 0:
@@ -84,8 +86,15 @@ class FullMethod:
 class _Run:
     """One pose on its way, and what its stages achieved."""
 
-    def __init__(self, surface: Surface, original: FloatArray, farthest: float | None) -> None:
-        self.surface, self.original, self.farthest = surface, original, farthest
+    def __init__(
+        self,
+        surface: Surface,
+        original: FloatArray,
+        farthest: float | None,
+        skip: tuple[str, ...],
+    ) -> None:
+        self.surface, self.original = surface, original
+        self.farthest, self.skip = farthest, skip
         self.known = find_defects(surface, original)
         self.stages: list[Stage] = []
 
@@ -152,12 +161,12 @@ class _Run:
             if before < LOW_ENOUGH * (1.0 if index else 0.1):
                 break
             start_of_round = before
-            for name in ("pull back", "relax", "pin"):
-                if name == idle:
-                    idle = ""
+            for name in ("pull-back", "relax", "pin"):
+                if name == idle or name in self.skip:
+                    idle = "" if name == idle else idle
                     continue
                 start = time.perf_counter()
-                if name == "pull back":
+                if name == "pull-back":
                     points = pull_back(
                         surface, original, points, near=best.near, fraction=fraction, folds=folds
                     )
@@ -197,6 +206,7 @@ class _Run:
             step=step,
             known_pairs=known,
             limit=self.limited,
+            volume="volume" not in self.skip,
         )
         self._record(f"push {near}", pushed.points, len(pushed.pairs), 0, pushed.iterations, start)
         return pushed
@@ -205,7 +215,9 @@ class _Run:
         start = time.perf_counter()
         surface = self.surface
         folds = surface.queries.folds(surface.written(pushed.points))
-        points, left = fill_creases(surface, pushed.points, known=Defects(pushed.pairs, folds))
+        points, left = pushed.points, Defects(pushed.pairs, folds)
+        if "fill" not in self.skip:
+            points, left = fill_creases(surface, points, known=left)
         allowed = self.limited(points)
         if (allowed != points).any():
             points, left = allowed, find_defects(surface, allowed)

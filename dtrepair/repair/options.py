@@ -14,6 +14,8 @@ METHODS = ("full", "paper")
 OPTIMIZERS = ("momentum-brake", "uniform-adam", "gradient-descent")
 ENERGIES = ("signed-tpe", "tpe", "point-to-plane", "conical")
 MODES = ("self", "inter", "both")
+# Stages of the full method that can be left out.
+STAGES = ("volume", "fill", "pull-back", "relax", "pin")
 REST_CONTACTS = ("repair", "leave")
 
 
@@ -32,6 +34,7 @@ class RepairOptions:
         tighten: Rounds that pull a clean result back towards the input; 0 switches it off.
         maximum_displacement: No vertex moves farther, in length units; None: no limit.
         clearance: Distance that triangles of a result keep that are not neighbours, length units.
+        skip: Stages of the full method to leave out, of STAGES.
         rest_contacts: "repair" or "leave" the intersections that the rest pose has as well.
 
     Raises:
@@ -49,6 +52,7 @@ class RepairOptions:
     maximum_displacement: float | None = None
     clearance: float = 0.0
     rest_contacts: str = "repair"
+    skip: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check every choice."""
@@ -64,6 +68,8 @@ class RepairOptions:
                 raise ValueError(
                     f"{name} should be one of {', '.join(allowed)}, got {getattr(self, name)!r}"
                 )
+        if unknown := set(self.skip) - set(STAGES):
+            raise ValueError(f"skip should hold some of {', '.join(STAGES)}, got {sorted(unknown)}")
         for name in ("iterations", "tighten"):
             if not isinstance(getattr(self, name), Integral):
                 raise ValueError(f"{name} should be a whole number, got {getattr(self, name)}")

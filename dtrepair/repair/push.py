@@ -43,6 +43,7 @@ def push(
     known_pairs: IntArray | None = None,
     limit: Limit = None,
     detect: Callable[[FloatArray], IntArray] | None = None,
+    volume: bool = True,
 ) -> Pushed:
     """Separate the contacts of triangles more than `near` edge rings apart.
 
@@ -51,8 +52,8 @@ def push(
     Contacts within `near` rings are creases, which so smooth a field cannot open: it stops when
     only those are left, when nothing improved for `patience` iterations, or when a direction is
     not finite. `limit` maps a pose to the nearest allowed one, `detect` finds the pairs of a pose
-    (default: those that intersect). The pose with the fewest far pairs and the least buried weight
-    is returned.
+    (default: those that intersect); without `volume` only the tangent-point direction pushes. The
+    pose with the fewest far pairs and the least buried weight is returned.
     """
     best: tuple[float, FloatArray, IntArray] | None = None
     detect = detect or surface.pairs
@@ -70,7 +71,9 @@ def push(
             best = (key, points, pairs)
         if len(far) == 0 or iteration == iterations or iteration - renewed >= patience:
             break
-        direction = _direction(surface, points, pairs, far, winding, buried)
+        direction = _direction(
+            surface, points, pairs, far, winding, buried if volume else np.zeros_like(buried)
+        )
         largest = np.sqrt((direction**2).sum(axis=1).max())
         if not (largest > 0 and np.isfinite(largest)):
             break

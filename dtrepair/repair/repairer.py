@@ -290,6 +290,7 @@ class _System:
                 rounds=options.tighten,
                 farthest=None if limit is None else limit / self.surface.size,
                 clearance=options.clearance / self.surface.size,
+                skip=options.skip,
             )
 
     def solve(self, points: FloatArray) -> tuple[FloatArray, Solved]:

@@ -1,0 +1,212 @@
+"""The default method on single meshes: what is left, how far from the input, how long.
+
+    python benchmarks/stills.py --data DIR [--no-rest] [--variant NAME] [--sheet FILE.png]
+
+DIR holds misc/*.obj, humans/human_0*.obj with human_male_rest.obj, transfer/horse/horse-*.obj with
+horse_ref.obj, transfer/camel/camel_ref.obj and animals/*.obj. Prints Markdown: class means, then
+single meshes. Intersections and folds are counted on the float32 coordinates of the result;
+displacements are relative to the bounding-box diagonal; seconds are processor time of the repair,
+tightening included, set-up (tree, operators, factors) not. Run it with OMP_NUM_THREADS=1.
+
+--variant measures one idea beside the default:
+    rest-shape  creases filled towards the rest pose's differential coordinates, not towards zero
+    no-volume, no-fill, no-tighten  a stage left out
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import mean
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import linalg
+
+from dtrepair import Repairer, RepairOptions
+from dtrepair.geometry import extent, unique_edges
+from dtrepair.intersect.detector import Detector, find_intersections
+from dtrepair.intersect.queries import Queries
+from dtrepair.mesh_files import read_mesh
+from dtrepair.metrics import edge_log_ratio, volume
+from dtrepair.repair import crease
+
+# Jang et al. 2025, table 1: triangles left after 60 iterations of the published method.
+PUBLISHED = {"misc": "32.2", "humans": "243.3", "animals": "64.8", "horses": ""}
+VARIANTS = ("default", "rest-shape", "no-volume", "no-fill", "no-tighten")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One mesh, repaired."""
+
+    name: str
+    before: int
+    after: int
+    folds: tuple[int, int]
+    mean: float
+    largest: float
+    edges: float
+    volume: float
+    seconds: float
+
+
+def classes(data: Path, use_rest: bool) -> dict[str, list[tuple[Path, Path | None]]]:
+    """Meshes of each class with their rest mesh."""
+    horse, camel = (data / f"transfer/{name}/{name}_ref.obj" for name in ("horse", "camel"))
+
+    def found(pattern: str, rest: Path | None) -> list[tuple[Path, Path | None]]:
+        return [(path, rest if use_rest else None) for path in sorted(data.glob(pattern))]
+
+    return {
+        "misc": found("misc/*.obj", None),
+        "humans": found("humans/human_0*.obj", data / "humans/human_male_rest.obj"),
+        "horses": found("transfer/horse/horse-0[1-8].obj", horse),
+        "animals": found("animals/horse*.obj", horse) + found("animals/camel*.obj", camel),
+    }
+
+
+def measure(path: Path, rest: Path | None, options: RepairOptions) -> Row:
+    """Repair one mesh and measure the result."""
+    mesh = read_mesh(path)
+    faces = mesh.faces()
+    repairer = Repairer(
+        mesh.points if rest is None else read_mesh(rest).points, faces, options=options
+    )
+    nudged = mesh.points + 1e-3 * np.random.default_rng(0).normal(size=mesh.points.shape)
+    repairer(nudged.astype(np.float32))  # builds everything that is built once
+    start = time.process_time()
+    result = repairer(mesh.points)
+    seconds = time.process_time() - start
+    points = np.asarray(result.points, dtype=np.float64)
+    return Row(
+        path.stem,
+        result.before.triangles,
+        len(np.unique(find_intersections(points, faces))),
+        (fold_count(mesh.points, faces), fold_count(points, faces)),
+        result.displacement_mean,
+        result.displacement_max,
+        edge_log_ratio(mesh.points, points, unique_edges(faces)),
+        volume(points, faces) / volume(mesh.points, faces),
+        seconds,
+    )
+
+
+def fold_count(points: np.ndarray, faces: np.ndarray) -> int:
+    """Pairs of triangles that share one vertex and cross beyond it."""
+    return len(Queries(Detector(points, faces)).folds(points.astype(np.float32)))
+
+
+def rest_shape_fill(rest: np.ndarray) -> Callable[..., np.ndarray]:
+    """A fill whose patches keep the turned differential coordinates of the rest pose."""
+
+    def fill(laplacian: sparse.csr_matrix, field: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        inner = np.flatnonzero(mask)
+        rows = np.flatnonzero(abs(laplacian) @ mask)
+        around = np.setdiff1d(rows, inner)
+        if len(around) < 3:
+            return default_fill(laplacian, field, mask)
+        turn = best_rotation(rest[around], field[around])
+        system = laplacian[rows][:, inner]
+        known = laplacian[rows] @ np.where(mask[:, None], 0.0, field)
+        wanted = (laplacian @ rest)[rows] @ turn.T
+        normal = (system.T @ system + crease.REGULAR * sparse.identity(len(inner))).tocsc()
+        result = field.copy()
+        result[inner] = linalg.splu(normal).solve(system.T @ (wanted - known))
+        return result
+
+    default_fill = crease.bilaplacian_fill
+    return fill
+
+
+def best_rotation(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Rotation (3, 3) that turns centred points (N, 3) best onto others (Kabsch 1976)."""
+    u, _, v = np.linalg.svd((target - target.mean(axis=0)).T @ (source - source.mean(axis=0)))
+    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
+
+
+def options_of(variant: str) -> RepairOptions:
+    """Options of a variant."""
+    if variant == "no-tighten":
+        return RepairOptions(tighten=0)
+    if variant in ("no-volume", "no-fill"):
+        return RepairOptions(skip=(variant.removeprefix("no-"),))
+    return RepairOptions()
+
+
+def sheet(data: Path, target: Path, use_rest: bool) -> None:
+    """One picture of all meshes, before and after."""
+    from dtrepair.pictures import best_view, render, save_pictures
+
+    images, captions = [], []
+    for meshes in classes(data, use_rest).values():
+        for path, rest in meshes:
+            mesh = read_mesh(path)
+            faces = mesh.faces()
+            shape = mesh.points if rest is None else read_mesh(rest).points
+            after = Repairer(shape, faces)(mesh.points).points
+            marks = [hit(points, faces) for points in (mesh.points, after)]
+            view = best_view(mesh.points, faces, marks[0])
+            for points, mark in zip((mesh.points, after), marks, strict=True):
+                images.append(render(points, faces, view=view, intersecting=mark, size=300))
+                captions.append(f"{path.stem}: {int(mark.sum())}")
+    save_pictures(target, images, captions=captions, columns=8)
+
+
+def hit(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Mask (F,) of the triangles that intersect."""
+    mask = np.zeros(len(faces), dtype=bool)
+    mask[find_intersections(points, faces).ravel()] = True
+    return mask
+
+
+def print_tables(rows: dict[str, list[Row]]) -> None:
+    """Class means, then every mesh."""
+    print("| class | meshes | before | left | published | mean / max displacement | edges | s |")
+    print("|---|---|---|---|---|---|---|---|")
+    for name, found in rows.items():
+        print(
+            f"| {name} | {len(found)} | {mean(r.before for r in found):.1f} "
+            f"| {mean(r.after for r in found):.1f} | {PUBLISHED[name]} "
+            f"| {mean(r.mean for r in found):.4f} / {mean(r.largest for r in found):.4f} "
+            f"| {mean(r.edges for r in found):.4f} | {mean(r.seconds for r in found):.2f} |"
+        )
+    print("\n| mesh | before | left | folds | mean / max displacement | edges | volume | s |")
+    print("|---|---|---|---|---|---|---|---|")
+    for row in (row for found in rows.values() for row in found):
+        print(
+            f"| {row.name} | {row.before} | {row.after} | {row.folds[0]} -> {row.folds[1]} "
+            f"| {row.mean:.4f} / {row.largest:.4f} | {row.edges:.4f} | {row.volume:.3f} "
+            f"| {row.seconds:.2f} |"
+        )
+
+
+def main() -> None:
+    """Measure and print, or draw the sheet."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--no-rest", action="store_true", help="every mesh is its own rest pose")
+    parser.add_argument("--variant", choices=VARIANTS, default="default")
+    parser.add_argument("--sheet", type=Path, help="draw all meshes before and after")
+    arguments = parser.parse_args()
+    if arguments.sheet:
+        sheet(arguments.data, arguments.sheet, not arguments.no_rest)
+        return
+    rows: dict[str, list[Row]] = {}
+    default_fill = crease.bilaplacian_fill
+    for name, meshes in classes(arguments.data, not arguments.no_rest).items():
+        for path, rest in meshes:
+            if arguments.variant == "rest-shape":
+                shape = read_mesh(rest or path).points
+                crease.bilaplacian_fill = rest_shape_fill(shape / extent(shape))
+            row = measure(path, rest, options_of(arguments.variant))
+            rows.setdefault(name, []).append(row)
+            crease.bilaplacian_fill = default_fill
+    print_tables(rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -38,7 +38,7 @@ def close_pairs(
         warp.array(values, dtype=warp.int32, device="cpu")
         for values in (tree.order, tree.leaf_start, tree.skip)
     ]
-    inputs += [*boxes, warp.array(queries, dtype=warp.int32, device="cpu")]
+    inputs += [*boxes[:4], warp.array(queries, dtype=warp.int32, device="cpu")]
     inputs.append(warp.array(chosen.astype(np.uint8), dtype=warp.uint8, device="cpu"))
     capacity = 4 * len(tree.order) + 1024
     while True:

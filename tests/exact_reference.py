@@ -1,0 +1,26 @@
+"""Intersecting pairs by testing every pair of triangles in integers: slow, and nothing to miss."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dtrepair.intersect.exact import intersect
+
+
+def exact_pairs(points: ArrayLike, faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Pairs (K, 2), i < j, sorted, of a pose (V, 3) as float32.
+
+    Pairs with a common corner, by index or by position, do not count.
+    """
+    rounded = np.asarray(points, dtype=np.float32) + np.float32(0.0)
+    corners = rounded[faces]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    i, j = np.triu_indices(len(faces), 1)
+    for axis in range(3):
+        near = (low[i, axis] <= high[j, axis]) & (low[j, axis] <= high[i, axis])
+        i, j = i[near], j[near]
+    same = (corners[i][:, :, None] == corners[j][:, None, :]).all(axis=3).any(axis=(1, 2))
+    i, j = i[~same], j[~same]
+    hit = intersect(corners[i], corners[j])
+    return np.stack([i[hit], j[hit]], axis=1).astype(np.int32)

@@ -62,24 +62,16 @@ class SceneCounter:
             device=device,
         )
 
-    def weld(self, points: Sequence[ArrayLike]) -> NDArray[np.int32]:
-        """Representative of each vertex: the vertices of one mesh at one float32 position."""
-        parts = [
-            weld_map(part) + start for part, start in zip(points, self._vertices, strict=False)
-        ]
-        return np.concatenate(parts).astype(np.int32)
-
-    def __call__(
-        self, points: Sequence[ArrayLike], *, weld: NDArray[np.int32] | None = None
-    ) -> SceneCount:
+    def __call__(self, points: Sequence[ArrayLike]) -> SceneCount:
         """Count the intersections of one frame: points (V, 3) of each mesh, rounded to float32.
 
-        `weld`: from another frame (that of the input, when a repaired one is counted); default:
-        from these points.
+        Vertices of one mesh at one float32 position count as one.
         """
         together = np.concatenate([np.asarray(part) for part in points]).astype(np.float32)
-        welded = self.weld(points) if weld is None else weld
-        pairs = self._detector(together, weld=welded)
+        welded = [
+            weld_map(part) + start for part, start in zip(points, self._vertices, strict=False)
+        ]
+        pairs = self._detector(together, weld=np.concatenate(welded).astype(np.int32))
         owner = self._owner[pairs]
         between = owner[:, 0] != owner[:, 1]
         if self.mode != "both":

@@ -110,8 +110,7 @@ class FrameRepairer:
             return Repaired(frame, unchanged, frame.spaces, record, {}, error)
 
     def _verified(self, frame: Frame, results: list[RepairResult]) -> Repaired:
-        weld = self.counter.weld(frame.spaces)
-        before = after = self.counter(frame.spaces, weld=weld)
+        before = after = self.counter(frame.spaces)
         points: tuple[NDArray[np.float32] | None, ...] = (None,) * len(frame.points)
         spaces, message, iterations = frame.spaces, "", 0
         seconds = {"detect": 0.0, "solve": 0.0}
@@ -124,7 +123,7 @@ class FrameRepairer:
             message = next((result.message for result in results if result.message), "")
             written = self._written(frame, [result.points for result in results])
             placed = self._placed(frame, written)
-            count = self.counter(placed, weld=weld)
+            count = self.counter(placed)
             # A clean frame may be moved, to go along with its neighbours, if it stays clean.
             if count.total.pairs >= max(after.total.pairs, 1):
                 break

@@ -104,7 +104,7 @@ class MomentumBrake:
     because momentum adds up; the published 20 belongs to mixed-up pairs.
     """
 
-    rate: float = 4.0
+    rate: float = 3.0
     beta1: float = 0.99
     beta2: float = 0.999
     band: float = 3.0
@@ -118,13 +118,13 @@ class MomentumBrake:
         correction1 = _correction(self.beta1, step, gradient)
         correction2 = _correction(self.beta2, step, gradient)
         mean = moments.first / correction1
-        deviation = (moments.second / correction2 - mean**2).clamp_min(0.0).sqrt()
-        kept = (gradient - mean).abs() <= self.band * deviation
+        variance = moments.second / correction2 - mean**2
+        kept = (gradient - mean) ** 2 <= self.band**2 * variance
         if self.mask == "vertex":
             kept = kept.all(dim=-1, keepdim=True)
         kept = kept | (step <= self.warmup)[:, None, None]
         keep = self.beta1 * kept.to(gradient.dtype)
-        first = keep * moments.first + (1.0 - keep) * gradient
+        first = torch.lerp(gradient, moments.first, keep.expand_as(gradient))
         second = self.beta2 * moments.second + (1.0 - self.beta2) * gradient**2
         return self.rate * first / correction1, Moments(step, first, second)
 

@@ -80,6 +80,7 @@ class Viewer:
             # Its handler at exit complains about a polyscope that was never initialised.
             polyscope.init("openGL_mock")
             raise
+        self._polyscope.imgui.GetIO().IniFilename = ""  # no settings left in the user's folder
         polyscope.remove_all_structures()
         polyscope.set_up_dir("z_up" if np.asarray(up, dtype=np.float64)[2] > 0.5 else "y_up")
         polyscope.set_ground_plane_mode("shadow_only")
@@ -121,8 +122,7 @@ class Viewer:
     def _slider(self) -> None:
         if len(self._labels) < 2:
             return
-        from polyscope import imgui
-
+        imgui = self._polyscope.imgui
         changed, index = imgui.SliderInt("frame", self._index, 0, len(self._labels) - 1)
         imgui.TextUnformatted(f"time {self._labels[index]}")
         if changed:

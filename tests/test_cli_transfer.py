@@ -214,8 +214,19 @@ def test_repair_ends_at_zero_intersections(stages):
     assert run("check", output).code == 0
     frames = read_report(report)["frames"]
     assert frames[2]["before"]["triangles"] > 0 and frames[2]["after"]["triangles"] == 0
-    assert frames[0]["displacement_max"] == 0.0 < frames[2]["displacement_max"]
+    assert frames[2]["displacement_max"] > 0.0
     assert "3 of 3 frames clean" in done.out and "repaired" in done.out
+
+
+def test_frames_may_be_repaired_alone(stages):
+    source, target, output = stages
+    report = output.with_suffix(".json")
+    arguments = ("transfer", source, target, "-o", output, "--repair", "--report", report)
+    assert run(*arguments, "--alone", "--clearance", 1e-4).code == 0
+    frames = read_report(report)["frames"]
+    assert frames[0]["displacement_max"] == 0.0 < frames[2]["displacement_max"]
+    assert_fails(run(*arguments, "--clearance", 1e-4), 2, "--clearance", "--alone")
+    assert_fails(run(*arguments[:5], "--alone"), 2, "--alone", "--repair")
 
 
 def test_without_repair_intersections_are_told(stages):

@@ -19,9 +19,16 @@ from dtrepair.cli.failures import (
     writing,
 )
 from dtrepair.cli.method import METHOD_NAMES, method_options
-from dtrepair.cli.options import Selection, console_options, run_options, selection_options
+from dtrepair.cli.options import (
+    Selection,
+    console_options,
+    jobs_option,
+    run_options,
+    selection_options,
+)
 from dtrepair.cli.sinks import existing
-from dtrepair.cli.transfer_run import Inputs, TransferOptions, run_transfer
+from dtrepair.cli.transfer_options import Inputs, TransferOptions
+from dtrepair.cli.transfer_run import run_transfer
 from dtrepair.record import write_report
 
 if TYPE_CHECKING:
@@ -90,6 +97,11 @@ _UP = click.Choice(["Y", "Z"], case_sensitive=False)
     help="Target vertices held at rest: primvar or GeomSubset; or npz of vertices, positions.",
 )
 @click.option("--repair", is_flag=True, help="Repair each frame; the target's rest is its rest.")
+@click.option(
+    "--alone/--together",
+    default=None,
+    help="Repair frames for themselves (default for pose files) or steady in time (stages).",
+)
 @click.option("--picture", metavar="F.png", help="Draw the registered source over the target.")
 @click.option("--report", "report_path", metavar="F.json", help="Write a JSON report.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
@@ -97,6 +109,7 @@ _UP = click.Choice(["Y", "Z"], case_sensitive=False)
 @selection_options
 @method_options
 @run_options
+@jobs_option
 @console_options
 @one_line_errors
 def command(
@@ -106,6 +119,7 @@ def command(
     selection: Selection,
     options: RepairOptions,
     device: str,
+    jobs: int,
     console: Console,
     skip_existing: bool,
     report_path: str | None,
@@ -131,7 +145,7 @@ def command(
     wanted = TransferOptions(repair=options if repair else None, picture=picture, **given)
     _check_options(wanted)
     _check_outputs(wanted, output, report_path)
-    inputs = Inputs(wanted, selection, use_device(device))
+    inputs = Inputs(wanted, selection, use_device(device), jobs)
     code, report = run_transfer(inputs, output, console)
     if report is not None and report_path is not None:
         with writing(report_path):
@@ -147,7 +161,7 @@ def _check_options(wanted: TransferOptions) -> None:
     if wanted.repair is not None:
         return
     context = click.get_current_context()
-    for name in METHOD_NAMES:
+    for name in (*METHOD_NAMES, "alone"):
         if context.get_parameter_source(name) != ParameterSource.DEFAULT:
             option = name.replace("_", "-")
             raise Failure(f"--{option}: has no effect without --repair", USAGE)

@@ -4,27 +4,29 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from dtrepair import __version__
+from dtrepair.cli.bodies import in_units_of_frames
 from dtrepair.cli.console import Console
 from dtrepair.cli.correspondence import Correspondence, find_correspondence
-from dtrepair.cli.failures import CLEAN, FRAMES, INPUT, REMAINING, Failure, writing
+from dtrepair.cli.failures import CLEAN, FRAMES, INPUT, REMAINING, USAGE, Failure, writing
 from dtrepair.cli.frames import make_counter, prim_records
-from dtrepair.cli.options import Selection
 from dtrepair.cli.rest import Rest, choose_rests
 from dtrepair.cli.sinks import Sink
 from dtrepair.cli.solve import FrameRepairer, Repaired, repair_frames
 from dtrepair.cli.sources import MeshSource, Source, StageSource, time_label
 from dtrepair.cli.transfer_inputs import (
     Axes,
+    PoseFiles,
     compare_axes,
     input_errors,
     input_problems,
     open_poses,
     open_target,
 )
+from dtrepair.cli.transfer_options import Inputs
 from dtrepair.cli.transfer_report import describe, draw_registration, print_report, say
 from dtrepair.cli.transfer_sinks import open_clip
 from dtrepair.cli.transfer_solve import FrameTransfer, PinSet, counted_frames, read_pin_set
@@ -33,59 +35,7 @@ from dtrepair.record import FrameRecord, Report, summarize
 
 if TYPE_CHECKING:
     from dtrepair.counts import SceneCounter
-    from dtrepair.repair.options import RepairOptions
     from dtrepair.transfer import Transfer
-
-
-@dataclass(frozen=True, kw_only=True)
-class TransferOptions:
-    """What the user chose; `repair` holds the options of the repair, None for none."""
-
-    source_path: str
-    target_path: str
-    poses: tuple[str, ...] = ()
-    markers: str | None = None
-    correspondence: str | None = None
-    save_correspondence: str | None = None
-    rest: str | None = None
-    target_prim: str | None = None
-    source_up: str | None = None
-    target_up: str | None = None
-    align: str = "axes"
-    root_scale: float | None = None
-    ground: bool = False
-    pin: str | None = None
-    picture: str | None = None
-    dry_run: bool = False
-    repair: RepairOptions | None = None
-
-
-@dataclass
-class Inputs:
-    """A run: options, where it computes, and the seconds of its parts."""
-
-    options: TransferOptions
-    selection: Selection
-    device: str
-    warnings: list[str] = field(default_factory=list)
-    seconds: dict[str, float] = field(default_factory=dict)
-    start: float = field(default_factory=clock.perf_counter)
-    last: float = field(default_factory=clock.perf_counter)
-
-    def lap(self, name: str) -> None:
-        """Give the time since the last lap to a part."""
-        now = clock.perf_counter()
-        self.seconds[name] = self.seconds.get(name, 0.0) + now - self.last
-        self.last = now
-
-    def settings(self) -> dict[str, Any]:
-        """What a report and an output say of the choices."""
-        chosen = {**vars(self.selection), **vars(self.options)}
-        repair = chosen.pop("repair")
-        chosen |= {"repair": repair is not None, **(asdict(repair) if repair else {})}
-        chosen["poses"] = list(self.options.poses)
-        del chosen["dry_run"]
-        return {name: value for name, value in chosen.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -110,6 +60,7 @@ class Pair:
 def run_transfer(run: Inputs, output: str, console: Console) -> tuple[int, Report | None]:
     """Do a whole transfer; return the exit code and the report (None for a dry run)."""
     pair = _open(run, console)
+    _refuse_together(run, pair)
     sink = open_clip(pair.source, pair.target, output, run.settings())
     try:
         pins = read_pin_set(
@@ -162,7 +113,7 @@ def _match(run: Inputs, pair: Pair) -> Correspondence:
             with writing(options.picture):
                 draw_registration(options.picture, *pair.meshes, found, up=pair.axes.up)
         except ImportError as error:
-            run.warnings.append(f"{options.picture}: not drawn: {error}")
+            run.late.append(f"{options.picture}: not drawn: {error}")
     return found
 
 
@@ -197,7 +148,7 @@ def _transfer(
     if all(record.before is None for record in records):
         raise Failure(f"{pair.source.name}: no frame could be used: {records[0].message}", INPUT)
     section, late = describe(found, moves, pair.meshes, pair.target.meshes[0].path)
-    late = [*found.warnings, *late]
+    late = [*run.late, *found.warnings, *late]
     if rest_count:
         late.append(
             f"{pair.target.name}: the rest pose has {rest_count} intersecting triangles of its own"
@@ -252,13 +203,33 @@ def _outcomes(
     """Frames transferred, and repaired where asked; all of them counted."""
     options = run.options.repair
     if options is None:
-        return counted_frames(moves.frames(), pair.target, counter)
+        yield from counted_frames(moves.frames(), pair.target, counter)
+        return
     from dtrepair.repair.repairer import Body, SceneRepairer
 
     rest, faces = pair.meshes[1]
     pin = None if moves.pins is None else moves.pins.mask(len(rest))
+    options = in_units_of_frames(pair.target, options)
     scene = SceneRepairer([Body(rest, faces, pin=pin)], options=options, device=run.device)
-    return repair_frames(moves.frames(), FrameRepairer(pair.target, scene, counter))
+    repairer = FrameRepairer(pair.target, scene, counter, jobs=run.jobs, alone=_alone(run, pair))
+    yield from repair_frames(moves.frames(), repairer)
+    run.late += repairer.warnings
+
+
+def _alone(run: Inputs, pair: Pair) -> bool:
+    """Whether frames are repaired each for itself: poses in files need not be a motion."""
+    chosen = run.options.alone
+    return isinstance(pair.source, PoseFiles) if chosen is None else chosen
+
+
+def _refuse_together(run: Inputs, pair: Pair) -> None:
+    """Refuse options that the repair of frames together does not have."""
+    options = run.options.repair
+    if options is None or _alone(run, pair) or len(pair.source.times) < 2:
+        return
+    if options.clearance > 0.0 or options.maximum_displacement is not None:
+        name = "clearance" if options.clearance > 0.0 else "maximum-displacement"
+        raise Failure(f"--{name}: works frame by frame only; add --alone", USAGE)
 
 
 def _print_plan(console: Console, pair: Pair, output: str) -> None:

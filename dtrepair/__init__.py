@@ -42,7 +42,7 @@ if TYPE_CHECKING:
         SceneRepairer as SceneRepairer,
     )
     from dtrepair.repair.repairer import (
-        repair as repair,
+        repair_mesh as repair_mesh,
     )
     from dtrepair.transfer.correspondence import (
         match_triangles as match_triangles,
@@ -65,7 +65,7 @@ _HOMES = {
     "Body": "dtrepair.repair.repairer",
     "Repairer": "dtrepair.repair.repairer",
     "SceneRepairer": "dtrepair.repair.repairer",
-    "repair": "dtrepair.repair.repairer",
+    "repair_mesh": "dtrepair.repair.repairer",
     "Transfer": "dtrepair.transfer.deformation",
     "match_triangles": "dtrepair.transfer.correspondence",
     "register": "dtrepair.transfer.registration",
@@ -85,7 +85,7 @@ __all__ = [
     "find_intersections",
     "match_triangles",
     "register",
-    "repair",
+    "repair_mesh",
 ]
 
 

@@ -65,6 +65,12 @@ class SceneRepairer:
     ) -> None:
         if not bodies:
             raise ValueError("bodies should hold at least one body, got none")
+        for body in bodies:
+            if body.diffusion is not None and not 0.0 < body.diffusion < np.inf:
+                raise ValueError(
+                    f"diffusion should be positive and finite, got {body.diffusion}: "
+                    "None takes that of the options"
+                )
         self.options = options or RepairOptions()
         self.device = resolve_device(device)
         self.bodies = tuple(bodies)
@@ -139,10 +145,11 @@ class SceneRepairer:
 
     def _weld(self, points: FloatArray) -> IntArray:
         """Vertices of one body at one float32 position of `points` count as one (V,)."""
-        parts = [
-            weld_map(points[a:b]) + a
-            for a, b in zip(self._vertices[:-1], self._vertices[1:], strict=True)
-        ]
+        with np.errstate(over="ignore"):  # the detector tells what is beyond float32
+            parts = [
+                weld_map(points[a:b]) + a
+                for a, b in zip(self._vertices[:-1], self._vertices[1:], strict=True)
+            ]
         return np.concatenate(parts).astype(np.int32)
 
     def _pairs(self, points: FloatArray, weld: IntArray) -> IntArray:
@@ -248,7 +255,9 @@ class Repairer:
         return animate(self._scene, points, times, jobs)
 
 
-def repair(points: Any, faces: ArrayLike, *, options: RepairOptions | None = None) -> RepairResult:
+def repair_mesh(
+    points: Any, faces: ArrayLike, *, options: RepairOptions | None = None
+) -> RepairResult:
     """Repair a single mesh (V, 3), (F, 3) that has no rest pose: it is its own."""
     return Repairer(_as_numpy(points), faces, options=options)(points)
 

@@ -62,7 +62,7 @@ def push(
         if pairs is None:
             pairs = detect(points)
         far, openness = _far_contacts(surface, pairs, near)
-        winding = winding_numbers(surface, points, pairs)
+        winding = _beside_pairs(surface, pairs, winding_numbers(surface, points, pairs))
         buried = np.clip(winding, -DEEPEST, DEEPEST) * openness
         key = len(far) + float(np.abs(winding * openness).sum())
         if best is None or key < best[0]:
@@ -91,6 +91,17 @@ def _far_contacts(surface: Surface, pairs: IntArray, near: int) -> tuple[IntArra
     reach = 6 if near > 6 else max(1, near // 2)
     rings = surface.rings_from(surface.vertices_of(pairs[creased]), reach + 1)
     return pairs[~creased], np.minimum(rings / reach, 1.0)
+
+
+def _beside_pairs(surface: Surface, pairs: IntArray, winding: IntArray) -> IntArray:
+    """The winding numbers (V,) of regions with pairs, elsewhere 0.
+
+    A part that is wholly inside another, like an eye in its head, would only shrink.
+    """
+    count, regions = contact_regions(surface, pairs, winding != 0)
+    met = np.zeros(count + 1, dtype=bool)  # the last one: outside of all regions
+    met[regions[surface.faces[pairs[:, 0], 0]]] = True
+    return np.where(met[regions], winding, 0)
 
 
 def _direction(

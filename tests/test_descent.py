@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,10 +11,11 @@ import torch
 
 from dtrepair.geometry import extent
 from dtrepair.intersect.detector import Detector
+from dtrepair.mesh_files import read_mesh
 from dtrepair.operators import cotangent_laplacian
 from dtrepair.repair.descent import Descent, triangle_counts
 from dtrepair.repair.diffusion import BodyDiffusion, Diffusion, SparseOperator
-from dtrepair.repair.optimizer import OPTIMIZERS, GradientDescent, Optimizer, start
+from dtrepair.repair.optimizer import OPTIMIZERS, GradientDescent, Moments, Optimizer, start
 from tests.meshes import Mesh, bent_tube, icosphere, torus
 
 
@@ -104,31 +106,36 @@ def test_a_frame_that_is_not_finite_never_counts_as_clean(bad: float) -> None:
     assert torch.equal(result.points[1], descent(points).points[0])
 
 
-def test_a_diverging_run_keeps_its_best_finite_iterate() -> None:
+@pytest.mark.parametrize("jump", [torch.inf, 100.0], ids=["infinite", "far apart"])
+def test_a_diverging_run_keeps_its_best_iterate(jump: float) -> None:
     class Exploding:
         moments_between = False
 
-        def __call__(self, moments, gradient):
+        def __call__(
+            self, moments: Moments, gradient: torch.Tensor
+        ) -> tuple[torch.Tensor, Moments]:
             step = moments.step + 1
-            return gradient * torch.where(step > 2, torch.inf, 2.0)[
-                :, None, None
-            ], moments._replace(step=step)
+            # Vertices that fly apart no longer intersect: that is no result either.
+            away = jump * torch.arange(1, gradient.shape[1] + 1)[None, :, None]
+            return torch.where(step > 2, away, 2.0 * gradient), moments._replace(step=step)
 
     descent, points = make(crossing_tube(), optimizer=Exploding())
     result = descent(points)
     assert result.diverged.tolist() == [True]
-    assert torch.isfinite(result.points).all()
+    assert (result.points - points).abs().max() < 1.0
     assert int(result.triangles[0]) == int(result.history[:, 0].min()) > 0
 
 
 def test_best_iterate_is_by_triangles_not_pairs() -> None:
-    # Three pairs over three triangles, then two pairs over four: the first is better.
-    script = [[(0, 0, 1), (0, 0, 2), (0, 1, 2)], [(0, 0, 1), (0, 2, 3)], [(0, 0, 1), (0, 2, 3)]]
+    # Three pairs over three triangles, then two pairs over four: the first is better, and it stays
+    # the best when another is as good: it is nearer to the input.
+    three = [(0, 0, 1), (0, 0, 2), (0, 1, 2)]
+    script = [three, [(0, 0, 1), (0, 2, 3)], three]
     calls = iter(script)
     descent, points = make(unit(icosphere(1)), iterations=2)
     descent = replace(descent, detect=lambda _: np.array(next(calls), dtype=np.int32))
     result = descent(points)
-    assert result.history[:, 0].tolist() == [3, 4, 4]
+    assert result.history[:, 0].tolist() == [3, 4, 3]
     assert result.iterations.tolist() == [0] and torch.equal(result.points, points)
 
 
@@ -229,3 +236,12 @@ def test_pairs_of_a_mesh_are_each_counted_once() -> None:
     assert int(result.triangles[0]) == len({t for _, *both in pairs.tolist() for t in both})
     assert all(a < b for _, a, b in pairs.tolist())
     assert len(set(map(tuple, pairs.tolist()))) == len(pairs)
+
+
+@pytest.mark.parametrize("optimizer", [kind() for kind in OPTIMIZERS.values()], ids=str)
+def test_published_knot_becomes_clean(shared_data: Path, optimizer: Optimizer) -> None:
+    mesh = read_mesh(shared_data / "misc" / "trefoil_knot.obj")
+    descent, points = make(unit((mesh.points, mesh.faces())), optimizer=optimizer)
+    result = descent(points)
+    # Jang et al. 2025 need 37 to 83 iterations on average where zero is reached.
+    assert result.history[0, 0] > 300 and result.triangles[0] == 0

@@ -227,3 +227,20 @@ def test_shape_term_gradient_and_rigid_translation() -> None:
 
 def test_strength_is_that_of_a_mean_square() -> None:
     assert mean_square_strength(1e6, 1000) * 3000 == pytest.approx(1e6)
+
+
+@pytest.mark.parametrize("kernel", KERNEL_CASES, ids=str)
+def test_each_corner_meets_the_other_triangle_of_its_own_pair(kernel: Kernel) -> None:
+    points, faces, pairs = crossing()
+    energy, gradient = pair_energy(points, faces, pairs, kernel=kernel)
+    expected = torch.zeros_like(energy)
+    for frame, *both in pairs.tolist():
+        for mine, other in (both, both[::-1]):
+            plane = triangle_planes(points[frame, faces[other]][None])
+            for corner in faces[mine]:
+                offset = points[frame, faces[other]].mean(dim=0) - points[frame, corner]
+                value, _ = kernel(offset[None, None], plane)
+                expected[frame] += value[0, 0]
+    assert (energy - expected).abs().max() < 1e-12 * expected.abs().max()
+    alone = [pair_energy(points, faces, pair[None], kernel=kernel)[1] for pair in pairs]
+    assert (gradient - sum(alone)).abs().max() < 1e-12 * gradient.abs().max()

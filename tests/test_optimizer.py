@@ -90,6 +90,21 @@ def test_momentum_brake_drops_the_momentum_that_left_the_band(mask: str) -> None
     assert torch.equal(after.first[expected], gradients[-1][expected])
 
 
+@pytest.mark.parametrize("deviations, dropped", [(2.5, False), (-2.5, False), (3.5, True)])
+def test_band_is_three_standard_deviations(deviations: float, dropped: bool) -> None:
+    gradients = torch.ones(31, 1, 1, 3, dtype=torch.float64)
+    gradients[::2] = 3.0
+    optimizer = MomentumBrake(warmup=30)
+    _, moments = run(optimizer, gradients)
+    # The next update sees these moments with its own bias corrections.
+    mean = moments.first / (1 - optimizer.beta1**32)
+    deviation = (moments.second / (1 - optimizer.beta2**32) - mean**2).sqrt()
+    assert 0.5 < float(deviation.mean()) < 1.5
+    following = mean + deviations * deviation
+    _, after = optimizer(moments, following)
+    assert torch.equal(after.first, following) is dropped
+
+
 def test_momentum_brake_waits_for_its_warm_up() -> None:
     for count, dropped in ((10, False), (11, True)):
         gradients = noisy(count, noise=0.01)

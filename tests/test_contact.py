@@ -143,3 +143,18 @@ def test_no_pairs_make_no_regions() -> None:
     none = np.zeros((0, 2), np.int32)
     number, regions = contact_regions(surface, none, np.zeros(surface.count, dtype=bool))
     assert number == 0 and (regions == -1).all()
+
+
+def test_rest_contacts_can_be_left_alone() -> None:
+    points, faces = elbow(2.4)
+    surface = Surface(points, faces, leave_rest=True)
+    assert find_defects(surface, surface.rest).rank == (0, 0)
+    assert find_defects(Surface(points, faces), surface.rest).rank[0] > 0
+    # What comes on top still counts.
+    further = elbow(2.6)[0] / surface.size
+    own, every = find_defects(surface, further), find_defects(Surface(points, faces), further)
+    assert 0 < len(own.crossings) < len(every.crossings)
+    assert (
+        as_sets(own)[1]
+        == as_sets(every)[1] - as_sets(find_defects(Surface(points, faces), surface.rest))[1]
+    )

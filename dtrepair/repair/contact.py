@@ -29,7 +29,7 @@ class Defects(NamedTuple):
 
 def find_defects(surface: Surface, points: FloatArray) -> Defects:
     """All intersecting pairs and folds of a pose (V, 3) in units of the surface's size."""
-    return Defects(surface.pairs(points), surface.queries.folds(surface.written(points)))
+    return Defects(surface.pairs(points), surface.folds(points))
 
 
 def update_defects(
@@ -44,7 +44,7 @@ def update_defects(
     # A fold changes where one of its two triangles moved; both are around the shared vertex.
     around = surface.vertices_of(np.flatnonzero(active))
     folds = [known.folds[~active[known.folds].any(axis=1)]]
-    found = surface.queries.folds(surface.written(points), active=around)
+    found = surface.folds(points, active=around)
     folds.append(found[active[found].any(axis=1)])
     return Defects(np.concatenate(crossings), np.concatenate(folds))
 

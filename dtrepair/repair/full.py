@@ -214,7 +214,7 @@ class _Run:
     def _filled(self, pushed: Pushed, near: int) -> Candidate:
         start = time.perf_counter()
         surface = self.surface
-        folds = surface.queries.folds(surface.written(pushed.points))
+        folds = surface.folds(pushed.points)
         points, left = pushed.points, Defects(pushed.pairs, folds)
         if "fill" not in self.skip:
             points, left = fill_creases(surface, points, known=left)

@@ -50,7 +50,7 @@ class Surface:
         bodies: Vertex ranges of the bodies; default: one body of strength 99.
         mobility: How freely each vertex moves (V,), 0 fixed to 1 free; default: all free.
         mode: Which pairs count: "self", "inter" (between bodies) or "both".
-        leave_rest: Leave pairs alone that intersect in the rest pose.
+        leave_rest: Leave pairs and folds alone that the rest pose has as well.
         direction: Preferred direction (V, 3) of the repair, zero rows where none.
     """
 
@@ -151,6 +151,13 @@ class Surface:
         crossing = self.detector(self.written(points), exact=False)
         return self._counted(_united(crossing, found))
 
+    def folds(self, points: FloatArray, *, active: BoolArray | None = None) -> IntArray:
+        """Folds (K, 2) that are to go; with `active` (V,) those around active vertices."""
+        found = self.queries.folds(self.written(points), active=active)
+        if self.leave_rest:
+            found = found[~np.isin(_keys(found), self._folds_at_rest)]
+        return found
+
     def batch_pairs(self, points: FloatArray) -> IntArray:
         """Intersecting pairs (K, 3) of poses (B, V, 3): frame, triangle, triangle."""
         return self._counted(self.detector(self.written(points), exact=False))
@@ -167,6 +174,10 @@ class Surface:
         if self.leave_rest:
             keep &= ~np.isin(_keys(pairs[:, -2:]), self._crossing_at_rest)
         return pairs[keep]
+
+    @cached_property
+    def _folds_at_rest(self) -> NDArray[np.int64]:
+        return _keys(self.queries.folds(self.written(self.rest)))
 
     @cached_property
     def _crossing_at_rest(self) -> NDArray[np.int64]:

@@ -1,0 +1,357 @@
+"""Repairer: types, bits kept, counts, pins, units, and what it must never call clean."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import dtrepair.intersect.detector
+from dtrepair import Repairer, RepairOptions, RepairResult, Status, find_intersections, repair_mesh
+from dtrepair.geometry import FloatArray, IntArray, diagonal, weld_map
+from dtrepair.operators import Factor
+from tests.exact_reference import exact_pairs
+from tests.meshes import (
+    Mesh,
+    armed_body,
+    crossing_tubes,
+    elbow,
+    grid,
+    icosphere,
+    joined,
+    klein_bottle,
+    knot,
+    overlapping_spheres,
+    torus,
+    with_seam,
+)
+
+POSES: dict[str, tuple[Mesh, Mesh]] = {
+    "tubes": (crossing_tubes(8, 20), crossing_tubes(8, 20)),
+    "spheres": (overlapping_spheres(), overlapping_spheres()),
+    "knot": (knot(), knot(tube_radius=0.3)),
+    "arm": (armed_body(4.2), armed_body(0.0)),
+    "crease": (elbow(2.0), elbow(0.0)),
+}
+ARM, REST = armed_body(4.2)[0], armed_body(0.0)[0]
+FACES = armed_body(0.0)[1]
+
+
+@pytest.fixture(scope="module")
+def plain() -> RepairResult:
+    return Repairer(REST, FACES)(ARM)
+
+
+def check_counts(result: RepairResult, pose: Any, faces: IntArray) -> None:
+    """Counts of a result are those of an independent count in integers."""
+    for points, count in ((pose, result.before), (result.points, result.after)):
+        pairs = exact_pairs(points, faces)
+        assert (len(np.unique(pairs)), len(pairs)) == (count.triangles, count.pairs)
+
+
+@pytest.mark.parametrize("kind", POSES)
+def test_poses_come_out_clean_by_an_independent_count(kind: str) -> None:
+    (points, faces), (rest, _) = POSES[kind]
+    result = Repairer(rest, faces)(points)
+    check_counts(result, points, faces)
+    assert result.before.pairs > 20 and result.after.pairs == 0
+    assert result.status is Status.CLEAN and result.message == ""
+    moved = np.linalg.norm(result.points - points, axis=1) / diagonal(points)
+    assert result.displacement_max == pytest.approx(moved.max(), rel=1e-9)
+    assert result.displacement_mean == pytest.approx(moved.mean(), rel=1e-9)
+    assert 0 < result.displacement_max < 0.2
+    assert result.iterations == sum(stage.iterations for stage in result.stages)
+    assert set(result.seconds) == {"detect", "solve"}
+
+
+@pytest.mark.parametrize("method", ["full", "paper"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, torch.float32, torch.float64, int])
+def test_clean_poses_come_back_bit_identical(method: str, dtype: Any) -> None:
+    points, faces = torus()
+    pose = (
+        torch.from_numpy(points).to(dtype)
+        if isinstance(dtype, torch.dtype)
+        else (1000 * points if dtype is int else points).astype(dtype)
+    )
+    result = Repairer(points, faces, options=RepairOptions(method=method))(pose)
+    assert result.status is Status.CLEAN and result.iterations == 0
+    assert result.displacement_max == 0.0 and result.before.pairs == 0
+    if isinstance(dtype, torch.dtype):
+        assert result.points.dtype == dtype and torch.equal(result.points, pose)
+        assert result.points is not pose
+    else:
+        assert result.points.dtype == (np.float64 if dtype is int else dtype)
+        assert np.array_equal(result.points, pose) and not np.shares_memory(result.points, pose)
+
+
+def test_results_have_the_type_of_their_input() -> None:
+    repairer = Repairer(REST, FACES)
+    single = ARM.astype(np.float32)
+    kept = single.copy()
+    result = repairer(single)
+    assert result.points.dtype == np.float32 and np.array_equal(single, kept)
+    tensor = repairer(torch.from_numpy(single))
+    assert tensor.points.dtype == torch.float32
+    assert np.array_equal(tensor.points.numpy(), result.points)
+    check_counts(result, single, FACES)
+    # Float64 results hold float32 coordinates: those that are counted are those that are written.
+    double = repairer(ARM)
+    moved = (double.points != ARM).any(axis=1)
+    assert np.array_equal(double.points[moved], double.points[moved].astype(np.float32))
+    check_counts(double, ARM, FACES)
+
+
+def test_vertices_that_stay_keep_every_bit() -> None:
+    # A crease in the middle of a long tube; its ends have odd float64 coordinates.
+    (points, faces), (rest, _) = elbow(1.6, along=80), elbow(0.0, along=80)
+    result = Repairer(rest, faces)(points)
+    assert result.status is Status.CLEAN
+    ends = np.r_[0 : 12 * 8, 12 * 73 : len(points)]
+    assert np.array_equal(result.points[ends], points[ends])
+    assert not np.array_equal(points[ends], points[ends].astype(np.float32))
+
+
+def test_two_calls_are_bit_identical(plain: RepairResult) -> None:
+    repairer = Repairer(REST, FACES)
+    repairer(armed_body(5.0)[0])
+    assert np.array_equal(repairer(ARM).points, plain.points)
+
+
+@pytest.mark.parametrize("method", ["full", "paper"])
+def test_factors_and_trees_are_built_once(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    trees = []
+    build = dtrepair.intersect.detector.build_tree
+    monkeypatch.setattr(
+        dtrepair.intersect.detector, "build_tree", lambda *a: trees.append(1) or build(*a)
+    )
+    options = RepairOptions(method=method, iterations=3)
+    repairer = Repairer(REST, FACES, options=options)
+    repairer(ARM)
+    factors, built = Factor.count, len(trees)
+    assert built <= 2
+    for curl in (4.0, 5.0):
+        assert repairer(armed_body(curl)[0]).before.pairs > 0
+    assert Factor.count == factors and len(trees) == built
+
+
+@pytest.mark.parametrize("amount", [1.0, 0.999])
+def test_pinned_vertices_stay_exactly(amount: float, plain: RepairResult) -> None:
+    pin = np.zeros(len(ARM))
+    pin[: 12 * 12] = amount
+    pinned = Repairer(REST, FACES, pin=pin)(ARM)
+    moved = np.linalg.norm(pinned.points - ARM, axis=1)[: 12 * 12].max()
+    assert np.linalg.norm(plain.points - ARM, axis=1)[: 12 * 12].max() > 0.01
+    if amount == 1.0:
+        assert np.array_equal(pinned.points[: 12 * 12], ARM[: 12 * 12])
+    else:
+        assert moved < 0.6 * np.linalg.norm(pinned.points - ARM, axis=1).max()
+    assert pinned.after.pairs < pinned.before.pairs
+    check_counts(pinned, ARM, FACES)
+
+
+@pytest.mark.parametrize("method", ["full", "paper"])
+def test_a_wholly_pinned_mesh_is_unchanged(method: str) -> None:
+    options = RepairOptions(method=method, iterations=3)
+    result = Repairer(REST, FACES, options=options, pin=np.ones(len(REST)))(ARM)
+    assert np.array_equal(result.points, ARM)
+    assert result.status is Status.UNCHANGED
+    assert result.message == Status.UNCHANGED.advice != ""
+    assert result.before == result.after
+
+
+def test_a_limit_on_the_displacement_holds(plain: RepairResult) -> None:
+    limit = 0.3 * plain.displacement_max * diagonal(ARM)
+    result = Repairer(REST, FACES, options=RepairOptions(maximum_displacement=limit))(ARM)
+    assert 0 < np.linalg.norm(result.points - ARM, axis=1).max() <= limit
+    assert result.status in (Status.CLEAN, Status.IMPROVED)
+    check_counts(result, ARM, FACES)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_vertices_that_coincide_by_chance_hide_nothing(seed: int) -> None:
+    # One vertex of either sphere at the same place in the pose, not in the rest.
+    ball, faces = icosphere(2)
+    rest, triangles = joined((ball, faces), (ball + np.array([3.0, 0, 0]), faces))
+    a, b = np.random.default_rng(seed).integers(0, len(ball), 2)
+    pose, _ = joined((ball, faces), (ball + ball[a] - ball[b], faces))
+    options = RepairOptions(maximum_displacement=0.05)
+    result = Repairer(rest, triangles, options=options)(pose)
+    check_counts(result, pose, triangles)
+
+
+def cut_in_two(mesh: Mesh) -> Mesh:
+    """The mesh with a seam along which every vertex is doubled, as between two UV islands."""
+    points, faces = mesh
+    return with_seam(points, faces, len(faces) // 3)
+
+
+@pytest.mark.parametrize("kind", ["spheres", "knot", "arm"])
+def test_seams_stay_together(kind: str) -> None:
+    posed, rested = (cut_in_two(mesh) for mesh in POSES[kind])
+    (points, faces), (rest, _) = posed, rested
+    twins = weld_map(points)
+    doubled = twins != np.arange(len(points))
+    # Vertices that no triangle uses are left over by the cut; twins are those in use.
+    used = np.isin(np.arange(len(points)), faces)
+    assert (doubled & used & used[twins]).sum() > 5
+    result = Repairer(rest, faces)(points)
+    check_counts(result, points, faces)
+    assert result.before.pairs > 0 and result.after.pairs == 0
+    assert np.array_equal(result.points[doubled], result.points[twins[doubled]])
+
+
+def outcome(result: RepairResult) -> tuple[Status, float, float]:
+    return result.status, result.displacement_mean, result.displacement_max
+
+
+@pytest.mark.parametrize("scale", [2.0**-13, 2.0**20])
+def test_powers_of_two_scale_exactly(scale: float, plain: RepairResult) -> None:
+    scaled = Repairer(scale * REST, FACES)(scale * ARM)
+    assert scaled.before == plain.before and scaled.after == plain.after
+    assert np.array_equal(scaled.points, scale * plain.points)
+
+
+def rotation(seed: int) -> FloatArray:
+    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    return q if np.linalg.det(q) > 0 else -q
+
+
+def renumbered(points: FloatArray, faces: IntArray, seed: int) -> tuple[FloatArray, IntArray]:
+    random = np.random.default_rng(seed)
+    order = random.permutation(len(points))
+    place = np.argsort(order).astype(np.int32)
+    shuffled = place[faces][random.permutation(len(faces))]
+    turned = (np.arange(3) + random.integers(0, 3, (len(faces), 1))) % 3
+    return points[order], np.take_along_axis(shuffled, turned, axis=1)
+
+
+CHANGES = {
+    "scale 1e-4": lambda p, f: (1e-4 * p, f),
+    "scale 1e6": lambda p, f: (1e6 * p, f),
+    "rotated": lambda p, f: (p @ rotation(0).T, f),
+    "moved": lambda p, f: (p + np.array([3.0, -5.0, 2.0]), f),
+    "far away": lambda p, f: (p + 1e6 * diagonal(p) * np.array([0.6, 0.0, -0.8]), f),
+    "renumbered": lambda p, f: renumbered(p, f, 0),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_the_outcome_does_not_depend_on_units_place_or_numbers(
+    name: str, plain: RepairResult
+) -> None:
+    points, faces, rest = ARM, FACES, REST
+    changed_points, changed_faces = CHANGES[name](points, faces)
+    changed_rest, _ = CHANGES[name](rest, faces)
+    changed = Repairer(changed_rest, changed_faces)(changed_points)
+    assert changed.status is plain.status is Status.CLEAN
+    # Rounding decides which of several near ways out is taken: sizes agree, not coordinates.
+    assert abs(changed.before.pairs - plain.before.pairs) <= 0.1 * plain.before.pairs
+    for one, other in zip(outcome(changed)[1:], outcome(plain)[1:], strict=True):
+        assert 0.5 < one / other < 2.0
+    centre = changed_points.mean(axis=0) if name == "far away" else 0.0
+    assert len(exact_pairs(changed.points - centre, changed_faces)) == 0
+
+
+def test_float64_poses_far_from_the_origin_keep_their_digits(plain: RepairResult) -> None:
+    away = 1e6 * diagonal(ARM) * np.array([1.0, -2.0, 0.5])
+    pose = ARM + away
+    result = Repairer(REST, FACES)(pose)
+    assert result.status is Status.CLEAN
+    assert result.displacement_mean < 2 * plain.displacement_mean
+    clean = Repairer(REST, FACES)(REST + away)
+    assert clean.status is Status.CLEAN and np.array_equal(clean.points, REST + away)
+
+
+@pytest.mark.parametrize("method", ["full", "paper"])
+def test_a_surface_that_must_cross_itself_is_never_called_clean(method: str) -> None:
+    # No Klein bottle fits into space without crossing itself.
+    points, faces = klein_bottle()
+    options = RepairOptions(method=method, iterations=20)
+    repairer = Repairer(points, faces, options=options)
+    result = repairer(points)
+    assert result.status in (Status.IMPROVED, Status.UNCHANGED)
+    assert result.message == result.status.advice != ""
+    assert result.after.pairs > 0
+    assert repairer.rest_intersections == result.before.triangles
+    check_counts(result, points, faces)
+
+
+def test_intersections_of_the_rest_are_told_and_repaired_or_left() -> None:
+    points, faces = elbow(2.0)
+    expected = len(np.unique(find_intersections(points, faces)))
+    assert Repairer(points, faces).rest_intersections == expected > 0
+    assert Repairer(REST, FACES).rest_intersections == 0
+    assert Repairer(points, faces)(points).status is Status.CLEAN
+    options = RepairOptions(rest_contacts="leave")
+    left = Repairer(points, faces, options=options)(points)
+    assert np.array_equal(left.points, points)
+
+
+def test_a_mesh_takes_the_pose_for_its_own_rest() -> None:
+    points, faces = POSES["tubes"][0]
+    result = repair_mesh(points, faces)
+    assert result.status is Status.CLEAN
+    assert np.array_equal(result.points, Repairer(points, faces)(points).points)
+    tensor = repair_mesh(torch.from_numpy(points), faces)
+    assert np.array_equal(tensor.points.numpy(), result.points)
+
+
+def test_open_flat_and_empty_meshes_come_back() -> None:
+    for points, faces in (
+        grid(4, 4),
+        (np.zeros((0, 3)), np.zeros((0, 3), np.int32)),
+        (np.zeros((5, 3)), np.zeros((0, 3), np.int32)),
+        (np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32)),
+    ):
+        result = Repairer(points, faces)(points)
+        assert result.status is Status.CLEAN and np.array_equal(result.points, points)
+
+
+def test_unused_vertices_and_zero_area_triangles_do_no_harm() -> None:
+    points, faces = POSES["spheres"][0]
+    points = np.concatenate([points, [[9.0, 9, 9], points[3]]])
+    flat = [[0, 0, 1], [5, 5, 5], [3, len(points) - 1, 4]]
+    faces = np.concatenate([faces, np.array(flat, dtype=np.int32)])
+    result = Repairer(points, faces)(points)
+    assert result.status is Status.CLEAN and np.isfinite(result.points).all()
+    check_counts(result, points, faces)
+    assert np.array_equal(result.points[-2], points[-2])
+
+
+def test_wrong_poses_are_refused() -> None:
+    points, faces = torus()
+    repairer = Repairer(points, faces)
+    with pytest.raises(ValueError, match=f"should have {len(points)} rows"):
+        repairer(points[1:])
+    with pytest.raises(ValueError, match="shape"):
+        repairer(points[:, :2])
+    wrong = points.copy()
+    wrong[7, 1] = np.nan
+    with pytest.raises(ValueError, match=r"finite.*vertex 7"):
+        repairer(wrong)
+    with pytest.raises(ValueError, match="finite"):
+        repairer(points * 1e39)
+
+
+def test_wrong_meshes_and_controls_are_refused() -> None:
+    points, faces = torus()
+    count = len(points)
+    with pytest.raises(ValueError, match="index 999"):
+        Repairer(points, np.where(faces == 9, 999, faces))
+    with pytest.raises(ValueError, match="finite"):
+        Repairer(points * np.nan, faces)
+    with pytest.raises(ValueError, match=f"pin should hold {count} numbers between 0 and 1"):
+        Repairer(points, faces, pin=np.zeros(3))
+    with pytest.raises(ValueError, match="pin should hold"):
+        Repairer(points, faces, pin=np.full(count, 1.5))
+    with pytest.raises(ValueError, match="pin should hold"):
+        Repairer(points, faces, pin=np.full(count, np.nan))
+    with pytest.raises(ValueError, match="direction should be"):
+        Repairer(points, faces, direction=np.zeros((count, 2)))
+    with pytest.raises(ValueError, match="direction should be"):
+        Repairer(points, faces, direction=np.full((count, 3), np.inf))
+    with pytest.raises(ValueError, match="device"):
+        Repairer(points, faces, device="abacus")

@@ -52,6 +52,7 @@ def make_page(report: Mapping[str, Any], pictures: Sequence[Picture] = ()) -> st
         _bars(report["frames"]),
         "<h2>Largest displacement per frame, of the bounding-box diagonal</h2>",
         _line(report["frames"]),
+        _transfer(report.get("transfer")),
         _pictures(pictures),
         "<h2>Frames</h2>",
         _table(report["frames"]),
@@ -147,6 +148,40 @@ def _chart(
                 f"{escape(_label(frame))}</text>"
             )
     return f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role=img>{"".join(shapes)}</svg>'
+
+
+def _transfer(section: Mapping[str, Any] | None) -> str:
+    """Coverage, residuals and markers of a transfer."""
+    if section is None:
+        return ""
+    markers = section["markers"] or {}
+    suspects = ", ".join(str(index) for index in markers.get("suspects", ())) or "none"
+    values = {
+        "triangle pairs": section["pairs"],
+        "paired by": section["correspondence"],
+        "target triangles without a partner": section["unmatched"],
+        "largest patch of them": section["largest_hole"],
+        "part of the source's triangles used": f"{section['source_used']:.1%}",
+        "scale of the travel": f"{section['root_scale']:.3g}",
+        "residual, median": _rounded(section["residual_median"]),
+        "residual, 95 % below": _rounded(section["residual_p95"]),
+        "triangles inside out, worst frame": _rounded(section["inside_out"]),
+        "size of the poses over the rest": _rounded(section["unit_ratio"]),
+        "degrees between the rests": _rounded(section["turn_degrees"]),
+    }
+    if markers:
+        values |= {
+            "markers": markers["count"],
+            "marker distance, median and largest": f"{markers['distance_median']:.1%}, "
+            f"{markers['distance_max']:.1%}",
+            "markers to look at": suspects,
+        }
+    rows = [[str(value), name] for name, value in values.items()]
+    return "<h2>Transfer</h2>" + _html_table(["", "of the transfer"], rows)
+
+
+def _rounded(value: float | None) -> str:
+    return "" if value is None else f"{value:.3g}"
 
 
 def _pictures(pictures: Sequence[Picture]) -> str:

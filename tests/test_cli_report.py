@@ -47,3 +47,16 @@ def test_errors(finished):
     assert_fails(run("report", report, "-o", report), 2, "is an input")
     assert_fails(run("report", report, "-o", folder / "no" / "r.html"), 5, "cannot be written")
     assert not page.exists()
+
+
+def test_a_transfer_shows_its_figures_and_its_result(tmp_path):
+    source = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED), rest=0.0)
+    target = tube_obj(tmp_path / "b.obj", 0.0)
+    report = tmp_path / "r.json"
+    done = run("transfer", source, target, "-o", tmp_path / "c.usdc", "--report", report)
+    assert done.code == 1
+    assert run("report", report, "-o", tmp_path / "r.html").code == 0
+    page = (tmp_path / "r.html").read_text()
+    assert page.count("data:image/png") == 2 and "frame 1, transferred: 0 inter" in page
+    assert "<td>384</td><td>triangle pairs</td>" in page and "<td>topology</td>" in page
+    assert "markers to look at" not in page

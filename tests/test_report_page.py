@@ -98,3 +98,26 @@ def test_small_reports(count):
 
 def document_frames(count):
     return tuple(FrameRecord(time=None, status="skipped") for _ in range(count))
+
+
+def transfer_section(**changes):
+    figures = ("residual_median", "residual_p95", "residual_max", "inside_out", "unit_ratio")
+    values = {
+        **dict.fromkeys((*figures, "turn_degrees", "rest_error"), 0.25),
+        **dict.fromkeys(("pairs", "unmatched", "largest_hole"), 7),
+        **{"unmatched_area": 0.1, "source_used": 0.5, "root_scale": 1.5},
+        **{"correspondence": "markers", "target": "/A", "markers": None},
+    }
+    return {**values, **changes}
+
+
+def test_a_transfer_has_a_table_of_its_own():
+    assert "<h2>Transfer</h2>" not in make_page(document())
+    marked = {"count": 9, "distance_median": 0.01, "distance_max": 0.4}
+    marked |= {"suspects": [3, 5], "swapped": [[3, 5]]}
+    page = make_page(document(transfer=transfer_section(markers=marked, residual_p95=None)))
+    parsed(page)
+    assert "<td>3, 5</td><td>markers to look at</td>" in page
+    assert "<td>0.25</td><td>residual, median</td>" in page
+    assert "<td></td><td>residual, 95 % below</td>" in page
+    assert "<td>50.0%</td>" in page and "1.0%, 40.0%" in page

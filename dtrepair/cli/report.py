@@ -8,7 +8,6 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
 from dtrepair.cli.console import Console
 from dtrepair.cli.failures import (
@@ -21,6 +20,7 @@ from dtrepair.cli.failures import (
     writing,
 )
 from dtrepair.cli.options import Selection, console_options
+from dtrepair.cli.sources import Source, open_source
 
 if TYPE_CHECKING:
     from dtrepair.report_page import Picture
@@ -76,40 +76,50 @@ def command(*, report_path: str, output: str, count: int, console: Console) -> i
 
 def _draw(report: Mapping[str, Any], count: int) -> Iterator[Picture]:
     """Draw the frames with most intersections, in world space, before and after."""
-    from dtrepair.cli.frames import make_counter, read_frame
-    from dtrepair.cli.sources import open_source
+    from dtrepair.cli.scenes import WorldScene
     from dtrepair.pictures import best_view, png_bytes, render
     from dtrepair.report_page import Picture
 
-    frames = [f for f in report["frames"] if f["before"] and f["before"]["triangles"]]
-    frames = sorted(frames, key=lambda f: -f["before"]["triangles"])[:count]
-    if not frames:
-        return
+    chosen = _chosen(report, count)
+    scenes: dict[str, WorldScene] = {}
+    if chosen:
+        mode = report["settings"].get("mode", "both")
+        opened = _sources(report)
+        scenes = {when: WorldScene(source, mode=mode) for when, source in opened.items()}
+    for record in chosen:
+        time = math.nan if record["time"] is None else record["time"]
+        view = None
+        for when, scene in scenes.items():
+            frame = scene(time)
+            up = scene.source.up
+            view = view or best_view(frame.points, scene.faces, frame.intersecting, up=up)
+            image = render(frame.points, scene.faces, view=view, intersecting=frame.intersecting)
+            label = "" if record["time"] is None else f"frame {record['time']:.10g}, "
+            caption = f"{label}{when}: {frame.triangles} intersecting triangles"
+            yield Picture(caption, png_bytes(image))
+
+
+def _chosen(report: Mapping[str, Any], count: int) -> list[Mapping[str, Any]]:
+    """The frames to draw, in order: those with most intersections; of transfers any."""
+    frames = [frame for frame in report["frames"] if frame["before"]]
+    if "transfer" not in report:
+        frames = [frame for frame in frames if frame["before"]["triangles"]]
+    worst = sorted(frames, key=lambda frame: -frame["before"]["triangles"])[:count]
+    return sorted(worst, key=lambda frame: frame["time"] or 0.0)
+
+
+def _sources(report: Mapping[str, Any]) -> dict[str, Source]:
+    """Input and output of a run; of a transfer only the output shows the mesh that was moved."""
     settings = report["settings"]
+    if "transfer" in report:
+        target = report["transfer"]["target"]
+        selection = Selection(prim=target if target.startswith("/") else None)
+        return {"transferred": open_source(report["output"], selection)}
     names = {field.name for field in fields(Selection)} - {"frames"}
     selection = Selection(**{k: v for k, v in settings.items() if k in names})
     paths = {"before": report["input"], "after": report["output"]}
-    sources = {
+    return {
         when: open_source(path, selection, collider=settings.get("collider"))
         for when, path in paths.items()
         if path
     }
-    mode = settings.get("mode", "both")
-    counters = {w: make_counter(s, mode=mode, device="cpu") for w, s in sources.items()}
-    for record in sorted(frames, key=lambda f: f["time"] or 0.0):
-        time = math.nan if record["time"] is None else record["time"]
-        view = None
-        for when, source in sources.items():
-            frame = read_frame(source, time)
-            found = counters[when](frame.spaces)
-            placed = zip(source.meshes, frame.points, strict=True)
-            points = [source.to_world(mesh, time, part) for mesh, part in placed]
-            starts = np.cumsum([0, *(len(part) for part in points)])
-            meshes = zip(source.meshes, starts, strict=False)
-            faces = np.concatenate([mesh.faces + start for mesh, start in meshes]).astype(np.int32)
-            scene, mask = np.concatenate(points), np.concatenate(found.intersecting)
-            view = view or best_view(scene, faces, mask, up=source.up)
-            image = render(scene, faces, view=view, intersecting=mask)
-            label = "" if record["time"] is None else f"frame {record['time']:.10g}, "
-            caption = f"{label}{when}: {found.total.triangles} intersecting triangles"
-            yield Picture(caption, png_bytes(image))

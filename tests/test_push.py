@@ -196,3 +196,19 @@ def test_nothing_can_move_an_all_fixed_surface() -> None:
     surface = Surface(points, faces, mobility=np.zeros(len(points)))
     pushed = push(surface, surface.rest, near=6, step=0.01)
     assert np.array_equal(pushed.points, surface.rest)
+
+
+def test_a_part_wholly_inside_another_keeps_its_size() -> None:
+    # A ball inside the first of two spheres that meet elsewhere: buried, and no way out.
+    ball, ball_faces = icosphere(2, radius=0.2)
+    points, faces = overlapping_spheres()
+    mesh = joined((points, faces), (ball - np.array([0.5, 0.0, 0.0]), ball_faces))
+    surface = Surface(*mesh)
+    alone = Surface(points, faces)
+    inner = slice(len(points), None)
+    pushed = push(surface, surface.rest, near=6, step=0.01, iterations=40)
+    assert len(pushed.pairs) == 0
+    assert np.array_equal(pushed.points[inner], surface.rest[inner])
+    # Nor does it keep the others from coming apart, or change how.
+    without = push(alone, alone.rest, near=6, step=0.01, iterations=40)
+    assert pushed.iterations == without.iterations

@@ -355,3 +355,33 @@ def test_wrong_meshes_and_controls_are_refused() -> None:
         Repairer(points, faces, direction=np.full((count, 3), np.inf))
     with pytest.raises(ValueError, match="device"):
         Repairer(points, faces, device="abacus")
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_preferred_direction_steers_the_repair(sign: float, plain: RepairResult) -> None:
+    direction = np.zeros_like(ARM)
+    arm = np.arange(len(ARM)) > 12 * 30
+    direction[arm, 1] = sign
+    result = Repairer(REST, FACES, direction=direction)(ARM)
+    assert result.status is Status.CLEAN
+    check_counts(result, ARM, FACES)
+    along = sign * (result.points - ARM)[arm, 1].mean()
+    assert along > 0.02 * diagonal(ARM)
+    assert along > abs((plain.points - ARM)[arm, 1].mean())
+    none = Repairer(REST, FACES, direction=np.zeros_like(ARM))(ARM)
+    assert np.array_equal(none.points, plain.points)
+
+
+def test_clearance_opens_contacts(plain: RepairResult) -> None:
+    def closest(points: FloatArray) -> float:
+        # From the arm's far end to the body, far apart along the surface.
+        arm, body = points[12 * 45 :], points[: 12 * 18]
+        return float(np.linalg.norm(arm[:, None] - body[None], axis=2).min())
+
+    clearance = 0.05
+    result = Repairer(REST, FACES, options=RepairOptions(clearance=clearance))(ARM)
+    assert result.status is Status.CLEAN and result.message == ""
+    check_counts(result, ARM, FACES)
+    assert closest(result.points) >= clearance * (1 - 1e-4)
+    clean = Repairer(REST, FACES, options=RepairOptions(clearance=clearance))(REST)
+    assert np.array_equal(clean.points, REST)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from dtrepair import repair as repair
     from dtrepair.intersect.detector import (
         Detector as Detector,
     )
@@ -85,11 +86,15 @@ __all__ = [
     "find_intersections",
     "match_triangles",
     "register",
+    "repair",
     "repair_mesh",
 ]
 
 
 def __getattr__(name: str) -> Any:
+    if name == "repair":
+        # The package of this name answers calls.
+        return import_module("dtrepair.repair")
     if name not in _HOMES:
         raise AttributeError(f"module 'dtrepair' has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)

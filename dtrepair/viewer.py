@@ -80,7 +80,8 @@ class Viewer:
             # Its handler at exit complains about a polyscope that was never initialised.
             polyscope.init("openGL_mock")
             raise
-        self._polyscope.imgui.GetIO().IniSavingRate = 1e9  # seconds: no imgui.ini in the user's folder
+        # Seconds: no imgui.ini in the user's folder.
+        self._polyscope.imgui.GetIO().IniSavingRate = 1e9
         polyscope.remove_all_structures()
         polyscope.set_up_dir("z_up" if np.asarray(up, dtype=np.float64)[2] > 0.5 else "y_up")
         polyscope.set_ground_plane_mode("shadow_only")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+import dtrepair
 import dtrepair.intersect.detector
 from dtrepair import Repairer, RepairOptions, RepairResult, Status, find_intersections, repair_mesh
 from dtrepair.geometry import FloatArray, IntArray, diagonal, weld_map
@@ -385,3 +386,10 @@ def test_clearance_opens_contacts(plain: RepairResult) -> None:
     assert closest(result.points) >= clearance * (1 - 1e-4)
     clean = Repairer(REST, FACES, options=RepairOptions(clearance=clearance))(REST)
     assert np.array_equal(clean.points, REST)
+
+
+def test_the_package_repairs_like_the_function_it_is_named_after() -> None:
+    points, faces = crossing_tubes()
+    called = dtrepair.repair(points, faces)
+    assert called.status is Status.CLEAN
+    assert np.array_equal(called.points, repair_mesh(points, faces).points)

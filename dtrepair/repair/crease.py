@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import linalg
 
@@ -134,7 +135,7 @@ def _solve(matrix: sparse.spmatrix, right_hand_side: FloatArray) -> FloatArray:
     return factor.solve(np.ascontiguousarray(right_hand_side))
 
 
-def _replaced(field: FloatArray, inner: IntArray, values: FloatArray) -> FloatArray:
+def _replaced(field: FloatArray, inner: NDArray[np.intp], values: FloatArray) -> FloatArray:
     result = field.copy()
     result[inner] = values
     return result

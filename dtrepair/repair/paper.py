@@ -11,29 +11,11 @@ from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.operators import cotangent_laplacian
 from dtrepair.repair.descent import Descent
 from dtrepair.repair.diffusion import BodyDiffusion, Diffusion, SparseOperator
-from dtrepair.repair.energy import (
-    ConicalField,
-    Kernel,
-    PointToPlane,
-    SignedTangentPoint,
-    UnsignedTangentPoint,
-)
-from dtrepair.repair.optimizer import GradientDescent, MomentumBrake, Optimizer, UniformAdam
+from dtrepair.repair.energy import KERNELS, triangle_directions
+from dtrepair.repair.optimizer import make_optimizer
 from dtrepair.repair.options import RepairOptions, Solved, Stage
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.tighten import distortion
-
-_KERNELS: dict[str, type[Kernel]] = {
-    "signed-tpe": SignedTangentPoint,
-    "tpe": UnsignedTangentPoint,
-    "point-to-plane": PointToPlane,
-    "conical": ConicalField,
-}
-_OPTIMIZERS: dict[str, type[Optimizer]] = {
-    "momentum-brake": MomentumBrake,
-    "uniform-adam": UniformAdam,
-    "gradient-descent": GradientDescent,
-}
 
 
 class PaperMethod:
@@ -54,13 +36,18 @@ class PaperMethod:
             )
             for body in surface.bodies
         ]
+        faces = torch.from_numpy(surface.faces.astype(np.int64))
+        direction = None
+        if surface.direction is not None:
+            direction = triangle_directions(torch.from_numpy(surface.direction), faces)
         self.descent = Descent(
-            faces=torch.from_numpy(surface.faces.astype(np.int64)),
+            faces=faces,
             detect=self._detect,
             diffusion=BodyDiffusion(bodies, mobility=torch.from_numpy(surface.mobility)),
             laplacian=SparseOperator(laplacian),
-            kernel=_KERNELS[options.energy](),
-            optimizer=_OPTIMIZERS[options.optimizer](),
+            kernel=KERNELS[options.energy],
+            optimizer=make_optimizer(options.optimizer, energy=options.energy),
+            direction=direction,
             iterations=options.iterations,
             regularization=options.regularization,
         )

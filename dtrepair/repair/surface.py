@@ -92,6 +92,7 @@ class Surface:
         self.queries = Queries(self.detector)
         self.leave_rest = leave_rest
         self._close_at_rest: dict[float, NDArray[np.int64]] = {}
+        self.direction = direction
         self.face_direction = None if direction is None else _unit(direction[faces].sum(axis=1))
 
     @cached_property
@@ -191,7 +192,7 @@ class Surface:
 
     def triangles_at(self, vertices: BoolArray) -> BoolArray:
         """Mask (F,) of the triangles with a corner in a vertex mask (V,)."""
-        return vertices[self.faces].any(axis=1)
+        return np.logical_or.reduce(vertices[self.faces], axis=1)
 
     def dilate(self, mask: BoolArray, rings: int = 1) -> BoolArray:
         """A vertex mask (V,) grown by rings of edges."""

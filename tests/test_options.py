@@ -80,6 +80,13 @@ def test_counts_are_whole(name: str) -> None:
     assert getattr(RepairOptions(**{name: np.int64(3)}), name) == 3
 
 
+@pytest.mark.parametrize("control", [{"maximum_displacement": 0.1}, {"clearance": 0.1}])
+def test_the_paper_has_no_such_controls(control: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="should be left out with the method paper"):
+        RepairOptions(method="paper", **control)
+    assert RepairOptions(**control).method == "full"
+
+
 def test_options_are_frozen_and_keyword_only() -> None:
     options = RepairOptions()
     with pytest.raises(FrozenInstanceError):

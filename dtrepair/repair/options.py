@@ -85,6 +85,11 @@ class RepairOptions:
         limit = self.maximum_displacement
         if limit is not None and not limit >= 0:
             raise ValueError(f"maximum_displacement should be at least 0, got {limit}")
+        if self.method == "paper" and (limit is not None or self.clearance):
+            raise ValueError(
+                "maximum_displacement and clearance should be left out with the method paper, "
+                'which knows neither: use "full"'
+            )
 
 
 class Status(StrEnum):

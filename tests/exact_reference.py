@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dtrepair import RepairResult
 from dtrepair.intersect.exact import intersect
 
 
@@ -24,3 +27,10 @@ def exact_pairs(points: ArrayLike, faces: NDArray[np.int32]) -> NDArray[np.int32
     i, j = i[~same], j[~same]
     hit = intersect(corners[i], corners[j])
     return np.stack([i[hit], j[hit]], axis=1).astype(np.int32)
+
+
+def check_counts(result: RepairResult, pose: Any, faces: NDArray[np.int32]) -> None:
+    """Counts of a result are those of an independent count in integers."""
+    for points, count in ((pose, result.before), (result.points, result.after)):
+        pairs = exact_pairs(points, faces)
+        assert (len(np.unique(pairs)), len(pairs)) == (count.triangles, count.pairs)

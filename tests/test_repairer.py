@@ -11,15 +11,14 @@ import torch
 import dtrepair
 import dtrepair.intersect.detector
 from dtrepair import Repairer, RepairOptions, RepairResult, Status, find_intersections, repair_mesh
-from dtrepair.geometry import FloatArray, IntArray, diagonal, weld_map
+from dtrepair.geometry import FloatArray, diagonal, weld_map
 from dtrepair.operators import Factor
-from tests.exact_reference import exact_pairs
+from tests.exact_reference import check_counts
 from tests.meshes import (
     Mesh,
     armed_body,
     crossing_tubes,
     elbow,
-    grid,
     icosphere,
     joined,
     klein_bottle,
@@ -43,13 +42,6 @@ FACES = armed_body(0.0)[1]
 @pytest.fixture(scope="module")
 def plain() -> RepairResult:
     return Repairer(REST, FACES)(ARM)
-
-
-def check_counts(result: RepairResult, pose: Any, faces: IntArray) -> None:
-    """Counts of a result are those of an independent count in integers."""
-    for points, count in ((pose, result.before), (result.points, result.after)):
-        pairs = exact_pairs(points, faces)
-        assert (len(np.unique(pairs)), len(pairs)) == (count.triangles, count.pairs)
 
 
 @pytest.mark.parametrize("kind", POSES)
@@ -203,69 +195,6 @@ def test_seams_stay_together(kind: str) -> None:
     assert np.array_equal(result.points[doubled], result.points[twins[doubled]])
 
 
-def outcome(result: RepairResult) -> tuple[Status, float, float]:
-    return result.status, result.displacement_mean, result.displacement_max
-
-
-@pytest.mark.parametrize("scale", [2.0**-13, 2.0**20])
-def test_powers_of_two_scale_exactly(scale: float, plain: RepairResult) -> None:
-    scaled = Repairer(scale * REST, FACES)(scale * ARM)
-    assert scaled.before == plain.before and scaled.after == plain.after
-    assert np.array_equal(scaled.points, scale * plain.points)
-
-
-def rotation(seed: int) -> FloatArray:
-    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
-    q = q * np.sign(np.diag(r))
-    return q if np.linalg.det(q) > 0 else -q
-
-
-def renumbered(points: FloatArray, faces: IntArray, seed: int) -> tuple[FloatArray, IntArray]:
-    random = np.random.default_rng(seed)
-    order = random.permutation(len(points))
-    place = np.argsort(order).astype(np.int32)
-    shuffled = place[faces][random.permutation(len(faces))]
-    turned = (np.arange(3) + random.integers(0, 3, (len(faces), 1))) % 3
-    return points[order], np.take_along_axis(shuffled, turned, axis=1)
-
-
-CHANGES = {
-    "scale 1e-4": lambda p, f: (1e-4 * p, f),
-    "scale 1e6": lambda p, f: (1e6 * p, f),
-    "rotated": lambda p, f: (p @ rotation(0).T, f),
-    "moved": lambda p, f: (p + np.array([3.0, -5.0, 2.0]), f),
-    "far away": lambda p, f: (p + 1e6 * diagonal(p) * np.array([0.6, 0.0, -0.8]), f),
-    "renumbered": lambda p, f: renumbered(p, f, 0),
-}
-
-
-@pytest.mark.parametrize("name", CHANGES)
-def test_the_outcome_does_not_depend_on_units_place_or_numbers(
-    name: str, plain: RepairResult
-) -> None:
-    points, faces, rest = ARM, FACES, REST
-    changed_points, changed_faces = CHANGES[name](points, faces)
-    changed_rest, _ = CHANGES[name](rest, faces)
-    changed = Repairer(changed_rest, changed_faces)(changed_points)
-    assert changed.status is plain.status is Status.CLEAN
-    # Rounding decides which of several near ways out is taken: sizes agree, not coordinates.
-    assert abs(changed.before.pairs - plain.before.pairs) <= 0.1 * plain.before.pairs
-    for one, other in zip(outcome(changed)[1:], outcome(plain)[1:], strict=True):
-        assert 0.5 < one / other < 2.0
-    centre = changed_points.mean(axis=0) if name == "far away" else 0.0
-    assert len(exact_pairs(changed.points - centre, changed_faces)) == 0
-
-
-def test_float64_poses_far_from_the_origin_keep_their_digits(plain: RepairResult) -> None:
-    away = 1e6 * diagonal(ARM) * np.array([1.0, -2.0, 0.5])
-    pose = ARM + away
-    result = Repairer(REST, FACES)(pose)
-    assert result.status is Status.CLEAN
-    assert result.displacement_mean < 2 * plain.displacement_mean
-    clean = Repairer(REST, FACES)(REST + away)
-    assert clean.status is Status.CLEAN and np.array_equal(clean.points, REST + away)
-
-
 @pytest.mark.parametrize("method", ["full", "paper"])
 def test_a_surface_that_must_cross_itself_is_never_called_clean(method: str) -> None:
     # No Klein bottle fits into space without crossing itself.
@@ -298,64 +227,6 @@ def test_a_mesh_takes_the_pose_for_its_own_rest() -> None:
     assert np.array_equal(result.points, Repairer(points, faces)(points).points)
     tensor = repair_mesh(torch.from_numpy(points), faces)
     assert np.array_equal(tensor.points.numpy(), result.points)
-
-
-def test_open_flat_and_empty_meshes_come_back() -> None:
-    for points, faces in (
-        grid(4, 4),
-        (np.zeros((0, 3)), np.zeros((0, 3), np.int32)),
-        (np.zeros((5, 3)), np.zeros((0, 3), np.int32)),
-        (np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32)),
-    ):
-        result = Repairer(points, faces)(points)
-        assert result.status is Status.CLEAN and np.array_equal(result.points, points)
-
-
-def test_unused_vertices_and_zero_area_triangles_do_no_harm() -> None:
-    points, faces = POSES["spheres"][0]
-    points = np.concatenate([points, [[9.0, 9, 9], points[3]]])
-    flat = [[0, 0, 1], [5, 5, 5], [3, len(points) - 1, 4]]
-    faces = np.concatenate([faces, np.array(flat, dtype=np.int32)])
-    result = Repairer(points, faces)(points)
-    assert result.status is Status.CLEAN and np.isfinite(result.points).all()
-    check_counts(result, points, faces)
-    assert np.array_equal(result.points[-2], points[-2])
-
-
-def test_wrong_poses_are_refused() -> None:
-    points, faces = torus()
-    repairer = Repairer(points, faces)
-    with pytest.raises(ValueError, match=f"should have {len(points)} rows"):
-        repairer(points[1:])
-    with pytest.raises(ValueError, match="shape"):
-        repairer(points[:, :2])
-    wrong = points.copy()
-    wrong[7, 1] = np.nan
-    with pytest.raises(ValueError, match=r"finite.*vertex 7"):
-        repairer(wrong)
-    with pytest.raises(ValueError, match="finite"):
-        repairer(points * 1e39)
-
-
-def test_wrong_meshes_and_controls_are_refused() -> None:
-    points, faces = torus()
-    count = len(points)
-    with pytest.raises(ValueError, match="index 999"):
-        Repairer(points, np.where(faces == 9, 999, faces))
-    with pytest.raises(ValueError, match="finite"):
-        Repairer(points * np.nan, faces)
-    with pytest.raises(ValueError, match=f"pin should hold {count} numbers between 0 and 1"):
-        Repairer(points, faces, pin=np.zeros(3))
-    with pytest.raises(ValueError, match="pin should hold"):
-        Repairer(points, faces, pin=np.full(count, 1.5))
-    with pytest.raises(ValueError, match="pin should hold"):
-        Repairer(points, faces, pin=np.full(count, np.nan))
-    with pytest.raises(ValueError, match="direction should be"):
-        Repairer(points, faces, direction=np.zeros((count, 2)))
-    with pytest.raises(ValueError, match="direction should be"):
-        Repairer(points, faces, direction=np.full((count, 3), np.inf))
-    with pytest.raises(ValueError, match="device"):
-        Repairer(points, faces, device="abacus")
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

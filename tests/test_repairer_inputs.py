@@ -1,0 +1,68 @@
+"""Repairer: odd meshes that come back, and wrong ones that are refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair import Repairer, Status
+from tests.exact_reference import check_counts
+from tests.meshes import grid, overlapping_spheres, torus
+
+
+def test_open_flat_and_empty_meshes_come_back() -> None:
+    for points, faces in (
+        grid(4, 4),
+        (np.zeros((0, 3)), np.zeros((0, 3), np.int32)),
+        (np.zeros((5, 3)), np.zeros((0, 3), np.int32)),
+        (np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32)),
+    ):
+        result = Repairer(points, faces)(points)
+        assert result.status is Status.CLEAN and np.array_equal(result.points, points)
+
+
+def test_unused_vertices_and_zero_area_triangles_do_no_harm() -> None:
+    points, faces = overlapping_spheres()
+    points = np.concatenate([points, [[9.0, 9, 9], points[3]]])
+    flat = [[0, 0, 1], [5, 5, 5], [3, len(points) - 1, 4]]
+    faces = np.concatenate([faces, np.array(flat, dtype=np.int32)])
+    result = Repairer(points, faces)(points)
+    assert result.status is Status.CLEAN and np.isfinite(result.points).all()
+    check_counts(result, points, faces)
+    assert np.array_equal(result.points[-2], points[-2])
+
+
+def test_wrong_poses_are_refused() -> None:
+    points, faces = torus()
+    repairer = Repairer(points, faces)
+    with pytest.raises(ValueError, match=f"should have {len(points)} rows"):
+        repairer(points[1:])
+    with pytest.raises(ValueError, match="shape"):
+        repairer(points[:, :2])
+    wrong = points.copy()
+    wrong[7, 1] = np.nan
+    with pytest.raises(ValueError, match=r"finite.*vertex 7"):
+        repairer(wrong)
+    with pytest.raises(ValueError, match="finite"):
+        repairer(points * 1e39)
+
+
+def test_wrong_meshes_and_controls_are_refused() -> None:
+    points, faces = torus()
+    count = len(points)
+    with pytest.raises(ValueError, match="index 999"):
+        Repairer(points, np.where(faces == 9, 999, faces))
+    with pytest.raises(ValueError, match="finite"):
+        Repairer(points * np.nan, faces)
+    with pytest.raises(ValueError, match=f"pin should hold {count} numbers between 0 and 1"):
+        Repairer(points, faces, pin=np.zeros(3))
+    with pytest.raises(ValueError, match="pin should hold"):
+        Repairer(points, faces, pin=np.full(count, 1.5))
+    with pytest.raises(ValueError, match="pin should hold"):
+        Repairer(points, faces, pin=np.full(count, np.nan))
+    with pytest.raises(ValueError, match="direction should be"):
+        Repairer(points, faces, direction=np.zeros((count, 2)))
+    with pytest.raises(ValueError, match="direction should be"):
+        Repairer(points, faces, direction=np.full((count, 3), np.inf))
+    with pytest.raises(ValueError, match="device"):
+        Repairer(points, faces, device="abacus")

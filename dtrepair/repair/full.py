@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray
+from dtrepair.geometry import FloatArray, IntArray, extent
 from dtrepair.repair.clearance import open_contacts
 from dtrepair.repair.contact import Defects, find_defects
 from dtrepair.repair.crease import fill_creases
@@ -29,7 +29,7 @@ ROUND_GAIN = 0.97
 LOW_ENOUGH = 0.04
 # A stage must lower it to this part to be run in the next round too.
 STAGE_GAIN = 0.995
-PULL_BACK, PULL_BACK_DECAY = 0.35, 0.8
+PULL_BACK, PULL_BACK_DECAY, PULL_BACK_STEP = 0.35, 0.8, 0.004
 
 
 class Candidate(NamedTuple):
@@ -44,6 +44,18 @@ class Candidate(NamedTuple):
     def rank(self) -> tuple[int, float]:
         """Crossings first, then distortion: smaller is better."""
         return len(self.defects.crossings), round(self.distortion, 4)
+
+
+def contact_scale(surface: Surface, pairs: IntArray) -> float:
+    """Size of the smallest body in contact, units of the surface's size: what steps relate to.
+
+    A step that suits a character throws a bracelet off its wrist.
+    """
+    touching = np.unique(surface.body_of[pairs])
+    if len(surface.bodies) == 1 or len(touching) == 0:
+        return 1.0
+    bodies = [surface.bodies[index] for index in touching]
+    return min(1.0, *(extent(surface.rest[body.start : body.stop]) for body in bodies))
 
 
 class FullMethod:
@@ -96,6 +108,7 @@ class _Run:
         self.surface, self.original = surface, original
         self.farthest, self.skip = farthest, skip
         self.known = find_defects(surface, original)
+        self.scale = contact_scale(surface, self.known.crossings)
         self.stages: list[Stage] = []
 
     def limited(self, points: FloatArray) -> FloatArray:
@@ -128,7 +141,7 @@ class _Run:
         best: Candidate | None = None
         points = self.original
         for index, near in enumerate(NEAR):
-            pushed = self._push(points, near, step * STEP_DECAY**index)
+            pushed = self._push(points, near, self.scale * step * STEP_DECAY**index)
             points = pushed.points
             if pushed.iterations == 0 and best is not None:
                 continue
@@ -168,7 +181,13 @@ class _Run:
                 start = time.perf_counter()
                 if name == "pull-back":
                     points = pull_back(
-                        surface, original, points, near=best.near, fraction=fraction, folds=folds
+                        surface,
+                        original,
+                        points,
+                        near=best.near,
+                        fraction=fraction,
+                        folds=folds,
+                        step=PULL_BACK_STEP * self.scale,
                     )
                 else:
                     points = relax(

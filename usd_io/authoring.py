@@ -100,6 +100,11 @@ def write_animation(
         file.commit()
 
 
+def define_mesh(stage: Usd.Stage, mesh: AuthoredMesh) -> UsdGeom.Mesh:
+    """Define a mesh without animation on a stage; ValueError, UsageError as `write_animation`."""
+    return _define(stage, mesh, *_checked(mesh, len(_frames(mesh))))
+
+
 def _set_times(stage: Usd.Stage, codes: NDArray[np.float64], fps: float) -> None:
     stage.SetTimeCodesPerSecond(fps)
     stage.SetFramesPerSecond(fps)

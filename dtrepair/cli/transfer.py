@@ -102,6 +102,11 @@ _UP = click.Choice(["Y", "Z"], case_sensitive=False)
     default=None,
     help="Repair frames for themselves (default for pose files) or steady in time (stages).",
 )
+@click.option(
+    "--shapes",
+    is_flag=True,
+    help="Take --poses, or the blend shapes of SOURCE, as shapes; write UsdSkel blend shapes.",
+)
 @click.option("--picture", metavar="F.png", help="Draw the registered source over the target.")
 @click.option("--report", "report_path", metavar="F.json", help="Write a JSON report.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
@@ -158,6 +163,10 @@ def _check_options(wanted: TransferOptions) -> None:
         raise Failure("--markers, --correspondence: give one of them", USAGE)
     if wanted.ground and wanted.pin:
         raise Failure("--ground: has no effect on pinned frames; leave out it or --pin", USAGE)
+    if wanted.shapes and wanted.pin:
+        raise Failure("--pin: has no effect with --shapes; leave it out", USAGE)
+    if wanted.shapes and wanted.repair is not None:
+        raise Failure("--repair: repairs motion, not --shapes; repair the posed result", USAGE)
     if wanted.repair is not None:
         return
     context = click.get_current_context()

@@ -36,6 +36,7 @@ class TransferOptions:
     pin: str | None = None
     picture: str | None = None
     dry_run: bool = False
+    shapes: bool = False
     alone: bool | None = None
     repair: RepairOptions | None = None
 

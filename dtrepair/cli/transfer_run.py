@@ -28,6 +28,7 @@ from dtrepair.cli.transfer_inputs import (
 )
 from dtrepair.cli.transfer_options import Inputs
 from dtrepair.cli.transfer_report import describe, draw_registration, print_report, say
+from dtrepair.cli.transfer_shapes import ShapeSink, open_shapes
 from dtrepair.cli.transfer_sinks import open_clip
 from dtrepair.cli.transfer_solve import FrameTransfer, PinSet, counted_frames, read_pin_set
 from dtrepair.jitter_meter import JitterMeter
@@ -61,7 +62,8 @@ def run_transfer(run: Inputs, output: str, console: Console) -> tuple[int, Repor
     """Do a whole transfer; return the exit code and the report (None for a dry run)."""
     pair = _open(run, console)
     _refuse_together(run, pair)
-    sink = open_clip(pair.source, pair.target, output, run.settings())
+    open_sink = ShapeSink if run.options.shapes else open_clip
+    sink = open_sink(pair.source, pair.target, output, run.settings())
     try:
         pins = read_pin_set(
             pair.target, pair.target_rest.points, run.options.pin, len(pair.source.times)
@@ -79,7 +81,8 @@ def run_transfer(run: Inputs, output: str, console: Console) -> tuple[int, Repor
 
 def _open(run: Inputs, console: Console) -> Pair:
     options = run.options
-    source = open_poses(options.source_path, options.poses, run.selection)
+    open_source = open_shapes if options.shapes else open_poses
+    source = open_source(options.source_path, options.poses, run.selection)
     target = open_target(options.target_path, options.target_prim)
     run.warnings += [*source.warnings, *target.warnings, *input_problems(source, target)]
     rest = options.rest

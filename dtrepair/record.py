@@ -51,6 +51,18 @@ class FramePrimRecord:
     after: CountRecord | None
 
 
+@dataclass(frozen=True)
+class StageRecord:
+    """A stage of the repair of one frame: pairs left after it, distortion reached, cost."""
+
+    name: str
+    crossings: int
+    folds: int
+    distortion: float
+    iterations: int
+    seconds: float
+
+
 @dataclass(frozen=True, kw_only=True)
 class FrameRecord:
     """One frame: what was found, what was done, what is left. Counts are None where it failed."""
@@ -65,6 +77,7 @@ class FrameRecord:
     displacement_max: float = 0.0
     displacement_mean: float = 0.0
     prims: tuple[FramePrimRecord, ...] = ()
+    stages: tuple[StageRecord, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,6 +206,17 @@ _FRAME = _object(
     displacement_max=_AMOUNT,
     displacement_mean=_AMOUNT,
     prims={"type": "array", "items": _object(path=_TEXT, before=_COUNTS, after=_COUNTS)},
+    stages={
+        "type": "array",
+        "items": _object(
+            name=_TEXT,
+            crossings=_COUNT,
+            folds=_COUNT,
+            distortion=_AMOUNT,
+            iterations=_COUNT,
+            seconds=_AMOUNT,
+        ),
+    },
 )
 _SUMMARY = _object(
     frames=_COUNT,

@@ -178,3 +178,15 @@ def test_reading_something_else_is_refused(tmp_path):
     path.write_text(json.dumps({"schema": SCHEMA_NAME}))
     with pytest.raises(ReportError, match=r"report\.json: report: expected the property"):
         read_report(path)
+
+
+def test_stages_of_a_frame_are_written_and_checked() -> None:
+    from dtrepair.record import StageRecord
+
+    stage = StageRecord("push 20", 12, 3, 0.08, 5, 0.2)
+    frame = FrameRecord(time=1.0, status="clean", stages=(stage,))
+    report = Report(command="repair", version="1", input="a.usd", frames=(frame,))
+    assert report.document()["frames"][0]["stages"][0]["name"] == "push 20"
+    wrong = FrameRecord(time=1.0, status="clean", stages=(StageRecord("fill", -1, 0, 0.1, 0, 0.0),))
+    with pytest.raises(ReportError, match="crossings"):
+        Report(command="repair", version="1", input="a.usd", frames=(wrong,)).document()

@@ -67,6 +67,13 @@ _OPTIONS = (
         help="What to do with intersections that the rest pose has as well.",
     ),
     click.option(
+        "--skip-stage",
+        "skip",
+        multiple=True,
+        type=click.Choice(["volume", "fill", "pull-back", "relax", "pin"]),
+        help="Leave a stage of the full method out; may be given several times.",
+    ),
+    click.option(
         "--iterations",
         type=int,
         default=60,
@@ -98,7 +105,7 @@ _OPTIONS = (
     ),
 )
 # Options of the full method alone.
-_FULL_ONLY = ("tighten", "clearance", "maximum_displacement", "rest_contacts")
+_FULL_ONLY = ("tighten", "clearance", "maximum_displacement", "rest_contacts", "skip")
 METHOD_NAMES = ("method", "mode", "diffusion", *_FULL_ONLY, *_PAPER_ONLY)
 
 

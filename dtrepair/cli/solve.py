@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 from itertools import chain, islice
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dtrepair.cli.frames import Frame, frame_time, unusable
 from dtrepair.cli.sources import Source
-from dtrepair.record import CountRecord, FramePrimRecord, FrameRecord
+from dtrepair.record import CountRecord, FramePrimRecord, FrameRecord, StageRecord
 
 if TYPE_CHECKING:
     from dtrepair.counts import SceneCount, SceneCounter
@@ -131,6 +131,8 @@ class FrameRepairer:
             if after.total.pairs == 0 or any(result.after.pairs for result in results):
                 break
         record = self._record(frame, spaces, before, after, message, iterations, seconds)
+        stages = tuple(StageRecord(*astuple(stage)) for stage in results[0].stages)
+        record = replace(record, stages=stages)
         return Repaired(frame, points, spaces, record, seconds)
 
     def _written(
@@ -187,7 +189,7 @@ class FrameRepairer:
         return FrameRecord(
             time=frame_time(frame),
             status=status,
-            message="" if status == "clean" else message,
+            message=message,
             before=before.total,
             after=after.total,
             iterations=iterations,

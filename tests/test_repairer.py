@@ -218,6 +218,7 @@ def test_intersections_of_the_rest_are_told_and_repaired_or_left() -> None:
     options = RepairOptions(rest_contacts="leave")
     left = Repairer(points, faces, options=options)(points)
     assert np.array_equal(left.points, points)
+    assert "rest pose" in left.message and str(left.after.pairs) in left.message
 
 
 def test_a_mesh_takes_the_pose_for_its_own_rest() -> None:

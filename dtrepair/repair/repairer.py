@@ -18,7 +18,7 @@ from dtrepair.metrics import displacements
 from dtrepair.repair.animation import AnimationRepairer, animate
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
-from dtrepair.repair.surface import BodyRange, Surface
+from dtrepair.repair.surface import BodyRange, Surface, pair_keys
 
 # Poses farther from the origin than this many times their size are repaired about their centre:
 # float32 would lose too many digits there.
@@ -183,21 +183,32 @@ class SceneRepairer:
         counts = [self._count(pairs, index) for pairs in (before, after)]
         moved = displacements(original[own], repaired[own])
         status = _status(*counts)
-        message = status.advice
-        if status is Status.CLEAN and solved.left:
-            message = f"{solved.left} pairs are closer than the clearance"
         return RepairResult(
             points=_as_given(repaired[own], given),
             before=counts[0],
             after=counts[1],
             iterations=solved.iterations,
             status=status,
-            message=message,
+            message=self._message(status, after, solved),
             displacement_max=float(moved.max(initial=0.0)),
             displacement_mean=float(moved.mean()) if len(moved) else 0.0,
             stages=tuple(solved.stages),
             seconds=seconds,
         )
+
+    def _message(self, status: Status, after: IntArray, solved: Solved) -> str:
+        if status is Status.CLEAN and solved.left:
+            return f"{solved.left} pairs are closer than the clearance"
+        if len(after) and self.options.rest_contacts == "leave":
+            at_rest = int(np.isin(pair_keys(after), self._rest_keys).sum())
+            if at_rest == len(after):
+                return f"all {at_rest} pairs that are left intersect in the rest pose as well"
+        return status.advice
+
+    @cached_property
+    def _rest_keys(self) -> NDArray[np.int64]:
+        rest = _centred(self._rest)[0]
+        return pair_keys(self._pairs(rest, self._weld(rest)))
 
     def _count(self, pairs: IntArray, index: int) -> Count:
         owner = self._body_of[pairs]

@@ -145,9 +145,9 @@ class Surface:
         near = 1.1 * clearance * self.size
         if near not in self._close_at_rest:
             rest = close_pairs(self.detector, self.written(self.rest), near)
-            self._close_at_rest[near] = _keys(rest)
+            self._close_at_rest[near] = pair_keys(rest)
         found = close_pairs(self.detector, self.written(points), clearance * self.size)
-        found = found[~np.isin(_keys(found), self._close_at_rest[near])]
+        found = found[~np.isin(pair_keys(found), self._close_at_rest[near])]
         found = found[self.queries.ring_distance(found) > NEIGHBOUR_RINGS]
         crossing = self.detector(self.written(points), exact=False)
         return self._counted(_united(crossing, found))
@@ -156,7 +156,7 @@ class Surface:
         """Folds (K, 2) that are to go; with `active` (V,) those around active vertices."""
         found = self.queries.folds(self.written(points), active=active)
         if self.leave_rest:
-            found = found[~np.isin(_keys(found), self._folds_at_rest)]
+            found = found[~np.isin(pair_keys(found), self._folds_at_rest)]
         return found
 
     def batch_pairs(self, points: FloatArray) -> IntArray:
@@ -173,16 +173,16 @@ class Surface:
             still = self.fixed[self.faces].all(axis=1)
             keep &= ~(still[first] & still[second])
         if self.leave_rest:
-            keep &= ~np.isin(_keys(pairs[:, -2:]), self._crossing_at_rest)
+            keep &= ~np.isin(pair_keys(pairs[:, -2:]), self._crossing_at_rest)
         return pairs[keep]
 
     @cached_property
     def _folds_at_rest(self) -> NDArray[np.int64]:
-        return _keys(self.queries.folds(self.written(self.rest)))
+        return pair_keys(self.queries.folds(self.written(self.rest)))
 
     @cached_property
     def _crossing_at_rest(self) -> NDArray[np.int64]:
-        return _keys(self.detector(self.written(self.rest)))
+        return pair_keys(self.detector(self.written(self.rest)))
 
     def vertices_of(self, triangles: NDArray[np.integer]) -> BoolArray:
         """Mask (V,) of the corners of triangles given by index, any shape."""
@@ -221,14 +221,14 @@ class Surface:
         return self.incidence @ (vector_areas(points, self.faces) / 3.0)
 
 
-def _keys(pairs: IntArray) -> NDArray[np.int64]:
+def pair_keys(pairs: IntArray) -> NDArray[np.int64]:
     """One number for each pair (K, 2)."""
     return pairs[:, 0].astype(np.int64) << 32 | pairs[:, 1].astype(np.int64)
 
 
 def _united(first: IntArray, second: IntArray) -> IntArray:
     """The pairs of two sets, each once, sorted."""
-    keys = np.union1d(_keys(first), _keys(second))
+    keys = np.union1d(pair_keys(first), pair_keys(second))
     return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)
 
 

@@ -29,7 +29,9 @@ ROUND_GAIN = 0.97
 LOW_ENOUGH = 0.04
 # A stage must lower it to this part to be run in the next round too.
 STAGE_GAIN = 0.995
-PULL_BACK, PULL_BACK_DECAY, PULL_BACK_STEP = 0.35, 0.8, 0.004
+PULL_BACK, PULL_BACK_STEP = 0.35, 0.004
+# How the fraction goes on after a pull that was of use, and after one that asked too much.
+PULL_BACK_DECAY, PULL_BACK_CUT = 0.8, 0.4
 
 
 class Candidate(NamedTuple):
@@ -162,15 +164,14 @@ class _Run:
     def tighten(self, best: Candidate, rounds: int) -> FloatArray:
         """The clean pose pulled towards the input in rounds of three stages.
 
-        A stage that gained nothing in one round is left out in the next.
+        A stage that gained nothing in one round is left out in the next, or asks for less.
         """
         points, folds = best.points, len(best.defects.folds)
         surface, original = self.surface, self.original
         before = best.distortion
         reach = reach_of(surface, points - original)
-        idle = ""
+        idle, fraction = "", PULL_BACK
         for index in range(rounds):
-            fraction = PULL_BACK * PULL_BACK_DECAY**index
             if before < LOW_ENOUGH * (1.0 if index else 0.1):
                 break
             start_of_round = before
@@ -200,7 +201,10 @@ class _Run:
                         reach=reach,
                     )
                 after = self._record(name, points, 0, folds, 0, start)
-                if after > STAGE_GAIN * before:
+                gained = after <= STAGE_GAIN * before
+                if name == "pull-back":
+                    fraction *= PULL_BACK_DECAY if gained else PULL_BACK_CUT
+                elif not gained:
                     idle = name
                 before = after
             if before > ROUND_GAIN * start_of_round:

@@ -63,6 +63,14 @@ def test_two_meshes_are_separated_in_world_space(rod_in_ball, tmp_path):
     assert moved(rod_in_ball, out, "/Rod/Mesh") == [False, True, True, False]
 
 
+def test_frames_not_selected_stay_as_they_are(rod_in_ball, tmp_path):
+    # The points of both have no time samples, and the transform of the ball has none either.
+    out = tmp_path / "out.usda"
+    assert run("repair", rod_in_ball, "-o", out, "--frames", "2", "--alone").code == 0
+    assert moved(rod_in_ball, out, "/Ball/Mesh") == [False, True, False, False]
+    assert moved(rod_in_ball, out, "/Rod/Mesh") == [False, True, False, False]
+
+
 def test_two_meshes_steadily(rod_in_ball, tmp_path):
     out = tmp_path / "out.usdc"
     done = run("repair", rod_in_ball, "-o", out)

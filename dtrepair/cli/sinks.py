@@ -48,28 +48,37 @@ class StageSink:
                 USAGE,
             )
         self._meshes = [mesh.handle for mesh in source.meshes]
+        self._all_times = source.all_times
         self._own = [set(mesh.times.tolist()) for mesh in self._meshes]
-        self._unchanged: list[tuple[int, float]] = []
+        self._put: list[set[float]] = [set() for _ in self._meshes]
         self._written: set[int] = set()
         self._writer = OverrideWriter(source.opened, path, settings=settings, version=__version__)
 
     def put(self, index: int, time: float, points: NDArray[np.float32] | None) -> None:
-        """Write points, or note that the input's are kept."""
+        """Write points; what is kept of a mesh shows at the end, if it is written at all."""
         if points is not None:
             self._writer.write(self._meshes[index], time, points)
             self._written.add(index)
-        elif time not in self._own[index]:
-            # The writer copies the input's own samples itself. At a time between them the value
-            # must be held only if the mesh is written at all, which shows at the end.
-            self._unchanged.append((index, time))
+            self._put[index].add(float(time))
 
     def commit(self, record: dict[str, Any]) -> tuple[str, ...]:
         """Copy what was kept and move the layer to its place."""
-        for index, time in self._unchanged:
-            if index in self._written:
+        for index in self._written:
+            for time in self._kept_times(index):
                 self._writer.keep(self._meshes[index], time)
         self._writer.commit(record=record)
         return tuple(self._writer.warnings)
+
+    def _kept_times(self, index: int) -> list[float]:
+        """Times at which a written mesh must be held as it was.
+
+        Frames that were not repaired or not selected are at sample times of any mesh; a mesh that
+        has no sample there would else follow the repaired pose of the nearest frame.
+        """
+        if np.isnan(self._all_times).any():
+            return []
+        done = self._put[index] | self._own[index]
+        return [float(time) for time in self._all_times if float(time) not in done]
 
     def abort(self) -> None:
         """Remove the temporary layer."""

@@ -116,7 +116,7 @@ class StageSource:
             )
         up = next(iter(found.values())).up
         self.up = (float(up[0]), float(up[1]), float(up[2]))
-        self.times = self._times()
+        self.times = self.all_times = self._times()
         if spec is not None:
             self.times = self.times[spec.select(self.times, require=True)]
 

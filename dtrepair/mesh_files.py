@@ -36,15 +36,15 @@ def read_mesh(path: str | os.PathLike[str]) -> PolygonMesh:
         data = source.read_bytes()
     except OSError as error:
         raise MeshFileError(f"{source}: cannot be read: {error.strerror}") from None
+    if not data:
+        raise MeshFileError(f"{source}: the file is empty (0 bytes); export it again")
     readers = {"obj": read_obj, "ply": read_ply, "off": _read_off}
     try:
         mesh = readers[format](data) if format in readers else _read_trimesh(data, format)
+        _check(mesh)
     except MeshFileError as error:
-        raise MeshFileError(f"{source}: {error}") from None
-    if not len(mesh.points) or not len(mesh.faces()):
-        raise MeshFileError(f"{source}: expected a mesh with faces, got none")
-    if not np.isfinite(mesh.points).all():
-        raise MeshFileError(f"{source}: expected finite coordinates, got NaN or infinity")
+        cure = "" if ";" in str(error) else "; mend the file or export it again"
+        raise MeshFileError(f"{source}: {error}{cure}") from None
     return mesh
 
 
@@ -76,13 +76,20 @@ def losses(mesh: PolygonMesh, format: str) -> tuple[str, ...]:
     lost = []
     if format not in _POLYGONS and (mesh.counts != 3).any():
         lost.append("polygons become triangles")
-    if format == "stl":
+    if format == "stl" and mesh.format != "stl":
         lost.append("vertices are no longer shared")
     if mesh.texture is not None and format != mesh.format:
         per_corner = format in ("ply", "glb") and not mesh.has_vertex_texture()
         if format in ("off", "stl") or per_corner:
             lost.append("texture coordinates are dropped")
     return tuple(lost)
+
+
+def _check(mesh: PolygonMesh) -> None:
+    if not len(mesh.points) or not len(mesh.faces()):
+        raise MeshFileError("expected a mesh with faces, got none")
+    if not np.isfinite(mesh.points).all():
+        raise MeshFileError("expected finite coordinates, got NaN or infinity")
 
 
 def _format(path: Path) -> str:
@@ -133,6 +140,9 @@ def _read_trimesh(data: bytes, format: str) -> PolygonMesh:
     try:
         loaded: Any = trimesh.load_scene(stream, file_type=format, process=False)
         placed = loaded.dump(concatenate=False)
+    except (ImportError, IndexError, KeyError):
+        # Bytes that look like another variant of the format; the text would mislead.
+        raise MeshFileError(f"not a readable {format} file: damaged or cut short") from None
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise MeshFileError(f"not a readable {format} file: {error}") from None
     meshes = [item for item in placed if isinstance(item, trimesh.Trimesh)]

@@ -23,6 +23,7 @@ def read_obj(data: bytes) -> PolygonMesh:
     texture: list[list[float]] = []
     polygons: list[list[int]] = []
     texture_corners: list[int] = []
+    face_lines: list[int] = []
     for number, line in enumerate(lines, 1):
         words = line.split()
         if not words:
@@ -36,10 +37,18 @@ def read_obj(data: bytes) -> PolygonMesh:
                 texture.append([*_floats(words[1:3], 1), 0.0][:2])
             elif words[0] == "f":
                 corners = [_corner(word, len(points), len(texture)) for word in words[1:]]
+                face_lines.append(number)
                 polygons.append([vertex for vertex, _ in corners])
                 texture_corners.extend(row for _, row in corners)
         except ValueError as error:
             raise MeshFileError(f"line {number}: {error}") from None
+    for number, polygon in zip(face_lines, polygons, strict=True):
+        if polygon and max(polygon) >= len(points):
+            # Counted from 1, as in the file.
+            raise MeshFileError(
+                f"line {number}: expected vertex indices up to {len(points)} (the vertex count), "
+                f"got {max(polygon) + 1}"
+            )
     more: dict[str, Any] = {"original": text}
     if texture and any(row >= 0 for row in texture_corners):
         more["texture"] = np.asarray(texture)

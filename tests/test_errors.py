@@ -39,6 +39,8 @@ def test_messages_of_pxr_become_one_line() -> None:
     assert "\n" not in text and "pxrInternal" not in text
     assert len(one_line(ValueError("x" * 1000))) == 300
     assert one_line(ValueError()) == "ValueError"
+    mangled = "in pxrInternal_v0_26_11__pxrReserved__::Sdf_Parser::Value"
+    assert one_line(ValueError(mangled)) == "in Sdf_Parser::Value"
 
 
 def test_public_names_exist_and_load_pxr_late() -> None:

@@ -199,12 +199,14 @@ def test_texture_of_shared_vertices_survives_ply_to_obj_and_glb(tmp_path):
     assert np.allclose(read_mesh(tmp_path / "a.glb").texture, mesh.texture, atol=1e-6)
 
 
-def test_losses_name_what_a_format_drops(obj_path):
+def test_losses_name_what_a_format_drops(obj_path, tmp_path):
     mesh = read_mesh(obj_path)
     assert losses(mesh, "obj") == ()
     assert losses(mesh, "ply") == ("texture coordinates are dropped",)
     assert losses(mesh, "stl")[0] == "polygons become triangles"
     assert "vertices are no longer shared" in losses(mesh, "stl")
+    write_mesh(tmp_path / "a.stl", mesh, mesh.points)
+    assert losses(read_mesh(tmp_path / "a.stl"), "stl") == ()
 
 
 def test_vertex_normals_of_a_square():
@@ -219,11 +221,13 @@ def test_vertex_normals_of_a_square():
     [
         ("a.obj", "v 0 0\n", r"a\.obj: line 1: expected 3 numbers, got 2"),
         ("a.obj", "v 0 0 nan\n", "line 1: expected finite"),
-        ("a.obj", "v 0 0 0\nf 1 2 3\n", "expected face indices below 1 .* got 1"),
+        ("a.obj", "v 0 0 0\nf 1 2 3\n", "line 2: expected vertex indices up to 1 .* got 3"),
         ("a.obj", "v 0 0 0\nf 0 1 1\n", "line 2: expected an index from 1"),
         ("a.obj", "v 0 0 0\nf 1 1 \\\n1\n", "line 2: a line continued"),
         ("a.obj", "v 0 0 0\n", "expected a mesh with faces"),
-        ("a.obj", "", "expected a mesh with faces"),
+        ("a.obj", "", "the file is empty .*; export it again"),
+        ("a.glb", "", "the file is empty"),
+        ("a.stl", "hello \x01 garbage\n" * 30, "not a readable stl file: .*; mend the file or"),
         ("a.ply", "ply\nformat", "not a readable PLY"),
         ("a.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty float x\n"
          "property float y\nproperty float z\nend_header\n", "ends early"),
@@ -231,7 +235,7 @@ def test_vertex_normals_of_a_square():
         ("a.off", "PLY\n", "expected a first line OFF"),
         ("a.stl", "nonsense", "not a readable stl"),
         ("a.glb", "nonsense", "not a readable glb"),
-        ("a.xyzzy", "", "expected a mesh format such as obj"),
+        ("a.xyzzy", "x", "expected a mesh format such as obj"),
         ("a", "", "expected a file extension"),
     ],
 )  # fmt: skip

@@ -6,6 +6,7 @@ Every class carries the exit code a command line should end with.
 from __future__ import annotations
 
 import math
+import re
 
 
 class UsdIoError(Exception):
@@ -68,5 +69,6 @@ def one_line(error: BaseException, limit: int = 300) -> str:
     messages = [line.split(" : ", 1)[-1] for line in lines]
     messages = [text[1:-1] if text[:1] == text[-1:] == "'" else text for text in messages]
     text = "; ".join(dict.fromkeys(message for message in messages if message))
-    text = text or type(error).__name__
+    # Namespaces and C++ names of the build say nothing to a user.
+    text = re.sub(r"pxrInternal\w*?__pxrReserved__::", "", text) or type(error).__name__
     return text if len(text) <= limit else text[: limit - 3] + "..."

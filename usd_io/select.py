@@ -119,9 +119,11 @@ def _matching_meshes(stage: Usd.Stage, prim: str | None, exclude: str | None) ->
 
 def _no_match(stage: Usd.Stage, prim: str | None, exclude: str | None) -> Exception:
     if prim is None:
+        broken = stage.GetCompositionErrors()
         return StageError(
             "the stage has no active, defined and loaded mesh"
             + ("" if exclude is None else f" besides those excluded by {exclude!r}")
+            + (f"; mend its broken reference: {' '.join(str(broken[0]).split())}" if broken else "")
         )
     matched = sorted(matching_paths(stage, prim))
     if matched and exclude is None:

@@ -15,6 +15,7 @@ from dtrepair.cli.app import COMMANDS
 def test_version_and_help():
     assert run("--version").out == f"dtrepair {__version__}\n"
     listed = run("--help")
+    assert run() == listed
     assert listed.code == 0 and listed.err == ""
     for name, summary in COMMANDS.items():
         assert name in listed.out and summary[:30] in listed.out

@@ -14,13 +14,13 @@ def test_mesh_file_with_intersections(tmp_path):
     found = run("check", path)
     assert found.code == 1 and found.err == ""
     assert found.out.splitlines()[0].split() == ["frame", "triangles", "pairs"]
-    assert found.out.splitlines()[-1].startswith("1 of 1 frames intersect: ")
+    assert found.out.splitlines()[-1].startswith("1 of 1 frame intersects: ")
 
 
 def test_clean_mesh_file(tmp_path):
     found = run("check", tube_obj(tmp_path / "a.obj", OPEN))
     assert found.code == 0
-    assert found.out.splitlines()[-1] == "no intersections in 1 frames"
+    assert found.out.splitlines()[-1] == "no intersections in 1 frame"
 
 
 def test_counts_agree_with_the_library(tmp_path):

@@ -144,6 +144,8 @@ def test_rest_by_option(tmp_path):
     quads = tube_obj(tmp_path / "rest.obj", OPEN)
     origins, prim = rest_origins(tmp_path, path, "--rest", quads)
     assert origins == [str(quads)] and prim["rest_intersections"] == 0
+    outside = run("repair", path, "-o", tmp_path / "x.usdc", "--rest", "99")
+    assert_fails(outside, 2, "--rest 99", "samples from 1 to 3")
     other = tube_stage(tmp_path / "other.usda", (CLOSED,), rest=2.0)
     assert rest_origins(tmp_path, path, "--rest", other)[0] == [str(other)]
 

@@ -68,8 +68,9 @@ def group() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit with its code; an error is one line on stderr."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        code = group.main(args=arguments, prog_name="dtrepair", standalone_mode=False)
+        code = group.main(args=given or ["--help"], prog_name="dtrepair", standalone_mode=False)
     except click.exceptions.Exit as done:
         code = done.exit_code
     except click.UsageError as error:

@@ -169,5 +169,10 @@ def _conclusion(records: tuple[FrameRecord, ...]) -> str:
     failed = sum(record.status == "failed" for record in records)
     ending = f"; {failed} frames could not be read" if failed else ""
     if not hit:
-        return f"no intersections in {len(counts)} frames{ending}"
-    return f"{hit} of {len(counts)} frames intersect: {triangles} triangles, {pairs} pairs{ending}"
+        return f"no intersections in {_frames(len(counts))}{ending}"
+    verb = "intersects" if hit == 1 else "intersect"
+    return f"{hit} of {_frames(len(counts))} {verb}: {triangles} triangles, {pairs} pairs{ending}"
+
+
+def _frames(count: int) -> str:
+    return f"{count} frame" if count == 1 else f"{count} frames"

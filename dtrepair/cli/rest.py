@@ -81,6 +81,13 @@ def _as_time(option: str) -> float | None:
 
 
 def _rest_at(source: Source, mesh: SourceMesh, time: float) -> Rest:
+    times = [] if mesh.handle is None else [t for t in mesh.handle.times if not math.isnan(t)]
+    if times and not math.isnan(time) and not min(times) <= time <= max(times):
+        raise Failure(
+            f"--rest {time_label(time)}: {mesh.path} has samples from {time_label(min(times))} to "
+            f"{time_label(max(times))}; name a time among them",
+            USAGE,
+        )
     points = source.read(mesh, time)
     if points is None:
         raise Failure(

@@ -1,0 +1,72 @@
+"""Every example runs as its first lines say, and shows what it claims."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "examples"
+
+# Script: what it has to print.
+SHOWN = {
+    "collide_objects.py": r"[1-9]\d* before\n.* 0 after\n.*unchanged",
+    "find_intersections.py": r"[1-9]\d* pairs of .*\n.*: 0 0 .*[1-9]",
+    "repair_animation.py": r"frame 5: [1-9]\d* -> 0\n(frame .* -> 0\n)+written: .*usdc",
+    "repair_mesh.py": r"full: [1-9]\d* -> 0 .*clean.*\npaper: [1-9]\d* -> ",
+    "transfer_pose.py": r"bend 1.5: 0 -> 0 .*\nbend 3.1: [1-9]\d* -> 0 ",
+}
+
+
+def test_every_script_is_run() -> None:
+    assert {path.name for path in FOLDER.glob("*.py")} == {*SHOWN, "shapes.py"}
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_script(name: str, tmp_path: Path) -> None:
+    described = ast.get_docstring(ast.parse((FOLDER / name).read_text(encoding="utf-8"))) or ""
+    assert f"\n    python examples/{name}" in described
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(FOLDER / name)],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert re.search(SHOWN[name], done.stdout), done.stdout
+    assert not list(tmp_path.iterdir())
+
+
+def test_animation_example_writes_into_a_folder(tmp_path: Path) -> None:
+    from command_line import run
+
+    folder = tmp_path / "new"
+    command = [sys.executable, str(FOLDER / "repair_animation.py"), str(folder)]
+    subprocess.run(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
+    assert run("check", folder / "shot.usda").code == 1
+    assert run("check", folder / "shot_repaired.usdc").code == 0
+
+
+def test_shapes_are_closed_and_wound_outward(monkeypatch: pytest.MonkeyPatch) -> None:
+    import numpy as np
+
+    from dtrepair.geometry import vector_areas
+
+    monkeypatch.syspath_prepend(str(FOLDER))
+    from shapes import arm, ball
+
+    for points, faces in (arm(1.0), ball(0.3)):
+        edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        directed = {tuple(edge) for edge in edges.tolist()}
+        assert len(directed) == len(edges)
+        assert all((b, a) in directed for a, b in directed)
+        centroids = points[faces].mean(axis=1)
+        assert np.einsum("fk,fk->", centroids, vector_areas(points, faces)) > 0

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import click
@@ -11,7 +12,7 @@ from dtrepair import __all__ as names
 from dtrepair.cli.app import COMMANDS, group
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
-LINES = re.findall(r"^    (dtrepair .+)$", README, re.MULTILINE)
+LINES = re.findall(r"^    (?:.* && venv/bin/)?(dtrepair .+)$", README, re.MULTILINE)
 
 
 @pytest.mark.parametrize("line", LINES)
@@ -37,3 +38,15 @@ def test_python_names_are_public():
 def test_files_that_are_named_exist():
     for target in re.findall(r"\]\(([\w/.]+)\)", README):
         assert (Path(__file__).parents[1] / target).is_file(), target
+
+
+def test_installing_names_what_is_there():
+    root = Path(__file__).parents[1]
+    extras = tomllib.loads((root / "pyproject.toml").read_text())["project"]
+    lines = re.findall(r"^    .*pip install (.+?)(?: &&|$)", README, re.MULTILINE)
+    assert len(lines) == 2
+    for line in lines:
+        words = shlex.split(line)
+        assert (root / words[words.index("-c") + 1]).is_file()
+        for extra in re.findall(r"\[(.+)\]", line):
+            assert set(extra.split(",")) <= set(extras["optional-dependencies"])

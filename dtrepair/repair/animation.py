@@ -4,41 +4,32 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dtrepair.geometry import FloatArray, IntArray, extent
-from dtrepair.repair.crew import Crew
+from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.repair.crew import Crew, available_processors
+from dtrepair.repair.frames import Frame, expanded, read_frames, reduced, system_of
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.mend import mend
 from dtrepair.repair.options import RepairResult, Solved, Stage
 from dtrepair.repair.shot import ShotMethod
+from dtrepair.repair.spacetime import shortened
 from dtrepair.repair.surface import Surface
-from dtrepair.repair.tighten import distortion
-from dtrepair.repair.timeline import frame_units, is_cut, motion_between
+from dtrepair.repair.timeline import frame_units
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer, _System
 
 # Frames that are solved together, and how many of them two windows have in common.
 WINDOW, OVERLAP = 64, 12
+# Cycles of tightening, if the options do not ask for fewer.
+TIGHTEN = 3
 # A frame whose correction misses only by rounding is mended with this step (units of the size).
 MEND_STEP = 0.002
-
-
-class Frame(NamedTuple):
-    """A pose on its way: time, poses as given, points (V, 3) of all bodies, centred, its pairs."""
-
-    time: float
-    given: Sequence[Any]
-    original: FloatArray
-    centred: FloatArray
-    centre: FloatArray | float
-    weld: IntArray
-    pairs: IntArray
-    starts: bool = False
 
 
 class Repaired(NamedTuple):
@@ -56,7 +47,9 @@ class AnimationRepairer:
     of its result. Memory does not grow with the number of frames.
     """
 
-    def __init__(self, scene: SceneRepairer, *, window: int = WINDOW, overlap: int = OVERLAP) -> None:
+    def __init__(
+        self, scene: SceneRepairer, *, window: int = WINDOW, overlap: int = OVERLAP
+    ) -> None:
         """Use the detector, systems and options of `scene`; ValueError for a bad window."""
         if not 0 < 2 * overlap <= window:
             raise ValueError(f"window should be at least 2 x {overlap} frames, got {window}")
@@ -87,10 +80,15 @@ class AnimationRepairer:
 
     def method(self, system: _System) -> ShotMethod:
         """The shot method of a system, made once."""
+        options, size = self.scene.options, system.surface.size
         if id(system) not in self._methods:
-            rounds = self.scene.options.tighten
+            limit = options.maximum_displacement
             self._methods[id(system)] = ShotMethod(
-                system.surface, _alone, tighten=min(rounds, 3) if rounds else 0
+                system.surface,
+                _alone,
+                tighten=min(options.tighten, TIGHTEN),
+                farthest=None if limit is None else limit / size,
+                clearance=options.clearance / size,
             )
         return self._methods[id(system)]
 
@@ -102,7 +100,9 @@ def animate(
     count = len(points)
     stamps = np.arange(count) if times is None else np.asarray(times, dtype=np.float64)
     if stamps.shape != (count,):
-        raise ValueError(f"times should hold one time for each of {count} frames, got {stamps.shape}")
+        raise ValueError(
+            f"times should hold one time for each of {count} frames, got {stamps.shape}"
+        )
     frames = ((float(stamp), [points[index]]) for index, stamp in enumerate(stamps))
     return [frame.results[0] for frame in scene.animator.stream(frames, jobs=jobs)]
 
@@ -124,7 +124,7 @@ class _Stream:
         waiting: list[Frame] = []
         tail: list[FloatArray] = []
         overlap = self.animator.overlap
-        for frame in self._read(frames):
+        for frame in read_frames(self.scene, frames):
             if frame.starts and waiting:
                 yield from self._window(waiting, tail, keep=0)[0]
                 waiting, tail = [], []
@@ -136,38 +136,6 @@ class _Stream:
         if waiting:
             yield from self._window(waiting, tail, keep=0)[0]
 
-    def _read(self, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Frame]:
-        """Frames with their pairs; those that start a new shot are marked."""
-        last: Frame | None = None
-        before = jump = motion = 0.0
-        starts = True
-        for frame in self._detected(frames):
-            if last is not None:
-                size = extent(last.original) or 1.0
-                following = motion_between(last.original, frame.original, size)
-                speed = following / (frame.time - last.time)
-                # Whether `last` starts a shot is known once the motion after it is.
-                starts = starts or is_cut(before, jump, speed, motion)
-                yield last._replace(starts=starts)
-                before, jump, motion, starts = jump, speed, following, False
-            last = frame
-        if last is not None:
-            yield last._replace(starts=starts or is_cut(before, jump, 0.0, motion))
-
-    def _detected(self, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Frame]:
-        from dtrepair.repair.repairer import _centred
-
-        last = -np.inf
-        for time, poses in frames:
-            if not time > last:
-                raise ValueError(f"times should increase, got {time} after {last}")
-            last = time
-            original = self.scene._gather(poses)
-            centred, centre = _centred(original)
-            weld = self.scene._weld(centred)
-            pairs = self.scene._pairs(centred, weld)
-            yield Frame(time, poses, original, centred, centre, weld, pairs)
-
     def _window(
         self, frames: list[Frame], tail: list[FloatArray], *, keep: int
     ) -> tuple[list[Repaired], list[FloatArray]]:
@@ -177,31 +145,41 @@ class _Stream:
         """
         start = clock.perf_counter()
         poses = [frame.centred for frame in frames]
-        solved = Solved(poses[0])
         if len(tail) == len(frames):
             poses = tail
-        elif any(len(frame.pairs) for frame in frames):
+        elif self.scene.options.clearance > 0.0 or any(len(frame.pairs) for frame in frames):
             system = system_of(self.scene, [frame.weld for frame in frames])
             poses = self._solve(system, frames)
-            for index, before in enumerate(tail):
-                weight = _smoothstep((index + 1) / (len(tail) + 1))
-                poses[index] = _blend(frames[index].centred, before, poses[index], weight)
-        seconds = (clock.perf_counter() - start) / len(frames)
+        if len(tail) < len(frames):
+            _cross_fade(frames, tail, poses)
         kept = len(frames) - keep
+        left = self._verified(frames[:kept], poses[:kept])
+        seconds = (clock.perf_counter() - start) / len(frames)
         done = [
-            self._finish(frame, pose, seconds)
-            for frame, pose in zip(frames[:kept], poses[:kept], strict=True)
+            self._finish(frame, pose, pairs, frames, seconds)
+            for frame, pose, pairs in zip(frames[:kept], poses[:kept], left, strict=True)
         ]
         return done, poses[kept:]
+
+    def _verified(self, frames: list[Frame], poses: list[FloatArray]) -> list[IntArray]:
+        """Pairs of the poses, exactly, on the float32 coordinates that are handed back."""
+
+        def pairs(job: tuple[Frame, FloatArray]) -> IntArray:
+            frame, pose = job
+            moved = (pose != frame.centred).any()
+            return self.scene._pairs(pose, frame.weld) if moved else frame.pairs
+
+        with ThreadPoolExecutor(self.jobs or available_processors()) as pool:
+            return list(pool.map(pairs, zip(frames, poses, strict=True)))
 
     def _solve(self, system: _System, frames: list[Frame]) -> list[FloatArray]:
         """Poses (V, 3) of a window by the space-time scheme."""
         crew = self._crew(system)
-        unit = np.stack([_reduced(system, frame.centred) for frame in frames])
+        unit = np.stack([reduced(system, frame.centred) for frame in frames])
         times = frame_units(np.array([frame.time for frame in frames]))
         found = self.animator.method(system)(unit, times, crew)
         return [
-            _expanded(system, frame.centred, before, after)
+            expanded(system, frame.centred, before, after)
             for frame, before, after in zip(frames, unit, found, strict=True)
         ]
 
@@ -210,13 +188,13 @@ class _Stream:
             self._crews[id(system)] = Crew(system.surface, self.jobs)
         return self._crews[id(system)]
 
-    def _finish(self, frame: Frame, pose: FloatArray, seconds: float) -> Repaired:
-        """Verify a pose exactly; what is not clean falls back to single-frame solvers."""
+    def _finish(
+        self, frame: Frame, pose: FloatArray, left: IntArray, window: list[Frame], seconds: float
+    ) -> Repaired:
+        """The results of a pose; what is not clean falls back to single-frame solvers."""
         scene, start = self.scene, clock.perf_counter()
-        moved = (pose != frame.centred).any(axis=1)
-        left = scene._pairs(pose, frame.weld) if moved.any() else frame.pairs
         if len(left):
-            pose, left = self._fallback(frame, pose, left)
+            pose, left = self._fallback(frame, pose, left, window)
         if len(left) and len(left) >= len(frame.pairs):
             pose, left = frame.centred, frame.pairs
         moved = (pose != frame.centred).any(axis=1)
@@ -241,46 +219,19 @@ class _Stream:
         return Repaired(frame.time, results)
 
     def _fallback(
-        self, frame: Frame, pose: FloatArray, left: IntArray
+        self, frame: Frame, pose: FloatArray, left: IntArray, window: list[Frame]
     ) -> tuple[FloatArray, IntArray]:
         """The pose with the fewest pairs: mended from here, or repaired alone."""
         scene = self.scene
-        system = system_of(scene, [frame.weld])
-        unit = _reduced(system, frame.centred)
+        system = system_of(scene, [other.weld for other in window])
+        unit = reduced(system, frame.centred)
         near = mend(
-            system.surface, unit, _reduced(system, pose), warm=None, step=MEND_STEP, alone=_alone
+            system.surface, unit, reduced(system, pose), warm=None, step=MEND_STEP, alone=_alone
         )
-        mended = _expanded(system, frame.centred, unit, near)
+        near = shortened(unit, near, self.animator.method(system).farthest)
+        mended = expanded(system, frame.centred, unit, near)
         found = scene._pairs(mended, frame.weld)
         return (mended, found) if len(found) < len(left) else (pose, left)
-
-
-def system_of(scene: SceneRepairer, welds: Sequence[IntArray]) -> _System:
-    """The solved mesh of poses: seam duplicates of the rest that coincide in all of them are one."""
-    from dtrepair.repair.repairer import _centred, _System
-
-    rest_weld = scene._weld(_centred(scene._rest)[0])
-    joined = np.ones(len(rest_weld), dtype=bool)
-    for weld in welds:
-        joined &= weld[rest_weld] == weld
-    together = np.where(joined, rest_weld, np.arange(len(rest_weld)))
-    key = together.tobytes()
-    if key not in scene._systems:
-        scene._systems[key] = _System(scene, together)
-    return scene._systems[key]
-
-
-def _reduced(system: _System, points: FloatArray) -> FloatArray:
-    """Points (V, 3) as those of the solved mesh, in units of its size."""
-    return points[system.kept] / system.surface.size
-
-
-def _expanded(
-    system: _System, centred: FloatArray, before: FloatArray, after: FloatArray
-) -> FloatArray:
-    """A solved pose as points (V, 3); vertices that stayed where they were keep every bit."""
-    stayed = (after == before).all(axis=1)[system.place]
-    return np.where(stayed[:, None], centred, (after * system.surface.size)[system.place])
 
 
 def _alone(surface: Surface, original: FloatArray) -> FloatArray:
@@ -288,12 +239,14 @@ def _alone(surface: Surface, original: FloatArray) -> FloatArray:
     return FullMethod(surface, rounds=0)(original).points
 
 
-def _smoothstep(part: float) -> float:
-    return part * part * (3.0 - 2.0 * part)
+def _cross_fade(frames: list[Frame], tail: list[FloatArray], poses: list[FloatArray]) -> None:
+    """Fade from the poses of the window before (`tail`) to those of this one, smoothly in time.
 
-
-def _blend(
-    original: FloatArray, before: FloatArray, after: FloatArray, weight: float
-) -> FloatArray:
-    """Cross-fade of two poses; what both leave alone keeps every bit."""
-    return original + ((1.0 - weight) * (before - original) + weight * (after - original))
+    What both leave alone keeps every bit.
+    """
+    for index, before in enumerate(tail):
+        part = (frames[index].time - frames[0].time) / (frames[len(tail)].time - frames[0].time)
+        weight = part * part * (3.0 - 2.0 * part)
+        original = frames[index].centred
+        moved = (1.0 - weight) * (before - original) + weight * (poses[index] - original)
+        poses[index] = original + moved

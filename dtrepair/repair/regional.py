@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from scipy import sparse
+from numpy.typing import NDArray
 
 from dtrepair.geometry import FloatArray, IntArray
-from dtrepair.operators import Factor
 from dtrepair.repair.contact import contact_regions
 from dtrepair.repair.inside import winding_numbers
-from dtrepair.repair.push import DEEPEST, VOLUME_WEIGHT, tangent_point_gradient
+from dtrepair.repair.push import (
+    DEEPEST,
+    VOLUME_WEIGHT,
+    _volume_gradient,
+    tangent_point_gradient,
+)
 from dtrepair.repair.surface import BoolArray, Surface
 
 # A region of K pairs moves at most SHARE x mean edge x sqrt(K) a sweep, and at least SMALLEST.
@@ -24,37 +26,12 @@ OPEN_RINGS = 6
 FAINT = 0.04
 
 
-Diffuse = Callable[[FloatArray], FloatArray]
-
-
-class Diffusion:
-    """A^-1 M A^-1 with A = M + lambda L and each body's lambda times a factor."""
-
-    def __init__(self, surface: Surface, strength: float) -> None:
-        """Factor once per body; `strength` multiplies the bodies' own lambda."""
-        self._mass = surface.mass[:, None]
-        self._parts = []
-        for body in surface.bodies:
-            own = slice(body.start, body.stop)
-            matrix = sparse.diags(surface.mass[own])
-            matrix = matrix + strength * body.diffusion * surface.laplacian[own, own]
-            self._parts.append((own, Factor(matrix)))
-
-    def __call__(self, field: FloatArray) -> FloatArray:
-        """The diffused field (V, k)."""
-        result = np.empty_like(field)
-        for own, factor in self._parts:
-            result[own] = factor(self._mass[own] * factor(field[own]))
-        return result
-
-
 def regional_push(
     surface: Surface,
     points: FloatArray,
     pairs: IntArray,
     pushed: BoolArray,
     *,
-    diffuse: Diffuse,
     step: float,
 ) -> FloatArray:
     """Displacement (V, 3) that separates the `pushed` (K,) of the pairs (K, 2) of a pose.
@@ -68,13 +45,15 @@ def regional_push(
     of_pair = regions[surface.faces[far[:, 0], 0]]
     sizes = np.bincount(of_pair, minlength=count)
     limits = np.clip(SHARE * surface.edge_length * np.sqrt(sizes), SMALLEST, step)
-    gradient = tangent_point_gradient(points, surface.faces, far, 1.0 / sizes[of_pair])
+    gradient = tangent_point_gradient(
+        points, surface.faces, far, 1.0 / sizes[of_pair], direction=surface.face_direction
+    )
     fields = [gradient]
     buried = _buried(surface, pairs[~pushed], winding)
     buried *= (sizes > 0)[regions]
     if buried.any():
-        fields.append(buried[:, None] * surface.vector_areas(points))
-    smooth = diffuse(np.concatenate(fields, axis=1))
+        fields.append(_volume_gradient(surface, points, buried, count, regions))
+    smooth = surface.diffuse(np.concatenate(fields, axis=1))
     owner = np.flatnonzero(regions >= 0)
     total = np.zeros_like(points)
     for index, weight in zip(range(len(fields)), (1.0, VOLUME_WEIGHT), strict=False):
@@ -84,7 +63,7 @@ def regional_push(
         # A triangle across two regions does not exist: its vertices are in one or outside.
         own = np.where(regions >= 0, scale[regions], 0.0)
         total += own[:, None] * fields[index]
-    moved = diffuse(total) * surface.mobility[:, None]
+    moved = surface.diffuse(total) * surface.mobility[:, None]
     largest = _largest(moved, owner, regions, count)
     excess = float((largest / limits)[sizes > 0].max(initial=0.0))
     if not (excess > 0 and np.isfinite(excess)):
@@ -103,7 +82,9 @@ def _buried(surface: Surface, creased: IntArray, winding: IntArray) -> FloatArra
     return depth
 
 
-def _largest(field: FloatArray, owner: IntArray, regions: IntArray, count: int) -> FloatArray:
+def _largest(
+    field: FloatArray, owner: NDArray[np.integer], regions: IntArray, count: int
+) -> FloatArray:
     """Largest length (count,) of a field (V, 3) over the vertices of each region."""
     largest = np.zeros(count)
     np.maximum.at(largest, regions[owner], np.linalg.norm(field[owner], axis=1))

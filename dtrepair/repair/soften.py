@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import linalg
 
@@ -98,7 +99,7 @@ class Softener:
             self._patches[frame] = self._factored(self.levels[frame])
         return self._patches[frame]
 
-    def _factored(self, level: FloatArray) -> Patch | None:
+    def _factored(self, level: NDArray[np.float32]) -> Patch | None:
         if level.max(initial=0.0) <= SLIGHT:
             return None
         inner = np.flatnonzero(level > FAINT).astype(np.int32)
@@ -113,7 +114,7 @@ class Softener:
         return Patch(inner, factor, rows)
 
 
-def spread_rings(surface: Surface, level: FloatArray) -> FloatArray:
+def spread_rings(surface: Surface, level: NDArray[np.float32]) -> NDArray[np.float32]:
     """Levels (V,) spread over the mesh, one less for each ring."""
     level = level.copy()
     front = np.flatnonzero(level > 1.0)

@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.repair.crew import Crew
-from dtrepair.repair.regional import Diffuse, regional_push
+from dtrepair.repair.regional import regional_push
 from dtrepair.repair.soften import Softener, soften
 from dtrepair.repair.surface import BoolArray, Surface
-from dtrepair.repair.timeline import apply_in_time, gaussian_kernel, undamped
+from dtrepair.repair.timeline import undamped
 
 # Poses that moved by less than this since they were detected keep their pairs.
 STALE = 2e-5
@@ -29,13 +30,16 @@ PUSH_FOLD, PUSH_CLOSE = 5.5, 7.5
 STUBBORN = 8.0
 
 
+Levels = NDArray[np.float32]
+
+
 class Snapshot(NamedTuple):
     """Everything that a sweep changes."""
 
     smooth: FloatArray
     extra: FloatArray
-    fold_hits: FloatArray
-    close_hits: FloatArray
+    fold_hits: Levels
+    close_hits: Levels
     pairs: tuple[IntArray, ...]
 
 
@@ -48,9 +52,20 @@ class SpaceTime:
     """
 
     def __init__(
-        self, surface: Surface, original: FloatArray, frames: FloatArray, crew: Crew
+        self,
+        surface: Surface,
+        original: FloatArray,
+        frames: FloatArray,
+        crew: Crew,
+        *,
+        farthest: float | None = None,
+        clearance: float = 0.0,
     ) -> None:
-        """Take poses (T, V, 3) in units of the surface's size at times `frames` (T,)."""
+        """Take poses (T, V, 3) in units of the surface's size at times `frames` (T,).
+
+        farthest: no vertex moves farther; clearance: closer pairs count, as long as it is set.
+        """
+        self.farthest, self.clearance = farthest, clearance
         self.surface, self.original, self.frames, self.crew = surface, original, frames, crew
         self.squared = (surface.uniform.T @ surface.uniform).tocsr()
         self.folds = Softener(surface, self.squared, frames, first=3.0, highest=8.0)
@@ -78,10 +93,22 @@ class SpaceTime:
         """Pairs of every frame that moved since it was last detected."""
         motion = np.abs(self.poses - self._detected).max(axis=(1, 2), initial=0.0)
         moved = np.flatnonzero(~(motion <= STALE))
-        found = self.crew.map(lambda surface, frame: surface.pairs(self.poses[frame]), moved)
+        found = self.crew.map(self._pairs, moved.tolist())
         for frame, pairs in zip(moved, found, strict=True):
             self.pairs[frame] = pairs
             self._detected[frame] = self.poses[frame]
+
+    def forget_clearance(self) -> None:
+        """From now on only intersecting pairs count."""
+        if self.clearance > 0.0:
+            self.clearance = 0.0
+            self._detected[:] = np.nan
+            self.detect()
+
+    def _pairs(self, surface: Surface, frame: int) -> IntArray:
+        if self.clearance > 0.0:
+            return surface.close_pairs(self.poses[frame], self.clearance)
+        return surface.pairs(self.poses[frame])
 
     def evaluate(self) -> None:
         """Poses from the unknowns, and their pairs."""
@@ -89,13 +116,13 @@ class SpaceTime:
         def pose(_: Surface, frame: int) -> FloatArray:
             moved = soften(self.closes.patch(frame), self.smooth[frame])
             shape = soften(self.folds.patch(frame), self.original[frame] + moved)
-            return shape + self.extra[frame]
+            return shortened(self.original[frame], shape + self.extra[frame], self.farthest)
 
         for frame, points in enumerate(self.crew.map(pose, range(len(self.original)))):
             self.poses[frame] = points
         self.detect()
 
-    def sweep(self, kernel: FloatArray, width: float, diffuse: Diffuse, step: float) -> FloatArray:
+    def sweep(self, kernel: FloatArray, width: float, step: float) -> FloatArray:
         """Push and soften once; the displacement that the push added (T, V, 3)."""
         dirty = self.dirty
         kinds = [self._classified(frame) for frame in dirty]
@@ -103,9 +130,7 @@ class SpaceTime:
 
         def push(surface: Surface, job: tuple[int, BoolArray]) -> FloatArray:
             frame, pushed = job
-            return regional_push(
-                surface, self.poses[frame], self.pairs[frame], pushed, diffuse=diffuse, step=step
-            )
+            return regional_push(surface, self.poses[frame], self.pairs[frame], pushed, step=step)
 
         added = np.zeros_like(self.original)
         for (frame, _), moved in zip(jobs, self.crew.map(push, jobs), strict=True):
@@ -198,3 +223,14 @@ class SpaceTime:
         scale = sparse.diags(1.0 / np.sqrt(degree))
         links = (scale @ links @ scale).tocsr()
         return (sparse.diags(np.asarray(links.sum(axis=1)).ravel()) - links).tocsr()
+
+
+def shortened(original: FloatArray, points: FloatArray, farthest: float | None) -> FloatArray:
+    """The pose (V, 3) with every displacement shortened to a limit, if there is one."""
+    if farthest is None:
+        return points
+    moved = points - original
+    length = np.linalg.norm(moved, axis=1, keepdims=True)
+    # A little less than the limit: rounding to float32 must not exceed it.
+    limit = farthest * (1.0 - 1e-6)
+    return np.where(length > limit, original + moved * (limit / np.maximum(length, 1e-300)), points)

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dtrepair.geometry import FloatArray
+
+Floats = NDArray[np.floating]
 
 # A Gaussian in time ends at this many standard deviations: farther frames are not touched.
 REACH = 3.0
@@ -34,7 +39,7 @@ def gaussian_kernel(frames: FloatArray, width: float) -> FloatArray:
     return weights / weights.sum(axis=1, keepdims=True)
 
 
-def apply_in_time(kernel: FloatArray, field: FloatArray) -> FloatArray:
+def apply_in_time(kernel: Floats, field: Floats) -> Any:
     """The kernel (T, T) applied to a field (T, ...) over frames."""
     return (kernel @ field.reshape(len(field), -1)).reshape(field.shape)
 
@@ -48,7 +53,9 @@ def undamped(kernel: FloatArray, field: FloatArray) -> FloatArray:
     return apply_in_time(kernel, field * scale[:, :, None])
 
 
-def spread_in_time(frames: FloatArray, values: FloatArray, width: float) -> FloatArray:
+def spread_in_time(
+    frames: FloatArray, values: NDArray[np.float32], width: float
+) -> NDArray[np.float32]:
     """Largest of the values (T, k) of all frames, each fading over time as a bell of `width`."""
     result = values.copy()
     for index, frame in enumerate(frames):

@@ -1,0 +1,94 @@
+"""Frames of an animation as they come in: gathered, counted, and marked where a shot starts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from dtrepair.geometry import FloatArray, IntArray, extent
+from dtrepair.repair.timeline import is_cut, motion_between
+
+if TYPE_CHECKING:
+    from dtrepair.repair.repairer import SceneRepairer, _System
+
+
+class Frame(NamedTuple):
+    """A pose on its way: time, poses as given, points (V, 3) of all bodies, centred, its pairs."""
+
+    time: float
+    given: Sequence[Any]
+    original: FloatArray
+    centred: FloatArray
+    centre: FloatArray | float
+    weld: IntArray
+    pairs: IntArray
+    starts: bool = False
+
+
+def read_frames(
+    scene: SceneRepairer, frames: Iterable[tuple[float, Sequence[Any]]]
+) -> Iterator[Frame]:
+    """Frames with their pairs; those that start a new shot are marked."""
+    last: Frame | None = None
+    before = jump = motion = 0.0
+    starts = True
+    for frame in _detected(scene, frames):
+        if last is not None:
+            size = extent(last.original) or 1.0
+            following = motion_between(last.original, frame.original, size)
+            speed = following / (frame.time - last.time)
+            # Whether `last` starts a shot is known once the motion after it is.
+            starts = starts or is_cut(before, jump, speed, motion)
+            yield last._replace(starts=starts)
+            before, jump, motion, starts = jump, speed, following, False
+        last = frame
+    if last is not None:
+        yield last._replace(starts=starts or is_cut(before, jump, 0.0, motion))
+
+
+def _detected(
+    scene: SceneRepairer, frames: Iterable[tuple[float, Sequence[Any]]]
+) -> Iterator[Frame]:
+    from dtrepair.repair.repairer import _centred
+
+    last: float | None = None
+    for time, poses in frames:
+        # The default time of a stage is not a number: fine for the only pose.
+        if last is not None and not time > last:
+            raise ValueError(f"times should increase, got {time} after {last}")
+        last = time
+        original = scene._gather(poses)
+        centred, centre = _centred(original)
+        weld = scene._weld(centred)
+        pairs = scene._pairs(centred, weld)
+        yield Frame(time, poses, original, centred, centre, weld, pairs)
+
+
+def system_of(scene: SceneRepairer, welds: Sequence[IntArray]) -> _System:
+    """The solved mesh of poses: seam duplicates that coincide in the rest and all poses are one."""
+    from dtrepair.repair.repairer import _centred, _System
+
+    rest_weld = scene._weld(_centred(scene._rest)[0])
+    joined = np.ones(len(rest_weld), dtype=bool)
+    for weld in welds:
+        joined &= weld[rest_weld] == weld
+    together = np.where(joined, rest_weld, np.arange(len(rest_weld)))
+    key = together.tobytes()
+    if key not in scene._systems:
+        scene._systems[key] = _System(scene, together)
+    return scene._systems[key]
+
+
+def reduced(system: _System, points: FloatArray) -> FloatArray:
+    """Points (V, 3) as those of the solved mesh, in units of its size."""
+    return points[system.kept] / system.surface.size
+
+
+def expanded(
+    system: _System, centred: FloatArray, before: FloatArray, after: FloatArray
+) -> FloatArray:
+    """A solved pose as points (V, 3); vertices that stayed where they were keep every bit."""
+    stayed = (after == before).all(axis=1)[system.place]
+    return np.where(stayed[:, None], centred, (after * system.surface.size)[system.place])

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.geometry import FloatArray, IntArray, extent
 from dtrepair.repair.surface import BoolArray, Surface, link_labels
 
 
@@ -67,3 +67,15 @@ def contact_regions(surface: Surface, pairs: IntArray, buried: BoolArray) -> tup
     result = np.full(surface.count, -1, dtype=np.int32)
     result[touched] = regions
     return len(names), result
+
+
+def contact_scale(surface: Surface, pairs: IntArray) -> float:
+    """Size of the smallest body in contact, units of the surface's size: what steps relate to.
+
+    A step that suits a character throws a bracelet off its wrist.
+    """
+    touching = np.unique(surface.body_of[pairs])
+    if len(surface.bodies) == 1 or len(touching) == 0:
+        return 1.0
+    bodies = [surface.bodies[index] for index in touching]
+    return min(1.0, *(extent(surface.rest[body.start : body.stop]) for body in bodies))

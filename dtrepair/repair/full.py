@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray, extent
+from dtrepair.geometry import FloatArray
 from dtrepair.repair.clearance import open_contacts
-from dtrepair.repair.contact import Defects, find_defects
+from dtrepair.repair.contact import Defects, contact_scale, find_defects
 from dtrepair.repair.crease import fill_creases
 from dtrepair.repair.options import Solved, Stage
 from dtrepair.repair.push import Pushed, push
@@ -46,18 +46,6 @@ class Candidate(NamedTuple):
     def rank(self) -> tuple[int, float]:
         """Crossings first, then distortion: smaller is better."""
         return len(self.defects.crossings), round(self.distortion, 4)
-
-
-def contact_scale(surface: Surface, pairs: IntArray) -> float:
-    """Size of the smallest body in contact, units of the surface's size: what steps relate to.
-
-    A step that suits a character throws a bracelet off its wrist.
-    """
-    touching = np.unique(surface.body_of[pairs])
-    if len(surface.bodies) == 1 or len(touching) == 0:
-        return 1.0
-    bodies = [surface.bodies[index] for index in touching]
-    return min(1.0, *(extent(surface.rest[body.start : body.stop]) for body in bodies))
 
 
 class FullMethod:

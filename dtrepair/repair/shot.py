@@ -128,7 +128,7 @@ def mend_frames(
         for frame in chain:
             warm = WARM * moved[-1] if moved else None
             before, now = state.original[frame], state.poses[frame]
-            pose = mend(surface, before, now, warm=warm, step=step, alone=alone)
+            pose = mend(surface, before, now, warm=warm, step=state.scale * step, alone=alone)
             moved.append(pose - now)
         return moved
 

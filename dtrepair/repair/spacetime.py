@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.repair.contact import contact_scale
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.regional import regional_push
 from dtrepair.repair.soften import Softener, soften
@@ -78,6 +79,7 @@ class SpaceTime:
         self.pairs: list[IntArray] = [np.zeros((0, 2), dtype=np.int32)] * len(original)
         self.detect()
         self.in_fold = self._input_folds()
+        self.scale = contact_scale(surface, np.concatenate(self.pairs))
 
     @property
     def dirty(self) -> list[int]:
@@ -130,7 +132,9 @@ class SpaceTime:
 
         def push(surface: Surface, job: tuple[int, BoolArray]) -> FloatArray:
             frame, pushed = job
-            return regional_push(surface, self.poses[frame], self.pairs[frame], pushed, step=step)
+            return regional_push(
+                surface, self.poses[frame], self.pairs[frame], pushed, step=self.scale * step
+            )
 
         added = np.zeros_like(self.original)
         for (frame, _), moved in zip(jobs, self.crew.map(push, jobs), strict=True):

@@ -131,6 +131,7 @@ def test_rest_is_the_default_time_else_the_frame_with_fewest_intersections(tmp_p
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, OPEN))
     assert rest_origins(tmp_path, path)[0] == ["default time"]
     bare = tube_stage(tmp_path / "b.usda", (CLOSED, CLOSED, OPEN), rest=None)
+    assert rest_origins(tmp_path, bare, "--frames", "1:2")[0] == ["frame 3"]
     origins, _ = rest_origins(tmp_path, bare, "--frames", "1:3")
     assert origins == ["frame 3"]
 

@@ -155,6 +155,8 @@ def test_unusable_chunks_and_outputs(tmp_path: Path) -> None:
     path = cube_file(tmp_path / "in.usda", times=[1.0])
     part = chunk(path, tmp_path / "a.usdc", [1.0])
     (tmp_path / "garbage.usdc").write_bytes(b"garbage" * 50)
+    with pytest.raises(StageError, match=r"in.usda: was not written by a repair"):
+        join_layers([path], tmp_path / "out.usdc")
     with pytest.raises(UsageError, match="no layers to join"):
         join_layers([], tmp_path / "all.usdc")
     for name in ("gone.usdc", "garbage.usdc"):

@@ -84,6 +84,8 @@ def _open_chunk(path: str) -> _Chunk:
         raise StageError(f"{path}: no such layer; check the path")
     sources = tuple(layer.ComputeAbsolutePath(item) for item in layer.subLayerPaths)
     record = get_record(layer)
+    if not record:
+        raise StageError(f"{path}: was not written by a repair; name its outputs, not its input")
     written = {prim: frozenset(times) for prim, times in record.get("written", {}).items()}
     return _Chunk(path, layer, sources, record, written)
 

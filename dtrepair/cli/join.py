@@ -35,5 +35,6 @@ def command(*, chunks: tuple[str, ...], output: str, skip_existing: bool, consol
         console.result(f"{output}: exists; skipped")
         return CLEAN
     join_layers(chunks, output)
-    console.result(f"{output}: written from {len(chunks)} layers")
+    count = len(chunks)
+    console.result(f"{output}: written from {count} layer{'s' * (count > 1)}")
     return CLEAN

@@ -95,7 +95,8 @@ def command(
     A stage gives a layer over it that holds new points only. Frames are repaired together, so that
     the correction is steady in time and eases in before a contact; frames away from contacts stay
     bit for bit as they are. Several meshes are repaired together in world space. A mesh file gives
-    a mesh file with the same vertices and faces.
+    a mesh file with the same vertices and faces. The largest move of a frame is told as a part of
+    the bounding-box diagonal of its mesh.
 
     \b
     Example:

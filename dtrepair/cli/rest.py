@@ -26,9 +26,9 @@ class Rest:
 def choose_rests(source: Source, option: str | None, *, device: str) -> list[Rest]:
     """Return the rest pose of each mesh.
 
-    Default: the points at the default time, else the frame that intersects itself least (the first
-    of several). An option is a time code of the input, or a file: matched by path, or, where both
-    hold one mesh, as it is.
+    Default: the points at the default time, else the frame of the clip that intersects itself least
+    (the first of several). An option is a time code of the input, or a file: matched by path, or,
+    where both hold one mesh, as it is.
     """
     if option is None:
         return _default_rests(source, device)
@@ -47,7 +47,8 @@ def _default_rests(source: Source, device: str) -> list[Rest]:
         return [rest for rest in rests if rest is not None]
     counter = make_counter(source, mode="self", device=device)
     least = [math.inf] * len(source.meshes)
-    for frame in read_frames(source, source.times):
+    # Frames not selected count too: the parts of a shot on a farm then share one rest pose.
+    for frame in read_frames(source, source.all_times):
         if not frame.usable:
             continue
         for index, count in enumerate(counter(frame.spaces).each):

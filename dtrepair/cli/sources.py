@@ -38,11 +38,12 @@ class SourceMesh:
 
 
 class Source(Protocol):
-    """An opened input."""
+    """An opened input; `times` are those of the selected frames, `all_times` of all frames."""
 
     name: str
     meshes: tuple[SourceMesh, ...]
     times: NDArray[np.float64]
+    all_times: NDArray[np.float64]
     warnings: tuple[str, ...]
     up: tuple[float, float, float]
 
@@ -175,7 +176,7 @@ class MeshSource:
         points = self.file.points
         faces = triangulate(self.file.counts, self.file.corners, points).faces
         self.meshes: tuple[SourceMesh, ...] = (SourceMesh(Path(path).name, points, faces, True),)
-        self.times = np.array([np.nan])
+        self.times = self.all_times = np.array([np.nan])
         self.warnings: tuple[str, ...] = ()
         self.up = (0.0, 1.0, 0.0)
 

@@ -13,8 +13,8 @@ from dtrepair.cli.rest import Rest
 from dtrepair.cli.sources import Source, StageSource
 
 if TYPE_CHECKING:
+    from dtrepair.repair.bodies import Body
     from dtrepair.repair.options import RepairOptions
-    from dtrepair.repair.repairer import Body
     from usd_io import AnimatedMesh
 
 PerMesh = list[NDArray[np.float64] | None]
@@ -87,7 +87,7 @@ def _found(values: PerMesh, option: str, what: str) -> PerMesh:
 
 def make_bodies(source: Source, rests: list[Rest], controls: Controls) -> list[Body]:
     """Return the bodies in the space of the frames: local for one mesh, else world."""
-    from dtrepair.repair.repairer import Body
+    from dtrepair.repair.bodies import Body
 
     several = len(source.meshes) > 1
     time = float(source.times[0])

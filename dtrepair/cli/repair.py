@@ -41,8 +41,8 @@ from dtrepair.jitter_meter import JitterMeter
 from dtrepair.record import FrameRecord, Report, summarize, write_report
 
 if TYPE_CHECKING:
+    from dtrepair.repair.bodies import Body
     from dtrepair.repair.options import RepairOptions
-    from dtrepair.repair.repairer import Body
 
 
 @click.command(

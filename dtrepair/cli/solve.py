@@ -17,8 +17,9 @@ from dtrepair.record import CountRecord, FramePrimRecord, FrameRecord, StageReco
 
 if TYPE_CHECKING:
     from dtrepair.counts import SceneCount, SceneCounter
+    from dtrepair.repair.bodies import Body
     from dtrepair.repair.options import RepairResult
-    from dtrepair.repair.repairer import Body, SceneRepairer
+    from dtrepair.repair.repairer import SceneRepairer
 
     Solution = list[RepairResult] | Exception
     Pose = tuple[float, Sequence[Any]]

@@ -22,7 +22,8 @@ from dtrepair.repair.surface import Surface
 from dtrepair.repair.timeline import frame_units
 
 if TYPE_CHECKING:
-    from dtrepair.repair.repairer import SceneRepairer, _System
+    from dtrepair.repair.repairer import SceneRepairer
+    from dtrepair.repair.system import System
 
 # Frames that are solved together, and how many of them two windows have in common.
 WINDOW, OVERLAP = 64, 12
@@ -78,7 +79,7 @@ class AnimationRepairer:
         finally:
             stream.close()
 
-    def method(self, system: _System) -> ShotMethod:
+    def method(self, system: System) -> ShotMethod:
         """The shot method of a system, made once."""
         options, size = self.scene.options, system.surface.size
         if id(system) not in self._methods:
@@ -172,7 +173,7 @@ class _Stream:
         with ThreadPoolExecutor(self.jobs or available_processors()) as pool:
             return list(pool.map(pairs, zip(frames, poses, strict=True)))
 
-    def _solve(self, system: _System, frames: list[Frame]) -> list[FloatArray]:
+    def _solve(self, system: System, frames: list[Frame]) -> list[FloatArray]:
         """Poses (V, 3) of a window by the space-time scheme."""
         crew = self._crew(system)
         unit = np.stack([reduced(system, frame.centred) for frame in frames])
@@ -183,7 +184,7 @@ class _Stream:
             for frame, before, after in zip(frames, unit, found, strict=True)
         ]
 
-    def _crew(self, system: _System) -> Crew:
+    def _crew(self, system: System) -> Crew:
         if id(system) not in self._crews:
             self._crews[id(system)] = Crew(system.surface, self.jobs)
         return self._crews[id(system)]

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from dtrepair.geometry import FloatArray, IntArray, extent
+from dtrepair.repair.bodies import about_centre
+from dtrepair.repair.system import System
 from dtrepair.repair.timeline import is_cut, motion_between
 
 if TYPE_CHECKING:
-    from dtrepair.repair.repairer import SceneRepairer, _System
+    from dtrepair.repair.repairer import SceneRepairer
 
 
 class Frame(NamedTuple):
@@ -51,8 +53,6 @@ def read_frames(
 def _detected(
     scene: SceneRepairer, frames: Iterable[tuple[float, Sequence[Any]]]
 ) -> Iterator[Frame]:
-    from dtrepair.repair.repairer import _centred
-
     last: float | None = None
     for time, poses in frames:
         # The default time of a stage is not a number: fine for the only pose.
@@ -60,34 +60,32 @@ def _detected(
             raise ValueError(f"times should increase, got {time} after {last}")
         last = time
         original = scene._gather(poses)
-        centred, centre = _centred(original)
+        centred, centre = about_centre(original)
         weld = scene._weld(centred)
         pairs = scene._pairs(centred, weld)
         yield Frame(time, poses, original, centred, centre, weld, pairs)
 
 
-def system_of(scene: SceneRepairer, welds: Sequence[IntArray]) -> _System:
+def system_of(scene: SceneRepairer, welds: Sequence[IntArray]) -> System:
     """The solved mesh of poses: seam duplicates that coincide in the rest and all poses are one."""
-    from dtrepair.repair.repairer import _centred, _System
-
-    rest_weld = scene._weld(_centred(scene._rest)[0])
+    rest_weld = scene._weld(about_centre(scene._rest)[0])
     joined = np.ones(len(rest_weld), dtype=bool)
     for weld in welds:
         joined &= weld[rest_weld] == weld
     together = np.where(joined, rest_weld, np.arange(len(rest_weld)))
     key = together.tobytes()
     if key not in scene._systems:
-        scene._systems[key] = _System(scene, together)
+        scene._systems[key] = System(scene, together)
     return scene._systems[key]
 
 
-def reduced(system: _System, points: FloatArray) -> FloatArray:
+def reduced(system: System, points: FloatArray) -> FloatArray:
     """Points (V, 3) as those of the solved mesh, in units of its size."""
     return points[system.kept] / system.surface.size
 
 
 def expanded(
-    system: _System, centred: FloatArray, before: FloatArray, after: FloatArray
+    system: System, centred: FloatArray, before: FloatArray, after: FloatArray
 ) -> FloatArray:
     """A solved pose as points (V, 3); vertices that stayed where they were keep every bit."""
     stayed = (after == before).all(axis=1)[system.place]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -12,38 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dtrepair.device import resolve_device
-from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, extent, weld_map
+from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, weld_map
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.metrics import displacements
 from dtrepair.repair.animation import AnimationRepairer, animate
-from dtrepair.repair.full import FullMethod
+from dtrepair.repair.bodies import Body, about_centre, direction_of, mobility_of
 from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
-from dtrepair.repair.surface import BodyRange, Surface, pair_keys
-
-# Poses farther from the origin than this many times their size are repaired about their centre:
-# float32 would lose too many digits there.
-FAR_FROM_ORIGIN = 16.0
-
-
-@dataclass(frozen=True, eq=False)
-class Body:
-    """One object of a scene.
-
-    Args:
-        rest: Rest positions (V, 3), length units of the scene.
-        faces: Triangles (F, 3).
-        diffusion: lambda of this body: higher moves it more as one piece; None: the option's.
-        mobility: 0 never moves (a collider), 1 moves freely.
-        pin: 0 free to 1 fixed for each vertex (V,).
-        direction: Preferred direction (V, 3) of the repair, zero rows where none.
-    """
-
-    rest: ArrayLike
-    faces: ArrayLike
-    diffusion: float | None = None
-    mobility: float = 1.0
-    pin: ArrayLike | None = None
-    direction: ArrayLike | None = None
+from dtrepair.repair.surface import pair_keys
+from dtrepair.repair.system import System
 
 
 class SceneRepairer:
@@ -82,23 +57,23 @@ class SceneRepairer:
         self._faces = np.concatenate(shifted).astype(np.int32)
         self._body_of = np.repeat(np.arange(len(bodies)), np.diff(self._triangles))
         self._mobility = np.concatenate(
-            [_mobility(b, len(p)) for b, (p, _) in zip(bodies, meshes, strict=True)]
+            [mobility_of(b, len(p)) for b, (p, _) in zip(bodies, meshes, strict=True)]
         )
         self._direction = np.concatenate(
-            [_direction(b, len(p)) for b, (p, _) in zip(bodies, meshes, strict=True)]
+            [direction_of(b, len(p)) for b, (p, _) in zip(bodies, meshes, strict=True)]
         )
-        self._systems: dict[bytes, _System] = {}
+        self._systems: dict[bytes, System] = {}
 
     @cached_property
     def detector(self) -> Detector:
         """Detector of all bodies in one mesh, built on their rest poses."""
-        return Detector(_centred(self._rest)[0], self._faces)
+        return Detector(about_centre(self._rest)[0], self._faces)
 
     @cached_property
     def rest_intersections(self) -> int:
         """Number of intersecting triangles of the rest poses themselves, mode respected."""
         return triangle_count(
-            self._pairs(_centred(self._rest)[0], self._weld(_centred(self._rest)[0]))
+            self._pairs(about_centre(self._rest)[0], self._weld(about_centre(self._rest)[0]))
         )
 
     @cached_property
@@ -113,7 +88,7 @@ class SceneRepairer:
         """
         start = time.perf_counter()
         original = self._gather(points)
-        centred, centre = _centred(original)
+        centred, centre = about_centre(original)
         weld = self._weld(centred)
         pairs = self._pairs(centred, weld)
         detected = time.perf_counter()
@@ -161,11 +136,11 @@ class SceneRepairer:
 
     def _solve(self, points: FloatArray, weld: IntArray) -> tuple[FloatArray, Solved]:
         """Repair with seam duplicates moving together: those of the rest that still coincide."""
-        rest_weld = self._weld(_centred(self._rest)[0])
+        rest_weld = self._weld(about_centre(self._rest)[0])
         together = np.where(weld[rest_weld] == weld, rest_weld, np.arange(len(weld)))
         key = together.tobytes()
         if key not in self._systems:
-            self._systems[key] = _System(self, together)
+            self._systems[key] = System(self, together)
         return self._systems[key].solve(points)
 
     def _result(
@@ -207,7 +182,7 @@ class SceneRepairer:
 
     @cached_property
     def _rest_keys(self) -> NDArray[np.int64]:
-        rest = _centred(self._rest)[0]
+        rest = about_centre(self._rest)[0]
         return pair_keys(self._pairs(rest, self._weld(rest)))
 
     def _count(self, pairs: IntArray, index: int) -> Count:
@@ -271,86 +246,6 @@ def repair_mesh(
 ) -> RepairResult:
     """Repair a single mesh (V, 3), (F, 3) that has no rest pose: it is its own."""
     return Repairer(_as_numpy(points), faces, options=options)(points)
-
-
-class _System:
-    """The mesh that is solved: all bodies in one, vertices that belong together made one."""
-
-    def __init__(self, scene: SceneRepairer, together: IntArray) -> None:
-        self.kept, self.place = np.unique(together, return_inverse=True)
-        faces = self.place[scene._faces].astype(np.int32)
-        # A triangle between two vertices that became one has no area and takes no part.
-        solid = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2])
-        faces = faces[solid & (faces[:, 2] != faces[:, 0])]
-        starts = np.searchsorted(self.kept, scene._vertices)
-        options = scene.options
-        bodies = [
-            BodyRange(int(a), int(b), body.diffusion or options.diffusion)
-            for a, b, body in zip(starts[:-1], starts[1:], scene.bodies, strict=True)
-        ]
-        mobility = np.ones(len(self.kept))
-        np.minimum.at(mobility, self.place, scene._mobility)
-        self.surface = Surface(
-            _centred(scene._rest)[0][self.kept],
-            faces,
-            bodies=bodies,
-            mobility=mobility,
-            mode=options.mode,
-            leave_rest=options.rest_contacts == "leave",
-            direction=scene._direction[self.kept] if scene._direction.any() else None,
-        )
-        if options.method == "paper":
-            from dtrepair.repair.paper import PaperMethod
-
-            self.method: Any = PaperMethod(self.surface, options)
-        else:
-            limit = options.maximum_displacement
-            self.method = FullMethod(
-                self.surface,
-                rounds=options.tighten,
-                farthest=None if limit is None else limit / self.surface.size,
-                clearance=options.clearance / self.surface.size,
-                skip=options.skip,
-            )
-
-    def solve(self, points: FloatArray) -> tuple[FloatArray, Solved]:
-        """The repaired pose (V, 3); vertices that stayed where they were keep every bit."""
-        size = self.surface.size
-        unit = points[self.kept] / size
-        solved = self.method(unit)
-        stayed = (solved.points == unit).all(axis=1)[self.place]
-        final = (solved.points * size)[self.place]
-        return np.where(stayed[:, None], points, final), solved
-
-
-def _mobility(body: Body, count: int) -> FloatArray:
-    if not 0.0 <= body.mobility <= 1.0:
-        raise ValueError(f"mobility should be between 0 and 1, got {body.mobility}")
-    if body.pin is None:
-        return np.full(count, body.mobility)
-    pin = np.asarray(body.pin, dtype=np.float64)
-    if pin.shape != (count,) or not ((pin >= 0) & (pin <= 1)).all():
-        raise ValueError(f"pin should hold {count} numbers between 0 and 1, got {pin.shape}")
-    return body.mobility * (1.0 - pin)
-
-
-def _direction(body: Body, count: int) -> FloatArray:
-    if body.direction is None:
-        return np.zeros((count, 3))
-    direction = np.asarray(body.direction, dtype=np.float64)
-    if direction.shape != (count, 3) or not np.isfinite(direction).all():
-        raise ValueError(f"direction should be finite, shape ({count}, 3), got {direction.shape}")
-    return direction
-
-
-def _centred(points: FloatArray) -> tuple[FloatArray, FloatArray | float]:
-    """Points about the origin and the centre they had; 0 where float32 holds them well."""
-    if not len(points):
-        return points, 0.0
-    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    if np.abs(centre).max() <= FAR_FROM_ORIGIN * extent(points):
-        return points, 0.0
-    return points - centre, centre
 
 
 def _status(before: Count, after: Count) -> Status:

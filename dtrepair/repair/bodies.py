@@ -1,0 +1,67 @@
+"""The objects of a scene, and the space they are repaired in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dtrepair.geometry import FloatArray, extent
+
+# Poses farther from the origin than this many times their size are repaired about their centre:
+# float32 would lose too many digits there.
+FAR_FROM_ORIGIN = 16.0
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One object of a scene.
+
+    Args:
+        rest: Rest positions (V, 3), length units of the scene.
+        faces: Triangles (F, 3).
+        diffusion: lambda of this body: higher moves it more as one piece; None: the option's.
+        mobility: 0 never moves (a collider), 1 moves freely.
+        pin: 0 free to 1 fixed for each vertex (V,).
+        direction: Preferred direction (V, 3) of the repair, zero rows where none.
+    """
+
+    rest: ArrayLike
+    faces: ArrayLike
+    diffusion: float | None = None
+    mobility: float = 1.0
+    pin: ArrayLike | None = None
+    direction: ArrayLike | None = None
+
+
+def mobility_of(body: Body, count: int) -> FloatArray:
+    """How freely each vertex (count,) moves, 0 to 1; ValueError for wrong pins or mobilities."""
+    if not 0.0 <= body.mobility <= 1.0:
+        raise ValueError(f"mobility should be between 0 and 1, got {body.mobility}")
+    if body.pin is None:
+        return np.full(count, body.mobility)
+    pin = np.asarray(body.pin, dtype=np.float64)
+    if pin.shape != (count,) or not ((pin >= 0) & (pin <= 1)).all():
+        raise ValueError(f"pin should hold {count} numbers between 0 and 1, got {pin.shape}")
+    return body.mobility * (1.0 - pin)
+
+
+def direction_of(body: Body, count: int) -> FloatArray:
+    """Preferred direction (count, 3), zero rows where none; ValueError for other shapes."""
+    if body.direction is None:
+        return np.zeros((count, 3))
+    direction = np.asarray(body.direction, dtype=np.float64)
+    if direction.shape != (count, 3) or not np.isfinite(direction).all():
+        raise ValueError(f"direction should be finite, shape ({count}, 3), got {direction.shape}")
+    return direction
+
+
+def about_centre(points: FloatArray) -> tuple[FloatArray, FloatArray | float]:
+    """Points about the origin and the centre they had; 0 where float32 holds them well."""
+    if not len(points):
+        return points, 0.0
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    if np.abs(centre).max() <= FAR_FROM_ORIGIN * extent(points):
+        return points, 0.0
+    return points - centre, centre

@@ -1,0 +1,66 @@
+"""The mesh that is solved for a scene, and the method that solves it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.repair.bodies import about_centre
+from dtrepair.repair.full import FullMethod
+from dtrepair.repair.options import Solved
+from dtrepair.repair.surface import BodyRange, Surface
+
+if TYPE_CHECKING:
+    from dtrepair.repair.repairer import SceneRepairer
+
+
+class System:
+    """The mesh that is solved: all bodies in one, vertices that belong together made one."""
+
+    def __init__(self, scene: SceneRepairer, together: IntArray) -> None:
+        self.kept, self.place = np.unique(together, return_inverse=True)
+        faces = self.place[scene._faces].astype(np.int32)
+        # A triangle between two vertices that became one has no area and takes no part.
+        solid = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2])
+        faces = faces[solid & (faces[:, 2] != faces[:, 0])]
+        starts = np.searchsorted(self.kept, scene._vertices)
+        options = scene.options
+        bodies = [
+            BodyRange(int(a), int(b), body.diffusion or options.diffusion)
+            for a, b, body in zip(starts[:-1], starts[1:], scene.bodies, strict=True)
+        ]
+        mobility = np.ones(len(self.kept))
+        np.minimum.at(mobility, self.place, scene._mobility)
+        self.surface = Surface(
+            about_centre(scene._rest)[0][self.kept],
+            faces,
+            bodies=bodies,
+            mobility=mobility,
+            mode=options.mode,
+            leave_rest=options.rest_contacts == "leave",
+            direction=scene._direction[self.kept] if scene._direction.any() else None,
+        )
+        if options.method == "paper":
+            from dtrepair.repair.paper import PaperMethod
+
+            self.method: Any = PaperMethod(self.surface, options)
+        else:
+            limit = options.maximum_displacement
+            self.method = FullMethod(
+                self.surface,
+                rounds=options.tighten,
+                farthest=None if limit is None else limit / self.surface.size,
+                clearance=options.clearance / self.surface.size,
+                skip=options.skip,
+            )
+
+    def solve(self, points: FloatArray) -> tuple[FloatArray, Solved]:
+        """The repaired pose (V, 3); vertices that stayed where they were keep every bit."""
+        size = self.surface.size
+        unit = points[self.kept] / size
+        solved = self.method(unit)
+        stayed = (solved.points == unit).all(axis=1)[self.place]
+        final = (solved.points * size)[self.place]
+        return np.where(stayed[:, None], points, final), solved

@@ -57,7 +57,7 @@ def pull_back(
                 trial,
                 near=near,
                 step=step,
-                iterations=6,
+                iterations=12,
                 patience=4,
                 known_pairs=defects.crossings,
             )

@@ -213,7 +213,7 @@ class _Stream:
                 frame.pairs,
                 left,
                 solved,
-                {"solve": spent},
+                {"detect": frame.seconds, "solve": spent},
             )
             for index in range(len(scene.bodies))
         ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,7 +18,10 @@ if TYPE_CHECKING:
 
 
 class Frame(NamedTuple):
-    """A pose on its way: time, poses as given, points (V, 3) of all bodies, centred, its pairs."""
+    """A pose on its way: time, poses as given, points (V, 3) of all bodies, centred, its pairs.
+
+    seconds: what their detection took; starts: whether the frame starts a shot.
+    """
 
     time: float
     given: Sequence[Any]
@@ -26,6 +30,7 @@ class Frame(NamedTuple):
     centre: FloatArray | float
     weld: IntArray
     pairs: IntArray
+    seconds: float
     starts: bool = False
 
 
@@ -59,11 +64,13 @@ def _detected(
         if last is not None and not time > last:
             raise ValueError(f"times should increase, got {time} after {last}")
         last = time
+        start = clock.perf_counter()
         original = scene._gather(poses)
         centred, centre = about_centre(original)
         weld = scene._weld(centred)
         pairs = scene._pairs(centred, weld)
-        yield Frame(time, poses, original, centred, centre, weld, pairs)
+        seconds = clock.perf_counter() - start
+        yield Frame(time, poses, original, centred, centre, weld, pairs, seconds)
 
 
 def system_of(scene: SceneRepairer, welds: Sequence[IntArray]) -> System:

@@ -110,7 +110,7 @@ class Status(StrEnum):
 _ADVICE = {
     Status.CLEAN: "",
     Status.IMPROVED: "fewer intersections, but not none: "
-    "raise the diffusion, free pinned vertices, or give a rest pose",
+    "raise the diffusion, free pinned vertices, allow a larger displacement, or give a rest pose",
     Status.UNCHANGED: "no pose with fewer intersections was found; the input is kept: "
     "free pinned vertices, raise the diffusion, or give a rest pose",
     Status.FAILED: "the pose could not be used; the input is kept",

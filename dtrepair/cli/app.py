@@ -20,6 +20,7 @@ COMMANDS = {
     "demo": "Make a self-intersecting character, repair it, and show the result.",
     "check": "Count intersecting triangles, per prim and frame.",
     "repair": "Repair every selected frame and write a layer over the input, or a mesh file.",
+    "keyposes": "Repair the keys of a stage only, and make the poses between them clean.",
     "transfer": "Give a mesh the motion of another one (deformation transfer).",
     "join": "Merge the layers of frame ranges (farm chunks) into one layer.",
     "report": "Make a self-contained HTML page of a JSON report.",

@@ -113,7 +113,7 @@ def command(
     source = open_source(source_path, selection, collider=collider)
     console.warn(source.warnings)
     more = {"rest": rest, "collider": collider, "pin": pin, "direction": direction}
-    run.settings = _settings(selection, options, more)
+    run.settings = settings_of(selection, options, more)
     _refuse_together(source, run, direction)
     controls = read_controls(source, pin, direction)
     sink = open_sink(source, output, run.settings)
@@ -170,9 +170,10 @@ def _refuse_together(source: Source, run: Run, direction: str | None) -> None:
             raise Failure(f"{option}: works frame by frame only; add --alone", USAGE)
 
 
-def _settings(
-    selection: Selection, options: RepairOptions, more: dict[str, str | None]
+def settings_of(
+    selection: Selection, options: RepairOptions, more: dict[str, Any]
 ) -> dict[str, Any]:
+    """Return what is recorded of the choices of a run."""
     chosen = {**vars(selection), **asdict(options), **more}
     return {name: value for name, value in chosen.items() if value is not None}
 
@@ -186,7 +187,7 @@ def _repair(
     console: Console,
 ) -> Report:
     """Repair all frames into the sink, commit it, and return the report."""
-    repairer, rest_counts = _make_repairer(run, source, rests, bodies)
+    repairer, rest_counts = make_repairer(run, source, rests, bodies)
     run.lap("factor")
     console.warn(rest_warnings(source, rests, rest_counts))
     records: list[FrameRecord] = []
@@ -219,7 +220,7 @@ def _repair(
     )
 
 
-def _make_repairer(
+def make_repairer(
     run: Run, source: Source, rests: list[Rest], bodies: list[Body]
 ) -> tuple[FrameRepairer, list[int | None]]:
     """Build the solver and the counter, once for all frames; count the rests' own intersections."""

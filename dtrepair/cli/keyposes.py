@@ -1,0 +1,235 @@
+"""`dtrepair keyposes`: repair the key samples only, and make the poses between them clean."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from dtrepair import __version__
+from dtrepair.cli.bodies import make_bodies, read_controls
+from dtrepair.cli.console import Console
+from dtrepair.cli.failures import (
+    CLEAN,
+    USAGE,
+    Failure,
+    check_writable,
+    one_line_errors,
+    refuse_overwriting,
+    use_device,
+    writing,
+)
+from dtrepair.cli.frames import prim_records
+from dtrepair.cli.keyposes_report import exit_code, in_betweens, print_spans
+from dtrepair.cli.keyposes_solve import StageKeys
+from dtrepair.cli.method import method_options
+from dtrepair.cli.options import (
+    Selection,
+    console_options,
+    jobs_option,
+    run_options,
+    selection_options,
+)
+from dtrepair.cli.repair import Run, make_repairer, settings_of
+from dtrepair.cli.repair_output import print_plan, print_table, rest_warnings, say
+from dtrepair.cli.rest import choose_rests
+from dtrepair.cli.sinks import Sink, existing, open_sink
+from dtrepair.cli.sources import StageSource, is_stage, open_source
+from dtrepair.record import FrameRecord, Report, summarize, write_report
+
+if TYPE_CHECKING:
+    from dtrepair.repair.key_spans import KeyOptions
+    from dtrepair.repair.options import RepairOptions
+
+
+@click.command(
+    "keyposes",
+    epilog="Exit code 0: keys and in-betweens are clean; 1: intersections remain (or were found "
+    "by --verify-only); 2: usage; 3: input unusable; 4: some keys failed, the rest is written; "
+    "5: output cannot be written.",
+)
+@click.argument("source_path", metavar="STAGE")
+@click.option("-o", "--output", metavar="OUT", help="The layer to write.")
+@click.option(
+    "--samples",
+    type=click.IntRange(min=1),
+    default=4,
+    show_default=True,
+    metavar="N",
+    help="In-betweens that are looked at between two keys.",
+)
+@click.option(
+    "--interpolation",
+    type=click.Choice(["linear", "cubic"]),
+    default="linear",
+    show_default=True,
+    help="linear as USD interpolates, or a Catmull-Rom spline through the keys.",
+)
+@click.option(
+    "--extra-keys",
+    type=click.IntRange(min=0),
+    default=8,
+    show_default=True,
+    metavar="N",
+    help="Most keys added between two keys.",
+)
+@click.option("--keep-keys", is_flag=True, help="Never move a key for the sake of an in-between.")
+@click.option("--verify-only", is_flag=True, help="Count only, and write nothing.")
+@click.option(
+    "--rest",
+    metavar="STAGE|MESH|TIME",
+    help="Rest pose; default: the default-time points, else the key with fewest intersections.",
+)
+@click.option("--collider", metavar="EXPR", help="Meshes that take part but never move.")
+@click.option("--pin", metavar="NAME", help="Primvar (0 free to 1 fixed) or GeomSubset (fixed).")
+@click.option(
+    "--direction", metavar="NAME|SUBSET=x,y,z", help="Preferred direction of the repair, in world."
+)
+@click.option("--report", "report_path", metavar="F.json", help="Write a JSON report.")
+@click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
+@click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
+@selection_options
+@method_options
+@run_options
+@jobs_option
+@console_options
+@one_line_errors
+def command(
+    *,
+    source_path: str,
+    output: str | None,
+    samples: int,
+    interpolation: str,
+    extra_keys: int,
+    keep_keys: bool,
+    verify_only: bool,
+    rest: str | None,
+    collider: str | None,
+    pin: str | None,
+    direction: str | None,
+    report_path: str | None,
+    skip_existing: bool,
+    dry_run: bool,
+    selection: Selection,
+    options: RepairOptions,
+    device: str,
+    jobs: int,
+    console: Console,
+) -> int:
+    """Repair the keys of a stage, and make the poses between them clean.
+
+    Keys are the samples of the points, and of the transforms where several meshes meet. Each is
+    repaired for itself; clean ones stay bit for bit. Then N in-betweens of each span between keys
+    are counted exactly as USD interpolates them. Where some intersect, the two keys are moved
+    by up to 2 % of the diagonal at a time, if that is enough; else in-betweens are repaired and added
+    as keys, the fewest that were found. Spans between new keys have N samples each, too.
+
+    \b
+    Example:
+        dtrepair keyposes poses.usd -o poses_repaired.usdc --samples 8 --report report.json
+        dtrepair keyposes poses.usd --verify-only
+    """
+    from dtrepair.repair.key_spans import KeyOptions
+
+    if verify_only == (output is not None):
+        raise Failure("name an output with -o OUT, or --verify-only, which writes nothing", USAGE)
+    if not is_stage(source_path):
+        raise Failure(f"{source_path}: is not a USD stage: only stages have keys", USAGE)
+    if output is not None and skip_existing and existing(output):
+        console.result(f"{output}: exists; skipped")
+        return CLEAN
+    if report_path is not None:
+        refuse_overwriting(report_path, source_path, output)
+        check_writable(report_path)
+    run = Run(source_path, output or "", use_device(device), options, jobs, alone=True)
+    search = KeyOptions(
+        samples=samples,
+        extra=extra_keys,
+        keep_keys=keep_keys,
+        interpolation=interpolation,
+        jobs=jobs,
+    )
+    source = open_source(source_path, selection, collider=collider)
+    assert isinstance(source, StageSource)
+    if math.isnan(source.times[0]):
+        raise Failure(f"{source_path}: no mesh has time samples; use dtrepair repair", USAGE)
+    console.warn(source.warnings)
+    more: dict[str, Any] = {"rest": rest, "collider": collider, "pin": pin, "direction": direction}
+    run.settings = settings_of(selection, options, {**more, **vars(search)})
+    del run.settings["jobs"]
+    controls = read_controls(source, pin, direction)
+    sink = None if output is None else open_sink(source, output, run.settings)
+    try:
+        run.lap("read")
+        rests = choose_rests(source, rest, device=run.device)
+        if dry_run:
+            print_plan(console, source, rests, output or "nothing")
+            return CLEAN
+        repairer, rest_counts = make_repairer(
+            run, source, rests, make_bodies(source, rests, controls)
+        )
+        console.warn(rest_warnings(source, rests, rest_counts))
+        run.lap("factor")
+        report = _solve(run, StageKeys(source, repairer), search, sink, console)
+    finally:
+        if sink is not None:
+            sink.abort()
+    prims = prim_records(source, rest_counts)
+    report = replace(report, prims=prims, warnings=(*source.warnings, *report.warnings))
+    if report_path is not None:
+        with writing(report_path):
+            write_report(report, report_path)
+    if output is not None:
+        print_table(console, report.frames, output)
+    print_spans(console, report)
+    return exit_code(report)
+
+
+def _solve(
+    run: Run, keys: StageKeys, search: KeyOptions, sink: Sink | None, console: Console
+) -> Report:
+    """Repair the keys, then the in-betweens; write; return the report."""
+    from dtrepair.repair.keyposes import clean_in_betweens, verify_in_betweens
+
+    records: dict[float, FrameRecord] = {}
+    for time in console.progress(keys.selected, total=len(keys.selected), what="keys"):
+        done = keys.check_key(time) if sink is None else keys.repair_key(time)
+        records[time] = done.record
+        say(console, done)
+    run.lap("solve")
+    if sink is None:
+        found = verify_in_betweens(keys.tracks, keys.spans, keys, options=search)
+    else:
+        found = clean_in_betweens(
+            keys.tracks,
+            keys.spans,
+            keys,
+            options=search,
+            progress=lambda done: console.remark(f"{done} of {len(keys.spans)} spans done"),
+        )
+    run.lap("in-betweens")
+    added = {time: None for span in found.spans for time in span.added}
+    frames = tuple(
+        keys.record(record, time, found.tracks)
+        for time, record in sorted({**records, **added}.items())
+    )
+    warnings: tuple[str, ...] = ()
+    if sink is not None:
+        keys.write(found.tracks, sink)
+        warnings = sink.commit({"counts": summarize(frames)})
+        console.warn(warnings)
+        run.lap("write")
+    return Report(
+        command="keyposes",
+        version=__version__,
+        input=run.input,
+        output=run.output or None,
+        device=run.device,
+        settings=run.settings,
+        seconds={**run.seconds, "total": run.last - run.start},
+        frames=frames,
+        warnings=warnings,
+        keyposes=in_betweens(found, search.interpolation, keys.skipped),
+    )

@@ -1,0 +1,70 @@
+"""What `dtrepair keyposes` says and reports about in-betweens."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from dtrepair.cli.console import Console
+from dtrepair.cli.failures import CLEAN, FRAMES, REMAINING
+from dtrepair.cli.sources import time_label
+from dtrepair.record import Report
+
+if TYPE_CHECKING:
+    from dtrepair.repair.key_spans import KeyPoses, Sample
+
+_WHEN = ("before", "after")
+
+
+def in_betweens(found: KeyPoses, interpolation: str, skipped: int) -> dict[str, Any]:
+    """The in-betweens for the report."""
+
+    def count(samples: tuple[Sample, ...]) -> dict[str, int]:
+        dirty = [sample for sample in samples if sample.pairs]
+        pairs = sum(sample.pairs for sample in dirty)
+        return {"samples": len(samples), "dirty": len(dirty), "pairs": pairs}
+
+    spans = [
+        {
+            "start": span.start,
+            "end": span.end,
+            "before": count(span.before),
+            "after": count(span.after),
+            "left": [sample.time for sample in span.after if sample.pairs],
+            "added": list(span.added),
+        }
+        for span in found.spans
+    ]
+    return {"interpolation": interpolation, "skipped": skipped, "spans": spans}
+
+
+def print_spans(console: Console, report: Report) -> None:
+    """Print the spans that were not clean, and what is left."""
+    assert report.keyposes is not None
+    spans = report.keyposes["spans"]
+    rows = []
+    for span in spans:
+        if span["before"]["dirty"]:
+            label = f"{time_label(span['start'])} to {time_label(span['end'])}"
+            numbers = [f"{span[when]['dirty']}/{span[when]['samples']}" for when in _WHEN]
+            added = ", ".join(time_label(time) for time in span["added"]) or "-"
+            rows.append([label, *numbers, added])
+    if rows:
+        console.table(["in-betweens", "before", "after", "added keys"], rows)
+    left = [time for span in spans for time in span["left"]]
+    total = sum(span["after"]["samples"] for span in spans)
+    console.result(f"{total - len(left)} of {total} in-betweens clean")
+    if report.keyposes["skipped"]:
+        console.warn([f"{report.keyposes['skipped']} spans have an unusable key; not looked at"])
+    if left:
+        times = ", ".join(time_label(time) for time in left[:8]) + (" ..." if left[8:] else "")
+        console.result(f"still intersecting at {times}")
+
+
+def exit_code(report: Report) -> int:
+    """Return the exit code of a run."""
+    assert report.keyposes is not None
+    if any(record.status == "failed" for record in report.frames):
+        return FRAMES
+    left = any(record.after is not None and record.after.pairs for record in report.frames)
+    left = left or any(span["left"] for span in report.keyposes["spans"])
+    return REMAINING if left else CLEAN

@@ -1,0 +1,166 @@
+"""Keys of a stage: read as tracks, repaired, counted, written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dtrepair.cli.frames import Frame, read_frame
+from dtrepair.cli.sinks import Sink
+from dtrepair.cli.solve import FrameRepairer, Repaired
+from dtrepair.cli.sources import StageSource
+from dtrepair.record import FrameRecord
+from dtrepair.repair.tracks import Pose, Track
+
+if TYPE_CHECKING:
+    from dtrepair.counts import SceneCount
+
+
+class StageKeys:
+    """The keys of an input; answers what `dtrepair.repair.keyposes` asks about poses.
+
+    tracks: of each mesh; selected: times of keys to repair; spans: times of neighbouring keys that
+    are selected and have points; skipped: spans that lack points.
+    """
+
+    def __init__(self, source: StageSource, repairer: FrameRepairer) -> None:
+        """Read all keys; `repairer` solves and verifies frame by frame."""
+        self.source, self.repairer = source, repairer
+        times = [float(time) for time in source.all_times]
+        self.selected = [time for time in times if time in source.times]
+        self.frames = {time: read_frame(source, time) for time in times}
+        self._usable = [time for time in times if self.frames[time].usable]
+        self.tracks = self.given
+        chosen = [pair for pair in pairwise(times) if set(pair) <= set(self.selected)]
+        self.spans = [pair for pair in chosen if set(pair) <= set(self._usable)]
+        self.skipped = len(chosen) - len(self.spans)
+
+    @property
+    def given(self) -> tuple[Track, ...]:
+        """The tracks of the input."""
+        return tuple(self._track(index) for index in range(len(self.source.meshes)))
+
+    def _track(self, index: int) -> Track:
+        mesh = self.source.meshes[index]
+        own = np.asarray(mesh.handle.times)
+        keys = tuple(time for time in self._usable if time in own)
+        at = keys or tuple(self._usable[:1])
+        if not at:
+            return Track((), (mesh.rest.astype(np.float32),))
+        poses = tuple(self.frames[time].points[index] for time in at)
+        # A skin bends between its keys; points are interpolated as soon as they are written.
+        skinned = mesh.handle.skinned and bool(keys)
+        return Track(keys, poses, original=self._reader(index) if skinned else None)
+
+    def _reader(self, index: int) -> Any:
+        def read(time: float) -> Pose:
+            points = self.source.read(self.source.meshes[index], time)
+            assert points is not None
+            return points
+
+        return read
+
+    def frame(self, time: float, poses: Sequence[Pose]) -> Frame:
+        """Poses (V, 3) of all meshes as a frame."""
+        if len(self.source.meshes) == 1:
+            return Frame(time, tuple(poses), tuple(poses))
+        meshes = zip(self.source.meshes, poses, strict=True)
+        spaces = tuple(self.source.to_world(mesh, time, pose) for mesh, pose in meshes)
+        return Frame(time, tuple(poses), spaces)
+
+    def count(self, time: float, poses: Sequence[Pose]) -> SceneCount:
+        """Counts of poses at a time."""
+        return self.repairer.counter(self.frame(time, poses).spaces)
+
+    def pairs(self, time: float, poses: Sequence[Pose]) -> int:
+        """Intersecting pairs of poses at a time."""
+        return self.count(time, poses).total.pairs
+
+    def repair(self, time: float, poses: Sequence[Pose]) -> tuple[Pose, ...] | None:
+        """Poses with fewer pairs; None where there are none."""
+        frame = self.frame(time, poses)
+        repaired = self._repaired(frame)
+        if all(points is None for points in repaired.points):
+            return None
+        return _filled(frame, repaired)
+
+    def check_key(self, time: float) -> Repaired:
+        """Count a key of the input."""
+        from dtrepair.repair.options import Count, RepairResult, Status
+
+        frame = self.frames[time]
+        if not frame.usable:
+            return self.repairer.finish(frame, None)
+        none = Count(0, 0)  # `finish` believes its own counts only
+        unmoved = [RepairResult(points, none, none, 0, Status.CLEAN) for points in frame.spaces]
+        return self.repairer.finish(frame, unmoved)
+
+    def repair_key(self, time: float) -> Repaired:
+        """Repair a key of the input into `tracks`."""
+        frame = self.frames[time]
+        if not frame.usable:
+            return self.repairer.finish(frame, None)
+        repaired = self._repaired(frame)
+        tracks = list(self.tracks)
+        for index, points in enumerate(repaired.points):
+            if points is not None:
+                tracks[index] = tracks[index].with_key(time, points, all_times=self._usable)
+        self.tracks = tuple(tracks)
+        return repaired
+
+    def _repaired(self, frame: Frame) -> Repaired:
+        try:
+            solution: Any = self.repairer.repairer(frame.spaces)
+        except Exception as error:
+            solution = error
+        return self.repairer.finish(frame, solution)
+
+    def write(self, tracks: Sequence[Track], sink: Sink) -> None:
+        """Put the keys that were changed or added; others keep the samples of the input."""
+        for index, track in enumerate(tracks):
+            # A mesh at the default time only has no times: its one pose is its key.
+            for time in track.times if track.changed else ():
+                pose = track.poses[track.times.index(time)]
+                sink.put(index, time, pose if time in track.changed else None)
+
+    def record(
+        self, record: FrameRecord | None, time: float, tracks: Sequence[Track]
+    ) -> FrameRecord:
+        """The record of a key as it is in the end; `record` is that of its repair alone."""
+        from dtrepair.metrics import displacements
+        from dtrepair.record import FramePrimRecord
+
+        changed = [time in track.changed for track in tracks]
+        if record is not None and (record.before is None or not any(changed)):
+            return record
+        old = [track.at(time) for track in self.given]
+        new = [track.at(time) for track in tracks]
+        before, after = self.count(time, old), self.count(time, new)
+        moved = [
+            displacements(a.astype(np.float64), b.astype(np.float64))
+            for a, b in zip(old, new, strict=True)
+        ]
+        status = "clean" if not after.total.pairs else "improved"
+        if after.total.pairs >= max(before.total.pairs, 1):
+            status = "unchanged"
+        prims = zip(self.source.meshes, before.each, after.each, strict=True)
+        return replace(
+            record or FrameRecord(time=time, status=status, message="added key"),
+            status=status,
+            before=before.total,
+            after=after.total,
+            displacement_max=max(float(part.max()) for part in moved),
+            displacement_mean=float(np.concatenate(moved).mean()),
+            prims=tuple(FramePrimRecord(path=m.path, before=b, after=a) for m, b, a in prims),
+        )
+
+
+def _filled(frame: Frame, repaired: Repaired) -> tuple[Pose, ...]:
+    """The repaired points of every mesh, those of the frame where nothing changed."""
+    return tuple(
+        old if new is None else new for old, new in zip(frame.points, repaired.points, strict=True)
+    )

@@ -1,0 +1,102 @@
+"""Changes of keys that may clean the poses between them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from dtrepair.geometry import diagonal
+from dtrepair.repair.tracks import Pose, Track
+
+# A repaired in-between is tried with its displacement times these: the poses beside it profit.
+SCALES = (1.0, 1.3, 1.7)
+# Keys are moved instead of adding one only if no vertex moves farther (part of the diagonal).
+NEIGHBOUR_LIMIT = 0.02
+
+
+class Change(NamedTuple):
+    """Keys (mesh, time, pose) to set; `added` are times that had none."""
+
+    keys: list[tuple[int, float, Pose]]
+    added: tuple[float, ...]
+
+
+def changes(
+    tracks: Sequence[Track],
+    time: float,
+    poses: Sequence[Pose],
+    found: Sequence[Pose],
+    *,
+    added: Sequence[float],
+    keep_keys: bool,
+    full: bool,
+) -> Iterator[Change]:
+    """Changes worth a try, given the poses at an in-between and what repair made of them.
+
+    First the neighbouring keys moved: keys at the times `added` freely, others a little, unless
+    `keep_keys`; then a key added, unless `full`.
+    """
+    for only_added in (True,) if keep_keys else (False, True):
+        for scale in SCALES if only_added else SCALES[:1]:
+            aims = [scaled(old, new, scale) for old, new in zip(poses, found, strict=True)]
+            moved = neighbours_moved(tracks, time, poses, aims, added, only_added=only_added)
+            if moved is not None:
+                yield moved
+    for scale in () if full else SCALES:
+        keys = [
+            (index, time, scaled(old, new, scale))
+            for index, (old, new) in enumerate(zip(poses, found, strict=True))
+            if (old != new).any()
+        ]
+        yield Change(keys, (time,))
+
+
+def neighbours_moved(
+    tracks: Sequence[Track],
+    time: float,
+    poses: Sequence[Pose],
+    found: Sequence[Pose],
+    added: Sequence[float] = (),
+    *,
+    only_added: bool = False,
+) -> Change | None:
+    """The two keys around a time moved least such that the pose between them is `found`.
+
+    Least squares over the keys that may move: with weights w of the keys in the pose (1 - p and p
+    for part p of the span) the displacement times w / sum w^2. None where no key may move, or a
+    vertex of a given key would move farther than NEIGHBOUR_LIMIT.
+    """
+    keys: list[tuple[int, float, Pose]] = []
+    for index, (track, old, new) in enumerate(zip(tracks, poses, found, strict=True)):
+        if not (old != new).any():
+            continue
+        ends = track.around(time)
+        if ends is None:
+            return None
+        part = (time - ends[0]) / (ends[1] - ends[0])
+        weights = dict(zip(ends, (1.0 - part, part), strict=True))
+        if only_added:
+            weights = {end: weight for end, weight in weights.items() if end in added}
+        norm = sum(weight**2 for weight in weights.values())
+        if norm == 0.0:
+            return None
+        moved = new.astype(np.float64) - old
+        limit = NEIGHBOUR_LIMIT * diagonal(old.astype(np.float64))
+        for end, weight in weights.items():
+            step = weight / norm * moved
+            if end not in added and np.linalg.norm(step, axis=1).max() > limit:
+                return None
+            pose = track.poses[track.times.index(end)]
+            keys.append((index, end, (pose + step).astype(np.float32)))
+    return Change(keys, ())
+
+
+def scaled(old: Pose, new: Pose, scale: float) -> Pose:
+    """A pose displaced by `scale` times as much; vertices that stayed keep every bit."""
+    if scale == 1.0:
+        return new
+    moved = (old != new).any(axis=1)
+    farther = old + scale * (new.astype(np.float64) - old)
+    return np.where(moved[:, None], farther.astype(np.float32), old)

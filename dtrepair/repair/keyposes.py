@@ -1,0 +1,279 @@
+"""Poses between keys: clean where the keys are, by moving keys a little or adding a few."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from dtrepair.repair.key_changes import Change, changes
+from dtrepair.repair.key_spans import KeyOptions, KeyPoses, Sample, Solver, Span
+from dtrepair.repair.tracks import Pose, Track
+
+# The parts of a split span have finer samples, which may show by this part more than before.
+FINER = 0.5
+# Keys are moved without cleaning a span only if at least this part of its pairs goes.
+MOVED = 0.1
+# Most changes between two given keys, times the number of spans they may be split into.
+TRIALS = 4
+
+
+def verify_in_betweens(
+    tracks: Sequence[Track],
+    spans: Sequence[tuple[float, float]],
+    solver: Solver,
+    *,
+    options: KeyOptions,
+) -> KeyPoses:
+    """Count the in-betweens of spans (start, end) of neighbouring keys; nothing is changed."""
+    search = _Search(tracks, spans, solver, options)
+    search.measure_all()
+    return search.answer(search.samples(spans))
+
+
+def clean_in_betweens(
+    tracks: Sequence[Track],
+    spans: Sequence[tuple[float, float]],
+    solver: Solver,
+    *,
+    options: KeyOptions,
+    progress: Callable[[int], None] = lambda done: None,
+) -> KeyPoses:
+    """Move keys or add the fewest until `options.samples` in-betweens of each span are clean.
+
+    tracks: of each mesh; spans: (start, end) times of neighbouring keys of all tracks together.
+    An added key starts a span of its own, with as many samples. Where nothing helps, the samples
+    of the result say what is left. progress: called with the number of spans that are done.
+    """
+    search = _Search(tracks, spans, solver, options)
+    search.measure_all()
+    before = search.samples(spans)
+    for number, span in enumerate(spans):
+        search.clean(span)
+        progress(number + 1)
+    for span in spans:
+        search.leave_out(span)
+    return search.answer(before)
+
+
+class _Search:
+    """The tracks as they are so far, and what is known about the spans between their keys."""
+
+    def __init__(
+        self,
+        tracks: Sequence[Track],
+        spans: Sequence[tuple[float, float]],
+        solver: Solver,
+        options: KeyOptions,
+    ) -> None:
+        self.tracks = self.given = tuple(tracks)
+        self.spans = tuple(spans)
+        self.solver, self.options = solver, options
+        self.added: tuple[float, ...] = ()
+        self.known: dict[tuple[float, float], tuple[Sample, ...]] = {}
+        self.all_times = sorted({time for span in spans for time in span})
+
+    def poses(self, tracks: Sequence[Track], time: float) -> tuple[Pose, ...]:
+        return tuple(track.at(time, interpolation=self.options.interpolation) for track in tracks)
+
+    def parts(self, span: tuple[float, float], added: Sequence[float]) -> list[tuple[float, float]]:
+        """A span split at the keys that were added in it."""
+        start, end = span
+        times = [start, *sorted(time for time in added if start < time < end), end]
+        return list(pairwise(times))
+
+    def measure(self, tracks: Sequence[Track], part: tuple[float, float]) -> tuple[Sample, ...]:
+        start, end = part
+        count = self.options.samples
+        times = [start + (end - start) * k / (count + 1) for k in range(1, count + 1)]
+        return tuple(
+            Sample(time, self.solver.pairs(time, self.poses(tracks, time))) for time in times
+        )
+
+    def measure_all(self) -> None:
+        """Measure every span, side by side."""
+        with ThreadPoolExecutor(self.options.jobs) as pool:
+            found = pool.map(lambda span: self.measure(self.tracks, span), self.spans)
+            self.known = dict(zip(self.spans, found, strict=True))
+
+    def samples(self, spans: Sequence[tuple[float, float]]) -> list[tuple[Sample, ...]]:
+        """Samples of spans, those of their parts one after the other."""
+        return [
+            tuple(sample for part in self.parts(span, self.added) for sample in self.known[part])
+            for span in spans
+        ]
+
+    def answer(self, before: Sequence[tuple[Sample, ...]]) -> KeyPoses:
+        """The tracks and what is left between their keys."""
+        after = self.samples(self.spans)
+        spans = tuple(
+            Span(*span, old, new, tuple(t for t in self.added if span[0] < t < span[1]))
+            for span, old, new in zip(self.spans, before, after, strict=True)
+        )
+        return KeyPoses(self.tracks, spans)
+
+    def clean(self, span: tuple[float, float]) -> None:
+        """Move or add keys until a span is clean or nothing helps."""
+        hopeless: set[tuple[float, float]] = set()
+        for _ in range(TRIALS * (self.options.extra + 1)):
+            parts = self.parts(span, self.added)
+            dirty = {part: _cost(part, self.known[part]) for part in parts if part not in hopeless}
+            part = max(dirty, key=lambda item: dirty[item], default=None)
+            if part is None or dirty[part] == 0.0:
+                return
+            trial = self.best_trial(part, full=len(parts) > self.options.extra)
+            if trial is None:
+                hopeless.add(part)
+            else:
+                self.accept(trial)
+
+    def best_trial(self, part: tuple[float, float], *, full: bool) -> _Trial | None:
+        """The change that leaves least; None where none leaves less. full: add no more keys."""
+        best: _Trial | None = None
+        options, cost = self.options, _cost(part, self.known[part])
+        for time in _places(self.known[part]):
+            poses = self.poses(self.tracks, time)
+            for start in self.starts(part, time, poses):
+                found = self.settled(time, start)
+                if found is None:
+                    continue
+                for change in changes(
+                    self.tracks,
+                    time,
+                    poses,
+                    found,
+                    added=self.added,
+                    keep_keys=options.keep_keys,
+                    full=full,
+                ):
+                    trial = self.measured(change, part)
+                    if trial is None:
+                        continue
+                    if trial.solved:
+                        return trial
+                    enough = trial.gain > cost * (-FINER if change.added else MOVED)
+                    if enough and (best is None or trial.gain > best.gain):
+                        best = trial
+        return best
+
+    def starts(
+        self, part: tuple[float, float], time: float, poses: tuple[Pose, ...]
+    ) -> Iterator[tuple[Pose, ...]]:
+        """What to repair: an in-between as it is, or displaced as much as an added key beside it.
+
+        Alone, poses before and after a passage leave on opposite sides, and meet between.
+        """
+        yield poses
+        for end in part:
+            if end in self.added:
+                away = (end - time) / (part[1] - part[0])
+                displaced = []
+                for pose, track, given in zip(poses, self.tracks, self.given, strict=True):
+                    moved = track.at(end).astype(np.float64) - given.at(end)
+                    displaced.append((pose + abs(away) * moved).astype(np.float32))
+                yield tuple(displaced)
+
+    def settled(self, time: float, start: tuple[Pose, ...]) -> tuple[Pose, ...] | None:
+        """A start that is clean, or repaired; None where there is neither."""
+        return start if not self.solver.pairs(time, start) else self.solver.repair(time, start)
+
+    def measured(self, change: Change, part: tuple[float, float]) -> _Trial | None:
+        """What a change leaves, mainly of `part`; None where a key gets pairs by it."""
+        if not change.keys:
+            return None
+        tracks = list(self.tracks)
+        for index, time, pose in change.keys:
+            tracks[index] = tracks[index].with_key(time, pose, all_times=self.all_times)
+        for time in sorted({time for _, time, _ in change.keys}):
+            left = self.solver.pairs(time, self.poses(tracks, time))
+            allowed = 0 if time in change.added else None
+            if left and allowed is None:
+                allowed = self.solver.pairs(time, self.poses(self.tracks, time))
+            if allowed is not None and left > allowed:
+                return None
+        return self.trial(tracks, (*self.added, *change.added), change, part)
+
+    def trial(
+        self,
+        tracks: Sequence[Track],
+        added: tuple[float, ...],
+        change: Change,
+        part: tuple[float, float],
+    ) -> _Trial:
+        """Measure the spans that a change of keys reaches."""
+        low, high = self.reached(tracks, change)
+        before = after = inside = 0.0
+        known: dict[tuple[float, float], tuple[Sample, ...]] = {}
+        for span in self.spans:
+            if span[0] >= high or span[1] <= low:
+                continue
+            before += sum(_cost(item, self.known[item]) for item in self.parts(span, self.added))
+            for item in self.parts(span, added):
+                reached = (item[0] < high and item[1] > low) or item not in self.known
+                known[item] = self.measure(tracks, item) if reached else self.known[item]
+                cost = _cost(item, known[item])
+                after += cost
+                inside += cost if part[0] <= item[0] and item[1] <= part[1] else 0.0
+        others = before - _cost(part, self.known[part]) if part in self.known else 0.0
+        solved = inside == 0.0 and after <= others
+        return _Trial(tuple(tracks), added, known, solved, before - after)
+
+    def reached(self, tracks: Sequence[Track], change: Change) -> tuple[float, float]:
+        """The times between which a change of keys has an effect."""
+        low, high = np.inf, -np.inf
+        for index, time, _ in change.keys:
+            first, last = tracks[index].reach(time, interpolation=self.options.interpolation)
+            # Interpolated keys differ everywhere from what a mesh was before its first change.
+            if self.tracks[index].original is not None and not self.tracks[index].changed:
+                first, last = -np.inf, np.inf
+            low, high = min(low, first), max(high, last)
+        return low, high
+
+    def accept(self, trial: _Trial) -> None:
+        """Go on from a trial."""
+        self.tracks, self.added = trial.tracks, trial.added
+        self.known |= trial.known
+
+    def leave_out(self, span: tuple[float, float]) -> None:
+        """Take back added keys that a clean span does not need."""
+        start, end = span
+        for time in [t for t in sorted(self.added) if start < t < end]:
+            parts = self.parts(span, self.added)
+            if any(_cost(part, self.known[part]) for part in parts):
+                return
+            keys = [
+                (index, time, track.at(time))
+                for index, track in enumerate(self.tracks)
+                if time in track.changed
+            ]
+            tracks = [track.without_key(time) for track in self.tracks]
+            added = tuple(other for other in self.added if other != time)
+            trial = self.trial(tracks, added, Change(keys, ()), span)
+            if trial.gain >= 0.0:
+                self.accept(trial)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """The state after a change; whether it is all that is needed, and how much the cost fell."""
+
+    tracks: tuple[Track, ...]
+    added: tuple[float, ...]
+    known: dict[tuple[float, float], tuple[Sample, ...]]
+    solved: bool
+    gain: float
+
+
+def _cost(part: tuple[float, float], samples: Sequence[Sample]) -> float:
+    """Pairs integrated over time, so that finer samples cost no more."""
+    return (part[1] - part[0]) * sum(sample.pairs for sample in samples) / len(samples)
+
+
+def _places(samples: Sequence[Sample]) -> list[float]:
+    """Where a key may help: amid the samples that are not clean, and at the worst of them."""
+    dirty = [sample for sample in samples if sample.pairs]
+    worst = max(dirty, key=lambda sample: sample.pairs).time
+    return list(dict.fromkeys([0.5 * (dirty[0].time + dirty[-1].time), worst]))

@@ -1,0 +1,192 @@
+"""The schema `dtrepair.report/1` of JSON reports, and the check of a document against it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+SCHEMA_NAME = "dtrepair.report/1"
+STATUSES = ("clean", "improved", "unchanged", "failed", "skipped")
+
+
+class ReportError(ValueError):
+    """A report that does not follow the schema."""
+
+
+def validate(document: object) -> None:
+    """Check a document against `SCHEMA`. Raises ReportError that names the place."""
+    _check(document, SCHEMA, "report")
+
+
+def _object(*optional: str, **properties: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": [name for name in properties if name not in optional],
+        "additionalProperties": False,
+    }
+
+
+_TEXT = {"type": "string"}
+_COUNT = {"type": "integer", "minimum": 0}
+_AMOUNT = {"type": "number", "minimum": 0}
+_COUNTS = {
+    **_object(triangles=_COUNT, pairs=_COUNT, inter_pairs=_COUNT),
+    "type": ["object", "null"],
+}
+_FRAME = _object(
+    time={"type": ["number", "null"]},
+    status={"type": "string", "enum": list(STATUSES)},
+    message=_TEXT,
+    before=_COUNTS,
+    after=_COUNTS,
+    iterations=_COUNT,
+    seconds=_AMOUNT,
+    displacement_max=_AMOUNT,
+    displacement_mean=_AMOUNT,
+    prims={"type": "array", "items": _object(path=_TEXT, before=_COUNTS, after=_COUNTS)},
+    stages={
+        "type": "array",
+        "items": _object(
+            name=_TEXT,
+            crossings=_COUNT,
+            folds=_COUNT,
+            distortion=_AMOUNT,
+            iterations=_COUNT,
+            seconds=_AMOUNT,
+        ),
+    },
+)
+_SUMMARY = _object(
+    frames=_COUNT,
+    **{status: _COUNT for status in STATUSES},
+    **{
+        f"{name}_{when}": _COUNT
+        for when in ("before", "after")
+        for name in ("triangles", "pairs", "inter_pairs")
+    },
+    displacement_max=_AMOUNT,
+    displacement_mean=_AMOUNT,
+    jitter={"type": ["number", "null"], "minimum": 0},
+)
+_FIGURE = {"type": ["number", "null"], "minimum": 0}
+# Only of transfers. Residuals have no unit; parts are of the target's triangles or area; None
+# where no frame could be measured, or without markers.
+_TRANSFER = _object(
+    correspondence={"type": "string", "enum": ["topology", "markers", "file"]},
+    target=_TEXT,
+    pairs=_COUNT,
+    unmatched=_COUNT,
+    unmatched_area=_AMOUNT,
+    largest_hole=_COUNT,
+    source_used=_AMOUNT,
+    root_scale=_AMOUNT,
+    residual_median=_FIGURE,
+    residual_p95=_FIGURE,
+    residual_max=_FIGURE,
+    inside_out=_FIGURE,
+    unit_ratio=_FIGURE,
+    turn_degrees=_FIGURE,
+    rest_error=_FIGURE,
+    markers={
+        **_object(
+            count=_COUNT,
+            distance_median=_AMOUNT,
+            distance_max=_AMOUNT,
+            suspects={"type": "array", "items": _COUNT},
+            swapped={"type": "array", "items": {"type": "array", "items": _COUNT}},
+        ),
+        "type": ["object", "null"],
+    },
+)
+_SAMPLES = _object(samples=_COUNT, dirty=_COUNT, pairs=_COUNT)
+# Only of key poses: samples between two keys, those that intersect, and their pairs; `left` are
+# the times of those that still do, `added` those of added keys.
+_KEYPOSES = _object(
+    interpolation={"type": "string", "enum": ["linear", "cubic"]},
+    skipped=_COUNT,
+    spans={
+        "type": "array",
+        "items": _object(
+            start={"type": "number"},
+            end={"type": "number"},
+            before=_SAMPLES,
+            after=_SAMPLES,
+            left={"type": "array", "items": {"type": "number"}},
+            added={"type": "array", "items": {"type": "number"}},
+        ),
+    },
+)
+SCHEMA: dict[str, Any] = {
+    "$schema": "https://json-schema.org/draft/2020-12/schema",
+    "title": SCHEMA_NAME,
+    **_object(
+        "transfer",
+        "keyposes",
+        schema={"type": "string", "enum": [SCHEMA_NAME]},
+        version=_TEXT,
+        command=_TEXT,
+        input=_TEXT,
+        output={"type": ["string", "null"]},
+        device=_TEXT,
+        settings={"type": "object"},
+        seconds={"type": "object", "additionalProperties": _AMOUNT},
+        warnings={"type": "array", "items": _TEXT},
+        prims={
+            "type": "array",
+            "items": _object(
+                path=_TEXT,
+                vertices=_COUNT,
+                triangles=_COUNT,
+                rest_intersections={"type": ["integer", "null"], "minimum": 0},
+            ),
+        },
+        frames={"type": "array", "items": _FRAME},
+        summary=_SUMMARY,
+        transfer=_TRANSFER,
+        keyposes=_KEYPOSES,
+    ),
+}
+
+
+def _type_name(value: object) -> str:
+    # bool is an int in Python, but not an integer in JSON.
+    if isinstance(value, bool):
+        return "boolean"
+    if isinstance(value, float) and not math.isfinite(value):
+        return "non-finite number"
+    names = {dict: "object", list: "array", str: "string", int: "integer", float: "number"}
+    return names.get(type(value), "null" if value is None else type(value).__name__)
+
+
+def _check(value: Any, schema: Mapping[str, Any], place: str) -> None:
+    """Check the part of JSON Schema that `SCHEMA` uses, which avoids a dependency."""
+    kind = _type_name(value)
+    allowed = schema["type"] if isinstance(schema["type"], list) else [schema["type"]]
+    if kind not in allowed and not (kind == "integer" and "number" in allowed):
+        raise ReportError(f"{place}: expected {' or '.join(allowed)}, got {kind}")
+    if "enum" in schema and value not in schema["enum"]:
+        raise ReportError(f"{place}: expected one of {', '.join(schema['enum'])}, got {value!r}")
+    if "minimum" in schema and value is not None and value < schema["minimum"]:
+        raise ReportError(f"{place}: expected at least {schema['minimum']}, got {value}")
+    if kind == "object":
+        _check_object(value, schema, place)
+    elif kind == "array":
+        for index, item in enumerate(value):
+            _check(item, schema["items"], f"{place}[{index}]")
+
+
+def _check_object(value: Mapping[str, Any], schema: Mapping[str, Any], place: str) -> None:
+    properties = schema.get("properties", {})
+    for name in schema.get("required", ()):
+        if name not in value:
+            raise ReportError(f"{place}: expected the property {name!r}, got none")
+    extra = schema.get("additionalProperties", True)
+    for name, item in value.items():
+        if name in properties:
+            _check(item, properties[name], f"{place}.{name}")
+        elif extra is False:
+            raise ReportError(f"{place}: got the unknown property {name!r}")
+        elif extra is not True:
+            _check(item, extra, f"{place}.{name}")

@@ -2,19 +2,20 @@
 
 `Sdf.Layer.CreateNew(path)` truncates an existing file at once, and writing into a usdc that another
 process has mapped kills that process. So a layer is written in a temporary directory beside its
-destination and then moved over it by `os.replace`; whoever has the old file open keeps it.
+destination and then moved over it by `os.replace`; whoever has the old file open keeps it. Folders
+that killed runs left beside the same destination are removed.
 """
 
 from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 from types import TracebackType
 
 from pxr import Sdf, Tf
 
 from usd_io.errors import OutputError, UsageError, one_line
+from usd_io.temporary import make_temporary_folder
 
 OUTPUT_EXTENSIONS = (".usd", ".usda", ".usdc")
 
@@ -46,7 +47,7 @@ class AtomicLayer:
         self.layer = None
         self._folder = ""
         try:
-            self._folder = tempfile.mkdtemp(prefix=f".{name}.", suffix=".tmp", dir=directory)
+            self._folder = make_temporary_folder(self.path)
             self._file = os.path.join(self._folder, name)
             self.layer = Sdf.Layer.CreateNew(self._file)
         except (OSError, Tf.ErrorException) as error:

@@ -11,6 +11,7 @@ import click
 
 from dtrepair import __version__
 from dtrepair.cli.failures import Failure
+from dtrepair.cli.interrupts import Interrupts, exit_code, watched
 
 EPILOG = """Exit codes: 0 done and clean; 1 intersections remain (or found, by check); 2 usage;
 3 input unusable; 4 some frames failed (the rest is written); 5 output cannot be written."""
@@ -70,28 +71,36 @@ def group() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit with its code; an error is one line on stderr."""
     given = list(sys.argv[1:] if arguments is None else arguments)
+    with watched() as interrupts:
+        code = _run(given or ["--help"], interrupts)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _run(arguments: list[str], interrupts: Interrupts) -> object:
+    """The exit code of a run; errors are told."""
     try:
-        code = group.main(args=given or ["--help"], prog_name="dtrepair", standalone_mode=False)
+        return group.main(
+            args=arguments, prog_name="dtrepair", standalone_mode=False, obj=interrupts
+        )
     except click.exceptions.Exit as done:
-        code = done.exit_code
+        return done.exit_code
     except click.UsageError as error:
         context = error.ctx.command_path if error.ctx else "dtrepair"
         _complain(f"{error.format_message().rstrip('.')}; see {context} --help")
-        code = error.exit_code
+        return error.exit_code
     except Failure as error:
         _complain(error.format_message())
-        code = error.code
+        return error.code
     except click.ClickException as error:
         _complain(error.format_message())
-        code = error.exit_code
-    except (KeyboardInterrupt, click.Abort):
-        _complain("interrupted; no output was written")
-        code = 130
+        return error.exit_code
+    except (KeyboardInterrupt, click.Abort) as error:
+        interrupts.say()
+        return exit_code(error.__cause__ or error)
     except BrokenPipeError:
         # The reader of stdout has gone (`| head`): nothing more to say to it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = 0
-    sys.exit(code if isinstance(code, int) else 0)
+        return 0
 
 
 def _complain(message: str) -> None:

@@ -24,6 +24,8 @@ from dtrepair.cli.failures import (
     writing,
 )
 from dtrepair.cli.frames import make_counter, prim_records, read_frames
+from dtrepair.cli.interrupts import current_interrupts
+from dtrepair.cli.journal import Journal, hash_of_run
 from dtrepair.cli.method import method_options
 from dtrepair.cli.options import (
     Selection,
@@ -43,6 +45,7 @@ from dtrepair.record import FrameRecord, Report, summarize, write_report
 if TYPE_CHECKING:
     from dtrepair.repair.bodies import Body
     from dtrepair.repair.options import RepairOptions
+    from dtrepair.repair.remember import Memory
 
 
 @click.command(
@@ -63,6 +66,7 @@ if TYPE_CHECKING:
     "--direction", metavar="NAME|SUBSET=x,y,z", help="Preferred direction of the repair, in world."
 )
 @click.option("--report", "report_path", metavar="F.json", help="Write a JSON report.")
+@click.option("--resume", is_flag=True, help="Go on with an interrupted run of the same command.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @click.option("--alone", is_flag=True, help="Repair each frame for itself, not steady in time.")
@@ -81,6 +85,7 @@ def command(
     pin: str | None,
     direction: str | None,
     report_path: str | None,
+    resume: bool,
     skip_existing: bool,
     dry_run: bool,
     alone: bool,
@@ -109,6 +114,8 @@ def command(
     if report_path is not None:
         refuse_overwriting(report_path, source_path, output)
         check_writable(report_path)
+    # The published method knows single poses only.
+    alone = alone or options.method == "paper"
     run = Run(source_path, output, use_device(device), options, jobs, alone)
     source = open_source(source_path, selection, collider=collider)
     console.warn(source.warnings)
@@ -124,7 +131,9 @@ def command(
             print_plan(console, source, rests, output)
             return CLEAN
         bodies = make_bodies(source, rests, controls)
-        report = _repair(run, source, rests, bodies, sink, console)
+        journal = _open_journal(run, source, bodies, resume=resume)
+        console.warn(journal.warnings if journal is not None else ())
+        report = _repair(run, source, rests, bodies, sink, console, journal)
     finally:
         sink.abort()
     if report_path is not None:
@@ -178,6 +187,20 @@ def settings_of(
     return {name: value for name, value in chosen.items() if value is not None}
 
 
+def _open_journal(run: Run, source: Source, bodies: list[Body], *, resume: bool) -> Journal | None:
+    """The journal of a run; None where a run is a single step, solved wholly or not at all."""
+    from dtrepair.repair.animation import WINDOW
+
+    run_hash = hash_of_run(run.settings, run.device, bodies, source.times)
+    journal = Journal(run.output, run_hash, resume=resume)
+    if len(source.times) <= (1 if run.alone else WINDOW):
+        return None
+    interrupts = current_interrupts()
+    if interrupts is not None:
+        interrupts.advice = lambda: "; --resume goes on from here" if journal.kept else ""
+    return journal
+
+
 def _repair(
     run: Run,
     source: Source,
@@ -185,9 +208,10 @@ def _repair(
     bodies: list[Body],
     sink: Sink,
     console: Console,
+    journal: Journal | None,
 ) -> Report:
     """Repair all frames into the sink, commit it, and return the report."""
-    repairer, rest_counts = make_repairer(run, source, rests, bodies)
+    repairer, rest_counts = make_repairer(run, source, rests, bodies, journal)
     run.lap("factor")
     console.warn(rest_warnings(source, rests, rest_counts))
     records: list[FrameRecord] = []
@@ -202,6 +226,9 @@ def _repair(
     run.last = clock.perf_counter()
     summary = summarize(records)
     warnings = (*repairer.warnings, *sink.commit({"counts": summary}))
+    if journal is not None:
+        warnings = (*warnings, *journal.failures)
+        journal.remove()
     console.warn(warnings)
     run.lap("write")
     run.seconds["total"] = clock.perf_counter() - run.start
@@ -221,7 +248,11 @@ def _repair(
 
 
 def make_repairer(
-    run: Run, source: Source, rests: list[Rest], bodies: list[Body]
+    run: Run,
+    source: Source,
+    rests: list[Rest],
+    bodies: list[Body],
+    memory: Memory | None = None,
 ) -> tuple[FrameRepairer, list[int | None]]:
     """Build the solver and the counter, once for all frames; count the rests' own intersections."""
     from dtrepair.counts import SceneCounter
@@ -235,7 +266,7 @@ def make_repairer(
     scene = SceneRepairer(bodies, options=options, device=run.device)
     counter = make_counter(source, mode=run.options.mode, device=run.device)
     return (
-        FrameRepairer(source, scene, counter, jobs=run.jobs, alone=run.alone),
+        FrameRepairer(source, scene, counter, jobs=run.jobs, alone=run.alone, memory=memory),
         rest_counts,
     )
 

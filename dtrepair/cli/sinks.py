@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.cli.failures import USAGE, Failure, check_writable, refuse_overwriting, writing
+from dtrepair.cli.interrupts import current_interrupts
 from dtrepair.cli.sources import MeshSource, Source, StageSource, is_stage
 
 
@@ -40,6 +42,7 @@ class StageSink:
     def __init__(self, source: StageSource, path: str, settings: dict[str, Any]) -> None:
         from dtrepair import __version__
         from usd_io import OverrideWriter
+        from usd_io.temporary import remove_own_folders
 
         if not is_stage(path):
             raise Failure(
@@ -47,6 +50,9 @@ class StageSink:
                 "name a .usd, .usdc or .usda file",
                 USAGE,
             )
+        interrupts = current_interrupts()
+        if interrupts is not None:
+            interrupts.cleanups.append(partial(remove_own_folders, path))
         self._meshes = [mesh.handle for mesh in source.meshes]
         self._all_times = source.all_times
         self._own = [set(mesh.times.tolist()) for mesh in self._meshes]

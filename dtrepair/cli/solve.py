@@ -17,8 +17,10 @@ from dtrepair.record import CountRecord, FramePrimRecord, FrameRecord, StageReco
 
 if TYPE_CHECKING:
     from dtrepair.counts import SceneCount, SceneCounter
+    from dtrepair.repair.animation import AnimationRepairer
     from dtrepair.repair.bodies import Body
     from dtrepair.repair.options import RepairResult
+    from dtrepair.repair.remember import Memory
     from dtrepair.repair.repairer import SceneRepairer
 
     Solution = list[RepairResult] | Exception
@@ -54,16 +56,19 @@ class FrameRepairer:
         *,
         jobs: int | None = None,
         alone: bool = False,
+        memory: Memory | None = None,
     ) -> None:
         """Take the solver of all meshes together, and the counter that verifies its results.
 
         Frames are solved together, steady in time, on `jobs` threads; `alone`: each for itself.
+        memory: where solutions of an earlier run are looked up, and new ones kept.
         """
         self.source = source
         self.repairer = repairer
         self.counter = counter
         self.jobs = jobs
         self.alone = alone
+        self.memory = memory
         self.free = [_free(body) for body in repairer.bodies]
         self.warnings: list[str] = []
 
@@ -81,7 +86,7 @@ class FrameRepairer:
                     yield pose
 
             try:
-                for repaired in self.repairer.animator.stream(feed(), jobs=self.jobs):
+                for repaired in self._animator().stream(feed(), jobs=self.jobs):
                     fed.popleft()
                     yield repaired.results
                 return
@@ -92,9 +97,23 @@ class FrameRepairer:
             iterator = chain(list(fed), iterator)
         for _, points in iterator:
             try:
-                yield self.repairer(points)
+                yield self._alone(points)
             except Exception as error:
                 yield error
+
+    def _animator(self) -> AnimationRepairer:
+        if self.memory is None:
+            return self.repairer.animator
+        from dtrepair.repair.remember import RememberingAnimator
+
+        return RememberingAnimator(self.repairer, self.memory)
+
+    def _alone(self, points: Sequence[Any]) -> list[RepairResult]:
+        if self.memory is None:
+            return self.repairer(points)
+        from dtrepair.repair.remember import repair_remembered
+
+        return repair_remembered(self.repairer, points, self.memory)
 
     def finish(self, frame: Frame, solution: Solution | None) -> Repaired:
         """Verify a solution on the points that would be written; unchanged where there is none."""

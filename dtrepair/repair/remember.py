@@ -1,0 +1,120 @@
+"""Solutions that were found before, so that an interrupted repair can go on from them.
+
+Solving is by far the longest part of a repair, and its result depends on its input alone. So what
+is remembered are solved windows of an animation, and single poses, by a hash of their input; a
+repair that goes on does all the rest again, and ends with the same bits.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.geometry import FloatArray
+from dtrepair.repair.animation import OVERLAP, WINDOW, AnimationRepairer
+from dtrepair.repair.crew import Crew
+from dtrepair.repair.options import Count, RepairResult, Stage, Status
+from dtrepair.repair.shot import ShotMethod
+
+if TYPE_CHECKING:
+    from dtrepair.repair.repairer import SceneRepairer
+    from dtrepair.repair.system import System
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+class Memory(Protocol):
+    """Keeps arrays by a key; one memory serves one scene with one set of options only."""
+
+    def recall(self, key: str) -> Arrays | None:
+        """What was kept; None where there is nothing."""
+
+    def keep(self, key: str, arrays: Arrays) -> None:
+        """Keep arrays, if that is possible."""
+
+
+class RememberingAnimator(AnimationRepairer):
+    """An animation repairer that looks up solved windows, and keeps those it solves."""
+
+    def __init__(
+        self,
+        scene: SceneRepairer,
+        memory: Memory,
+        *,
+        window: int = WINDOW,
+        overlap: int = OVERLAP,
+    ) -> None:
+        """Use `memory` for the windows of `scene`; ValueError for a bad window."""
+        super().__init__(scene, window=window, overlap=overlap)
+        self.memory = memory
+
+    def method(self, system: System) -> ShotMethod:
+        """The shot method of a system, with a memory."""
+        return _RememberingShot(super().method(system), self.memory)
+
+
+class _RememberingShot(ShotMethod):
+    """A shot method that looks up windows first."""
+
+    def __init__(self, method: ShotMethod, memory: Memory) -> None:
+        self.__dict__.update(method.__dict__)
+        self._method, self._memory = method, memory
+
+    def __call__(self, original: FloatArray, frames: FloatArray, crew: Crew) -> FloatArray:
+        """Repaired poses (T, V, 3) of poses at times in frame units."""
+        key = hash_of(original, frames, self.surface.faces, self.surface.rest)
+        kept = self._memory.recall(key)
+        if kept is not None:
+            found = original.copy()
+            found[:, kept["vertices"]] = kept["points"]
+            return found
+        found = self._method(original, frames, crew)
+        vertices = np.flatnonzero((found != original).any(axis=(0, 2)))
+        self._memory.keep(key, {"vertices": vertices, "points": found[:, vertices]})
+        return found
+
+
+def repair_remembered(
+    scene: SceneRepairer, points: Sequence[Any], memory: Memory
+) -> list[RepairResult]:
+    """The results of a pose (V, 3) of each body, looked up or found and kept."""
+    arrays = [np.asarray(pose) for pose in points]
+    key = hash_of(*arrays)
+    kept = memory.recall(key)
+    if kept is not None:
+        facts = json.loads(bytes(kept["facts"]).decode())
+        return [_result(kept[f"points{k}"], fact) for k, fact in enumerate(facts)]
+    results = scene(arrays)
+    facts = [{**asdict(result), "points": None} for result in results]
+    content = {f"points{k}": np.asarray(result.points) for k, result in enumerate(results)}
+    content["facts"] = np.frombuffer(json.dumps(facts).encode(), dtype=np.uint8)
+    memory.keep(key, content)
+    return results
+
+
+def hash_of(*arrays: NDArray[Any]) -> str:
+    """A hash of shapes, types and bits of arrays."""
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(f"{array.dtype.str}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _result(points: NDArray[Any], fact: dict[str, Any]) -> RepairResult:
+    return RepairResult(
+        **{
+            **fact,
+            "points": points,
+            "before": Count(**fact["before"]),
+            "after": Count(**fact["after"]),
+            "status": Status(fact["status"]),
+            "stages": tuple(Stage(**stage) for stage in fact["stages"]),
+        }
+    )

@@ -1,0 +1,66 @@
+"""Signals: an orderly end, a forced one where threads are busy, handlers put back."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+from dtrepair.cli.interrupts import GRACE, Interrupts, Terminated, exit_code, watched
+
+BUSY = """
+import time
+from dtrepair.cli.interrupts import watched
+with watched() as interrupts:
+    interrupts.cleanups.append(lambda: print("cleaned", flush=True))
+    interrupts.advice = lambda: "; advice"
+    print("busy", flush=True)
+    try:
+        time.sleep(60)
+    finally:
+        time.sleep(60)  # such as waiting for threads
+"""
+
+
+def test_busy_threads_do_not_hold_up_the_end():
+    process = subprocess.Popen(
+        [sys.executable, "-c", BUSY], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None and process.stdout.readline() == "busy\n"
+    start = time.perf_counter()
+    process.send_signal(signal.SIGTERM)
+    out, err = process.communicate(timeout=30)
+    # The grace and as much again for a busy machine.
+    assert time.perf_counter() - start < 2 * GRACE + 1
+    assert process.returncode == 128 + signal.SIGTERM
+    assert out == "cleaned\n"
+    assert "dtrepair: error: interrupted; no output was written; advice\n" in err
+
+
+def test_handlers_are_put_back():
+    before = signal.getsignal(signal.SIGTERM)
+    with watched():
+        assert signal.getsignal(signal.SIGTERM) != before
+    assert signal.getsignal(signal.SIGTERM) == before
+    assert signal.set_wakeup_fd(-1) == -1
+
+
+def test_other_threads_do_without():
+    found = []
+
+    def enter():
+        with watched() as interrupts:
+            found.append(interrupts)
+
+    thread = threading.Thread(target=enter)
+    thread.start()
+    thread.join()
+    assert isinstance(found[0], Interrupts)
+
+
+def test_exit_codes_and_one_line(capsys):
+    assert exit_code(KeyboardInterrupt()) == 130 and exit_code(Terminated()) == 143
+    interrupts = Interrupts()
+    interrupts.say()
+    interrupts.say()
+    assert capsys.readouterr().err.count("\n") == 1

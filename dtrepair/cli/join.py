@@ -16,15 +16,15 @@ from dtrepair.cli.options import console_options
 @console_options
 @one_line_errors
 def command(*, chunks: tuple[str, ...], output: str, skip_existing: bool, console: Console) -> int:
-    """Merge layers that `repair --frames` wrote over one input into one layer.
+    """Merge layers that `repair --chunk` or `--frames` wrote over one input into one layer.
 
     A farm repairs ranges of one shot on several machines; stacking their layers would show one of
     them only, because the strongest layer with any time sample owns the whole attribute.
 
     \b
     Example:
-        dtrepair repair shot.usd --frames 1:50   -o part1.usdc
-        dtrepair repair shot.usd --frames 51:100 -o part2.usdc
+        dtrepair repair shot.usd --chunk 1/2 -o part1.usdc
+        dtrepair repair shot.usd --chunk 2/2 -o part2.usdc
         dtrepair join part1.usdc part2.usdc -o shot_repaired.usdc
     """
     import os

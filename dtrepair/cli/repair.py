@@ -10,6 +10,7 @@ import click
 
 from dtrepair import __version__
 from dtrepair.cli.bodies import in_units_of_frames, make_bodies, read_controls
+from dtrepair.cli.chunks import Chunk, choose_chunk, parse_chunk
 from dtrepair.cli.console import Console
 from dtrepair.cli.failures import (
     CLEAN,
@@ -69,6 +70,11 @@ if TYPE_CHECKING:
 @click.option("--resume", is_flag=True, help="Go on with an interrupted run of the same command.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
+@click.option(
+    "--chunk",
+    metavar="K/N",
+    help="Part K of N of the frames, for a farm; `join` gives what one run would have given.",
+)
 @click.option("--alone", is_flag=True, help="Repair each frame for itself, not steady in time.")
 @selection_options
 @method_options
@@ -88,6 +94,7 @@ def command(
     resume: bool,
     skip_existing: bool,
     dry_run: bool,
+    chunk: str | None,
     alone: bool,
     selection: Selection,
     options: RepairOptions,
@@ -114,6 +121,7 @@ def command(
     if report_path is not None:
         refuse_overwriting(report_path, source_path, output)
         check_writable(report_path)
+    part = parse_chunk(chunk)
     # The published method knows single poses only.
     alone = alone or options.method == "paper"
     run = Run(source_path, output, use_device(device), options, jobs, alone)
@@ -131,7 +139,8 @@ def command(
             print_plan(console, source, rests, output)
             return CLEAN
         bodies = make_bodies(source, rests, controls)
-        journal = _open_journal(run, source, bodies, resume=resume)
+        run.chunk = choose_chunk(source, part, alone=alone)
+        journal = _open_journal(run, bodies, resume=resume)
         console.warn(journal.warnings if journal is not None else ())
         report = _repair(run, source, rests, bodies, sink, console, journal)
     finally:
@@ -153,6 +162,7 @@ class Run:
     options: RepairOptions
     jobs: int
     alone: bool
+    chunk: Chunk | None = None
     settings: dict[str, Any] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     start: float = field(default_factory=clock.perf_counter)
@@ -187,13 +197,15 @@ def settings_of(
     return {name: value for name, value in chosen.items() if value is not None}
 
 
-def _open_journal(run: Run, source: Source, bodies: list[Body], *, resume: bool) -> Journal | None:
+def _open_journal(run: Run, bodies: list[Body], *, resume: bool) -> Journal | None:
     """The journal of a run; None where a run is a single step, solved wholly or not at all."""
     from dtrepair.repair.animation import WINDOW
 
-    run_hash = hash_of_run(run.settings, run.device, bodies, source.times)
+    assert run.chunk is not None
+    times = run.chunk.times
+    run_hash = hash_of_run(run.settings, run.device, bodies, times)
     journal = Journal(run.output, run_hash, resume=resume)
-    if len(source.times) <= (1 if run.alone else WINDOW):
+    if len(times) <= (1 if run.alone else WINDOW):
         return None
     interrupts = current_interrupts()
     if interrupts is not None:
@@ -216,8 +228,14 @@ def _repair(
     console.warn(rest_warnings(source, rests, rest_counts))
     records: list[FrameRecord] = []
     meter = [JitterMeter() for _ in source.meshes]
-    frames = repair_frames(read_frames(source, source.times), repairer)
-    for repaired in console.progress(frames, total=len(source.times), what="repairing"):
+    assert run.chunk is not None
+    times = run.chunk.times
+    frames = zip(
+        repair_frames(read_frames(source, times), repairer), run.chunk.written, strict=True
+    )
+    for repaired, written in console.progress(frames, total=len(times), what="repairing"):
+        if not written:
+            continue
         _store(repaired, sink, meter)
         records.append(repaired.record)
         for name, value in repaired.seconds.items():

@@ -1,0 +1,77 @@
+"""Parts of a clip for a farm: chunks K/N, whose layers join to what one run would have written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.cli.failures import USAGE, Failure
+from dtrepair.cli.frames import read_frame
+from dtrepair.cli.sources import Source
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Times (T,) of the frames to solve, and which of them (T,) are written."""
+
+    times: NDArray[np.float64]
+    written: NDArray[np.bool_]
+
+
+def parse_chunk(text: str | None) -> tuple[int, int] | None:
+    """K and N of `K/N`; a usage error for anything else."""
+    if text is None:
+        return None
+    number, slash, count = text.partition("/")
+    if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        raise Failure(f"--chunk {text}: expected K/N with K from 1 to N, such as 2/8", USAGE)
+    return int(number), int(count)
+
+
+def choose_chunk(source: Source, chunk: tuple[int, int] | None, *, alone: bool) -> Chunk:
+    """The frames of a chunk; None is the whole.
+
+    Frames that are repaired together are split between windows, and solved from one window before
+    the chunk on: that one fades into its first frames.
+    """
+    from dtrepair.repair import animation
+    from dtrepair.repair.windows import frames_to_solve, motions_of, window_layout
+
+    every = source.times
+    if chunk is None:
+        return Chunk(every, np.ones(len(every), dtype=bool))
+    if alone or len(every) == 1:
+        first, stop = _share(len(every), *chunk)
+        return Chunk(every[first:stop], np.ones(stop - first, dtype=bool))
+    times: list[float] = []
+
+    def poses() -> Iterator[NDArray[Any]]:
+        for time in every:
+            frame = read_frame(source, float(time))
+            if frame.usable:
+                times.append(float(time))
+                yield np.concatenate(frame.spaces)
+
+    motions = motions_of(poses())
+    sizes = {"window": animation.WINDOW, "overlap": animation.OVERLAP}
+    layout = window_layout(times, motions, **sizes)
+    first, stop = _share(len(layout), *chunk)
+    if first == stop:
+        return Chunk(every[:0], np.zeros(0, dtype=bool))
+    # Each window hands out the frames from where the one before it ended.
+    ends = [-np.inf, *(times[window.end] for window in layout[:-1]), np.inf]
+    start, last = frames_to_solve(times, motions, (first, stop), **sizes)
+    low = min(times[start], ends[first]) if first == 0 else times[start]
+    high = times[last] if last < len(times) else np.inf
+    solved = (every >= low) & (every < high)
+    chosen = every[solved]
+    return Chunk(chosen, (chosen >= ends[first]) & (chosen < ends[stop]))
+
+
+def _share(count: int, number: int, of: int) -> tuple[int, int]:
+    """The range of `count` things that share `number` (from 1) of `of` holds."""
+    return count * (number - 1) // of, count * number // of

@@ -32,8 +32,9 @@ from dtrepair.cli.options import (
     run_options,
     selection_options,
 )
-from dtrepair.cli.repair import Run, make_repairer, settings_of
+from dtrepair.cli.repair import settings_of
 from dtrepair.cli.repair_output import print_plan, print_table, rest_warnings, say
+from dtrepair.cli.repair_run import Run, make_repairer
 from dtrepair.cli.rest import choose_rests
 from dtrepair.cli.sinks import Sink, existing, open_sink
 from dtrepair.cli.sources import StageSource, is_stage, open_source

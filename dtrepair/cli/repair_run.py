@@ -1,0 +1,150 @@
+"""A run of `dtrepair repair`: its clock, its solver, its journal, frames into the sink."""
+
+from __future__ import annotations
+
+import time as clock
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from dtrepair import __version__
+from dtrepair.cli.bodies import in_units_of_frames
+from dtrepair.cli.chunks import Chunk
+from dtrepair.cli.console import Console
+from dtrepair.cli.frames import make_counter, prim_records, read_frames
+from dtrepair.cli.interrupts import current_interrupts
+from dtrepair.cli.journal import Journal, hash_of_run
+from dtrepair.cli.repair_output import rest_warnings, say
+from dtrepair.cli.rest import Rest
+from dtrepair.cli.sinks import Sink
+from dtrepair.cli.solve import FrameRepairer, Repaired, repair_frames
+from dtrepair.cli.sources import Source
+from dtrepair.jitter_meter import JitterMeter
+from dtrepair.record import FrameRecord, Report, summarize
+
+if TYPE_CHECKING:
+    from dtrepair.repair.bodies import Body
+    from dtrepair.repair.options import RepairOptions
+    from dtrepair.repair.remember import Memory
+
+
+@dataclass
+class Run:
+    """What a run is about, and its clock: `seconds` of each part."""
+
+    input: str
+    output: str
+    device: str
+    options: RepairOptions
+    jobs: int
+    alone: bool
+    chunk: Chunk | None = None
+    settings: dict[str, Any] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    start: float = field(default_factory=clock.perf_counter)
+    last: float = field(default_factory=clock.perf_counter)
+
+    def lap(self, name: str) -> None:
+        """Give the time since the last lap to a part."""
+        now = clock.perf_counter()
+        self.seconds[name] = self.seconds.get(name, 0.0) + now - self.last
+        self.last = now
+
+
+def open_journal(run: Run, bodies: list[Body], *, resume: bool) -> Journal | None:
+    """The journal of a run; None where a run is a single step, solved wholly or not at all."""
+    from dtrepair.repair.animation import WINDOW
+
+    assert run.chunk is not None
+    times = run.chunk.times
+    run_hash = hash_of_run(run.settings, run.device, bodies, times)
+    journal = Journal(run.output, run_hash, resume=resume)
+    if len(times) <= (1 if run.alone else WINDOW):
+        return None
+    interrupts = current_interrupts()
+    if interrupts is not None:
+        interrupts.advice = lambda: "; --resume goes on from here" if journal.kept else ""
+    return journal
+
+
+def repair_here(
+    run: Run,
+    source: Source,
+    rests: list[Rest],
+    bodies: list[Body],
+    sink: Sink,
+    console: Console,
+    journal: Journal | None,
+) -> Report:
+    """Repair all frames into the sink, commit it, and return the report."""
+    repairer, rest_counts = make_repairer(run, source, rests, bodies, journal)
+    run.lap("factor")
+    console.warn(rest_warnings(source, rests, rest_counts))
+    records: list[FrameRecord] = []
+    meter = [JitterMeter() for _ in source.meshes]
+    assert run.chunk is not None
+    times = run.chunk.times
+    frames = zip(
+        repair_frames(read_frames(source, times), repairer), run.chunk.written, strict=True
+    )
+    for repaired, written in console.progress(frames, total=len(times), what="repairing"):
+        if not written:
+            continue
+        _store(repaired, sink, meter)
+        records.append(repaired.record)
+        for name, value in repaired.seconds.items():
+            run.seconds[name] = run.seconds.get(name, 0.0) + value
+        say(console, repaired)
+    run.last = clock.perf_counter()
+    summary = summarize(records)
+    warnings = (*repairer.warnings, *sink.commit({"counts": summary}))
+    if journal is not None:
+        warnings = (*warnings, *journal.failures)
+        journal.remove()
+    console.warn(warnings)
+    run.lap("write")
+    run.seconds["total"] = clock.perf_counter() - run.start
+    return Report(
+        command="repair",
+        version=__version__,
+        input=run.input,
+        output=run.output,
+        device=run.device,
+        settings={**run.settings, "rest": [rest.origin for rest in rests]},
+        seconds=run.seconds,
+        prims=prim_records(source, rest_counts),
+        frames=tuple(records),
+        warnings=(*source.warnings, *warnings),
+        jitter=max(part.value for part in meter) if len(records) > 2 else None,
+    )
+
+
+def make_repairer(
+    run: Run,
+    source: Source,
+    rests: list[Rest],
+    bodies: list[Body],
+    memory: Memory | None = None,
+) -> tuple[FrameRepairer, list[int | None]]:
+    """Build the solver and the counter, once for all frames; count the rests' own intersections."""
+    from dtrepair.counts import SceneCounter
+    from dtrepair.repair.repairer import SceneRepairer
+
+    rest_counts: list[int | None] = []
+    for mesh, rest in zip(source.meshes, rests, strict=True):
+        counter = SceneCounter([rest.points], [mesh.faces], device=run.device)
+        rest_counts.append(counter([rest.points]).total.triangles)
+    options = in_units_of_frames(source, run.options)
+    scene = SceneRepairer(bodies, options=options, device=run.device)
+    counter = make_counter(source, mode=run.options.mode, device=run.device)
+    return (
+        FrameRepairer(source, scene, counter, jobs=run.jobs, alone=run.alone, memory=memory),
+        rest_counts,
+    )
+
+
+def _store(repaired: Repaired, sink: Sink, meters: list[JitterMeter]) -> None:
+    for index, points in enumerate(repaired.points):
+        sink.put(index, repaired.frame.time, points)
+    pairs = zip(meters, repaired.frame.spaces, repaired.spaces, strict=False)
+    for meter, before, after in pairs:
+        meter.add(before, after)

@@ -1,0 +1,52 @@
+"""The report of a whole run out of the reports of its chunks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from dtrepair.record import (
+    CountRecord,
+    FramePrimRecord,
+    FrameRecord,
+    PrimRecord,
+    Report,
+    StageRecord,
+)
+
+Document = Mapping[str, Any]
+
+
+def join_reports(documents: Sequence[Document]) -> Report:
+    """Join reports of chunks of one run, as `read_report` returns them, in any order.
+
+    Frames are sorted by time; seconds are added; input, settings and prims are the first one's.
+    The jitter is None: it cannot be told from that of the chunks.
+    """
+    first = documents[0]
+    frames = [read_frame(frame) for document in documents for frame in document["frames"]]
+    names = list(dict.fromkeys(name for document in documents for name in document["seconds"]))
+    warnings = dict.fromkeys(text for document in documents for text in document["warnings"])
+    return Report(
+        **{name: first[name] for name in ("command", "version", "input", "device", "settings")},
+        seconds={name: sum(d["seconds"].get(name, 0.0) for d in documents) for name in names},
+        prims=tuple(PrimRecord(**prim) for prim in first["prims"]),
+        frames=tuple(sorted(frames, key=lambda frame: frame.time or 0.0)),
+        warnings=tuple(warnings),
+    )
+
+
+def read_frame(frame: Document) -> FrameRecord:
+    """The record that a frame of a report was made of."""
+    prims = (FramePrimRecord(**{**prim, **_counts(prim)}) for prim in frame["prims"])
+    stages = (StageRecord(**stage) for stage in frame["stages"])
+    record = FrameRecord(**{**frame, **_counts(frame)})
+    return replace(record, prims=tuple(prims), stages=tuple(stages))
+
+
+def _counts(item: Document) -> dict[str, CountRecord | None]:
+    return {
+        name: None if item[name] is None else CountRecord(**item[name])
+        for name in ("before", "after")
+    }

@@ -1,0 +1,55 @@
+"""Reports of chunks joined to the report of the whole."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from dtrepair.record import (
+    CountRecord,
+    FramePrimRecord,
+    FrameRecord,
+    PrimRecord,
+    Report,
+    StageRecord,
+)
+from dtrepair.report_joining import join_reports
+
+
+def frame(time, pairs):
+    before = CountRecord(triangles=2 * pairs, pairs=pairs)
+    return FrameRecord(
+        time=time,
+        status="clean",
+        before=before,
+        after=CountRecord(),
+        displacement_mean=0.01 * pairs,
+        prims=(FramePrimRecord(path="/A", before=before, after=CountRecord()),),
+        stages=(StageRecord("push", 3, 0, 0.1, 7, 0.2),),
+    )
+
+
+WHOLE = Report(
+    command="repair",
+    version="1",
+    input="a.usd",
+    settings={"mode": "both"},
+    seconds={"detect": 3.0, "solve": 4.0},
+    prims=(PrimRecord(path="/A", vertices=9, triangles=7),),
+    frames=(frame(1.0, 4), frame(2.0, 5), FrameRecord(time=3.0, status="failed", message="NaN")),
+    warnings=("one", "two"),
+)
+
+
+def test_parts_join_to_the_whole():
+    first = replace(WHOLE, frames=WHOLE.frames[:1], warnings=("one",), seconds={"detect": 3.0})
+    second = replace(WHOLE, frames=WHOLE.frames[1:], warnings=("one", "two"))
+    second = replace(second, seconds={"detect": 0.0, "solve": 4.0})
+    joined = join_reports([first.document(), second.document()])
+    assert joined == WHOLE
+    backwards = join_reports([second.document(), first.document()])
+    assert backwards.document()["frames"] == WHOLE.document()["frames"]
+
+
+def test_frame_without_counts_keeps_its_message():
+    joined = join_reports([WHOLE.document()])
+    assert joined.frames[2].before is None and joined.frames[2].message == "NaN"

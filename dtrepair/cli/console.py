@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time as clock
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TypeVar
 
@@ -55,9 +56,17 @@ class Console:
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
         from rich.progress import TimeRemainingColumn as Remaining
 
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Remaining())
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}"),
+            Remaining(),
+        )
         with Progress(*columns, console=RichConsole(stderr=True), transient=True) as bar:
-            task = bar.add_task(what, total=total)
-            for item in items:
+            task = bar.add_task(what, total=total, rate="")
+            start = clock.monotonic()
+            for done, item in enumerate(items, 1):
                 yield item
-                bar.advance(task)
+                rate = done / (clock.monotonic() - start)
+                bar.update(task, advance=1, rate=f"{rate:.1f}/s")

@@ -246,3 +246,15 @@ def test_walk_stays_clean_and_steady(shared_data: Path) -> None:
     assert all(result.status is Status.CLEAN for result in results)
     assert all(result.before.triangles > 200 for result in results)
     assert jitter(frames, np.stack([result.points for result in results])) < 2e-3
+
+
+def test_a_hopeless_frame_does_not_spoil_the_others() -> None:
+    rest, faces, frames = swing()
+    spoiled = frames.copy()
+    # Everything at one height: no smooth field takes this apart.
+    spoiled[20, :, 1] *= 1e-3
+    repairer = Repairer(rest, faces)
+    results = repairer.animation(spoiled)
+    assert all(result.status is Status.CLEAN for result in results[:19])
+    counts = [result.after.pairs <= result.before.pairs for result in results]
+    assert all(counts)

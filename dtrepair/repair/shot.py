@@ -83,15 +83,20 @@ class ShotMethod:
         push(state)
         state.forget_clearance()
         mend_frames(state, self.alone)
+        state.given_up = frozenset(state.dirty)
         # Tightening would close a clearance again.
-        if not state.dirty and self.clearance == 0.0:
+        if self.clearance == 0.0:
             tighten_frames(state, self.alone, self.tighten)
         return eased(state)
 
 
 def push(state: SpaceTime) -> None:
-    """Sweeps in phases until all frames are clean; the state with the fewest pairs is kept."""
+    """Sweeps in phases until all frames are clean; the state with the fewest pairs is kept.
+
+    A phase goes on as long as any frame gets better, whatever the others do.
+    """
     best = (state.remaining, state.snapshot())
+    fewest = np.array([len(pairs) for pairs in state.pairs])
     for phase in PHASES:
         stalled = 0
         kernel = gaussian_kernel(state.frames, phase.width)
@@ -101,9 +106,11 @@ def push(state: SpaceTime) -> None:
             state.sweep(kernel, phase.width, phase.step)
             if index % BLOCK != BLOCK - 1:
                 continue
-            stalled += 1
+            counts = np.array([len(pairs) for pairs in state.pairs])
+            stalled = 0 if (counts < fewest).any() else stalled + 1
+            fewest = np.minimum(fewest, counts)
             if state.remaining < best[0]:
-                best, stalled = (state.remaining, state.snapshot()), 0
+                best = (state.remaining, state.snapshot())
             if stalled == PATIENCE:
                 break
         if state.remaining > best[0]:

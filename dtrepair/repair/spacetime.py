@@ -74,6 +74,8 @@ class SpaceTime:
         self.smooth = np.zeros_like(original)
         self.extra = np.zeros_like(original)
         self.poses = original.copy()
+        # Frames that no solver could clean must not keep the others from being tightened.
+        self.given_up: frozenset[int] = frozenset()
         self.springs = np.zeros(0, dtype=np.int64)
         self._detected = np.full_like(original, np.nan)
         self.pairs: list[IntArray] = [np.zeros((0, 2), dtype=np.int32)] * len(original)
@@ -83,13 +85,14 @@ class SpaceTime:
 
     @property
     def dirty(self) -> list[int]:
-        """Frames with pairs left."""
-        return [frame for frame, pairs in enumerate(self.pairs) if len(pairs)]
+        """Frames with pairs left, but for those given up."""
+        found = (frame for frame, pairs in enumerate(self.pairs) if len(pairs))
+        return [frame for frame in found if frame not in self.given_up]
 
     @property
     def remaining(self) -> int:
-        """Pairs left in all frames."""
-        return sum(len(pairs) for pairs in self.pairs)
+        """Pairs left in the dirty frames."""
+        return sum(len(self.pairs[frame]) for frame in self.dirty)
 
     def detect(self) -> None:
         """Pairs of every frame that moved since it was last detected."""

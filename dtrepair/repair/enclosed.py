@@ -1,0 +1,207 @@
+"""Parts that lie wholly inside others: they intersect nothing, and are wrong all the same.
+
+A part is a connected component of the triangles, whatever body it belongs to.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.geometry import FloatArray, IntArray, components
+from dtrepair.repair.surface import BoolArray
+
+# Vertices of a part that vote on whether it is inside; odd.
+VOTES = 3
+# Vertices of a part that tell how far it is to the outside: to rank directions, and to be sure.
+FEW, MANY = 8, 40
+# Candidate boxes looked at in one step.
+BLOCK = 4_000_000
+
+
+class Enclosed(NamedTuple):
+    """Parts inside parts: (inner, outer) (K, 2), and which of them (K,) are so in the rest too."""
+
+    parts: IntArray
+    meant: BoolArray
+
+
+class Enclosures:
+    """Finds the parts of a pose that lie wholly inside closed ones; built once per topology.
+
+    Only closed parts, oriented outwards, have an inside. An eye in its head is inside in the rest
+    pose as well, so it is told apart by `meant`.
+
+    Args:
+        rest: Rest positions (V, 3).
+        faces: Triangles (F, 3); duplicates along seams should be one vertex.
+    """
+
+    def __init__(self, rest: FloatArray, faces: IntArray) -> None:
+        self.rest, self.faces = rest, faces
+        used = np.unique(faces)
+        names, label = np.unique(components(faces, len(rest))[used], return_inverse=True)
+        self.count = len(names)
+        # Part of each vertex (V,), -1 for those without a triangle, and of each triangle (F,).
+        self.part = np.full(len(rest), -1, dtype=np.int32)
+        self.part[used] = label
+        self.part_of_face = self.part[faces[:, 0]]
+        self._face_order, self._face_starts = _grouped(self.part_of_face, self.count)
+        order, self._starts = _grouped(label, self.count)
+        self._vertices = used[order]
+        self.closed = _closed(faces, self.part_of_face, self.count)
+        self._meant: dict[tuple[int, int], bool] = {}
+
+    def __call__(self, points: FloatArray, pairs: IntArray) -> Enclosed:
+        """What a pose (V, 3) with the intersecting `pairs` (K, 2) of triangles encloses.
+
+        Parts that intersect each other are contacts, not enclosed.
+        """
+        none = Enclosed(np.zeros((0, 2), dtype=np.int32), np.zeros(0, dtype=bool))
+        if self.count < 2 or not self.closed.any():
+            return none
+        found = self._boxes_inside(points)
+        if len(pairs) and len(found):
+            touching = self.part_of_face[pairs].astype(np.int64)
+            keys = np.concatenate([touching, touching[:, ::-1]]) @ [self.count, 1]
+            found = found[~np.isin(found.astype(np.int64) @ [self.count, 1], keys)]
+        turned = points @ _TURN
+        inside = [self._is_inside(turned, inner, outer) for inner, outer in found.tolist()]
+        found = found[np.array(inside, dtype=bool)]
+        meant = [self._is_meant(inner, outer) for inner, outer in found.tolist()]
+        return Enclosed(found, np.array(meant, dtype=bool))
+
+    def vertices(self, part: int) -> NDArray[np.integer]:
+        """The vertices of a part."""
+        return self._vertices[self._starts[part] : self._starts[part + 1]]
+
+    def way_out(self, points: FloatArray, inner: int, outer: int) -> FloatArray:
+        """The shortest shift (3,) found that takes `inner` out of `outer`.
+
+        Along 26 directions and that to the nearest vertex of `outer`, the farthest way that a
+        vertex of `inner` has to the outside decides.
+        """
+        mine = self.vertices(inner)
+        others = points[self.vertices(outer)]
+        middle = points[mine].mean(axis=0)
+        nearest = others[((others - middle) ** 2).sum(axis=1).argmin()] - middle
+        candidates = [np.array(way, dtype=np.float64) for way in product((-1, 0, 1), repeat=3)]
+        ways = [way / np.linalg.norm(way) for way in [nearest, *candidates] if way.any()]
+        few = _picked(mine, FEW)
+        ways.sort(key=lambda way: self._way_along(points, way, few, outer))
+        many = _picked(mine, MANY)
+        lengths = [self._way_along(points, way, many, outer) for way in ways[:3]]
+        best = int(np.argmin(lengths))
+        return ways[best] * lengths[best]
+
+    def _way_along(
+        self, points: FloatArray, direction: FloatArray, probes: NDArray[np.integer], outer: int
+    ) -> float:
+        """How far the probes have to go along a direction until all are outside."""
+        turned = points @ _frame(direction)
+        farthest = 0.0
+        for start in turned[probes]:
+            ahead, signs = self._hits(turned, start, outer)
+            order = np.argsort(ahead)
+            left = signs.sum() - np.cumsum(signs[order])
+            free = np.flatnonzero(left <= 0)
+            if len(free):
+                farthest = max(farthest, float(ahead[order][free[0]]))
+        return farthest
+
+    def _boxes_inside(self, points: FloatArray) -> IntArray:
+        """Pairs (inner, outer) whose bounding boxes are inside each other, by a sweep along x."""
+        low = np.minimum.reduceat(points[self._vertices], self._starts[:-1])
+        high = np.maximum.reduceat(points[self._vertices], self._starts[:-1])
+        order = np.argsort(low[:, 0])
+        outer = np.flatnonzero(self.closed)
+        first = np.searchsorted(low[order, 0], low[outer, 0], side="right")
+        last = np.searchsorted(low[order, 0], high[outer, 0], side="left")
+        sizes = np.maximum(last - first, 0)
+        found = []
+        blocks = np.cumsum(sizes) // BLOCK
+        for block in np.unique(blocks):
+            own = np.flatnonzero(blocks == block)
+            wide = np.repeat(outer[own], sizes[own])
+            offset = np.repeat(first[own] - np.cumsum(sizes[own]) + sizes[own], sizes[own])
+            narrow = order[offset + np.arange(len(offset))]
+            within = (low[narrow] > low[wide]).all(axis=1) & (high[narrow] < high[wide]).all(axis=1)
+            found.append(np.stack([narrow[within], wide[within]], axis=1))
+        return np.concatenate(found).astype(np.int32)
+
+    def _is_inside(self, turned: FloatArray, inner: int, outer: int) -> bool:
+        """Whether most picked vertices of a part are inside another; `turned` points (V, 3)."""
+        votes = 0
+        for start in turned[_picked(self.vertices(inner), VOTES)]:
+            votes += int(self._hits(turned, start, outer)[1].sum() > 0)
+        return 2 * votes > VOTES
+
+    def _is_meant(self, inner: int, outer: int) -> bool:
+        key = inner, outer
+        if key not in self._meant:
+            self._meant[key] = self._is_inside(self.rest @ _TURN, inner, outer)
+        return self._meant[key]
+
+    def _hits(
+        self, turned: FloatArray, start: FloatArray, part: int
+    ) -> tuple[FloatArray, IntArray]:
+        """Where a ray along the first axis meets a part: distances (K,), 1 for exits, -1 entries.
+
+        The sum of the signs is the winding number of the part at the start.
+        """
+        triangles = self._face_order[self._face_starts[part] : self._face_starts[part + 1]]
+        corners = turned[self.faces[triangles]] - start
+        across = corners[:, :, 1:]
+        near = ((across.min(axis=1) <= 0) & (across.max(axis=1) >= 0)).all(axis=1)
+        near &= corners[:, :, 0].max(axis=1) > 0
+        corners = corners[near]
+        y, z = corners[:, :, 1], corners[:, :, 2]
+        following = [1, 2, 0]
+        # Twice the areas that the start spans with each edge, seen along the ray.
+        spans = y * z[:, following] - z * y[:, following]
+        signs = np.where((spans > 0).all(axis=1), 1, 0) - np.where((spans < 0).all(axis=1), 1, 0)
+        weights = spans[:, [1, 2, 0]] / np.where(signs == 0, 1.0, spans.sum(axis=1))[:, None]
+        ahead = (weights * corners[:, :, 0]).sum(axis=1)
+        hit = (signs != 0) & (ahead > 0)
+        return ahead[hit], signs[hit].astype(np.int32)
+
+
+def _grouped(
+    labels: NDArray[np.integer], count: int
+) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
+    """Items sorted by label, and where each label starts (count + 1,)."""
+    order = np.argsort(labels, kind="stable")
+    return order, np.searchsorted(labels[order], np.arange(count + 1))
+
+
+def _closed(faces: IntArray, part: IntArray, count: int) -> BoolArray:
+    """Which parts (count,) are closed: as many triangles run along an edge one way as the other."""
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    _, edge = np.unique(low << 32 | high, return_inverse=True)
+    balance = np.bincount(edge, np.where(ends[:, 0] < ends[:, 1], 1, -1))
+    closed = np.ones(count, dtype=bool)
+    closed[np.tile(part, 3)[(balance != 0)[edge] & (low != high)]] = False
+    return closed
+
+
+def _picked(vertices: NDArray[np.integer], count: int) -> NDArray[np.integer]:
+    """At most `count` vertices spread evenly over the given ones."""
+    places = np.linspace(0, len(vertices) - 1, count).round().astype(np.int64)
+    return vertices[places]
+
+
+def _frame(direction: FloatArray) -> FloatArray:
+    """A rotation (3, 3): points @ it have their part along the unit direction first."""
+    # The other axes are skew, so that rays from regular meshes do not meet edges exactly.
+    helper = np.roll(direction, 1) * [0.3, -0.7, 0.5] + [0.12, 0.93, -0.41]
+    second = np.cross(direction, helper)
+    second /= np.linalg.norm(second)
+    return np.stack([direction, second, np.cross(direction, second)], axis=1)
+
+
+# Rays run along the first axis of this frame.
+_TURN = _frame(np.array([0.61803, 0.55331, 0.55852]) / np.linalg.norm([0.61803, 0.55331, 0.55852]))

@@ -16,8 +16,8 @@ from dtrepair.repair.frames import Frame, expanded, read_frames, reduced, system
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.mend import mend
 from dtrepair.repair.options import RepairResult, Solved, Stage
+from dtrepair.repair.rigid import RigidBodies, allowed
 from dtrepair.repair.shot import ShotMethod
-from dtrepair.repair.spacetime import shortened
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.timeline import frame_units
 
@@ -152,7 +152,7 @@ class _Stream:
             system = system_of(self.scene, [frame.weld for frame in frames])
             poses = self._solve(system, frames)
         if len(tail) < len(frames):
-            _cross_fade(frames, tail, poses)
+            _cross_fade(frames, tail, poses, self.scene.rigid)
         kept = len(frames) - keep
         left = self._verified(frames[:kept], poses[:kept])
         seconds = (clock.perf_counter() - start) / len(frames)
@@ -229,7 +229,7 @@ class _Stream:
         near = mend(
             system.surface, unit, reduced(system, pose), warm=None, step=MEND_STEP, alone=_alone
         )
-        near = shortened(unit, near, self.animator.method(system).farthest)
+        near = allowed(system.surface.rigid, unit, near, self.animator.method(system).farthest)
         mended = expanded(system, frame.centred, unit, near)
         found = scene._pairs(mended, frame.weld)
         return (mended, found) if len(found) < len(left) else (pose, left)
@@ -240,7 +240,9 @@ def _alone(surface: Surface, original: FloatArray) -> FloatArray:
     return FullMethod(surface, rounds=0)(original).points
 
 
-def _cross_fade(frames: list[Frame], tail: list[FloatArray], poses: list[FloatArray]) -> None:
+def _cross_fade(
+    frames: list[Frame], tail: list[FloatArray], poses: list[FloatArray], rigid: RigidBodies
+) -> None:
     """Fade from the poses of the window before (`tail`) to those of this one, smoothly in time.
 
     What both leave alone keeps every bit.
@@ -250,4 +252,4 @@ def _cross_fade(frames: list[Frame], tail: list[FloatArray], poses: list[FloatAr
         weight = part * part * (3.0 - 2.0 * part)
         original = frames[index].centred
         moved = (1.0 - weight) * (before - original) + weight * (poses[index] - original)
-        poses[index] = original + moved
+        poses[index] = rigid.fitted(original, original + moved)

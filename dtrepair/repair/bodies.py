@@ -25,6 +25,7 @@ class Body:
         mobility: 0 never moves (a collider), 1 moves freely.
         pin: 0 free to 1 fixed for each vertex (V,).
         direction: Preferred direction (V, 3) of the repair, zero rows where none.
+        rigid: It moves as a whole only; a fixed vertex then holds all of it.
     """
 
     rest: ArrayLike
@@ -33,6 +34,7 @@ class Body:
     mobility: float = 1.0
     pin: ArrayLike | None = None
     direction: ArrayLike | None = None
+    rigid: bool = False
 
 
 def mobility_of(body: Body, count: int) -> FloatArray:
@@ -44,7 +46,8 @@ def mobility_of(body: Body, count: int) -> FloatArray:
     pin = np.asarray(body.pin, dtype=np.float64)
     if pin.shape != (count,) or not ((pin >= 0) & (pin <= 1)).all():
         raise ValueError(f"pin should hold {count} numbers between 0 and 1, got {pin.shape}")
-    return body.mobility * (1.0 - pin)
+    mobility = body.mobility * (1.0 - pin)
+    return np.full(count, mobility.min(initial=1.0)) if body.rigid else mobility
 
 
 def direction_of(body: Body, count: int) -> FloatArray:

@@ -79,7 +79,7 @@ def fill_creases(
 
     A patch starts as the smoothest (bi-Laplacian) continuation of its surroundings, grows by a
     ring where it still fails, up to `rounds` times, and then starts again as a membrane. Folds
-    count as defects. Fixed vertices are never replaced.
+    count as defects. Fixed vertices and rigid bodies are never replaced.
     """
     base = find_defects(surface, points) if known is None else known
     filled, defects = points, base
@@ -89,7 +89,7 @@ def fill_creases(
         if len(defects.triangles) == 0:
             break
         patches.grow(surface, surface.vertices_of(defects.triangles), rounds)
-        mask = patches.mask(surface) & ~surface.fixed
+        mask = patches.mask(surface) & ~surface.stiff
         if not mask.any() or mask.mean() > LARGEST:
             break
         kinds = patches.settle(surface, mask)

@@ -95,5 +95,6 @@ def expanded(
     system: System, centred: FloatArray, before: FloatArray, after: FloatArray
 ) -> FloatArray:
     """A solved pose as points (V, 3); vertices that stayed where they were keep every bit."""
+    after = system.surface.rigid.fitted(before, after)
     stayed = (after == before).all(axis=1)[system.place]
     return np.where(stayed[:, None], centred, (after * system.surface.size)[system.place])

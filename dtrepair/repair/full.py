@@ -5,14 +5,13 @@ from __future__ import annotations
 import time
 from typing import NamedTuple
 
-import numpy as np
-
 from dtrepair.geometry import FloatArray
 from dtrepair.repair.clearance import open_contacts
 from dtrepair.repair.contact import Defects, contact_scale, find_defects
 from dtrepair.repair.crease import fill_creases
 from dtrepair.repair.options import Solved, Stage
 from dtrepair.repair.push import Pushed, push
+from dtrepair.repair.rigid import allowed
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.tighten import distortion, pull_back, reach_of, relax
 
@@ -102,15 +101,8 @@ class _Run:
         self.stages: list[Stage] = []
 
     def limited(self, points: FloatArray) -> FloatArray:
-        """The pose with every displacement shortened to the limit."""
-        if self.farthest is None:
-            return points
-        moved = points - self.original
-        length = np.linalg.norm(moved, axis=1, keepdims=True)
-        # A little less than the limit: rounding to float32 must not exceed it.
-        farthest = self.farthest * (1.0 - 1e-6)
-        shorter = self.original + moved * (farthest / np.maximum(length, 1e-300))
-        return np.where(length > farthest, shorter, points)
+        """The nearest pose that is allowed: no displacement beyond the limit."""
+        return allowed(self.surface.rigid, self.original, points, self.farthest)
 
     def best_of_steps(self) -> Candidate:
         """The best of several first step lengths; later ones only where the first did not suffice.

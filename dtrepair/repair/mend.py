@@ -30,7 +30,7 @@ def mend(
     starts = [points] if warm is None else [points + warm, points]
     best: Filled | None = None
     for start in starts:
-        pose = start
+        pose = surface.rigid.fitted(original, start)
         for near in NEAR:
             pushed = push(surface, pose, near=near, step=step, iterations=12, patience=5)
             pose = pushed.points

@@ -56,6 +56,7 @@ def push(
     pose with the fewest far pairs and the least buried weight is returned.
     """
     best: tuple[float, FloatArray, IntArray] | None = None
+    start = points
     detect = detect or surface.pairs
     renewed, pairs = 0, known_pairs
     for iteration in range(iterations + 1):
@@ -77,7 +78,7 @@ def push(
         largest = np.sqrt((direction**2).sum(axis=1).max())
         if not (largest > 0 and np.isfinite(largest)):
             break
-        points = points - (step / largest) * direction
+        points = surface.rigid.fitted(start, points - (step / largest) * direction)
         if limit is not None:
             points = limit(points)
         pairs = None
@@ -123,7 +124,7 @@ def _direction(
     ]
     if buried.any():
         fields.append(_volume_gradient(surface, points, buried, count, regions))
-    smooth = surface.diffuse(np.concatenate(fields, axis=1)) * surface.mobility[:, None]
+    smooth = surface.diffuse(np.concatenate(fields, axis=1), points) * surface.mobility[:, None]
     total = np.zeros_like(points)
     for k, weight in zip(range(0, smooth.shape[1], 3), (1.0, VOLUME_WEIGHT), strict=False):
         part = smooth[:, k : k + 3]

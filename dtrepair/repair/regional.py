@@ -53,7 +53,7 @@ def regional_push(
     buried *= (sizes > 0)[regions]
     if buried.any():
         fields.append(_volume_gradient(surface, points, buried, count, regions))
-    smooth = surface.diffuse(np.concatenate(fields, axis=1))
+    smooth = surface.diffuse(np.concatenate(fields, axis=1), points)
     owner = np.flatnonzero(regions >= 0)
     total = np.zeros_like(points)
     for index, weight in zip(range(len(fields)), (1.0, VOLUME_WEIGHT), strict=False):
@@ -63,7 +63,7 @@ def regional_push(
         # A triangle across two regions does not exist: its vertices are in one or outside.
         own = np.where(regions >= 0, scale[regions], 0.0)
         total += own[:, None] * fields[index]
-    moved = surface.diffuse(total) * surface.mobility[:, None]
+    moved = surface.diffuse(total, points) * surface.mobility[:, None]
     largest = _largest(moved, owner, regions, count)
     excess = float((largest / limits)[sizes > 0].max(initial=0.0))
     if not (excess > 0 and np.isfinite(excess)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from dtrepair.metrics import displacements
 from dtrepair.repair.animation import AnimationRepairer, animate
 from dtrepair.repair.bodies import Body, about_centre, direction_of, mobility_of
 from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
+from dtrepair.repair.rigid import RigidBodies
 from dtrepair.repair.surface import pair_keys
 from dtrepair.repair.system import System
 
@@ -68,6 +70,13 @@ class SceneRepairer:
     def detector(self) -> Detector:
         """Detector of all bodies in one mesh, built on their rest poses."""
         return Detector(about_centre(self._rest)[0], self._faces)
+
+    @cached_property
+    def rigid(self) -> RigidBodies:
+        """The bodies that move as a whole only."""
+        ranges = zip(pairwise(self._vertices.tolist()), self.bodies, strict=True)
+        chosen = [own for own, body in ranges if body.rigid]
+        return RigidBodies(chosen, np.ones(len(self._rest)))
 
     @cached_property
     def rest_intersections(self) -> int:

@@ -211,6 +211,8 @@ def eased(state: SpaceTime) -> FloatArray:
     """Poses with the faintest displacements taken out, where they stay as clean."""
     moved = state.poses - state.original
     length = np.linalg.norm(moved, axis=2)
+    for body in state.surface.rigid.slices:
+        length[:, body] = length[:, body].max(axis=1, keepdims=True)
     kept = np.clip(length / STILL - 1.0, 0.0, 1.0)[:, :, None]
     result = np.where(kept > 0, state.original + kept * moved, state.original)
     changed = np.flatnonzero((kept < 1).any(axis=(1, 2)))

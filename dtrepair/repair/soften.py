@@ -87,7 +87,7 @@ class Softener:
             wanted[:, touched] = apply_in_time(kernel, spread)
         for frame in np.flatnonzero(wanted.max(axis=1) > 0):
             wanted[frame] = np.minimum(spread_rings(self.surface, wanted[frame]), self.highest)
-        wanted[:, self.surface.fixed] = 0.0
+        wanted[:, self.surface.stiff] = 0.0
         changed = np.abs(wanted - self.levels).max(axis=1) > UNCHANGED
         for frame in np.flatnonzero(changed):
             self._patches.pop(int(frame), None)

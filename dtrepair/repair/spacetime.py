@@ -12,6 +12,7 @@ from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.repair.contact import contact_scale
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.regional import regional_push
+from dtrepair.repair.rigid import allowed
 from dtrepair.repair.soften import Softener, soften
 from dtrepair.repair.surface import BoolArray, Surface
 from dtrepair.repair.timeline import undamped
@@ -118,10 +119,11 @@ class SpaceTime:
     def evaluate(self) -> None:
         """Poses from the unknowns, and their pairs."""
 
-        def pose(_: Surface, frame: int) -> FloatArray:
+        def pose(surface: Surface, frame: int) -> FloatArray:
             moved = soften(self.closes.patch(frame), self.smooth[frame])
             shape = soften(self.folds.patch(frame), self.original[frame] + moved)
-            return shortened(self.original[frame], shape + self.extra[frame], self.farthest)
+            shape = shape + self.extra[frame]
+            return allowed(surface.rigid, self.original[frame], shape, self.farthest)
 
         for frame, points in enumerate(self.crew.map(pose, range(len(self.original)))):
             self.poses[frame] = points
@@ -230,14 +232,3 @@ class SpaceTime:
         scale = sparse.diags(1.0 / np.sqrt(degree))
         links = (scale @ links @ scale).tocsr()
         return (sparse.diags(np.asarray(links.sum(axis=1)).ravel()) - links).tocsr()
-
-
-def shortened(original: FloatArray, points: FloatArray, farthest: float | None) -> FloatArray:
-    """The pose (V, 3) with every displacement shortened to a limit, if there is one."""
-    if farthest is None:
-        return points
-    moved = points - original
-    length = np.linalg.norm(moved, axis=1, keepdims=True)
-    # A little less than the limit: rounding to float32 must not exceed it.
-    limit = farthest * (1.0 - 1e-6)
-    return np.where(length > limit, original + moved * (limit / np.maximum(length, 1e-300)), points)

@@ -16,6 +16,7 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.proximity import close_pairs
 from dtrepair.intersect.queries import Queries
 from dtrepair.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
+from dtrepair.repair.rigid import RigidBodies
 
 BoolArray = NDArray[np.bool_]
 
@@ -29,11 +30,12 @@ ANCHOR = 0.01
 
 @dataclass(frozen=True)
 class BodyRange:
-    """The vertices start..stop of one body and its diffusion strength lambda."""
+    """The vertices start..stop of one body, its diffusion strength lambda, whether it is rigid."""
 
     start: int
     stop: int
     diffusion: float
+    rigid: bool = False
 
 
 class Surface:
@@ -72,7 +74,6 @@ class Surface:
         self.count = len(rest)
         self.bodies = tuple(bodies or (BodyRange(0, self.count, 99.0),))
         self.mobility = np.ones(self.count) if mobility is None else mobility
-        self.fixed = self.mobility == 0.0
         self.mode = mode
         starts = np.array([body.start for body in self.bodies])
         self.body_of = np.searchsorted(starts, faces[:, 0], side="right") - 1
@@ -85,6 +86,10 @@ class Surface:
         self.laplacian = cotangent_laplacian(self.rest, faces, clamp=COTANGENT_CLAMP)
         self.uniform = uniform_laplacian(faces, self.count)
         self.mass = lumped_mass(self.rest, faces)
+        self.rigid = RigidBodies([(b.start, b.stop) for b in self.bodies if b.rigid], self.mass)
+        self.fixed = self.mobility == 0.0
+        # Vertices that never move out of the shape of their surroundings.
+        self.stiff = self.fixed | self.rigid.mask
         self.edge_length = float(
             np.linalg.norm(self.rest[self.edges[:, 0]] - self.rest[self.edges[:, 1]], axis=1).mean()
         )
@@ -96,9 +101,12 @@ class Surface:
         self.face_direction = None if direction is None else _unit(direction[faces].sum(axis=1))
 
     @cached_property
-    def _diffusion_factors(self) -> list[Factor]:
-        factors = []
+    def _diffusion_factors(self) -> list[Factor | None]:
+        factors: list[Factor | None] = []
         for body in self.bodies:
+            if body.rigid or self.fixed[body.start : body.stop].all():
+                factors.append(None)
+                continue
             own = slice(body.start, body.stop)
             mass = sparse.diags(self.mass[own])
             factors.append(Factor(mass + body.diffusion * self.laplacian[own, own]))
@@ -116,13 +124,18 @@ class Surface:
         entries = (np.ones(3 * len(self.faces)), (self.faces.ravel(), columns))
         return sparse.csr_matrix(entries, shape=(self.count, len(self.faces)))
 
-    def diffuse(self, field: FloatArray) -> FloatArray:
-        """A^-1 M A^-1 applied to a field (V, k), with A = M + lambda L of each body."""
-        result = np.empty_like(field)
+    def diffuse(self, field: FloatArray, points: FloatArray | None = None) -> FloatArray:
+        """A^-1 M A^-1 applied to a field (V, k), with A = M + lambda L of each body.
+
+        Of rigid bodies the rigid part is taken, at the pose `points` (default: the rest); bodies
+        that never move get zero.
+        """
+        result = np.zeros_like(field)
         for body, factor in zip(self.bodies, self._diffusion_factors, strict=True):
             own = slice(body.start, body.stop)
-            mass = self.mass[own, None]
-            result[own] = factor(mass * factor(field[own]))
+            if factor is not None and field[own].any():
+                result[own] = factor(self.mass[own, None] * factor(field[own]))
+        self.rigid.moved(self.rest if points is None else points, field, result)
         return result
 
     def written(self, points: FloatArray) -> NDArray[np.float32]:
@@ -157,6 +170,8 @@ class Surface:
         found = self.queries.folds(self.written(points), active=active)
         if self.leave_rest:
             found = found[~np.isin(pair_keys(found), self._folds_at_rest)]
+        if self.stiff.any():
+            found = found[~self.stiff[self.faces[found]].all(axis=(1, 2))]
         return found
 
     def batch_pairs(self, points: FloatArray) -> IntArray:
@@ -164,14 +179,16 @@ class Surface:
         return self._counted(self.detector(self.written(points), exact=False))
 
     def _counted(self, pairs: IntArray) -> IntArray:
-        """The pairs that are to be separated; two fixed triangles can never be."""
+        """The pairs that can be separated: not two fixed triangles, nor two of one rigid body."""
         first, second = pairs[:, -2], pairs[:, -1]
         keep = np.ones(len(pairs), dtype=bool)
         if self.mode != "both":
             keep &= (self.body_of[first] != self.body_of[second]) == (self.mode == "inter")
-        if self.fixed.any():
-            still = self.fixed[self.faces].all(axis=1)
+        if self.stiff.any():
+            still, own = self.fixed[self.faces].all(axis=1), self.body_of
             keep &= ~(still[first] & still[second])
+            whole = self.rigid.mask[self.faces[:, 0]]
+            keep &= ~(whole[first] & (own[first] == own[second]))
         if self.leave_rest:
             keep &= ~np.isin(pair_keys(pairs[:, -2:]), self._crossing_at_rest)
         return pairs[keep]

@@ -28,7 +28,7 @@ class System:
         starts = np.searchsorted(self.kept, scene._vertices)
         options = scene.options
         bodies = [
-            BodyRange(int(a), int(b), body.diffusion or options.diffusion)
+            BodyRange(int(a), int(b), body.diffusion or options.diffusion, rigid=body.rigid)
             for a, b, body in zip(starts[:-1], starts[1:], scene.bodies, strict=True)
         ]
         mobility = np.ones(len(self.kept))
@@ -61,6 +61,7 @@ class System:
         size = self.surface.size
         unit = points[self.kept] / size
         solved = self.method(unit)
+        solved.points = self.surface.rigid.fitted(unit, solved.points)
         stayed = (solved.points == unit).all(axis=1)[self.place]
         final = (solved.points * size)[self.place]
         return np.where(stayed[:, None], points, final), solved

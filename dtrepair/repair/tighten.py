@@ -50,6 +50,7 @@ def pull_back(
     failures = 0
     for _ in range(cycles):
         trial = original + (1.0 - fraction) * (current - original)
+        trial = surface.rigid.fitted(original, trial)
         defects = changed_defects(surface, known, current, trial)
         if len(defects.crossings):
             pushed = push(
@@ -198,10 +199,10 @@ def roll_back(
 
 
 def reach_of(surface: Surface, displacement: FloatArray) -> FloatArray:
-    """Weight (V,) of tightening: 1 at and near what was displaced, 0 beyond and where fixed."""
+    """Weight (V,) of tightening: 1 at and near what was displaced, 0 beyond and where stiff."""
     displaced = (displacement != 0).any(axis=1)
     rings = surface.rings_from(displaced, REACH_RINGS)
-    return np.where(surface.fixed, 0.0, np.clip(2.0 - 2.0 * rings / REACH_RINGS, 0.0, 1.0))
+    return np.where(surface.stiff, 0.0, np.clip(2.0 - 2.0 * rings / REACH_RINGS, 0.0, 1.0))
 
 
 def without_still(current: FloatArray, trial: FloatArray, reach: FloatArray) -> FloatArray:

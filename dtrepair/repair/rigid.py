@@ -1,0 +1,107 @@
+"""Bodies that only move as a whole: the limit of a diffusion that spreads without end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dtrepair.geometry import FloatArray
+
+# Moments of inertia below this part of the largest count as none: a rod does not spin.
+FLAT = 1e-6
+# A rigid motion is shortened by this factor until no vertex goes too far.
+SHORTER, TRIES = 0.97, 60
+
+
+class RigidBodies:
+    """The vertex ranges of the rigid bodies of a surface.
+
+    Args:
+        ranges: (first vertex, last vertex + 1) of each rigid body.
+        mass: Lumped masses of all vertices (V,).
+    """
+
+    def __init__(self, ranges: Sequence[tuple[int, int]], mass: FloatArray) -> None:
+        self.slices = tuple(slice(first, stop) for first, stop in ranges)
+        self.mass = mass
+        self.mask = np.zeros(len(mass), dtype=bool)
+        for own in self.slices:
+            self.mask[own] = True
+
+    def moved(self, points: FloatArray, field: FloatArray, result: FloatArray) -> None:
+        """Write the rigid part of a field (V, 3 n) of forces at a pose (V, 3) into `result`.
+
+        Of all velocities a + w x (x - centre) the one that the forces do the most work for, in the
+        metric of the masses: force over mass, torque over the moments of inertia.
+        """
+        for own in self.slices:
+            result[own] = 0.0
+            if field.shape[1] % 3 or not field[own].any():
+                continue
+            mass = self.mass[own]
+            force = field[own].reshape(len(mass), -1, 3)
+            arm = points[own] - mass @ points[own] / mass.sum()
+            squared = (arm**2).sum(axis=1)
+            inertia = np.diag(np.full(3, mass @ squared)) - (mass[:, None] * arm).T @ arm
+            torque = np.cross(arm[:, None], force).sum(axis=0)
+            spin = torque @ np.linalg.pinv(inertia, rcond=FLAT, hermitian=True)
+            shift = force.sum(axis=0) / mass.sum()
+            result[own] = (shift + np.cross(spin[None], arm[:, None])).reshape(len(arm), -1)
+
+    def fitted(self, reference: FloatArray, points: FloatArray) -> FloatArray:
+        """The pose (V, 3) with each rigid body replaced by the nearest rigid motion of `reference`.
+
+        The least sum of squares, weighted by mass (Kabsch 1976). A body that did not move keeps
+        every bit.
+        """
+        if not self.slices:
+            return points
+        result = points.copy()
+        for own in self.slices:
+            before, after, mass = reference[own], points[own], self.mass[own]
+            if np.array_equal(before, after):
+                continue
+            first, second = mass @ before / mass.sum(), mass @ after / mass.sum()
+            spread = (mass[:, None] * (before - first)).T @ (after - second)
+            left, _, right = np.linalg.svd(spread)
+            left[:, 2] *= np.sign(np.linalg.det(left @ right))
+            result[own] = (before - first) @ (left @ right) + second
+        return result
+
+    def shortened(self, original: FloatArray, points: FloatArray, farthest: float) -> FloatArray:
+        """The pose with rigid motions taken back in part until no vertex is too far from where
+        it was (`original`, (V, 3))."""
+        result = points.copy()
+        for own in self.slices:
+            length = float(np.linalg.norm(points[own] - original[own], axis=1).max())
+            part = min(1.0, farthest / max(length, 1e-300))
+            trial = points
+            for _ in range(TRIES):
+                if np.linalg.norm(trial[own] - original[own], axis=1).max() <= farthest:
+                    break
+                trial = self.fitted(original, original + part * (points - original))
+                part *= SHORTER
+            else:
+                trial = original
+            result[own] = trial[own]
+        return result
+
+
+def allowed(
+    rigid: RigidBodies, original: FloatArray, points: FloatArray, farthest: float | None = None
+) -> FloatArray:
+    """The pose (V, 3) near `points` that a repair of `original` may end with.
+
+    Rigid bodies move as a whole, and no vertex farther than a limit, if there is one.
+    """
+    points = rigid.fitted(original, points)
+    if farthest is None:
+        return points
+    # A little less than the limit: rounding to float32 must not exceed it.
+    limit = farthest * (1.0 - 1e-6)
+    moved = points - original
+    length = np.linalg.norm(moved, axis=1, keepdims=True)
+    shorter = original + moved * (limit / np.maximum(length, 1e-300))
+    shorter = np.where((length > limit) & ~rigid.mask[:, None], shorter, points)
+    return rigid.shortened(original, shorter, limit)

@@ -1,0 +1,77 @@
+"""Calls in forked processes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from dtrepair.repair.forked import can_fork, forked_map
+
+pytestmark = pytest.mark.skipif(not can_fork(), reason="needs processes that can be forked")
+
+
+def test_answers_come_in_order_from_other_processes():
+    def square(number):
+        time.sleep(0.05 if number % 2 == 0 else 0.0)
+        return os.getpid(), np.full(100_000, number**2)
+
+    found = list(forked_map(square, range(6), jobs=3))
+    assert [int(values[0]) for _, values in found] == [0, 1, 4, 9, 16, 25]
+    processes = {process for process, _ in found}
+    assert len(processes) == 6 and os.getpid() not in processes
+
+
+def test_one_job_stays_in_this_process():
+    assert set(forked_map(lambda _: os.getpid(), range(3), jobs=1)) == {os.getpid()}
+
+
+def test_items_are_taken_when_a_process_is_free():
+    taken = []
+
+    def items():
+        for number in range(5):
+            taken.append(number)
+            yield number
+
+    answers = forked_map(lambda number: number, items(), jobs=2)
+    assert next(answers) == 0
+    assert taken == [0, 1, 2]
+    assert list(answers) == [1, 2, 3, 4]
+
+
+def test_an_exception_is_raised_here():
+    def fail(number):
+        if number == 1:
+            raise ValueError(f"no {number}")
+        return number
+
+    answers = forked_map(fail, range(3), jobs=2)
+    assert next(answers) == 0
+    with pytest.raises(ValueError, match="no 1"):
+        next(answers)
+
+
+def test_a_killed_process_is_told():
+    def killed(_):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    with pytest.raises(RuntimeError, match="fewer jobs"):
+        list(forked_map(killed, [0], jobs=2))
+
+
+def test_no_process_outlives_the_iterator(tmp_path):
+    def wait(number):
+        (tmp_path / str(number)).write_text(str(os.getpid()))
+        time.sleep(0 if number == 0 else 60)
+
+    answers = forked_map(wait, range(3), jobs=2)
+    next(answers)
+    while not (tmp_path / "1").exists() or not (tmp_path / "1").read_text():
+        time.sleep(0.01)
+    answers.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "1").read_text()), 0)

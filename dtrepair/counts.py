@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dtrepair.geometry import weld_map
 from dtrepair.intersect.detector import Detector
+from dtrepair.intersect.ignored import of_ignored_bodies
 from dtrepair.record import CountRecord
 
 MODES = ("self", "inter", "both")
@@ -38,6 +39,7 @@ class SceneCounter:
             on them.
         faces: triangles (F, 3) of each mesh.
         mode: "self" counts pairs within a mesh, "inter" those between two, "both" all.
+        ignored: pairs of meshes (i, j), i <= j, whose contacts do not count.
         device: "cpu" or "cuda:N".
     """
 
@@ -47,11 +49,13 @@ class SceneCounter:
         faces: Sequence[NDArray[np.int32]],
         *,
         mode: str = "both",
+        ignored: Sequence[tuple[int, int]] = (),
         device: str = "cpu",
     ) -> None:
         if mode not in MODES:
             raise ValueError(f"mode: expected one of {', '.join(MODES)}, got {mode!r}")
         self.mode = mode
+        self.ignored = tuple(ignored)
         self._vertices = np.cumsum([0, *(len(np.asarray(rest)) for rest in rests)])
         self._triangles = np.cumsum([0, *(len(part) for part in faces)])
         shifted = [part + start for part, start in zip(faces, self._vertices, strict=False)]
@@ -76,6 +80,9 @@ class SceneCounter:
         between = owner[:, 0] != owner[:, 1]
         if self.mode != "both":
             keep = between if self.mode == "inter" else ~between
+            pairs, owner, between = pairs[keep], owner[keep], between[keep]
+        if self.ignored:
+            keep = ~of_ignored_bodies(owner, self.ignored)
             pairs, owner, between = pairs[keep], owner[keep], between[keep]
         hit = np.zeros(len(self._owner), dtype=bool)
         hit[pairs.reshape(-1)] = True

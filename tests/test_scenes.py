@@ -171,3 +171,32 @@ def test_wrong_scenes_are_refused() -> None:
             scene(PAIR, diffusion=[None, wrong])
     with pytest.raises(ValueError, match="pin should hold"):
         scene(PAIR, pin=[None, np.ones(2)])
+
+
+def test_ignored_pairs_are_neither_counted_nor_moved() -> None:
+    meshes = [(TUBES, TUBE_FACES), placed(0.0, 0.15, 0.3), placed(0.35, 0.15, 0.3)]
+
+    def repaired(*ignore: tuple[int, int]) -> list[RepairResult]:
+        return SceneRepairer([Body(*mesh) for mesh in meshes], ignore=ignore)(poses(meshes))
+
+    every = repaired()
+    assert all(result.after.pairs == 0 < result.before.pairs for result in every)
+    less = repaired((2, 1), (0, 0))
+    owner = np.repeat([0, 1, 2], [len(faces) for _, faces in meshes])
+    pairs = owner[exact_pairs(*joined(*meshes))]
+    kept = pairs[(pairs[:, 0] == 0) & (pairs[:, 1] > 0)]
+    for index, result in enumerate(less):
+        assert result.before.pairs == (kept == index).any(axis=1).sum() > 0
+        assert result.after.pairs == 0 and result.status is Status.CLEAN
+    left = [(result.points, mesh[1]) for result, mesh in zip(less, meshes, strict=True)]
+    still = {tuple(pair) for pair in owner[exact_pairs(*joined(*left))].tolist()}
+    assert still == {(0, 0), (1, 2)}
+    nothing = repaired((0, 0), (0, 1), (0, 2), (1, 2))
+    for result, (points, _) in zip(nothing, meshes, strict=True):
+        assert np.array_equal(result.points, points) and result.before.pairs == 0
+
+
+@pytest.mark.parametrize("wrong", [(0, 2), (-1, 0)])
+def test_ignored_bodies_must_exist(wrong: tuple[int, int]) -> None:
+    with pytest.raises(ValueError, match="pairs of bodies 0 to 1"):
+        SceneRepairer([Body(*mesh) for mesh in PAIR], ignore=[wrong])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,6 +59,15 @@ def direction_of(body: Body, count: int) -> FloatArray:
     if direction.shape != (count, 3) or not np.isfinite(direction).all():
         raise ValueError(f"direction should be finite, shape ({count}, 3), got {direction.shape}")
     return direction
+
+
+def checked_ignored(ignore: Iterable[tuple[int, int]], count: int) -> tuple[tuple[int, int], ...]:
+    """Pairs (i, j), i <= j, of bodies, each once; ValueError for bodies that are not there."""
+    pairs = {(min(i, j), max(i, j)) for i, j in ignore}
+    for pair in pairs:
+        if not 0 <= pair[0] <= pair[1] < count:
+            raise ValueError(f"ignore should hold pairs of bodies 0 to {count - 1}, got {pair}")
+    return tuple(sorted(pairs))
 
 
 def about_centre(points: FloatArray) -> tuple[FloatArray, FloatArray | float]:

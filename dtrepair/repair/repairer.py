@@ -14,9 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 from dtrepair.device import resolve_device
 from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, weld_map
 from dtrepair.intersect.detector import Detector, triangle_count
+from dtrepair.intersect.ignored import of_ignored_bodies
 from dtrepair.metrics import displacements
 from dtrepair.repair.animation import AnimationRepairer, animate
-from dtrepair.repair.bodies import Body, about_centre, direction_of, mobility_of
+from dtrepair.repair.bodies import (
+    Body,
+    about_centre,
+    checked_ignored,
+    direction_of,
+    mobility_of,
+)
 from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
 from dtrepair.repair.rigid import RigidBodies
 from dtrepair.repair.surface import pair_keys
@@ -27,7 +34,9 @@ class SceneRepairer:
     """Repairs poses of several bodies together; built once per set of bodies.
 
     Every body has its own diffusion operator (Jang et al. 2025, section 7.5.2); tree, operators
-    and factors come from the rest poses and serve every pose.
+    and factors come from the rest poses and serve every pose. Contacts between the bodies of a
+    pair in `ignore`, pairs of indices, are neither repaired nor counted; (k, k) are those of a
+    body with itself.
 
     Raises:
         ValueError: bodies, options or devices that cannot be used.
@@ -39,6 +48,7 @@ class SceneRepairer:
         *,
         options: RepairOptions | None = None,
         device: str = "cpu",
+        ignore: Sequence[tuple[int, int]] = (),
     ) -> None:
         if not bodies:
             raise ValueError("bodies should hold at least one body, got none")
@@ -51,6 +61,7 @@ class SceneRepairer:
         self.options = options or RepairOptions()
         self.device = resolve_device(device)
         self.bodies = tuple(bodies)
+        self.ignored = checked_ignored(ignore, len(bodies))
         meshes = [as_mesh(body.rest, body.faces) for body in bodies]
         self._vertices = np.cumsum([0, *(len(points) for points, _ in meshes)])
         self._triangles = np.cumsum([0, *(len(faces) for _, faces in meshes)])
@@ -141,7 +152,7 @@ class SceneRepairer:
         if self.options.mode != "both":
             inter = self._body_of[pairs[:, 0]] != self._body_of[pairs[:, 1]]
             pairs = pairs[inter == (self.options.mode == "inter")]
-        return pairs
+        return pairs[~of_ignored_bodies(self._body_of[pairs], self.ignored)]
 
     def _solve(self, points: FloatArray, weld: IntArray) -> tuple[FloatArray, Solved]:
         """Repair with seam duplicates moving together: those of the rest that still coincide."""

@@ -13,6 +13,7 @@ from scipy.sparse import csgraph
 
 from dtrepair.geometry import FloatArray, IntArray, adjacency, extent, unique_edges, vector_areas
 from dtrepair.intersect.detector import Detector
+from dtrepair.intersect.ignored import of_ignored_bodies
 from dtrepair.intersect.proximity import close_pairs
 from dtrepair.intersect.queries import Queries
 from dtrepair.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
@@ -54,6 +55,7 @@ class Surface:
         mode: Which pairs count: "self", "inter" (between bodies) or "both".
         leave_rest: Leave pairs and folds alone that the rest pose has as well.
         direction: Preferred direction (V, 3) of the repair, zero rows where none.
+        ignored: Pairs of bodies, each pair (i, j) with i <= j, whose contacts do not count.
     """
 
     def __init__(
@@ -66,6 +68,7 @@ class Surface:
         mode: str = "both",
         leave_rest: bool = False,
         direction: FloatArray | None = None,
+        ignored: Sequence[tuple[int, int]] = (),
         device: str = "cpu",
     ) -> None:
         self.size = extent(rest) or 1.0
@@ -75,6 +78,7 @@ class Surface:
         self.bodies = tuple(bodies or (BodyRange(0, self.count, 99.0),))
         self.mobility = np.ones(self.count) if mobility is None else mobility
         self.mode = mode
+        self.ignored = tuple(ignored)
         starts = np.array([body.start for body in self.bodies])
         self.body_of = np.searchsorted(starts, faces[:, 0], side="right") - 1
         self.edges = unique_edges(faces)
@@ -184,6 +188,7 @@ class Surface:
         keep = np.ones(len(pairs), dtype=bool)
         if self.mode != "both":
             keep &= (self.body_of[first] != self.body_of[second]) == (self.mode == "inter")
+        keep &= ~of_ignored_bodies(self.body_of[pairs[:, -2:]], self.ignored)
         if self.stiff.any():
             still, own = self.fixed[self.faces].all(axis=1), self.body_of
             keep &= ~(still[first] & still[second])

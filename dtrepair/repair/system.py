@@ -40,6 +40,7 @@ class System:
             mobility=mobility,
             mode=options.mode,
             leave_rest=options.rest_contacts == "leave",
+            ignored=scene.ignored,
             direction=scene._direction[self.kept] if scene._direction.any() else None,
         )
         if options.method == "paper":

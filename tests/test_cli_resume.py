@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from command_line import CLOSED, OPEN, assert_fails, run, tube_stage
 
-from dtrepair.cli import repair as repair_command
+from dtrepair.cli import repair_run
 from dtrepair.repair import animation, remember, repairer
 from dtrepair.repair.shot import ShotMethod
 
@@ -46,7 +46,7 @@ def listing(folder):
 
 def interrupted(monkeypatch, clip, output, at, *options):
     """Run until frame `at` is written, then press Ctrl-C."""
-    say = repair_command.say
+    say = repair_run.say
 
     def press(console, repaired):
         if repaired.frame.time == at:
@@ -54,7 +54,7 @@ def interrupted(monkeypatch, clip, output, at, *options):
         say(console, repaired)
 
     with monkeypatch.context() as patch:
-        patch.setattr(repair_command, "say", press)
+        patch.setattr(repair_run, "say", press)
         return run("repair", clip, "-o", output, *options)
 
 

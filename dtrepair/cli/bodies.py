@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -9,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.cli.failures import USAGE, Failure
+from dtrepair.cli.matching import ignored_pairs
+from dtrepair.cli.object_settings import ObjectSettings, read_settings
 from dtrepair.cli.rest import Rest
-from dtrepair.cli.sources import Source, StageSource
+from dtrepair.cli.sources import Source, SourceMesh, StageSource
 
 if TYPE_CHECKING:
     from dtrepair.repair.bodies import Body
@@ -22,40 +25,60 @@ PerMesh = list[NDArray[np.float64] | None]
 
 @dataclass(frozen=True)
 class Controls:
-    """For each mesh: weights (V,) from 0 free to 1 fixed, world directions (V, 3), or None."""
+    """For each mesh its settings, weights (V,) from 0 free to 1 fixed, world directions (V, 3).
 
+    ignored: pairs of meshes (i, j), i <= j, whose contacts do not count.
+    """
+
+    settings: list[ObjectSettings]
     pins: PerMesh
     directions: PerMesh
+    ignored: tuple[tuple[int, int], ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
-def read_controls(source: Source, pin: str | None, direction: str | None) -> Controls:
-    """Read what --pin and --direction name.
+def read_controls(
+    source: Source,
+    pin: str | None,
+    direction: str | None,
+    *,
+    rigid: str | None = None,
+    ignore: Sequence[str] = (),
+) -> Controls:
+    """Read what the options, the tables of the config and the primvars of the stage ask for.
 
     It is a usage error if no mesh has anything of a name.
     """
+    found = read_settings(source, rigid=rigid)
     nothing: PerMesh = [None] * len(source.meshes)
-    pins = nothing if pin is None else read_pins(source, pin)
+    pins = nothing.copy() if pin is None else read_pins(source, pin)
     directions = nothing if direction is None else _read_directions(source, direction)
-    return Controls(pins, directions)
+    for index, own in enumerate(found.each):
+        if own.pin is not None:
+            pins[index] = read_pins(source, own.pin, only=index)[0]
+        if own.direction is not None:
+            directions[index] = _read_directions(source, own.direction, only=index)[0]
+    ignored = ignored_pairs(source, ignore)
+    return Controls(found.each, pins, directions, ignored, tuple(found.warnings))
 
 
-def read_pins(source: Source, name: str) -> PerMesh:
+def read_pins(source: Source, name: str, *, only: int | None = None) -> PerMesh:
     """Return weights (V,) of each mesh that has a primvar or GeomSubset `name`, else None.
 
-    It is a usage error if no mesh has anything of that name.
+    only: look at this mesh alone. It is a usage error if no mesh has anything of that name.
     """
     from usd_io.vertex_weights import read_vertex_weights
 
-    handles = _handles(source, f"--pin {name}")
+    handles = _handles(source, f"--pin {name}", only)
     pins = [read_vertex_weights(handle, name) for handle in handles]
     return _found(pins, f"--pin {name}", "primvar or GeomSubset")
 
 
-def _read_directions(source: Source, text: str) -> PerMesh:
+def _read_directions(source: Source, text: str, *, only: int | None = None) -> PerMesh:
     """A vector primvar, or SUBSET=x,y,z: the vector where the subset's weight is above 0."""
     from usd_io.vertex_weights import read_vertex_directions, read_vertex_weights
 
-    handles = _handles(source, f"--direction {text}")
+    handles = _handles(source, f"--direction {text}", only)
     name, sign, numbers = text.partition("=")
     if not sign:
         vectors = [read_vertex_directions(handle, name) for handle in handles]
@@ -71,10 +94,11 @@ def _read_directions(source: Source, text: str) -> PerMesh:
     return [None if part is None else (part > 0)[:, None] * vector for part in chosen]
 
 
-def _handles(source: Source, option: str) -> list[AnimatedMesh]:
+def _handles(source: Source, option: str, only: int | None) -> list[AnimatedMesh]:
     if not isinstance(source, StageSource):
         raise Failure(f"{option}: only for USD stages; leave it out", USAGE)
-    return [mesh.handle for mesh in source.meshes]
+    chosen = source.meshes if only is None else source.meshes[only : only + 1]
+    return [mesh.handle for mesh in chosen]
 
 
 def _found(values: PerMesh, option: str, what: str) -> PerMesh:
@@ -94,20 +118,32 @@ def make_bodies(source: Source, rests: list[Rest], controls: Controls) -> list[B
     bodies = []
     for index, (mesh, rest) in enumerate(zip(source.meshes, rests, strict=True)):
         points = source.to_world(mesh, time, rest.points) if several else rest.points
-        direction = controls.directions[index]
+        direction, own = controls.directions[index], controls.settings[index]
+        mobility = 1.0 if own.mobility is None else own.mobility
         if direction is not None and not several:
             origin = source.to_world(mesh, time, np.zeros_like(direction))
             direction = source.to_local(mesh, time, origin + direction)
         bodies.append(
             Body(
                 points,
-                mesh.faces,
-                mobility=0.0 if mesh.collider else 1.0,
+                _outward_faces(mesh, time) if several else mesh.faces,
+                diffusion=own.diffusion,
+                mobility=0.0 if mesh.collider else mobility,
                 pin=controls.pins[index],
                 direction=direction,
+                rigid=bool(own.rigid),
             )
         )
     return bodies
+
+
+def _outward_faces(mesh: SourceMesh, time: float) -> NDArray[np.int32]:
+    """Triangles (F, 3) in world space, flipped where the transform mirrors."""
+    if mesh.handle is None:
+        return mesh.faces
+    import usd_io
+
+    return usd_io.world_faces(mesh.handle, time)
 
 
 def in_units_of_frames(source: Source, options: RepairOptions) -> RepairOptions:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import click
 
@@ -28,6 +29,7 @@ from dtrepair.cli.frames import (
     side_by_side,
     unusable,
 )
+from dtrepair.cli.matching import ignored_pairs
 from dtrepair.cli.options import (
     Selection,
     console_options,
@@ -44,6 +46,9 @@ from dtrepair.record import (
     write_report,
 )
 
+if TYPE_CHECKING:
+    from dtrepair.counts import SceneCounter
+
 
 @click.command(
     "check",
@@ -52,6 +57,12 @@ from dtrepair.record import (
 )
 @click.argument("source_path", metavar="STAGE|MESH")
 @click.option("--json", "json_path", metavar="F|-", help="Write a JSON report; - is stdout.")
+@click.option(
+    "--ignore",
+    multiple=True,
+    metavar='"A,B"',
+    help="Two prims whose contacts do not count; may be given several times.",
+)
 @click.option(
     "--mode",
     type=click.Choice(["self", "inter", "both"]),
@@ -69,6 +80,7 @@ def command(
     source_path: str,
     json_path: str | None,
     mode: str,
+    ignore: tuple[str, ...],
     selection: Selection,
     device: str,
     jobs: int,
@@ -93,7 +105,8 @@ def command(
     source = open_source(source_path, selection)
     console.warn(source.warnings)
     opened = clock.perf_counter()
-    found = _records(source, mode, device, jobs)
+    counter = make_counter(source, mode=mode, ignored=ignored_pairs(source, ignore), device=device)
+    found = _records(source, counter, jobs)
     records = tuple(console.progress(found, total=len(source.times), what="checking"))
     end = clock.perf_counter()
     report = Report(
@@ -101,7 +114,7 @@ def command(
         version=__version__,
         input=source_path,
         device=device,
-        settings={"mode": mode, **vars(selection)},
+        settings={"mode": mode, "ignore": list(ignore), **vars(selection)},
         seconds={"total": end - start, "read": opened - start, "detect": end - opened},
         prims=prim_records(source),
         frames=records,
@@ -119,9 +132,7 @@ def command(
     return REMAINING if any(record.before and record.before.pairs for record in records) else CLEAN
 
 
-def _records(source: Source, mode: str, device: str, jobs: int) -> Iterator[FrameRecord]:
-    counter = make_counter(source, mode=mode, device=device)
-
+def _records(source: Source, counter: SceneCounter, jobs: int) -> Iterator[FrameRecord]:
     def count(frame: Frame) -> FrameRecord:
         if not frame.usable:
             return unusable(frame)

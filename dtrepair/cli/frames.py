@@ -96,14 +96,17 @@ def prim_records(
     )
 
 
-def make_counter(source: Source, *, mode: str, device: str) -> SceneCounter:
+def make_counter(
+    source: Source, *, mode: str, device: str, ignored: Sequence[tuple[int, int]] = ()
+) -> SceneCounter:
     """Return a counter of the meshes in the space that `read_frames` gives them."""
     from dtrepair.counts import SceneCounter
 
     time = float(source.times[0])
     several = len(source.meshes) > 1
     rests = [source.to_world(m, time, m.rest) if several else m.rest for m in source.meshes]
-    return SceneCounter(rests, [mesh.faces for mesh in source.meshes], mode=mode, device=device)
+    faces = [mesh.faces for mesh in source.meshes]
+    return SceneCounter(rests, faces, mode=mode, ignored=ignored, device=device)
 
 
 def side_by_side(

@@ -161,12 +161,13 @@ def command(
     run.settings = settings_of(selection, options, {**more, **vars(search)})
     del run.settings["jobs"]
     controls = read_controls(source, pin, direction)
+    console.warn(controls.warnings)
     sink = None if output is None else open_sink(source, output, run.settings)
     try:
         run.lap("read")
         rests = choose_rests(source, rest, device=run.device)
         if dry_run:
-            print_plan(console, source, rests, output or "nothing")
+            print_plan(console, source, rests, output or "nothing", controls.settings)
             return CLEAN
         repairer, rest_counts = make_repairer(
             run, source, rests, make_bodies(source, rests, controls)

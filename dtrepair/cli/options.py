@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from dtrepair.cli.config import read_config
 from dtrepair.cli.console import Console
 
 Function = Callable[..., Any]
@@ -90,8 +91,9 @@ def run_options(function: Function) -> Function:
                 metavar="F.toml",
                 is_eager=True,
                 expose_value=False,
-                callback=_read_config,
-                help="Defaults of these options, by name, from a TOML file.",
+                callback=read_config,
+                help="Defaults of these options, by name, from a TOML file; and settings of single "
+                "prims: [[prim]] path, diffusion, mobility, rigid, pin, direction.",
             ),
         ),
     )
@@ -128,31 +130,3 @@ def _with(function: Function, options: tuple[Function, ...]) -> Function:
     for option in reversed(options):
         function = option(function)
     return function
-
-
-def _read_config(context: click.Context, parameter: click.Parameter, path: str | None) -> None:
-    """Take defaults from the top of a TOML file and from the table named as the command."""
-    if path is None:
-        return
-    import tomllib
-
-    try:
-        with open(path, "rb") as file:
-            content = tomllib.load(file)
-    except OSError as error:
-        raise click.BadParameter(f"{path}: cannot be read: {error.strerror}", context) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise click.BadParameter(f"{path}: is not TOML: {error}", context) from None
-    command = context.info_name or ""
-    values = {key: value for key, value in content.items() if not isinstance(value, dict)}
-    values |= content.get(command, {})
-    known = {_option_name(p): p.name for p in context.command.params if isinstance(p, click.Option)}
-    for key in values:
-        if key.replace("_", "-") not in known or key == "config":
-            raise click.BadParameter(f"{path}: {command} has no option {key!r}", context)
-    found = {known[key.replace("_", "-")]: value for key, value in values.items()}
-    context.default_map = {**(context.default_map or {}), **found}
-
-
-def _option_name(option: click.Option) -> str:
-    return max(option.opts, key=len).lstrip("-")

@@ -29,6 +29,7 @@ from dtrepair.cli.failures import (
     writing,
 )
 from dtrepair.cli.method import method_options
+from dtrepair.cli.object_settings import recorded
 from dtrepair.cli.options import (
     Selection,
     console_options,
@@ -61,6 +62,13 @@ if TYPE_CHECKING:
     help="Rest pose; default: the default-time points, else the frame with fewest intersections.",
 )
 @click.option("--collider", metavar="EXPR", help="Meshes that take part but never move.")
+@click.option("--rigid", metavar="EXPR", help="Meshes that move as a whole only.")
+@click.option(
+    "--ignore",
+    multiple=True,
+    metavar='"A,B"',
+    help="Two prims whose contacts do not count; may be given several times.",
+)
 @click.option("--pin", metavar="NAME", help="Primvar (0 free to 1 fixed) or GeomSubset (fixed).")
 @click.option(
     "--direction", metavar="NAME|SUBSET=x,y,z", help="Preferred direction of the repair, in world."
@@ -88,6 +96,8 @@ def command(
     output: str,
     rest: str | None,
     collider: str | None,
+    rigid: str | None,
+    ignore: tuple[str, ...],
     pin: str | None,
     direction: str | None,
     report_path: str | None,
@@ -111,6 +121,11 @@ def command(
     a mesh file with the same vertices and faces. The largest move of a frame is told as a part of
     the bounding-box diagonal of its mesh.
 
+    Single objects may have settings of their own: tables [[prim]] in the file of --config with a
+    path and any of diffusion, mobility (0 to 1), rigid, pin and direction, or constant primvars
+    such as primvars:dtrepair:diffusion on the prim or above it. A table wins over a primvar, and
+    both over the options.
+
     \b
     Example:
         dtrepair repair shot.usd --prim "/Hero//" -o shot_repaired.usdc --report report.json
@@ -130,16 +145,22 @@ def command(
     run = Run(source_path, output, use_device(device), options, jobs, alone)
     source = open_source(source_path, selection, collider=collider)
     console.warn(source.warnings)
-    more = {"rest": rest, "collider": collider, "pin": pin, "direction": direction}
+    _refuse_together(source, run, directed=direction is not None)
+    controls = read_controls(source, pin, direction, rigid=rigid, ignore=ignore)
+    console.warn(controls.warnings)
+    run.ignored = controls.ignored
+    more: dict[str, Any] = {"rest": rest, "collider": collider, "pin": pin, "direction": direction}
+    more |= {"rigid": rigid, "ignore": list(ignore), "objects": recorded(source, controls.settings)}
     run.settings = settings_of(selection, options, more)
-    _refuse_together(source, run, direction)
-    controls = read_controls(source, pin, direction)
+    _refuse_together(source, run, directed=any(way is not None for way in controls.directions))
+    if options.method == "paper" and any(own.rigid for own in controls.settings):
+        raise Failure("--rigid: has no effect with --method paper; leave it out", USAGE)
     sink = open_sink(source, output, run.settings)
     try:
         run.lap("read")
         rests = choose_rests(source, rest, device=run.device)
         if dry_run:
-            print_plan(console, source, rests, output)
+            print_plan(console, source, rests, output, controls.settings)
             return CLEAN
         bodies = make_bodies(source, rests, controls)
         if distributed is not None and len(source.times) > 1:
@@ -164,10 +185,10 @@ def command(
     return _exit_code(report.frames)
 
 
-def _refuse_together(source: Source, run: Run, direction: str | None) -> None:
+def _refuse_together(source: Source, run: Run, *, directed: bool) -> None:
     """Refuse options that the repair of frames together does not have."""
     given = {
-        "--direction": direction is not None,
+        "--direction": directed,
         "--clearance": run.options.clearance > 0.0,
         "--maximum-displacement": run.options.maximum_displacement is not None,
     }

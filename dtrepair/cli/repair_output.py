@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from dtrepair.cli.console import Console
+from dtrepair.cli.object_settings import ObjectSettings, described
 from dtrepair.cli.rest import Rest
 from dtrepair.cli.solve import Repaired
 from dtrepair.cli.sources import Source, time_label
@@ -40,11 +41,17 @@ def say(console: Console, repaired: Repaired) -> None:
     )
 
 
-def print_plan(console: Console, source: Source, rests: list[Rest], output: str) -> None:
+def print_plan(
+    console: Console,
+    source: Source,
+    rests: list[Rest],
+    output: str,
+    settings: Sequence[ObjectSettings],
+) -> None:
     """Print what a run would do."""
     rows = []
-    for mesh, rest in zip(source.meshes, rests, strict=True):
-        role = "collider" if mesh.collider else "repaired"
+    for mesh, rest, own in zip(source.meshes, rests, settings, strict=True):
+        role = described(own, collider=mesh.collider)
         rows.append([mesh.path, str(len(mesh.rest)), str(len(mesh.faces)), role, rest.origin])
     console.table(["mesh", "vertices", "triangles", "role", "rest pose"], rows)
     labels = [time_label(float(time)) for time in source.times]

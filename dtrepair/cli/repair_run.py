@@ -38,6 +38,7 @@ class Run:
     jobs: int
     alone: bool
     chunk: Chunk | None = None
+    ignored: tuple[tuple[int, int], ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     start: float = field(default_factory=clock.perf_counter)
@@ -134,8 +135,9 @@ def make_repairer(
         counter = SceneCounter([rest.points], [mesh.faces], device=run.device)
         rest_counts.append(counter([rest.points]).total.triangles)
     options = in_units_of_frames(source, run.options)
-    scene = SceneRepairer(bodies, options=options, device=run.device)
-    counter = make_counter(source, mode=run.options.mode, device=run.device)
+    scene = SceneRepairer(bodies, options=options, device=run.device, ignore=run.ignored)
+    mode = run.options.mode
+    counter = make_counter(source, mode=mode, ignored=run.ignored, device=run.device)
     return (
         FrameRepairer(source, scene, counter, jobs=run.jobs, alone=run.alone, memory=memory),
         rest_counts,

@@ -19,6 +19,7 @@ from dtrepair.cli.failures import (
     refuse_overwriting,
     writing,
 )
+from dtrepair.cli.matching import ignored_pairs
 from dtrepair.cli.options import Selection, console_options
 from dtrepair.cli.sources import Source, open_source
 
@@ -85,7 +86,9 @@ def _draw(report: Mapping[str, Any], count: int) -> Iterator[Picture]:
     if chosen:
         mode = report["settings"].get("mode", "both")
         opened = _sources(report)
-        scenes = {when: WorldScene(source, mode=mode) for when, source in opened.items()}
+        for when, source in opened.items():
+            ignored = ignored_pairs(source, report["settings"].get("ignore", ()))
+            scenes[when] = WorldScene(source, mode=mode, ignored=ignored)
     for record in chosen:
         time = math.nan if record["time"] is None else record["time"]
         view = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,9 +26,16 @@ class SceneFrame:
 class WorldScene:
     """The meshes of a source joined in world space; `faces` (F, 3)."""
 
-    def __init__(self, source: Source, *, mode: str = "both", device: str = "cpu") -> None:
+    def __init__(
+        self,
+        source: Source,
+        *,
+        mode: str = "both",
+        ignored: Sequence[tuple[int, int]] = (),
+        device: str = "cpu",
+    ) -> None:
         self.source = source
-        self._counter = make_counter(source, mode=mode, device=device)
+        self._counter = make_counter(source, mode=mode, ignored=ignored, device=device)
         starts = np.cumsum([0, *(len(mesh.rest) for mesh in source.meshes)])
         meshes = zip(source.meshes, starts, strict=False)
         self.faces = np.concatenate([mesh.faces + start for mesh, start in meshes]).astype(np.int32)

@@ -1,0 +1,101 @@
+"""How each object behaves: tables [[prim]] of --config, primvars of the stage, common options."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from dtrepair.cli.config import KEYS, NAMES, NUMBERS, kept_tables, wrong_value
+from dtrepair.cli.failures import INPUT, Failure
+from dtrepair.cli.matching import matching_meshes
+from dtrepair.cli.sources import Source, StageSource
+
+# Primvars of a stage that speak to this program are in this namespace.
+NAMESPACE = "dtrepair"
+
+
+@dataclass(frozen=True)
+class ObjectSettings:
+    """What is asked of one object; None: the common option holds.
+
+    pin and direction are names, as --pin and --direction take them.
+    """
+
+    diffusion: float | None = None
+    mobility: float | None = None
+    rigid: bool | None = None
+    pin: str | None = None
+    direction: str | None = None
+
+
+@dataclass
+class SettingsOfMeshes:
+    """Settings of each mesh, and warnings about what the stage holds."""
+
+    each: list[ObjectSettings]
+    warnings: list[str] = field(default_factory=list)
+
+
+def read_settings(source: Source, *, rigid: str | None = None) -> SettingsOfMeshes:
+    """Settings of each mesh: a table of the config wins, then a primvar, then --rigid.
+
+    Of several tables that match a mesh the last one counts, key by key.
+    """
+    result = SettingsOfMeshes([ObjectSettings() for _ in source.meshes])
+    if rigid is not None:
+        for index in matching_meshes(source, rigid, f"--rigid {rigid}"):
+            result.each[index] = ObjectSettings(rigid=True)
+    if isinstance(source, StageSource):
+        for index, mesh in enumerate(source.meshes):
+            values = _of_stage(mesh.path, mesh.handle, result.warnings)
+            result.each[index] = replace(result.each[index], **values)
+    for where, table in kept_tables():
+        values = {key: _plain(key, value) for key, value in table.items() if key != "path"}
+        for index in matching_meshes(source, table["path"], where):
+            result.each[index] = replace(result.each[index], **values)
+    return result
+
+
+def _of_stage(path: str, handle: Any, warnings: list[str]) -> dict[str, Any]:
+    """Settings in the primvars of a mesh. Failure for unusable values; unknown ones are warned."""
+    from usd_io.constants import read_constants
+
+    values = {}
+    for name, value in read_constants(handle, NAMESPACE).items():
+        where = f"{path}: {NAMESPACE}:{name}"
+        if name not in KEYS:
+            warnings.append(f"{where}: unknown; known are {', '.join(KEYS)}")
+        elif name in NAMES:
+            # The weights or vectors themselves, one for the mesh or one for each vertex.
+            values[name] = f"{NAMESPACE}:{name}"
+        else:
+            if name == "rigid" and value in (0, 1):
+                value = bool(value)
+            if wrong := wrong_value(name, value):
+                raise Failure(f"{where}: {wrong}", INPUT)
+            values[name] = _plain(name, value)
+    return values
+
+
+def _plain(name: str, value: Any) -> Any:
+    return float(value) if name in NUMBERS else value
+
+
+def described(own: ObjectSettings, *, collider: bool) -> str:
+    """What an object does, in a word or two."""
+    if collider:
+        return "collider"
+    role = "rigid" if own.rigid else "repaired"
+    told = [f"{name} {getattr(own, name):g}" for name in NUMBERS if getattr(own, name) is not None]
+    return ", ".join([role, *told])
+
+
+def recorded(source: Source, each: Sequence[ObjectSettings]) -> dict[str, dict[str, Any]]:
+    """What was asked of each mesh, for the report; those without settings are left out."""
+    told = {}
+    for mesh, own in zip(source.meshes, each, strict=True):
+        values = {key: value for key, value in vars(own).items() if value is not None}
+        if values:
+            told[mesh.path] = values
+    return told

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dtrepair.geometry import FloatArray, IntArray
-from dtrepair.repair.crew import Crew, available_processors
+from dtrepair.repair.crew import Crew, available_processors, make_crew
 from dtrepair.repair.frames import Frame, expanded, read_frames, reduced, system_of
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.mend import mend
@@ -24,6 +24,9 @@ from dtrepair.repair.timeline import frame_units
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer
     from dtrepair.repair.system import System
+
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
 
 # Frames that are solved together, and how many of them two windows have in common.
 WINDOW, OVERLAP = 64, 12
@@ -64,7 +67,7 @@ class AnimationRepairer:
         *,
         jobs: int | None = None,
     ) -> Iterator[Repaired]:
-        """Repair (time, poses (V, 3) of each body) in order, on `jobs` threads (None: all).
+        """Repair (time, poses (V, 3) of each body) in order, with `jobs` workers (None: all).
 
         At most `window` frames are held. ValueError where times do not increase, and for poses
         that cannot be used.
@@ -116,9 +119,9 @@ class _Stream:
         self._crews: dict[int, Crew] = {}
 
     def close(self) -> None:
-        """End all threads."""
+        """End all workers."""
         for crew in self._crews.values():
-            crew.close()
+            crew.stop()
 
     def run(self, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Repaired]:
         """Results in order; windows end at cuts and overlap elsewhere."""
@@ -145,6 +148,7 @@ class _Stream:
         tail: poses found for the first frames by the window before.
         """
         start = clock.perf_counter()
+        frames[:] = self._detected(frames)
         poses = [frame.centred for frame in frames]
         if len(tail) == len(frames):
             poses = tail
@@ -162,6 +166,19 @@ class _Stream:
         ]
         return done, poses[kept:]
 
+    def _detected(self, frames: list[Frame]) -> list[Frame]:
+        """The frames with their pairs; those that the window before had have them already."""
+
+        def detected(frame: Frame) -> Frame:
+            if frame.detected:
+                return frame
+            start = clock.perf_counter()
+            pairs = self.scene._pairs(frame.centred, frame.weld)
+            seconds = clock.perf_counter() - start
+            return frame._replace(detected=True, pairs=pairs, seconds=seconds)
+
+        return self._side_by_side(detected, frames)
+
     def _verified(self, frames: list[Frame], poses: list[FloatArray]) -> list[IntArray]:
         """Pairs of the poses, exactly, on the float32 coordinates that are handed back."""
 
@@ -170,8 +187,14 @@ class _Stream:
             moved = (pose != frame.centred).any()
             return self.scene._pairs(pose, frame.weld) if moved else frame.pairs
 
-        with ThreadPoolExecutor(self.jobs or available_processors()) as pool:
-            return list(pool.map(pairs, zip(frames, poses, strict=True)))
+        return self._side_by_side(pairs, list(zip(frames, poses, strict=True)))
+
+    def _side_by_side(self, function: Callable[[Item], Answer], items: list[Item]) -> list[Answer]:
+        """Answers in order, on threads: detection releases the interpreter."""
+        if (jobs := self.jobs or available_processors()) == 1:
+            return [function(item) for item in items]
+        with ThreadPoolExecutor(jobs) as pool:
+            return list(pool.map(function, items))
 
     def _solve(self, system: System, frames: list[Frame]) -> list[FloatArray]:
         """Poses (V, 3) of a window by the space-time scheme."""
@@ -186,7 +209,7 @@ class _Stream:
 
     def _crew(self, system: System) -> Crew:
         if id(system) not in self._crews:
-            self._crews[id(system)] = Crew(system.surface, self.jobs)
+            self._crews[id(system)] = make_crew(system.surface, self.jobs)
         return self._crews[id(system)]
 
     def _finish(

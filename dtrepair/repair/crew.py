@@ -1,61 +1,61 @@
-"""Frames side by side on threads: Warp's launches and numpy's loops release the interpreter."""
+"""The frames of a window side by side: in forked processes, or on threads where none can be had."""
 
 from __future__ import annotations
 
 import copy
+import mmap
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from types import TracebackType
-from typing import TypeVar
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
+from dtrepair.device import start_warp
+from dtrepair.repair.forked import can_fork, end, fork, packed, unpacked
 from dtrepair.repair.surface import Surface
 
-Item = TypeVar("Item")
-Answer = TypeVar("Answer")
+
+class State(Protocol):
+    """What a crew works on: an object whose methods take a surface and an item, often a frame."""
+
+    surface: Surface
 
 
 class Crew:
-    """Threads that share one surface: one tree, one set of operators and factors.
+    """Calls methods of one object at a time, for many frames; this base does so one by one.
 
-    Only the answers that queries remember are each thread's own.
+    Arrays of `array` are the same for all workers; all else that a method changes is known to the
+    worker that did it, which is always the same one for a frame, and here only by its answers.
     """
 
-    def __init__(self, surface: Surface, jobs: int | None = None) -> None:
-        """Work on `jobs` threads; default: the processors this process may use."""
-        self.jobs = jobs or available_processors()
-        # Everything lazy that frames need is made now, once, before surfaces are shared.
-        surface.diffuse(np.zeros((surface.count, 1)))
-        surface.vector_areas(surface.rest)
-        self._surfaces: SimpleQueue[Surface] = SimpleQueue()
-        self._surfaces.put(surface)
-        for _ in range(self.jobs - 1):
-            other = copy.copy(surface)
-            other.queries = copy.copy(surface.queries)
-            self._surfaces.put(other)
-        self._pool = ThreadPoolExecutor(self.jobs) if self.jobs > 1 else None
+    def array(self, shape: Sequence[int], kind: DTypeLike = np.float64) -> NDArray[Any]:
+        """A new array of zeros that all workers share, if it is made before `start`."""
+        return np.zeros(shape, dtype=kind)
 
-    def map(
-        self, function: Callable[[Surface, Item], Answer], items: Iterable[Item]
-    ) -> list[Answer]:
-        """Answers of function(surface, item) in the order of the items."""
+    def start(self, state: State) -> None:
+        """Work on `state` from now on."""
+        self.state = state
 
-        def call(item: Item) -> Answer:
-            surface = self._surfaces.get()
-            try:
-                return function(surface, item)
-            finally:
-                self._surfaces.put(surface)
+    def map(self, name: str, items: Sequence[Any], *more: Any) -> list[Any]:
+        """Answers of state.name(surface, item, *more) in the order of the items."""
+        return [getattr(self.state, name)(self.state.surface, item, *more) for item in items]
 
-        if self._pool is None:
-            return [call(item) for item in items]
-        return list(self._pool.map(call, items))
+    def tell(self, name: str, *more: Any) -> None:
+        """Call state.name(*more) wherever work is done."""
+        getattr(self.state, name)(*more)
+
+    def stop(self) -> None:
+        """End all workers."""
 
     def __enter__(self) -> Crew:
-        """The crew itself; leaving ends its threads."""
+        """The crew itself; leaving ends its workers."""
         return self
 
     def __exit__(
@@ -64,13 +64,136 @@ class Crew:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End the threads."""
-        self.close()
+        """End the workers."""
+        self.stop()
 
-    def close(self) -> None:
+
+class ThreadCrew(Crew):
+    """Threads that share one surface; only the answers that its queries remember are their own."""
+
+    def __init__(self, jobs: int) -> None:
+        """Work on `jobs` threads."""
+        self.jobs = jobs
+        self._pool: ThreadPoolExecutor | None = None
+
+    def start(self, state: State) -> None:
+        """Work on `state` from now on."""
+        super().start(state)
+        self._surfaces: SimpleQueue[Surface] = SimpleQueue()
+        for _ in range(self.jobs):
+            other = copy.copy(state.surface)
+            other.queries = copy.copy(state.surface.queries)
+            self._surfaces.put(other)
+        self._pool = self._pool or ThreadPoolExecutor(self.jobs)
+
+    def map(self, name: str, items: Sequence[Any], *more: Any) -> list[Any]:
+        """Answers of state.name(surface, item, *more) in the order of the items."""
+
+        def call(item: Any) -> Any:
+            surface = self._surfaces.get()
+            try:
+                return getattr(self.state, name)(surface, item, *more)
+            finally:
+                self._surfaces.put(surface)
+
+        assert self._pool is not None
+        return list(self._pool.map(call, items))
+
+    def stop(self) -> None:
         """End the threads."""
         if self._pool is not None:
             self._pool.shutdown()
+            self._pool = None
+
+
+class ForkedCrew(Crew):
+    """Processes that inherit the object when work on it starts; this one takes its share too.
+
+    Threads gain little here: sparse solves and small numpy calls keep the interpreter's lock.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        """Work in `jobs` processes, this one among them."""
+        self.jobs = jobs
+        self._workers: list[tuple[int, Connection]] = []
+
+    def array(self, shape: Sequence[int], kind: DTypeLike = np.float64) -> NDArray[Any]:
+        """A new array of zeros in memory that processes forked later share."""
+        size = int(np.prod(shape)) * np.dtype(kind).itemsize
+        return np.frombuffer(mmap.mmap(-1, max(size, 1)), kind, int(np.prod(shape))).reshape(shape)
+
+    def start(self, state: State) -> None:
+        """Fork: what `state` is now is what each worker goes on from."""
+        super().start(state)
+        self.stop()
+        for _ in range(1, self.jobs):
+            here, there = Pipe()
+            self._workers.append((fork(partial(self._serve, there)), here))
+            there.close()
+
+    def map(self, name: str, items: Sequence[Any], *more: Any) -> list[Any]:
+        """Answers of state.name(surface, item, *more) in the order of the items."""
+        owners = np.array(
+            [(item if isinstance(item, int) else k) % self.jobs for k, item in enumerate(items)],
+            dtype=np.int64,
+        )
+        shares = [np.flatnonzero(owners == worker).tolist() for worker in range(self.jobs)]
+        for (_, connection), share in zip(self._workers, shares[1:], strict=True):
+            if len(share):
+                connection.send((name, [items[k] for k in share], more))
+        answers: list[Any] = [None] * len(items)
+        for worker, share in enumerate(shares):
+            if not len(share):
+                continue
+            own = [items[k] for k in share]
+            found = super().map(name, own, *more) if worker == 0 else self._answer(worker)
+            for k, answer in zip(share, found, strict=True):
+                answers[k] = answer
+        return answers
+
+    def tell(self, name: str, *more: Any) -> None:
+        """Call state.name(*more) in every process."""
+        for _, connection in self._workers:
+            connection.send((name, None, more))
+        super().tell(name, *more)
+        for worker in range(1, self.jobs):
+            self._answer(worker)
+
+    def stop(self) -> None:
+        """End the workers."""
+        for process, connection in self._workers:
+            end(process)
+            connection.close()
+        self._workers = []
+
+    def _answer(self, worker: int) -> Any:
+        try:
+            content = self._workers[worker - 1][1].recv_bytes()
+        except (EOFError, ConnectionError):
+            content = b""
+        return unpacked(content)
+
+    def _serve(self, connection: Connection) -> None:
+        """In a worker: do what is asked for, until this process is ended."""
+        while True:
+            connection.send_bytes(packed(partial(self._called, *connection.recv())))
+
+    def _called(self, name: str, items: Sequence[Any] | None, more: tuple[Any, ...]) -> Any:
+        return super().tell(name, *more) if items is None else super().map(name, items, *more)
+
+
+def make_crew(surface: Surface, jobs: int | None = None) -> Crew:
+    """A crew of `jobs` workers, None for one a processor, for objects of one surface."""
+    jobs = jobs or available_processors()
+    if jobs == 1:
+        return Crew()
+    # Everything lazy that frames need is made now, once, before surfaces are shared.
+    surface.diffuse(np.zeros((surface.count, 3)), surface.rest)
+    surface.vector_areas(surface.rest)
+    if not can_fork():
+        return ThreadCrew(jobs)
+    start_warp().force_load("cpu")
+    return ForkedCrew(jobs)
 
 
 def available_processors() -> int:

@@ -10,6 +10,7 @@ import sys
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from typing import Any, NamedTuple, TypeVar
 
 Item = TypeVar("Item")
@@ -22,6 +23,60 @@ _DEATH_SIGNAL = 1
 def can_fork() -> bool:
     """Whether processes can be forked: elsewhere than on Linux, libraries do not survive it."""
     return sys.platform == "linux"
+
+
+def fork(work: Callable[[], None]) -> int:
+    """The number of a new process that does some work and ends; it never outlives this one.
+
+    It leaves signals to its parent, which should end it with `end`.
+    """
+    parent, prctl = os.getpid(), ctypes.CDLL(None).prctl
+    with warnings.catch_warnings():
+        # Python warns of locks that other threads hold; the child touches nothing of theirs.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        number = os.fork()
+    if number:
+        return number
+    try:
+        prctl(_DEATH_SIGNAL, signal.SIGKILL)
+        if os.getppid() == parent:
+            signal.set_wakeup_fd(-1)
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            work()
+            os._exit(0)
+    finally:
+        os._exit(1)
+
+
+def end(number: int) -> None:
+    """End a forked process at once."""
+    with suppress(ProcessLookupError, ChildProcessError):
+        os.kill(number, signal.SIGKILL)
+        os.waitpid(number, 0)
+
+
+def packed(call: Callable[[], Any]) -> bytes:
+    """The answer of a call, or its exception, for `unpacked` in another process."""
+    try:
+        return pickle.dumps((None, call()), protocol=5)
+    except Exception as error:
+        return pickle.dumps((error, None))
+
+
+def unpacked(content: bytes) -> Any:
+    """The answer in what `packed` made; its exception is raised.
+
+    RuntimeError if there is nothing: the process has ended without an answer.
+    """
+    if not content:
+        raise RuntimeError(
+            "a worker process ended without an answer; if memory ran out, use fewer jobs"
+        )
+    error, answer = pickle.loads(content)
+    if error is not None:
+        raise error
+    return answer
 
 
 def forked_map(
@@ -37,79 +92,43 @@ def forked_map(
     if jobs == 1 or not can_fork():
         yield from map(function, items)
         return
-    running: deque[_Process] = deque()
+    running: deque[_Call] = deque()
     try:
         for item in items:
             if len(running) == jobs:
-                yield running[0].answer()
-                running.popleft()
-            running.append(_fork(function, item))
+                yield running.popleft().answer()
+            running.append(_start(function, item))
         while running:
-            yield running[0].answer()
-            running.popleft()
+            yield running.popleft().answer()
     finally:
-        for process in running:
-            process.end()
+        for call in running:
+            end(call.process)
+            os.close(call.file)
 
 
-class _Process(NamedTuple):
+class _Call(NamedTuple):
     """A forked process, and the file in memory that it writes its answer to."""
 
-    number: int
+    process: int
     file: int
 
     def answer(self) -> Any:
         """Wait for the answer; the exception of the call is raised."""
-        _, status = os.waitpid(self.number, 0)
+        try:
+            os.waitpid(self.process, 0)
+        except BaseException:
+            end(self.process)
+            raise
         with os.fdopen(self.file, "rb") as file:
             file.seek(0)  # both processes share one position
-            content = file.read()
-        if status or not content:
-            raise RuntimeError(
-                f"a worker process ended without an answer (status {status}); "
-                "if memory ran out, use fewer jobs"
-            )
-        failed, answer = pickle.loads(content)
-        if failed:
-            raise answer
-        return answer
-
-    def end(self) -> None:
-        """End the process at once, unless it was waited for."""
-        try:
-            os.kill(self.number, signal.SIGKILL)
-            os.waitpid(self.number, 0)
-            os.close(self.file)
-        except (ProcessLookupError, ChildProcessError, OSError):
-            pass
+            return unpacked(file.read())
 
 
-def _fork(function: Callable[[Item], Answer], item: Item) -> _Process:
+def _start(function: Callable[[Item], Answer], item: Item) -> _Call:
     file = os.memfd_create("answer")
-    parent, prctl = os.getpid(), ctypes.CDLL(None).prctl
-    with warnings.catch_warnings():
-        # Python warns of locks that other threads hold; the child touches nothing of theirs.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        number = os.fork()
-    if number:
-        return _Process(number, file)
-    try:
-        prctl(_DEATH_SIGNAL, signal.SIGKILL)
-        if os.getppid() == parent:
-            _run(function, item, file)
-            os._exit(0)
-    finally:
-        os._exit(1)
 
+    def work() -> None:
+        with os.fdopen(file, "wb") as stream:
+            stream.write(packed(lambda: function(item)))
 
-def _run(function: Callable[[Item], Answer], item: Item, file: int) -> None:
-    """In the child: write the answer, or the exception. Signals are the parent's business."""
-    signal.set_wakeup_fd(-1)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    try:
-        content = pickle.dumps((False, function(item)), protocol=5)
-    except Exception as error:
-        content = pickle.dumps((True, error))
-    with os.fdopen(file, "wb") as stream:
-        stream.write(content)
+    return _Call(fork(work), file)

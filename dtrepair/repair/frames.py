@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,9 +17,9 @@ if TYPE_CHECKING:
 
 
 class Frame(NamedTuple):
-    """A pose on its way: time, poses as given, points (V, 3) of all bodies, centred, its pairs.
+    """A pose on its way: time, poses as given, points (V, 3) of all bodies, centred.
 
-    seconds: what their detection took; starts: whether the frame starts a shot.
+    starts: whether the frame starts a shot; pairs: once they were `detected`, in `seconds`.
     """
 
     time: float
@@ -29,19 +28,20 @@ class Frame(NamedTuple):
     centred: FloatArray
     centre: FloatArray | float
     weld: IntArray
-    pairs: IntArray
-    seconds: float
     starts: bool = False
+    detected: bool = False
+    pairs: IntArray = np.zeros((0, 2), dtype=np.int32)
+    seconds: float = 0.0
 
 
 def read_frames(
     scene: SceneRepairer, frames: Iterable[tuple[float, Sequence[Any]]]
 ) -> Iterator[Frame]:
-    """Frames with their pairs; those that start a new shot are marked."""
+    """Frames in order; those that start a new shot are marked."""
     last: Frame | None = None
     before = jump = motion = 0.0
     starts = True
-    for frame in _detected(scene, frames):
+    for frame in _gathered(scene, frames):
         if last is not None:
             size = extent(last.original) or 1.0
             following = motion_between(last.original, frame.original, size)
@@ -55,7 +55,7 @@ def read_frames(
         yield last._replace(starts=starts or is_cut(before, jump, 0.0, motion))
 
 
-def _detected(
+def _gathered(
     scene: SceneRepairer, frames: Iterable[tuple[float, Sequence[Any]]]
 ) -> Iterator[Frame]:
     last: float | None = None
@@ -64,13 +64,9 @@ def _detected(
         if last is not None and not time > last:
             raise ValueError(f"times should increase, got {time} after {last}")
         last = time
-        start = clock.perf_counter()
         original = scene._gather(poses)
         centred, centre = about_centre(original)
-        weld = scene._weld(centred)
-        pairs = scene._pairs(centred, weld)
-        seconds = clock.perf_counter() - start
-        yield Frame(time, poses, original, centred, centre, weld, pairs, seconds)
+        yield Frame(time, poses, original, centred, centre, scene._weld(centred))
 
 
 def system_of(scene: SceneRepairer, welds: Sequence[IntArray]) -> System:

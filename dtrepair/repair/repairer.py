@@ -255,7 +255,7 @@ class Repairer:
     ) -> list[RepairResult]:
         """Repair frames (T, V, 3) together: clean, close to the input, and steady in time.
 
-        times: time of each frame (T,), increasing; default: one apart. jobs: threads; default:
+        times: time of each frame (T,), increasing; default: one apart. jobs: workers; default:
         all processors. ValueError for wrong frames or times.
         """
         return animate(self._scene, points, times, jobs)

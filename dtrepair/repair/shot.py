@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from dtrepair.geometry import FloatArray
 from dtrepair.repair.crew import Crew
-from dtrepair.repair.mend import mend
 from dtrepair.repair.spacetime import Snapshot, SpaceTime
 from dtrepair.repair.surface import Surface
-from dtrepair.repair.timeline import apply_in_time, gaussian_kernel, undamped
+from dtrepair.repair.timeline import apply_in_time, gaussian_kernel
+from dtrepair.repair.window_frames import Alone
 
 # Width of the kernel of the displacement, in frames.
 WIDTH = 3.5
@@ -23,8 +22,6 @@ MENDING = (2.0, 2.0, 1.5, 1.5, 1.2, 1.0, 0.8, 0.0)
 MEND_STEP = 0.004
 # The same after a cycle of tightening, of at most this part of the frames.
 TIGHT_MENDING, TIGHT_MEND_STEP, TIGHT_DIRTY = (1.0, 0.7, 0.0), 0.002, 0.2
-# Part of the neighbouring frame's correction that a frame starts from.
-WARM = 0.9
 # Tightening: part of the displacement that is taken back, its decay on failure, the push's step.
 PULL_BACK, PULL_DECAY, PULL_STEP, PULL_SWEEPS = 0.2, 0.6, 0.003, 5
 # What had to be pushed in the last cycle is taken back by this part less.
@@ -55,7 +52,7 @@ class ShotMethod:
     def __init__(
         self,
         surface: Surface,
-        alone: Callable[[Surface, FloatArray], FloatArray],
+        alone: Alone,
         *,
         tighten: int = 3,
         farthest: float | None = None,
@@ -75,6 +72,7 @@ class ShotMethod:
             original,
             frames,
             crew,
+            alone=self.alone,
             farthest=self.farthest,
             clearance=self.clearance,
         )
@@ -82,11 +80,11 @@ class ShotMethod:
             return original
         push(state)
         state.forget_clearance()
-        mend_frames(state, self.alone)
+        mend_frames(state)
         state.given_up = frozenset(state.dirty)
         # Tightening would close a clearance again.
         if self.clearance == 0.0:
-            tighten_frames(state, self.alone, self.tighten)
+            tighten_frames(state, self.tighten)
         return eased(state)
 
 
@@ -118,43 +116,21 @@ def push(state: SpaceTime) -> None:
 
 
 def mend_frames(
-    state: SpaceTime,
-    alone: Callable[[Surface, FloatArray], FloatArray],
-    *,
-    widths: tuple[float, ...] = MENDING,
-    step: float = MEND_STEP,
+    state: SpaceTime, *, widths: tuple[float, ...] = MENDING, step: float = MEND_STEP
 ) -> None:
     """Frames still dirty: the solver of single frames from this state, spread in time.
 
     Neighbouring frames are solved one after the other, forwards and backwards in turn, each from
     its neighbour's correction.
     """
-
-    def run(surface: Surface, chain: list[int]) -> list[FloatArray]:
-        moved: list[FloatArray] = []
-        for frame in chain:
-            warm = WARM * moved[-1] if moved else None
-            before, now = state.original[frame], state.poses[frame]
-            pose = mend(surface, before, now, warm=warm, step=state.scale * step, alone=alone)
-            moved.append(pose - now)
-        return moved
-
     for index, width in enumerate(widths):
         if not state.dirty:
             return
         chains = _chains(state.dirty if index % 2 == 0 else state.dirty[::-1])
-        corrections = np.zeros_like(state.original)
-        for chain, moved in zip(chains, state.crew.map(run, chains), strict=True):
-            corrections[chain] = moved
-        if width > 0:
-            corrections = undamped(gaussian_kernel(state.frames, width), corrections)
-        state.extra = state.extra + corrections
-        state.evaluate()
+        state.mend(chains, gaussian_kernel(state.frames, width), step)
 
 
-def tighten_frames(
-    state: SpaceTime, alone: Callable[[Surface, FloatArray], FloatArray], cycles: int
-) -> None:
+def tighten_frames(state: SpaceTime, cycles: int) -> None:
     """Take back displacement, less where the last cycle had to push; keep what is better."""
     kernel = gaussian_kernel(state.frames, WIDTH)
     best, value = state.snapshot(), _cost(state)
@@ -164,7 +140,7 @@ def tighten_frames(
         kept = 1.0 - fraction * (1.0 - HELD * needed)[:, :, None]
         added = _pulled(state, best, kept, fraction / PULL_BACK, kernel)
         if 0 < len(state.dirty) <= max(2, TIGHT_DIRTY * len(state.original)):
-            mend_frames(state, alone, widths=TIGHT_MENDING, step=TIGHT_MEND_STEP)
+            mend_frames(state, widths=TIGHT_MENDING, step=TIGHT_MEND_STEP)
         taken = np.linalg.norm(best.smooth * (1.0 - kept), axis=2)
         floor = 1e-3 * taken.max(initial=0.0) + 1e-30
         pushed = np.linalg.norm(added, axis=2) / np.maximum(taken, floor)
@@ -185,12 +161,8 @@ def _pulled(
     state: SpaceTime, best: Snapshot, kept: FloatArray, fall: float, kernel: FloatArray
 ) -> FloatArray:
     """Start from a part of the best state and push what collides; what the push added (T, V, 3)."""
-    state.smooth, state.extra = best.smooth * kept, best.extra * kept
-    state.folds.hits = np.maximum(best.fold_hits - np.float32(LEVEL_FALL * fall), np.float32(0.0))
-    state.closes.hits = best.close_hits.copy()
-    state.folds.update(WIDTH)
-    state.closes.update(WIDTH)
-    state.evaluate()
+    fallen = np.maximum(best.fold_hits - np.float32(LEVEL_FALL * fall), np.float32(0.0))
+    state.set(best.smooth * kept, best.extra * kept, (fallen, best.close_hits), WIDTH)
     added = np.zeros_like(state.original)
     for _ in range(PULL_SWEEPS):
         if not state.dirty:
@@ -215,8 +187,8 @@ def eased(state: SpaceTime) -> FloatArray:
         length[:, body] = length[:, body].max(axis=1, keepdims=True)
     kept = np.clip(length / STILL - 1.0, 0.0, 1.0)[:, :, None]
     result = np.where(kept > 0, state.original + kept * moved, state.original)
-    changed = np.flatnonzero((kept < 1).any(axis=(1, 2)))
-    found = state.crew.map(lambda surface, frame: surface.pairs(result[frame]), changed)
+    changed = np.flatnonzero((kept < 1).any(axis=(1, 2))).tolist()
+    found = state.pairs_of(result, changed)
     for frame, pairs in zip(changed, found, strict=True):
         if len(pairs) > len(state.pairs[frame]):
             result[frame] = state.poses[frame]

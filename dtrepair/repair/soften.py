@@ -10,6 +10,7 @@ from scipy import sparse
 from scipy.sparse import linalg
 
 from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.repair.crew import Crew
 from dtrepair.repair.surface import BoolArray, Surface
 from dtrepair.repair.timeline import apply_in_time, gaussian_kernel, spread_in_time
 
@@ -23,6 +24,9 @@ HOLD = 4.0
 LEVEL_WIDTH = 1.5
 # Changes of a level below this keep the factor.
 UNCHANGED = 0.02
+
+
+Levels = NDArray[np.float32]
 
 
 class Patch(NamedTuple):
@@ -46,7 +50,8 @@ class Softener:
     """Levels (T, V) at which each frame's surroundings of a crease are softened.
 
     A hit raises the level; levels fade over time as bells and over the mesh by one a ring, so the
-    result changes smoothly from frame to frame: nothing switches.
+    result changes smoothly from frame to frame: nothing switches. What frames share is in arrays of
+    the crew; patches and settled levels are known to the worker that has the frame.
     """
 
     def __init__(
@@ -54,6 +59,7 @@ class Softener:
         surface: Surface,
         matrix: sparse.csr_matrix,
         frames: FloatArray,
+        crew: Crew,
         *,
         first: float,
         highest: float,
@@ -62,8 +68,9 @@ class Softener:
         self.surface, self.matrix, self.frames = surface, matrix, frames
         self.first, self.highest = first, highest
         shape = (len(frames), surface.count)
-        self.hits = np.zeros(shape, dtype=np.float32)
-        self.levels = np.zeros(shape, dtype=np.float32)
+        self.hits: Levels = crew.array(shape, np.float32)
+        self._wanted: Levels = crew.array(shape, np.float32)
+        self._levels: dict[int, Levels] = {}
         self._patches: dict[int, Patch | None] = {}
 
     def hit(self, frame: int, vertices: BoolArray) -> None:
@@ -80,23 +87,32 @@ class Softener:
     def update(self, width: float) -> None:
         """Levels from the hits; `width` in frames is how long before and after they act."""
         touched = np.flatnonzero(self.hits.max(axis=0) > 0)
-        wanted = np.zeros_like(self.levels)
+        self._wanted[:] = 0.0
         if len(touched):
             spread = spread_in_time(self.frames, self.hits[:, touched], width)
             kernel = gaussian_kernel(self.frames, LEVEL_WIDTH).astype(np.float32)
-            wanted[:, touched] = apply_in_time(kernel, spread)
-        for frame in np.flatnonzero(wanted.max(axis=1) > 0):
-            wanted[frame] = np.minimum(spread_rings(self.surface, wanted[frame]), self.highest)
-        wanted[:, self.surface.stiff] = 0.0
-        changed = np.abs(wanted - self.levels).max(axis=1) > UNCHANGED
-        for frame in np.flatnonzero(changed):
-            self._patches.pop(int(frame), None)
-            self.levels[frame] = wanted[frame]
+            self._wanted[:, touched] = apply_in_time(kernel, spread)
+
+    def settle(self, frame: int) -> None:
+        """Spread the new levels of a frame over the mesh; a change asks for a new patch."""
+        wanted = self._wanted[frame].copy()
+        if wanted.max() > 0:
+            wanted = np.minimum(spread_rings(self.surface, wanted), self.highest)
+            wanted[self.surface.stiff] = 0.0
+        if np.abs(wanted - self.levels(frame)).max() > UNCHANGED:
+            self._patches.pop(frame, None)
+            self._levels[frame] = wanted
+
+    def levels(self, frame: int) -> Levels:
+        """Levels (V,) of a frame."""
+        if frame not in self._levels:
+            self._levels[frame] = np.zeros(self.surface.count, dtype=np.float32)
+        return self._levels[frame]
 
     def patch(self, frame: int) -> Patch | None:
         """What `soften` needs for a frame; None where nothing is softened."""
         if frame not in self._patches:
-            self._patches[frame] = self._factored(self.levels[frame])
+            self._patches[frame] = self._factored(self.levels(frame))
         return self._patches[frame]
 
     def _factored(self, level: NDArray[np.float32]) -> Patch | None:

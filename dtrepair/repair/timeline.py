@@ -40,17 +40,24 @@ def gaussian_kernel(frames: FloatArray, width: float) -> FloatArray:
 
 
 def apply_in_time(kernel: Floats, field: Floats) -> Any:
-    """The kernel (T, T) applied to a field (T, ...) over frames."""
-    return (kernel @ field.reshape(len(field), -1)).reshape(field.shape)
+    """The kernel (T, S) applied to a field (S, ...) over frames."""
+    return (kernel @ field.reshape(len(field), -1)).reshape(-1, *field.shape[1:])
 
 
 def undamped(kernel: FloatArray, field: FloatArray) -> FloatArray:
     """A field (T, V, 3) smoothed in time such that a lone frame keeps its full length."""
-    length = np.linalg.norm(field, axis=2)
-    smooth = kernel @ length
+    moved = np.abs(field).max(axis=2)
+    frames, vertices = np.flatnonzero(moved.any(axis=1)), np.flatnonzero(moved.any(axis=0))
+    result = np.zeros_like(field)
+    if not len(frames):
+        return result
+    part = field[np.ix_(frames, vertices)]
+    length = np.linalg.norm(part, axis=2)
+    smooth = kernel[np.ix_(frames, frames)] @ length
     floor = 1e-12 * max(float(length.max(initial=0.0)), 1e-30)
     scale = np.where(length > 0, length / np.maximum(smooth, floor), 0.0)
-    return apply_in_time(kernel, field * scale[:, :, None])
+    result[:, vertices] = apply_in_time(kernel[:, frames], part * scale[:, :, None])
+    return result
 
 
 def spread_in_time(

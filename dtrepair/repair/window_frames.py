@@ -1,0 +1,188 @@
+"""What each frame of a window knows, and the work on one frame at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.repair.crew import Crew
+from dtrepair.repair.mend import mend
+from dtrepair.repair.regional import regional_push
+from dtrepair.repair.rigid import allowed
+from dtrepair.repair.soften import Softener, soften
+from dtrepair.repair.surface import BoolArray, Surface
+
+Springs = NDArray[np.int64]
+
+# Poses that moved by less than this since they were detected keep their pairs.
+STALE = 2e-5
+# Contacts within this many rings, next to the input's own such contacts, are folds.
+FOLD_RINGS = 12
+# Contacts of triangles this close in the rest pose and in SAMPLES frames of the input, yet clean in
+# the input: lips, eyelids.
+CLOSE, SAMPLES = 0.05, 7
+# Weight of the springs between vertices that touch in close contacts.
+SPRING = 20.0
+# Softening levels at which folds and close contacts are pushed as well.
+PUSH_FOLD, PUSH_CLOSE = 5.5, 7.5
+# Close contacts that were hit more often are softened as folds too.
+STUBBORN = 8.0
+
+
+# Part of the neighbouring frame's correction that a frame starts from when it is mended.
+WARM = 0.9
+
+Alone = Callable[[Surface, FloatArray], FloatArray]
+
+
+class WindowFrames:
+    """The frames of one window; a crew calls the methods that take a surface and a frame.
+
+    Arrays that all workers see: `original`, `smooth`, `extra` (T, V, 3) make the poses (see
+    `SpaceTime`), `poses` are those, `added` takes what a call has to give for each frame.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        original: FloatArray,
+        frames: FloatArray,
+        crew: Crew,
+        *,
+        alone: Alone,
+        farthest: float | None,
+        clearance: float,
+    ) -> None:
+        """Take poses (T, V, 3) in units of the surface's size at times `frames` (T,)."""
+        self.surface, self.original = surface, original
+        self.alone, self.farthest, self.clearance = alone, farthest, clearance
+        self.squared = (surface.uniform.T @ surface.uniform).tocsr()
+        self.folds = Softener(surface, self.squared, frames, crew, first=3.0, highest=8.0)
+        self.closes = Softener(surface, self.squared, frames, crew, first=4.0, highest=10.0)
+        self.smooth, self.extra, self.poses, self.added = (
+            crew.array(original.shape) for _ in range(4)
+        )
+        self.poses[:] = original
+        self._detected: dict[int, FloatArray] = {}
+        self._pairs: dict[int, IntArray] = {}
+        self._in_fold: dict[int, BoolArray] = {}
+
+    def pairs(self, surface: Surface, frame: int) -> IntArray:
+        """Pairs of a frame, found again if it moved since they were."""
+        pose, before = self.poses[frame], self._detected.get(frame)
+        if before is None or not np.abs(pose - before).max(initial=0.0) <= STALE:
+            close = self.clearance > 0.0
+            found = surface.close_pairs(pose, self.clearance) if close else surface.pairs(pose)
+            self._pairs[frame], self._detected[frame] = found, pose.copy()
+        if frame not in self._in_fold:
+            self._in_fold[frame] = self._around_folds(surface, self._pairs[frame])
+        return self._pairs[frame]
+
+    def forget_clearance(self) -> None:
+        """From now on only intersecting pairs count."""
+        self.clearance = 0.0
+        self._detected.clear()
+
+    def evaluated(self, surface: Surface, frame: int) -> IntArray:
+        """Make the pose of a frame from the unknowns; its pairs."""
+        self.closes.settle(frame)
+        self.folds.settle(frame)
+        moved = soften(self.closes.patch(frame), self.smooth[frame])
+        shape = soften(self.folds.patch(frame), self.original[frame] + moved) + self.extra[frame]
+        self.poses[frame] = allowed(surface.rigid, self.original[frame], shape, self.farthest)
+        return self.pairs(surface, frame)
+
+    def pushed(self, surface: Surface, frame: int, step: float) -> Springs:
+        """Push a frame into `added`; raise the levels of near contacts; the springs they ask for.
+
+        Springs are numbers i x V + j of two vertices.
+        """
+        pairs = self._pairs[frame]
+        far, springs = self._classified(surface, frame, pairs)
+        if far.any():
+            self.added[frame] = regional_push(surface, self.poses[frame], pairs, far, step=step)
+        return springs
+
+    def mended(self, surface: Surface, chain: Sequence[int], step: float) -> None:
+        """Solve neighbouring frames one by one, each from the last one's correction; in `added`."""
+        moved: FloatArray | None = None
+        for frame in chain:
+            warm = None if moved is None else WARM * moved
+            before, now = self.original[frame], self.poses[frame]
+            pose = mend(surface, before, now, warm=warm, step=step, alone=self.alone)
+            moved = pose - now
+            self.added[frame] = moved
+
+    def pairs_of_added(self, surface: Surface, frame: int) -> IntArray:
+        """Intersecting pairs of the pose in `added`."""
+        return surface.pairs(self.added[frame])
+
+    def couple(self, springs: Springs) -> None:
+        """Soften close contacts with these springs between vertices from now on."""
+        matrix = _spring_matrix(springs, self.surface.count)
+        self.closes.replace_matrix(self.squared + SPRING * matrix)
+
+    def _around_folds(self, surface: Surface, pairs: IntArray) -> BoolArray:
+        """Triangles (F,) within a ring of the input's own folds."""
+        near = surface.queries.ring_distance(pairs) <= FOLD_RINGS
+        return surface.triangles_at(surface.vertices_of(pairs[near]))
+
+    def _classified(
+        self, surface: Surface, frame: int, pairs: IntArray
+    ) -> tuple[BoolArray, Springs]:
+        """Raise the levels of near contacts; which pairs (K,) are to be pushed, and springs."""
+        near = surface.queries.ring_distance(pairs) <= FOLD_RINGS
+        own_fold = self._in_fold[frame][pairs].any(axis=1)
+        close = self._always_close(pairs) & ~own_fold
+        fold = near & own_fold
+        corners = surface.faces[pairs].reshape(-1, 6)
+        hard_fold = self.folds.levels(frame)[corners].max(axis=1, initial=0.0) >= PUSH_FOLD
+        hard_close = self.closes.levels(frame)[corners].max(axis=1, initial=0.0) >= PUSH_CLOSE
+        springs: Springs = np.zeros(0, dtype=np.int64)
+        if fold.any():
+            self.folds.hit(frame, surface.vertices_of(pairs[fold]))
+        if close.any():
+            springs = _springs(surface, self.original[frame], pairs[close])
+            touched = surface.vertices_of(pairs[close])
+            self.closes.hit(frame, touched)
+            stubborn = touched & (self.closes.hits[frame] > STUBBORN)
+            if stubborn.any():
+                self.folds.hit(frame, stubborn)
+        return ~(close | fold) | (fold & hard_fold) | (close & hard_close), springs
+
+    def _always_close(self, pairs: IntArray) -> BoolArray:
+        """Which pairs (K,) are close in the rest pose and in samples of the input."""
+        samples = np.linspace(0, len(self.original) - 1, SAMPLES).astype(int)
+        close = np.ones(len(pairs), dtype=bool)
+        for points in (self.surface.rest, *self.original[np.unique(samples)]):
+            first, second = (points[self.surface.faces[pairs[:, k]]].mean(axis=1) for k in (0, 1))
+            close &= np.linalg.norm(first - second, axis=1) < CLOSE
+        return close
+
+
+def _springs(surface: Surface, points: FloatArray, pairs: IntArray) -> Springs:
+    """Springs between the nearest vertices of touching triangles."""
+    first, second = surface.faces[pairs[:, 0]], surface.faces[pairs[:, 1]]
+    distance = np.linalg.norm(points[first][:, :, None] - points[second][:, None], axis=3)
+    ends = [
+        (first, np.take_along_axis(second, distance.argmin(axis=2), axis=1)),
+        (np.take_along_axis(first, distance.argmin(axis=1), axis=1), second),
+    ]
+    i = np.concatenate([a.ravel() for a, _ in ends]).astype(np.int64)
+    j = np.concatenate([b.ravel() for _, b in ends]).astype(np.int64)
+    keys = np.minimum(i, j) * surface.count + np.maximum(i, j)
+    return np.unique(keys[i != j])
+
+
+def _spring_matrix(springs: Springs, count: int) -> sparse.csr_matrix:
+    i, j = springs // count, springs % count
+    half = sparse.coo_matrix((np.ones(len(i)), (i, j)), shape=(count, count))
+    links = (half + half.T).tocsr()
+    degree = np.maximum(np.asarray(links.sum(axis=1)).ravel(), 1.0)
+    scale = sparse.diags(1.0 / np.sqrt(degree))
+    links = (scale @ links @ scale).tocsr()
+    return (sparse.diags(np.asarray(links.sum(axis=1)).ravel()) - links).tocsr()

@@ -67,14 +67,19 @@ class Queries:
     def ring_distance(self, pairs: IntArray) -> IntArray:
         """Edge rings (K,) between the triangles of pairs (K, 2), at most RING_LIMIT + 1."""
         keys = pairs[:, 0].astype(np.int64) << 32 | pairs[:, 1].astype(np.int64)
-        unknown = np.setdiff1d(keys, self._known_keys)
-        if len(unknown):
+        place = np.searchsorted(self._known_keys, keys)
+        new = place == len(self._known_keys)
+        new[~new] = self._known_keys[place[~new]] != keys[~new]
+        if new.any():
+            unknown = np.sort(keys[new])
+            unknown = unknown[np.diff(unknown, prepend=-1) > 0]
             rows = np.stack([unknown >> 32, unknown & 0xFFFFFFFF], axis=1).astype(np.int32)
             every = np.concatenate([self._known_keys, unknown])
             rings = np.concatenate([self._known_rings, self._search(rows)])
             order = np.argsort(every)
             self._known_keys, self._known_rings = every[order], rings[order]
-        return self._known_rings[np.searchsorted(self._known_keys, keys)]
+            place = np.searchsorted(self._known_keys, keys)
+        return self._known_rings[place]
 
     def crossings(
         self, points: NDArray[np.float32], vertices: IntArray, directions: FloatArray

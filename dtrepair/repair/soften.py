@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse import linalg
 
 from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.operators import Cholesky
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.surface import BoolArray, Surface
 from dtrepair.repair.timeline import apply_in_time, gaussian_kernel, spread_in_time
@@ -33,7 +33,7 @@ class Patch(NamedTuple):
     """Vertices that are softened, the factor of their system and its rows."""
 
     vertices: IntArray
-    factor: linalg.SuperLU
+    factor: Cholesky
     rows: sparse.csr_matrix
 
 
@@ -42,7 +42,7 @@ def soften(patch: Patch | None, field: FloatArray) -> FloatArray:
     if patch is None:
         return field
     result = field.copy()
-    result[patch.vertices] -= patch.factor.solve(np.ascontiguousarray(patch.rows @ field))
+    result[patch.vertices] -= patch.factor(patch.rows @ field)
     return result
 
 
@@ -121,12 +121,8 @@ class Softener:
         inner = np.flatnonzero(level > FAINT).astype(np.int32)
         rows = self.matrix[inner]
         hold = sparse.diags(10.0 ** (HOLD - level[inner].astype(np.float64)))
-        factor = linalg.splu(
-            sparse.csc_matrix(rows[:, inner] + hold),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+        # SuperLU would keep many times the memory that its factors need.
+        factor = Cholesky(rows[:, inner] + hold)
         return Patch(inner, factor, rows)
 
 

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions
     from usd_io import AnimatedMesh
 
+# Frames of a clip that are tried as placements of the rest poses.
+PLACEMENTS = 9
+
 PerMesh = list[NDArray[np.float64] | None]
 
 
@@ -114,7 +117,7 @@ def make_bodies(source: Source, rests: list[Rest], controls: Controls) -> list[B
     from dtrepair.repair.bodies import Body
 
     several = len(source.meshes) > 1
-    time = float(source.times[0])
+    time = _time_of_rest(source, rests) if several else float(source.times[0])
     bodies = []
     for index, (mesh, rest) in enumerate(zip(source.meshes, rests, strict=True)):
         points = source.to_world(mesh, time, rest.points) if several else rest.points
@@ -135,6 +138,32 @@ def make_bodies(source: Source, rests: list[Rest], controls: Controls) -> list[B
             )
         )
     return bodies
+
+
+def _time_of_rest(source: Source, rests: list[Rest]) -> float:
+    """The time at which the rests, placed in the world, meet each other least.
+
+    How they lie there tells what covers what. Of a few frames of the whole clip, so that the parts
+    of a farm agree; the first of several.
+    """
+    from dtrepair.counts import SceneCounter
+
+    count = min(PLACEMENTS, len(source.all_times))
+    times = source.all_times[np.linspace(0, len(source.all_times) - 1, count).astype(int)]
+    counter: SceneCounter | None = None
+    best, least = float(times[0]), -1
+    for time in times.tolist() if count > 1 else ():
+        meshes = zip(source.meshes, rests, strict=True)
+        placed = [source.to_world(mesh, time, rest.points) for mesh, rest in meshes]
+        if counter is None:
+            faces = [mesh.faces for mesh in source.meshes]
+            counter = SceneCounter(placed, faces, mode="inter")
+        pairs = counter(placed).total.pairs
+        if least < 0 or pairs < least:
+            best, least = time, pairs
+        if pairs == 0:
+            break
+    return best
 
 
 def _outward_faces(mesh: SourceMesh, time: float) -> NDArray[np.int32]:

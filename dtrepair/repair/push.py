@@ -9,6 +9,7 @@ import numpy as np
 
 from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.repair.contact import contact_regions, near_contacts
+from dtrepair.repair.covering import covering_sides, lift_covers
 from dtrepair.repair.inside import winding_numbers
 from dtrepair.repair.surface import Surface
 
@@ -119,7 +120,12 @@ def _direction(
     weights = 1.0 / np.bincount(of_pair, minlength=count)[of_pair]
     fields = [
         tangent_point_gradient(
-            points, surface.faces, far, weights, direction=surface.face_direction
+            points,
+            surface.faces,
+            far,
+            weights,
+            direction=surface.face_direction,
+            sides=covering_sides(surface, far),
         )
     ]
     if buried.any():
@@ -139,13 +145,14 @@ def tangent_point_gradient(
     weights: FloatArray,
     *,
     direction: FloatArray | None = None,
+    sides: FloatArray | None = None,
 ) -> FloatArray:
     """Gradient (V, 3) of the signed tangent-point energy with the kernel <n, c - v> / |c - v|.
 
     Jang et al. 2025, eq. 3 and 4 with exponents (1, 1); each vertex of a triangle meets the plane
     and centroid of the other triangle of its pair; normals and areas are held fixed. Where a
     triangle has a preferred `direction` (F, 3), it takes the place of the other one's normal
-    (section 7.4).
+    (section 7.4). `sides` (K, 2) turn the normals of triangles that cover the other one.
     """
     gradient = np.zeros_like(points)
     for source, target in ((0, 1), (1, 0)):
@@ -154,6 +161,8 @@ def tangent_point_gradient(
         vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         length = np.linalg.norm(vector, axis=1, keepdims=True)
         normal = np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
+        if sides is not None:
+            normal *= sides[:, source, None]
         if direction is not None:
             wanted = direction[pairs[:, target]] - direction[pairs[:, source]]
             normal = np.where((wanted != 0).any(axis=1, keepdims=True), wanted, normal)
@@ -186,4 +195,5 @@ def _volume_gradient(
     lengths = np.linalg.norm(field[inside], axis=1)
     totals = np.bincount(regions[inside], lengths, minlength=count)
     field[inside] /= np.maximum(totals[regions[inside]], 1e-30)[:, None]
+    lift_covers(surface, points, buried, field)
     return field

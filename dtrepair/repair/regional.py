@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.repair.contact import contact_regions
+from dtrepair.repair.covering import covering_sides
 from dtrepair.repair.inside import winding_numbers
 from dtrepair.repair.push import (
     DEEPEST,
@@ -46,7 +47,12 @@ def regional_push(
     sizes = np.bincount(of_pair, minlength=count)
     limits = np.clip(SHARE * surface.edge_length * np.sqrt(sizes), SMALLEST, step)
     gradient = tangent_point_gradient(
-        points, surface.faces, far, 1.0 / sizes[of_pair], direction=surface.face_direction
+        points,
+        surface.faces,
+        far,
+        1.0 / sizes[of_pair],
+        direction=surface.face_direction,
+        sides=covering_sides(surface, far),
     )
     fields = [gradient]
     buried = _buried(surface, pairs[~pushed], winding)

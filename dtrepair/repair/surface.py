@@ -17,6 +17,7 @@ from dtrepair.intersect.ignored import of_ignored_bodies
 from dtrepair.intersect.proximity import close_pairs
 from dtrepair.intersect.queries import Queries
 from dtrepair.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
+from dtrepair.repair.covering import covered_vertices
 from dtrepair.repair.rigid import RigidBodies
 
 BoolArray = NDArray[np.bool_]
@@ -79,8 +80,9 @@ class Surface:
         self.mobility = np.ones(self.count) if mobility is None else mobility
         self.mode = mode
         self.ignored = tuple(ignored)
-        starts = np.array([body.start for body in self.bodies])
-        self.body_of = np.searchsorted(starts, faces[:, 0], side="right") - 1
+        sizes = [body.stop - body.start for body in self.bodies]
+        self.body_of_vertex = np.repeat(np.arange(len(self.bodies)), sizes)
+        self.body_of = self.body_of_vertex[faces[:, 0]]
         self.edges = unique_edges(faces)
         self.indptr, self.indices = adjacency(faces, self.count)
         self.neighbours = sparse.csr_matrix(
@@ -120,6 +122,11 @@ class Surface:
     def rigidity_factor(self) -> Factor:
         """Factor of L + ANCHOR M for the as-rigid-as-possible steps."""
         return Factor(self.laplacian + ANCHOR * sparse.diags(self.mass))
+
+    @cached_property
+    def cover(self) -> IntArray:
+        """The vertex (V,) of another body that each vertex covers in the rest pose, or -1."""
+        return covered_vertices(self)
 
     @cached_property
     def incidence(self) -> sparse.csr_matrix:

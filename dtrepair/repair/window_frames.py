@@ -15,6 +15,7 @@ from dtrepair.repair.regional import regional_push
 from dtrepair.repair.rigid import allowed
 from dtrepair.repair.soften import Softener, soften
 from dtrepair.repair.surface import BoolArray, Surface
+from dtrepair.repair.timeline import undamped
 
 Springs = NDArray[np.int64]
 
@@ -31,7 +32,9 @@ SPRING = 20.0
 PUSH_FOLD, PUSH_CLOSE = 5.5, 7.5
 # Close contacts that were hit more often are softened as folds too.
 STUBBORN = 8.0
-
+# Vertices that are smoothed in time at once. Their number must not depend on that of the workers:
+# products of matrices of other shapes round otherwise.
+BLOCK = 1024
 
 # Part of the neighbouring frame's correction that a frame starts from when it is mended.
 WARM = 0.9
@@ -117,6 +120,31 @@ class WindowFrames:
             moved = pose - now
             self.added[frame] = moved
 
+    def smoothed(self, surface: Surface, block: int, kernel: FloatArray) -> None:
+        """Smooth `added` in time for a block of vertices, and add it to `smooth`."""
+        own = self._vertices(block)
+        self.added[:, own] = undamped(kernel, self.added[:, own])
+        self.smooth[:, own] += self.added[:, own]
+
+    def corrected(self, surface: Surface, block: int, kernel: FloatArray) -> None:
+        """Smooth `added` in time for a block of vertices, and add it to `extra`."""
+        own = self._vertices(block)
+        self.extra[:, own] += undamped(kernel, self.added[:, own])
+
+    def leveled(self, surface: Surface, block: int, width: float) -> None:
+        """Levels of softening of a block of vertices, over `width` in frames."""
+        own = self._vertices(block)
+        self.folds.update(width, own)
+        self.closes.update(width, own)
+
+    @property
+    def blocks(self) -> int:
+        """How many blocks of vertices there are: what is done in time is done by them."""
+        return -(-self.surface.count // BLOCK)
+
+    def _vertices(self, block: int) -> slice:
+        return slice(block * BLOCK, min((block + 1) * BLOCK, self.surface.count))
+
     def pairs_of_added(self, surface: Surface, frame: int) -> IntArray:
         """Intersecting pairs of the pose in `added`."""
         return surface.pairs(self.added[frame])
@@ -137,7 +165,9 @@ class WindowFrames:
         """Raise the levels of near contacts; which pairs (K,) are to be pushed, and springs."""
         near = surface.queries.ring_distance(pairs) <= FOLD_RINGS
         own_fold = self._in_fold[frame][pairs].any(axis=1)
-        close = self._always_close(pairs) & ~own_fold
+        # Two bodies that are always close, as a sleeve and its arm, are pushed like any others.
+        owner = surface.body_of[pairs]
+        close = self._always_close(pairs) & ~own_fold & (owner[:, 0] == owner[:, 1])
         fold = near & own_fold
         corners = surface.faces[pairs].reshape(-1, 6)
         hard_fold = self.folds.levels(frame)[corners].max(axis=1, initial=0.0) >= PUSH_FOLD

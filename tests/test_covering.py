@@ -1,0 +1,147 @@
+"""Layers: what covers what at rest, and repairs that end with the right side outside."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dtrepair import Body, RepairResult, SceneRepairer, Status
+from dtrepair.repair.covering import covered_vertices, covering_sides
+from dtrepair.repair.surface import BodyRange, Surface
+from tests.exact_reference import exact_pairs
+from tests.meshes import Mesh, grid, icosphere, joined, tube
+
+Points = NDArray[np.float64]
+
+
+def arm() -> Mesh:
+    """A closed capsule along z, radius 0.2."""
+    points, faces = icosphere(3)
+    points = 0.2 * points
+    points[:, 2] *= 5.0
+    return points, faces
+
+
+def open_sleeve(radius: float = 0.24) -> Mesh:
+    return tube(24, 16, radius=radius, length=0.6)
+
+
+def thick_sleeve() -> Mesh:
+    """Two tubes, one inside the other, joined at their ends: a closed shell."""
+    (inner, faces), (outer, _) = open_sleeve(0.22), open_sleeve(0.25)
+    count, around = len(inner), 24
+    ends = []
+    for ring, flip in ((np.arange(around), False), (np.arange(count - around, count), True)):
+        following = np.roll(ring, -1)
+        quads = np.stack([ring, following, following + count, ring + count], axis=1)
+        quads = quads[:, ::-1] if not flip else quads
+        ends.append(np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
+    every = [faces[:, ::-1], faces + count, *ends]
+    return np.concatenate([inner, outer]), np.concatenate(every).astype(np.int32)
+
+
+def cape() -> Mesh:
+    """An open sheet around the front half of the arm."""
+    sheet, faces = grid(20, 14, 1.0)
+    flat = sheet - sheet.mean(axis=0)
+    axes = np.argsort(np.ptp(flat, axis=0))[1:]
+    angle, height = 2.6 * flat[:, axes[0]], 0.8 * flat[:, axes[1]]
+    points = np.stack([0.23 * np.cos(angle), 0.23 * np.sin(angle), height], axis=1)
+    normal = np.cross(*(points[faces[0, k]] - points[faces[0, 0]] for k in (1, 2)))
+    return points, faces if normal @ points[faces[0, 0]] > 0 else faces[:, ::-1].copy()
+
+
+COVERS = {"open": open_sleeve, "thick": thick_sleeve, "cape": cape}
+
+
+def surface_of(*meshes: Mesh) -> Surface:
+    points, faces = joined(*meshes)
+    starts = np.cumsum([0, *(len(mesh[0]) for mesh in meshes)])
+    ranges = pairwise(starts)
+    return Surface(points, faces, bodies=[BodyRange(int(a), int(b), 99.0) for a, b in ranges])
+
+
+def outside(points: Points, body: Points, faces: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Whether points lie outside a closed body, by solid angles (van Oosterom & Strackee 1983)."""
+    corners = body[faces][None] - points[:, None, None]
+    length = np.linalg.norm(corners, axis=3)
+    a, b, c = (corners[:, :, k] for k in range(3))
+    la, lb, lc = (length[:, :, k] for k in range(3))
+    top = np.einsum("ijk,ijk->ij", a, np.cross(b, c))
+    bottom = la * lb * lc + (a * b).sum(2) * lc + (b * c).sum(2) * la + (c * a).sum(2) * lb
+    return np.abs(2.0 * np.arctan2(top, bottom).sum(axis=1)) < 2.0 * np.pi
+
+
+def test_a_sleeve_covers_its_arm_and_not_the_reverse() -> None:
+    surface = surface_of(arm(), open_sleeve())
+    cover = covered_vertices(surface)
+    count = surface.bodies[0].stop
+    assert (cover[:count] == -1).all() and (cover[count:] >= 0).all()
+    assert (cover[count:] < count).all()
+    distance = np.linalg.norm(surface.rest[count:] - surface.rest[cover[count:]], axis=1)
+    assert distance.max() * surface.size < 0.1
+    of_arm, of_sleeve = 0, len(arm()[1])
+    sides = covering_sides(surface, np.array([[of_arm, of_sleeve], [of_arm, of_arm + 1]]))
+    assert sides is not None and sides.tolist() == [[1.0, -1.0], [1.0, 1.0]]
+
+
+def test_only_the_far_side_of_a_thick_sleeve_covers() -> None:
+    surface = surface_of(arm(), thick_sleeve())
+    cover = covered_vertices(surface)[surface.bodies[1].start :]
+    half = len(cover) // 2
+    ring = 24  # the normals of the rims point along the arm
+    assert (cover[ring : half - ring] == -1).all() and (cover[half + ring : -ring] >= 0).all()
+
+
+def test_solids_side_by_side_cover_nothing() -> None:
+    beside = np.array([2.05, 0.0, 0.0])
+    ball, faces = icosphere(3)
+    surface = surface_of((ball, faces), (ball + beside, faces))
+    assert (covered_vertices(surface) == -1).all()
+    assert covering_sides(surface, np.zeros((0, 2), dtype=np.int32)) is None
+    assert (covered_vertices(surface_of((ball, faces))) == -1).all()
+
+
+def test_bodies_that_intersect_at_rest_cover_nothing() -> None:
+    through = open_sleeve()[0] + np.array([0.09, 0.0, 0.0])
+    surface = surface_of(arm(), (through, open_sleeve()[1]))
+    assert (covered_vertices(surface) == -1).all()
+
+
+def check_layers(results: list[RepairResult], meshes: list[Mesh]) -> None:
+    after = [(result.points, faces) for result, (_, faces) in zip(results, meshes, strict=True)]
+    assert len(exact_pairs(*joined(*after))) == 0
+    assert all(result.status is Status.CLEAN for result in results)
+    assert outside(results[1].points, results[0].points, meshes[0][1]).all()
+
+
+@pytest.mark.parametrize("still", [None, 0, 1])
+@pytest.mark.parametrize("cover", list(COVERS))
+def test_the_cover_ends_outside(cover: str, still: int | None) -> None:
+    meshes = [arm(), COVERS[cover]()]
+    bodies = [Body(*mesh, mobility=0.0 if k == still else 1.0) for k, mesh in enumerate(meshes)]
+    shift = np.array([0.09, 0.02, 0.0])
+    poses = [meshes[0][0], meshes[1][0] - shift]
+    results = SceneRepairer(bodies)(poses)
+    assert results[0].before.inter_pairs > 50
+    check_layers(results, meshes)
+    if still is not None:
+        assert np.array_equal(results[still].points, poses[still])
+
+
+@pytest.mark.parametrize("cover", list(COVERS))
+def test_the_cover_ends_outside_in_every_frame(cover: str) -> None:
+    meshes = [arm(), COVERS[cover]()]
+    poses = []
+    for time in np.linspace(0.0, 1.0, 8):
+        bent = meshes[0][0].copy()
+        bent[:, 0] += 0.25 * np.sin(np.pi * time) * bent[:, 2] ** 2
+        poses.append([bent, meshes[1][0] - [0.1 * np.sin(np.pi * time), 0.0, 0.2 * time]])
+    scene = SceneRepairer([Body(*mesh) for mesh in meshes])
+    frames = list(scene.animator.stream(list(enumerate(poses)), jobs=1))
+    assert sum(frame.results[1].before.pairs > 0 for frame in frames) > 5
+    for frame in frames:
+        check_layers(frame.results, meshes)

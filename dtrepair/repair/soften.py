@@ -84,10 +84,10 @@ class Softener:
         self.matrix = matrix
         self._patches.clear()
 
-    def update(self, width: float) -> None:
-        """Levels from the hits; `width` in frames is how long before and after they act."""
-        touched = np.flatnonzero(self.hits.max(axis=0) > 0)
-        self._wanted[:] = 0.0
+    def update(self, width: float, vertices: slice) -> None:
+        """Levels of a range of vertices from their hits, which act over `width` in frames."""
+        touched = vertices.start + np.flatnonzero(self.hits[:, vertices].max(axis=0) > 0)
+        self._wanted[:, vertices] = 0.0
         if len(touched):
             spread = spread_in_time(self.frames, self.hits[:, touched], width)
             kernel = gaussian_kernel(self.frames, LEVEL_WIDTH).astype(np.float32)

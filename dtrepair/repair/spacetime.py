@@ -11,7 +11,6 @@ from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.repair.contact import contact_scale
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.surface import Surface
-from dtrepair.repair.timeline import undamped
 from dtrepair.repair.window_frames import Alone, Springs, WindowFrames
 
 Levels = NDArray[np.float32]
@@ -66,6 +65,10 @@ class SpaceTime:
         return range(len(self.original))
 
     @property
+    def _blocks(self) -> range:
+        return range(self.work.blocks)
+
+    @property
     def poses(self) -> FloatArray:
         """The poses (T, V, 3) now."""
         return self.work.poses
@@ -92,23 +95,22 @@ class SpaceTime:
         self.pairs = self.crew.map("evaluated", self._every)
 
     def sweep(self, kernel: FloatArray, width: float, step: float) -> FloatArray:
-        """Push and soften once; the displacement that the push added (T, V, 3)."""
+        """Push and soften once; the displacement that the push added (T, V, 3), until the next."""
         self.work.added[:] = 0.0
         springs = [self.springs, *self.crew.map("pushed", self.dirty, self.scale * step)]
         wanted = np.unique(np.concatenate(springs))
         if len(wanted) > len(self.springs):
             self.springs = wanted
             self.crew.tell("couple", wanted)
-        added = undamped(kernel, self.work.added)
-        self.work.smooth += added
+        self.crew.map("smoothed", self._blocks, kernel)
         self._update(max(width, 2.0))
-        return added
+        return self.work.added
 
     def mend(self, chains: list[list[int]], kernel: FloatArray, step: float) -> None:
         """Solve chains of neighbouring frames one by one, and spread their corrections in time."""
         self.work.added[:] = 0.0
         self.crew.map("mended", chains, self.scale * step)
-        self.work.extra += undamped(kernel, self.work.added)
+        self.crew.map("corrected", self._blocks, kernel)
         self.evaluate()
 
     def set(
@@ -135,6 +137,5 @@ class SpaceTime:
         self.set(state.smooth, state.extra, hits, max(width, 2.0))
 
     def _update(self, width: float) -> None:
-        self.work.folds.update(width)
-        self.work.closes.update(width)
+        self.crew.map("leveled", self._blocks, width)
         self.evaluate()

@@ -11,6 +11,9 @@ from dtrepair.geometry import FloatArray
 
 Floats = NDArray[np.floating]
 
+# Products of matrices of at most so many multiplications stay in one thread of OpenBLAS.
+SMALL_PRODUCT = 2**18
+
 # A Gaussian in time ends at this many standard deviations: farther frames are not touched.
 REACH = 3.0
 # A jump between frames this many times faster than those before and after it is a cut ...
@@ -40,23 +43,35 @@ def gaussian_kernel(frames: FloatArray, width: float) -> FloatArray:
 
 
 def apply_in_time(kernel: Floats, field: Floats) -> Any:
-    """The kernel (T, S) applied to a field (S, ...) over frames."""
-    return (kernel @ field.reshape(len(field), -1)).reshape(-1, *field.shape[1:])
+    """The kernel (T, S) applied to a field (S, ...) over frames.
+
+    In products too small for threads of the linear algebra library: those would be in the way of
+    frames that are worked on side by side.
+    """
+    columns = field.reshape(len(field), -1)
+    result = np.empty((len(kernel), columns.shape[1]), dtype=columns.dtype)
+    width = max(1, SMALL_PRODUCT // max(kernel.size, 1))
+    for start in range(0, columns.shape[1], width):
+        own = slice(start, start + width)
+        np.matmul(kernel, columns[:, own], out=result[:, own])
+    return result.reshape(-1, *field.shape[1:])
 
 
 def undamped(kernel: FloatArray, field: FloatArray) -> FloatArray:
     """A field (T, V, 3) smoothed in time such that a lone frame keeps its full length."""
-    moved = np.abs(field).max(axis=2)
+    x, y, z = np.moveaxis(field, 2, 0)
+    length = np.sqrt(x * x + y * y + z * z)
+    moved = length > 0
     frames, vertices = np.flatnonzero(moved.any(axis=1)), np.flatnonzero(moved.any(axis=0))
     result = np.zeros_like(field)
     if not len(frames):
         return result
-    part = field[np.ix_(frames, vertices)]
-    length = np.linalg.norm(part, axis=2)
-    smooth = kernel[np.ix_(frames, frames)] @ length
-    floor = 1e-12 * max(float(length.max(initial=0.0)), 1e-30)
-    scale = np.where(length > 0, length / np.maximum(smooth, floor), 0.0)
-    result[:, vertices] = apply_in_time(kernel[:, frames], part * scale[:, :, None])
+    length = length[np.ix_(frames, vertices)]
+    smooth = apply_in_time(kernel[np.ix_(frames, frames)], length)
+    floor = 1e-12 * max(float(length.max()), 1e-30)
+    scaled = field[np.ix_(frames, vertices)]
+    scaled *= (length / np.maximum(smooth, floor))[:, :, None]
+    result[:, vertices] = apply_in_time(kernel[:, frames], scaled)
     return result
 
 

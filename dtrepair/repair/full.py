@@ -11,9 +11,10 @@ from dtrepair.repair.contact import Defects, contact_scale, find_defects
 from dtrepair.repair.crease import fill_creases
 from dtrepair.repair.options import Solved, Stage
 from dtrepair.repair.push import Pushed, push
+from dtrepair.repair.relax import STEP, relax
 from dtrepair.repair.rigid import allowed
 from dtrepair.repair.surface import Surface
-from dtrepair.repair.tighten import distortion, pull_back, reach_of, relax
+from dtrepair.repair.tighten import distortion, pull_back, reach_of
 
 # Rings within which contacts are left to the crease stage: from careful to pushing all of them.
 NEAR = (20, 12, 6, 0)
@@ -22,15 +23,11 @@ FIRST_STEPS, STEP_DECAY = (0.02, 0.01), 0.7
 GOOD_ENOUGH = 0.10
 # A phase after a clean one must lower the distortion to this part to be followed by another.
 PHASE_GAIN = 0.97
-# A round of tightening must lower it to this part to be followed by another.
-ROUND_GAIN = 0.97
-# Tightening ends below this distortion, and does not begin below a tenth of it.
-LOW_ENOUGH = 0.04
-# A stage must lower it to this part to be run in the next round too.
-STAGE_GAIN = 0.995
+# Tightening does not begin below this distortion.
+LOW_ENOUGH = 0.004
+# Cycles of relaxing in a round of tightening.
+CYCLES = 3
 PULL_BACK, PULL_BACK_STEP = 0.35, 0.004
-# How the fraction goes on after a pull that was of use, and after one that asked too much.
-PULL_BACK_DECAY, PULL_BACK_CUT = 0.8, 0.4
 
 
 class Candidate(NamedTuple):
@@ -72,6 +69,8 @@ class FullMethod:
     def __call__(self, original: FloatArray) -> Solved:
         """Repair a pose (V, 3) in units of the surface's size."""
         run = _Run(self.surface, original, self.farthest, self.skip)
+        if self.rounds:
+            run.good_enough = float("inf")
         best = run.best_of_steps()
         points = best.points
         if len(best.defects.crossings) == 0:
@@ -99,6 +98,7 @@ class _Run:
         self.known = find_defects(surface, original)
         self.scale = contact_scale(surface, self.known.crossings)
         self.stages: list[Stage] = []
+        self.good_enough = GOOD_ENOUGH
 
     def limited(self, points: FloatArray) -> FloatArray:
         """The nearest pose that is allowed: no displacement beyond the limit."""
@@ -113,7 +113,7 @@ class _Run:
         for step in FIRST_STEPS:
             found = self.phases(step)
             best = found if best is None or found.rank < best.rank else best
-            if len(best.defects.crossings) == 0 and best.distortion < GOOD_ENOUGH:
+            if len(best.defects.crossings) == 0 and best.distortion < self.good_enough:
                 break
         assert best is not None
         return best
@@ -130,7 +130,7 @@ class _Run:
             found, previous = self._filled(pushed, near), best
             best = found if best is None or found.rank < best.rank else best
             if len(best.defects.crossings) == 0:
-                if best.distortion < GOOD_ENOUGH:
+                if best.distortion < self.good_enough:
                     break
                 if previous is not None and len(previous.defects.crossings) == 0:
                     if found.distortion > PHASE_GAIN * previous.distortion:
@@ -142,53 +142,38 @@ class _Run:
         return best
 
     def tighten(self, best: Candidate, rounds: int) -> FloatArray:
-        """The clean pose pulled towards the input in rounds of three stages.
-
-        A stage that gained nothing in one round is left out in the next, or asks for less.
-        """
+        """The clean pose taken back towards the input as far as contacts allow."""
         points, folds = best.points, len(best.defects.folds)
         surface, original = self.surface, self.original
-        before = best.distortion
-        reach = reach_of(surface, points - original)
-        idle, fraction = "", PULL_BACK
-        for index in range(rounds):
-            if before < LOW_ENOUGH * (1.0 if index else 0.1):
-                break
-            start_of_round = before
-            for name in ("pull-back", "relax", "pin"):
-                if name == idle or name in self.skip:
-                    idle = "" if name == idle else idle
-                    continue
-                start = time.perf_counter()
-                if name == "pull-back":
-                    points = pull_back(
-                        surface,
-                        original,
-                        points,
-                        near=best.near,
-                        fraction=fraction,
-                        folds=folds,
-                        step=PULL_BACK_STEP * self.scale,
-                    )
-                else:
-                    points = relax(
-                        surface,
-                        original,
-                        points,
-                        cycles=3 if name == "relax" else 4,
-                        folds=folds,
-                        soften=name == "relax",
-                        reach=reach,
-                    )
-                after = self._record(name, points, 0, folds, 0, start)
-                gained = after <= STAGE_GAIN * before
-                if name == "pull-back":
-                    fraction *= PULL_BACK_DECAY if gained else PULL_BACK_CUT
-                elif not gained:
-                    idle = name
-                before = after
-            if before > ROUND_GAIN * start_of_round:
-                break
+        if rounds == 0 or best.distortion < LOW_ENOUGH:
+            return points
+        if surface.rigid.slices and "pull-back" not in self.skip:
+            # Relaxing deforms; what only moves as a whole comes back this way.
+            start = time.perf_counter()
+            step = PULL_BACK_STEP * self.scale
+            points = pull_back(
+                surface,
+                original,
+                points,
+                near=best.near,
+                fraction=PULL_BACK,
+                folds=folds,
+                cycles=rounds,
+                step=step,
+            )
+            self._record("pull-back", points, 0, folds, 0, start)
+        if "relax" not in self.skip:
+            start = time.perf_counter()
+            points, cycles = relax(
+                surface,
+                original,
+                points,
+                cycles=rounds * CYCLES,
+                folds=folds,
+                reach=reach_of(surface, points - original),
+                step=STEP * self.scale,
+            )
+            self._record("relax", points, 0, folds, cycles, start)
         return points
 
     def opened(self, points: FloatArray, clearance: float) -> tuple[FloatArray, int]:

@@ -1,4 +1,4 @@
-"""As-rigid-as-possible steps towards the edges of the input, with soft pins inside the solve."""
+"""As-rigid-as-possible steps towards the edges of the input."""
 
 from __future__ import annotations
 
@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 from dtrepair.device import start_warp
 from dtrepair.geometry import FloatArray
 from dtrepair.repair.surface import ANCHOR, Surface
-
-# Conjugate-gradient iterations with the unpinned factor as preconditioner.
-PINNED_ITERATIONS = 6
 
 
 class Rigidity:
@@ -49,32 +46,14 @@ class Rigidity:
         warp.launch(self._kernels.rotated_edges, dim=count, inputs=inputs, device="cpu")
         return edges.numpy() + ANCHOR * self._surface.mass[:, None] * self._original
 
-    def solve(self, target: FloatArray, pins: FloatArray, points: FloatArray) -> FloatArray:
-        """The pose of a step; `pins` (V,) are weights that hold vertices at `points`.
+    def solve(self, right: FloatArray) -> FloatArray:
+        """The pose (V, 3) of a right-hand side."""
+        return self._surface.rigidity_factor(right)
 
-        Pinned systems are solved by conjugate gradients from `points`, preconditioned with the
-        factor of the unpinned one: the pins change with every attempt, the factor never does.
-        """
-        factor = self._surface.rigidity_factor
-        if not pins.any():
-            return factor(target)
-        weight = (pins + ANCHOR * self._surface.mass)[:, None]
-        right = target + pins[:, None] * points
-        solution = points
-        residual = right - (self._surface.laplacian @ solution + weight * solution)
-        preconditioned = factor(residual)
-        search = preconditioned.copy()
-        energy = (residual * preconditioned).sum(axis=0)
-        for _ in range(PINNED_ITERATIONS):
-            image = self._surface.laplacian @ search + weight * search
-            length = energy / np.maximum((search * image).sum(axis=0), 1e-300)
-            solution = solution + length * search
-            residual = residual - length * image
-            preconditioned = factor(residual)
-            following = (residual * preconditioned).sum(axis=0)
-            search = preconditioned + following / np.maximum(energy, 1e-300) * search
-            energy = following
-        return solution
+    def image(self, points: FloatArray) -> FloatArray:
+        """The system applied to a pose (V, 3): the right-hand side that would give it."""
+        surface = self._surface
+        return surface.laplacian @ points + ANCHOR * surface.mass[:, None] * points
 
     def _array(self, values: NDArray[Any], dtype: Any) -> Any:
         return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")

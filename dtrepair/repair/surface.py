@@ -190,7 +190,10 @@ class Surface:
         return self._counted(self.detector(self.written(points), exact=False))
 
     def _counted(self, pairs: IntArray) -> IntArray:
-        """The pairs that can be separated: not two fixed triangles, nor two of one rigid body."""
+        return pairs[self.counts(pairs)]
+
+    def counts(self, pairs: IntArray) -> BoolArray:
+        """Which pairs can be separated: not two fixed triangles, nor two of one rigid body."""
         first, second = pairs[:, -2], pairs[:, -1]
         keep = np.ones(len(pairs), dtype=bool)
         if self.mode != "both":
@@ -203,7 +206,7 @@ class Surface:
             keep &= ~(whole[first] & (own[first] == own[second]))
         if self.leave_rest:
             keep &= ~np.isin(pair_keys(pairs[:, -2:]), self._crossing_at_rest)
-        return pairs[keep]
+        return keep
 
     @cached_property
     def _folds_at_rest(self) -> NDArray[np.int64]:

@@ -1,0 +1,154 @@
+"""Contacts as constraints: gaps between nearest points that a step must not close."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from dtrepair.device import start_warp
+from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.repair.contact import Defects
+from dtrepair.repair.surface import BoolArray, Surface, pair_keys
+
+# Stiffness of a gap, next to edges of weight about 1; soft, so that forces spread over a contact.
+STIFFNESS = 2.0
+# A gap that closed all the same gets stiffer by this factor, and softer again in each later step.
+STIFFER = 2.0
+# A step may shrink a gap to this part, and not below the margin (units of the size).
+SHRINK, MARGIN = 0.5, 3e-4
+# Names of gaps below vertices, beside those of pairs of triangles and of folds.
+FACING = 1 << 62
+
+
+class Gaps:
+    """Gaps of a clean pose, linearised: n . (B z) >= least for each, with forces that hold them.
+
+    Each gap lies between the nearest points of two triangles; a triangle may be a single vertex
+    or an edge. `forces` are the multipliers of an augmented Lagrangian (Nocedal & Wright 2006,
+    section 17.3), kept from step to step.
+    """
+
+    def __init__(self, surface: Surface, mobility: FloatArray) -> None:
+        """No gaps yet; `mobility` (V,) scales how far each vertex follows a step."""
+        from dtrepair.repair import gap_kernels
+
+        self._kernels, self._warp = gap_kernels, start_warp()
+        self.surface, self.mobility = surface, mobility
+        self.corners = np.zeros((0, 6), dtype=np.int32)
+        self.keys = np.zeros(0, dtype=np.int64)
+        self.forces = np.zeros(0)
+        self._harder = np.zeros(0)
+        self._triangle_at = np.zeros(surface.count, dtype=np.int32)
+        self._triangle_at[surface.faces.ravel()] = np.repeat(np.arange(len(surface.faces)), 3)
+
+    def __len__(self) -> int:
+        """Number of gaps."""
+        return len(self.keys)
+
+    def add_defects(self, defects: Defects) -> None:
+        """Gaps of pairs that a step made cross; those that are known already get stiffer."""
+        faces = self.surface.faces
+        folds = pair_keys(defects.folds)
+        keys = np.concatenate([pair_keys(defects.crossings), folds, -folds])
+        corners = [faces[defects.crossings].reshape(-1, 6), *_fold_corners(faces, defects.folds)]
+        self._harder[np.isin(self.keys, keys)] *= STIFFER
+        self._insert(keys, np.concatenate(corners))
+
+    def add_facing(self, points: FloatArray, radius: float) -> NDArray[np.int64]:
+        """Gaps between movable vertices and the triangles in front of them; their keys."""
+        vertices = np.flatnonzero(self.mobility > 0).astype(np.int32)
+        triangles = self._faced(points, vertices, radius)
+        pairs = np.stack([self._triangle_at[vertices], triangles], axis=1)[triangles >= 0]
+        vertices = vertices[triangles >= 0]
+        counts = self.surface.counts(pairs)
+        vertices, triangles = vertices[counts], pairs[counts, 1]
+        keys = vertices.astype(np.int64) << 32 | triangles.astype(np.int64) | FACING
+        alone = np.repeat(vertices[:, None], 3, axis=1)
+        self._insert(keys, np.concatenate([alone, self.surface.faces[triangles]], axis=1))
+        return keys
+
+    def keep(self, mask: BoolArray) -> None:
+        """Forget all other gaps; linearise again before use."""
+        self.corners, self.keys = self.corners[mask], self.keys[mask]
+        self.forces, self._harder = self.forces[mask], self._harder[mask]
+
+    def soften(self) -> None:
+        """Let stiff gaps go back towards the common stiffness."""
+        self._harder = np.maximum(1.0, self._harder / STIFFER)
+
+    def linearise(self, points: FloatArray) -> None:
+        """Take directions, weights and least gaps from a clean pose (V, 3)."""
+        first, second, gaps = self._nearest(points)
+        widths = np.linalg.norm(gaps, axis=1)
+        self._normals = gaps / np.maximum(widths, 1e-300)[:, None]
+        columns = self.corners.ravel()
+        weights = np.concatenate([first, -second], axis=1).ravel() * self.mobility[columns]
+        shape, rows = (len(self), self.surface.count), np.repeat(np.arange(len(self)), 6)
+        self._matrix = sparse.csr_matrix((weights, (rows, columns)), shape=shape)
+        self._transposed = self._matrix.T.tocsr()
+        least = np.maximum(np.minimum(MARGIN, widths), SHRINK * widths)
+        self.least = least - widths + self.width(points)
+        # Many gaps at one vertex share the stiffness.
+        absolute = abs(self._matrix)
+        crowd = absolute @ np.asarray(absolute.sum(axis=0)).ravel()
+        self.stiffness = STIFFNESS * self._harder / np.maximum(1.0, 0.5 * crowd)
+
+    def width(self, pose: FloatArray) -> FloatArray:
+        """Linearised widths (C,) of a pose (V, 3), up to what does not move."""
+        return (self._normals * (self._matrix @ pose)).sum(axis=1)
+
+    def spread(self, forces: FloatArray) -> FloatArray:
+        """Forces (C,) of the gaps as forces on the vertices (V, 3)."""
+        return self._transposed @ (self._normals * forces[:, None])
+
+    def _insert(self, keys: NDArray[np.int64], corners: IntArray) -> None:
+        new = ~np.isin(keys, self.keys)
+        self.keys = np.concatenate([self.keys, keys[new]])
+        self.corners = np.concatenate([self.corners, corners[new]])
+        self.forces = np.concatenate([self.forces, np.zeros(new.sum())])
+        self._harder = np.concatenate([self._harder, np.ones(new.sum())])
+
+    def _nearest(self, points: FloatArray) -> list[FloatArray]:
+        warp = self._warp
+        found = [warp.empty(len(self), dtype=warp.vec3d, device="cpu") for _ in range(3)]
+        inputs = [self._array(points, warp.vec3d), self._array(self.corners, warp.int32), *found]
+        warp.launch(self._kernels.nearest_points, dim=len(self), inputs=inputs, device="cpu")
+        return [array.numpy() for array in found]
+
+    def _faced(self, points: FloatArray, vertices: IntArray, radius: float) -> IntArray:
+        """The nearest triangle (Q,) along the normal of each vertex, -1 where there is none."""
+        warp, surface = self._warp, self.surface
+        tree = surface.detector.tree
+        assert tree is not None
+        normals = surface.vector_areas(points)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-300
+        low, high = surface.detector.boxes(surface.written(points)[None])[2:4]
+        found = warp.empty(len(vertices), dtype=warp.int32, device="cpu")
+        inputs = [self._array(points, warp.vec3d), self._array(normals, warp.vec3d)]
+        inputs += [self._array(vertices, warp.int32), self._array(surface.faces, warp.vec3i)]
+        inputs += [self._array(a, warp.int32) for a in (tree.order, tree.leaf_start, tree.skip)]
+        inputs += [low, high, float(surface.size), float(radius), found]
+        dimension = len(vertices)
+        warp.launch(self._kernels.faced_triangles, dim=dimension, inputs=inputs, device="cpu")
+        return found.numpy()
+
+    def _array(self, values: NDArray[Any], dtype: Any) -> Any:
+        return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")
+
+
+def _fold_corners(faces: IntArray, folds: IntArray) -> list[IntArray]:
+    """Corners (K, 6), twice, of folds: the edge opposite the shared vertex, the other triangle."""
+    first, second = faces[folds[:, 0]], faces[folds[:, 1]]
+    same = first[:, :, None] == second[:, None, :]
+    corners = []
+    for triangle, other, shared in (
+        (first, second, same.any(axis=2)),
+        (second, first, same.any(1)),
+    ):
+        rows, corner = np.arange(len(folds)), shared.argmax(axis=1)
+        start, stop = (triangle[rows, (corner + k) % 3][:, None] for k in (1, 2))
+        corners.append(np.concatenate([start, stop, stop, other], axis=1))
+    return corners

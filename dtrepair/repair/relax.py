@@ -1,0 +1,187 @@
+"""As-rigid-as-possible steps towards the input that stop where surfaces meet."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dtrepair.geometry import FloatArray
+from dtrepair.repair.contact import find_defects
+from dtrepair.repair.crease import Filled
+from dtrepair.repair.gaps import Gaps
+from dtrepair.repair.rigidity import Rigidity
+from dtrepair.repair.surface import Surface
+from dtrepair.repair.tighten import (
+    acceptable,
+    changed_defects,
+    distortion,
+    roll_back,
+    without_still,
+)
+
+# No vertex moves farther in a cycle (units of the size); gaps are sought within twice that.
+STEP = 0.01
+# A cycle that could not be made clean shortens the following ones.
+SHORTER = 0.7
+# Solves of a cycle, each with the gaps that the one before closed.
+TRIES = 5
+# Rounds of the augmented Lagrangian, iterations of each, and what part of the error ends them.
+ROUNDS, ITERATIONS, PRECISION = 3, 60, 1e-3
+# Gaps that a first solve leaves wider than this many margins are of no concern.
+CONCERN = 6e-4
+# Relaxing ends when the distortion fell by less than this over so many cycles.
+GAIN, STALLED = 0.99, 3
+FAILURES = 3
+
+
+def relax(
+    surface: Surface,
+    original: FloatArray,
+    points: FloatArray,
+    *,
+    cycles: int,
+    folds: int,
+    reach: FloatArray,
+    step: float = STEP,
+) -> tuple[FloatArray, int]:
+    """The pose of least distortion between a clean pose and its original, and the cycles spent.
+
+    Each cycle is an as-rigid-as-possible step towards the original's edges (Sorkine & Alexa 2007)
+    of at most `step`, under the condition that no gap between surfaces closes: contact forces push
+    both sides, so they come to rest against each other. What collides all the same is rolled back
+    locally. `reach` (V,) scales the motion of each vertex; `folds` are allowed.
+    """
+    state = _Relaxation(surface, original, points, folds, reach, step)
+    history = [state.best[0]]
+    for cycle in range(cycles):
+        state.cycle()
+        history.append(state.best[0])
+        if state.failures == FAILURES:
+            break
+        if cycle >= STALLED and history[-1] > GAIN * history[-1 - STALLED]:
+            break
+    return state.best[1], len(history) - 1
+
+
+class _Relaxation:
+    """A clean pose on its way back, its gaps, and the best pose so far."""
+
+    def __init__(
+        self,
+        surface: Surface,
+        original: FloatArray,
+        points: FloatArray,
+        folds: int,
+        reach: FloatArray,
+        step: float,
+    ) -> None:
+        self.surface, self.original = surface, original
+        self.points, self.known = points, find_defects(surface, points)
+        self.folds, self.reach, self.step = folds, reach, step
+        self.rigidity = Rigidity(surface, original)
+        self.gaps = Gaps(surface, reach)
+        self.best = distortion(surface, original, points), points
+        self.failures, self._pull = 0, 0.0
+
+    def cycle(self) -> None:
+        """One step; the pose stays where it is if it cannot be made clean."""
+        right = self._right_hand_side()
+        self._find_gaps(right)
+        found = self._solved(right)
+        if found is None:
+            self.failures += 1
+            self.step *= SHORTER
+            self.gaps.forces *= 0.5
+            return
+        self.points, self.known = found
+        value = distortion(self.surface, self.original, self.points)
+        if value < self.best[0]:
+            self.best = value, self.points
+
+    def _right_hand_side(self) -> FloatArray:
+        """That of the step, shortened such that no vertex moves too far without contacts."""
+        points = self.points
+        full = self.rigidity.target(points)
+        present = self.rigidity.image(points)
+        free = self.rigidity.solve(full)
+        farthest = np.linalg.norm(self.reach[:, None] * (free - points), axis=1).max()
+        pull = min(1.0, self.step / max(farthest, 1e-300))
+        if self._pull:
+            self.gaps.forces *= pull / self._pull
+        self._pull = pull
+        return present + pull * (full - present)
+
+    def _find_gaps(self, right: FloatArray) -> None:
+        """Gaps that matter to the step: those with forces and those it would close."""
+        gaps = self.gaps
+        gaps.soften()
+        facing = gaps.add_facing(self.points, 2.0 * self.step)
+        gaps.linearise(self.points)
+        first = step_with_gaps(self.rigidity, right, gaps, self.points, rounds=1, iterations=2)
+        closing = np.isin(gaps.keys, facing) & (gaps.width(first) < gaps.least + CONCERN)
+        gaps.keep((gaps.forces > 0) | closing)
+
+    def _solved(self, right: FloatArray) -> Filled | None:
+        """The clean pose of the step, with what still collides rolled back, or None."""
+        surface, current = self.surface, self.points
+        pose = current
+        for _ in range(TRIES):
+            self.gaps.linearise(current)
+            pose = step_with_gaps(self.rigidity, right, self.gaps, pose)
+            trial = self._shortened(pose)
+            defects = changed_defects(surface, self.known, current, trial)
+            if acceptable(defects, self.folds):
+                return Filled(trial, defects)
+            self.gaps.add_defects(defects)
+        return roll_back(surface, current, trial, self.known, defects, folds=self.folds)
+
+    def _shortened(self, pose: FloatArray) -> FloatArray:
+        """Contacts may throw a vertex farther than the step: the whole motion is shortened."""
+        motion = pose - self.points
+        farthest = np.linalg.norm(motion, axis=1).max()
+        part = min(1.0, self.step / max(farthest, 1e-300))
+        return without_still(self.points, self.points + part * motion, self.reach)
+
+
+def step_with_gaps(
+    rigidity: Rigidity,
+    right: FloatArray,
+    gaps: Gaps,
+    start: FloatArray,
+    *,
+    rounds: int = ROUNDS,
+    iterations: int = ITERATIONS,
+) -> FloatArray:
+    """The pose of a step with right-hand side (V, 3) whose gaps stay open; changes their forces.
+
+    Rounds of an augmented Lagrangian; each one solves with the stiff gaps that are active, by
+    conjugate gradients from `start` with the factor of the bare system as preconditioner.
+    """
+    if len(gaps) == 0:
+        return rigidity.solve(right)
+    solution, image = start, rigidity.image(start)
+    for _ in range(rounds):
+        lacking = gaps.least - gaps.width(solution)
+        active = gaps.forces + gaps.stiffness * lacking > 0
+        stiffness = gaps.stiffness * active
+        residual = right + gaps.spread(stiffness * lacking + active * gaps.forces) - image
+        # As the preconditioner is the system's own factor, its images come without products.
+        search = preconditioned = rigidity.solve(residual)
+        searched = residual
+        energy = first = float(np.vdot(residual, preconditioned))
+        for _ in range(iterations):
+            if energy <= PRECISION * first:
+                break
+            stiff = searched + gaps.spread(stiffness * gaps.width(search))
+            length = energy / max(float(np.vdot(search, stiff)), 1e-300)
+            solution = solution + length * search
+            image = image + length * searched
+            residual = residual - length * stiff
+            preconditioned = rigidity.solve(residual)
+            following = float(np.vdot(residual, preconditioned))
+            search = preconditioned + following / energy * search
+            searched = residual + following / energy * searched
+            energy = following
+        gaps.forces = np.maximum(
+            0.0, gaps.forces + gaps.stiffness * (gaps.least - gaps.width(solution))
+        )
+    return solution

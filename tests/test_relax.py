@@ -1,0 +1,64 @@
+"""Relaxing: never dirty, never more distorted, at rest against what is in the way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair.metrics import displacements
+from dtrepair.repair.contact import find_defects
+from dtrepair.repair.relax import relax
+from dtrepair.repair.surface import Surface
+from dtrepair.repair.tighten import distortion
+from tests.meshes import torus
+from tests.test_tighten import POSES, crossings_and_folds, loosely_solved
+
+
+@pytest.mark.parametrize("kind", POSES)
+def test_relaxing_is_never_dirty_or_more_distorted(kind: str) -> None:
+    surface, original, clean = loosely_solved(kind)
+    folds = crossings_and_folds(surface, clean)[1]
+    before = distortion(surface, original, clean)
+    reach = np.ones(surface.count)
+    relaxed, cycles = relax(surface, original, clean, cycles=6, folds=folds, reach=reach)
+    crossings, folds_left = crossings_and_folds(surface, relaxed)
+    assert crossings == 0 and folds_left <= folds
+    assert 1 <= cycles <= 6
+    assert distortion(surface, original, relaxed) < 0.9 * before
+    again, _ = relax(surface, original, clean, cycles=6, folds=folds, reach=reach)
+    assert np.array_equal(again, relaxed)
+
+
+def test_a_pose_with_nothing_in_the_way_returns() -> None:
+    # A clean input bent far out of shape.
+    points, faces = torus()
+    surface = Surface(points, faces)
+    original = surface.rest
+    bent = original + 0.05 * np.sin(9 * original[:, [1, 2, 0]])
+    assert crossings_and_folds(surface, bent) == (0, 0)
+    reach = np.ones(surface.count)
+    relaxed, _ = relax(surface, original, bent, cycles=12, folds=0, reach=reach)
+    before = displacements(original, bent).max()
+    assert displacements(original, relaxed).max() < 0.5 * before
+    assert distortion(surface, original, relaxed) < 0.2 * distortion(surface, original, bent)
+
+
+def test_nothing_moves_beyond_the_reach_or_farther_than_the_step() -> None:
+    points, faces = torus()
+    surface = Surface(points, faces)
+    bent = surface.rest + 0.05 * np.sin(9 * surface.rest[:, [1, 2, 0]])
+    reach = (surface.rest[:, 0] > 0).astype(float)
+    relaxed, _ = relax(surface, surface.rest, bent, cycles=1, folds=0, reach=reach, step=0.003)
+    moved = np.linalg.norm(relaxed - bent, axis=1)
+    assert moved.any() and not moved[reach == 0].any()
+    assert moved.max() <= 0.003 * (1 + 1e-9)
+
+
+def test_surfaces_come_to_rest_against_each_other() -> None:
+    surface, original, clean = loosely_solved("spheres")
+    reach = np.ones(surface.count)
+    relaxed, _ = relax(surface, original, clean, cycles=12, folds=0, reach=reach)
+    assert find_defects(surface, relaxed).rank == (0, 0)
+    # What is left between them is a few margins, not the distance the push left.
+    assert len(surface.close_pairs(relaxed, 0.005)) > 2 * len(surface.close_pairs(clean, 0.005))
+    assert displacements(original, relaxed).mean() < 0.8 * displacements(original, clean).mean()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,11 +24,13 @@ class SceneCount:
     each: for one mesh `triangles` are its triangles that intersect anything, `pairs` all pairs it
     takes part in, `inter_pairs` those with another mesh.
     intersecting: a mask (F,) for each mesh.
+    met: number of pairs between meshes (i, j), i <= j, that meet; (i, i) is one with itself.
     """
 
     total: CountRecord
     each: tuple[CountRecord, ...]
     intersecting: tuple[NDArray[np.bool_], ...]
+    met: dict[tuple[int, int], int] = field(default_factory=dict)
 
 
 class SceneCounter:
@@ -93,7 +95,10 @@ class SceneCounter:
         for index, part in enumerate(parts):
             own = (owner == index).any(axis=1)
             each.append(_count(int(part.sum()), own, between & own))
-        return SceneCount(_count(int(hit.sum()), np.ones(len(pairs)), between), tuple(each), parts)
+        together, numbers = np.unique(np.sort(owner, axis=1), axis=0, return_counts=True)
+        met = {(i, j): n for (i, j), n in zip(together.tolist(), numbers.tolist(), strict=True)}
+        total = _count(int(hit.sum()), np.ones(len(pairs)), between)
+        return SceneCount(total, tuple(each), parts, met)
 
 
 def _count(triangles: int, pairs: ArrayLike, between: ArrayLike) -> CountRecord:

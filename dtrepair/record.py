@@ -42,12 +42,37 @@ class PrimRecord:
 
 
 @dataclass(frozen=True, kw_only=True)
+class MotionRecord:
+    """How far a repair moved one of several meshes, and what it did to its shape.
+
+    displacement_max, and rigid_rms of the best rigid motion, relative to the mesh's own diagonal;
+    edge_distortion is the rms log-ratio of edge lengths to the rest, edge_change that to the input.
+    """
+
+    displacement_max: float
+    rigid_rms: float
+    edge_distortion: float
+    edge_change: float
+
+
+@dataclass(frozen=True)
 class FramePrimRecord:
-    """Counts of one mesh in one frame."""
+    """Counts of one mesh in one frame, and of several meshes how each moved: None if not."""
 
     path: str
     before: CountRecord | None
     after: CountRecord | None
+    motion: MotionRecord | None = None
+
+
+@dataclass(frozen=True)
+class ContactRecord:
+    """Intersecting pairs of triangles of two meshes, or of one with itself: first is second."""
+
+    first: str
+    second: str
+    before: int
+    after: int
 
 
 @dataclass(frozen=True)
@@ -76,6 +101,7 @@ class FrameRecord:
     displacement_max: float = 0.0
     displacement_mean: float = 0.0
     prims: tuple[FramePrimRecord, ...] = ()
+    contacts: tuple[ContactRecord, ...] = ()
     stages: tuple[StageRecord, ...] = ()
 
 
@@ -145,6 +171,15 @@ def summarize(frames: Iterable[FrameRecord], *, jitter: float | None = None) -> 
         sum(frame.displacement_mean for frame in moved) / len(moved) if moved else 0.0
     )
     summary["jitter"] = jitter
+    met: dict[tuple[str, str], list[int]] = {}
+    for contact in (contact for frame in frames for contact in frame.contacts):
+        counts = met.setdefault((contact.first, contact.second), [0, 0])
+        counts[0] += contact.before
+        counts[1] += contact.after
+    summary["contacts"] = [
+        {"first": first, "second": second, "before": before, "after": after}
+        for (first, second), (before, after) in sorted(met.items())
+    ]
     return summary
 
 

@@ -7,9 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 from dtrepair.record import (
+    ContactRecord,
     CountRecord,
     FramePrimRecord,
     FrameRecord,
+    MotionRecord,
     PrimRecord,
     Report,
     StageRecord,
@@ -39,10 +41,18 @@ def join_reports(documents: Sequence[Document]) -> Report:
 
 def read_frame(frame: Document) -> FrameRecord:
     """The record that a frame of a report was made of."""
-    prims = (FramePrimRecord(**{**prim, **_counts(prim)}) for prim in frame["prims"])
+    prims = (
+        FramePrimRecord(**{**prim, **_counts(prim), "motion": _motion(prim)})
+        for prim in frame["prims"]
+    )
+    contacts = tuple(ContactRecord(**contact) for contact in frame.get("contacts", ()))
     stages = (StageRecord(**stage) for stage in frame["stages"])
     record = FrameRecord(**{**frame, **_counts(frame)})
-    return replace(record, prims=tuple(prims), stages=tuple(stages))
+    return replace(record, prims=tuple(prims), contacts=contacts, stages=tuple(stages))
+
+
+def _motion(prim: Document) -> MotionRecord | None:
+    return MotionRecord(**prim["motion"]) if prim.get("motion") else None
 
 
 def _counts(item: Document) -> dict[str, CountRecord | None]:

@@ -52,6 +52,7 @@ def make_page(report: Mapping[str, Any], pictures: Sequence[Picture] = ()) -> st
         _bars(report["frames"]),
         "<h2>Largest displacement per frame, of the bounding-box diagonal</h2>",
         _line(report["frames"]),
+        _objects(report),
         _transfer(report.get("transfer")),
         _pictures(pictures),
         "<h2>Frames</h2>",
@@ -178,6 +179,28 @@ def _transfer(section: Mapping[str, Any] | None) -> str:
         }
     rows = [[str(value), name] for name, value in values.items()]
     return "<h2>Transfer</h2>" + _html_table(["", "of the transfer"], rows)
+
+
+def _objects(report: Mapping[str, Any]) -> str:
+    """Of several objects: what met what, and how far each was moved at most."""
+    contacts = report["summary"].get("contacts", ())
+    if len(report["prims"]) < 2:
+        return ""
+    met = [[str(c["before"]), str(c["after"]), f"{c['first']} and {c['second']}"] for c in contacts]
+    moved: dict[str, dict[str, float]] = {}
+    for frame in report["frames"]:
+        for prim in frame["prims"]:
+            for name, value in (prim.get("motion") or {}).items():
+                largest = moved.setdefault(prim["path"], {})
+                largest[name] = max(largest.get(name, 0.0), value)
+    names = ("displacement_max", "rigid_rms", "edge_change", "edge_distortion")
+    rows = [[*(f"{largest[n]:.4f}" for n in names), path] for path, largest in moved.items()]
+    header = ["largest move", "as a whole (rms)", "edges against input", "edges against rest", ""]
+    ignored = report["settings"].get("ignore") or ()
+    note = f"<p>Not counted: contacts of {escape('; '.join(ignored))}</p>" if ignored else ""
+    tables = [_html_table(["pairs before", "after", "between"], met)] if met else []
+    tables += [_html_table(header, rows)] if rows else []
+    return f"<h2>Objects</h2>{''.join(tables) or '<p>No contacts.</p>'}{note}"
 
 
 def _rounded(value: float | None) -> str:

@@ -35,7 +35,17 @@ _COUNTS = {
     **_object(triangles=_COUNT, pairs=_COUNT, inter_pairs=_COUNT),
     "type": ["object", "null"],
 }
+# Of several meshes how each was moved; None for those that were not.
+_MOTION = {
+    **_object(
+        displacement_max=_AMOUNT, rigid_rms=_AMOUNT, edge_distortion=_AMOUNT, edge_change=_AMOUNT
+    ),
+    "type": ["object", "null"],
+}
+# Pairs of triangles of two meshes that intersect, and (first is second) of one with itself.
+_CONTACT = _object(first=_TEXT, second=_TEXT, before=_COUNT, after=_COUNT)
 _FRAME = _object(
+    "contacts",
     time={"type": ["number", "null"]},
     status={"type": "string", "enum": list(STATUSES)},
     message=_TEXT,
@@ -45,7 +55,11 @@ _FRAME = _object(
     seconds=_AMOUNT,
     displacement_max=_AMOUNT,
     displacement_mean=_AMOUNT,
-    prims={"type": "array", "items": _object(path=_TEXT, before=_COUNTS, after=_COUNTS)},
+    prims={
+        "type": "array",
+        "items": _object("motion", path=_TEXT, before=_COUNTS, after=_COUNTS, motion=_MOTION),
+    },
+    contacts={"type": "array", "items": _CONTACT},
     stages={
         "type": "array",
         "items": _object(
@@ -59,6 +73,7 @@ _FRAME = _object(
     },
 )
 _SUMMARY = _object(
+    "contacts",
     frames=_COUNT,
     **{status: _COUNT for status in STATUSES},
     **{
@@ -69,6 +84,7 @@ _SUMMARY = _object(
     displacement_max=_AMOUNT,
     displacement_mean=_AMOUNT,
     jitter={"type": ["number", "null"], "minimum": 0},
+    contacts={"type": "array", "items": _CONTACT},
 )
 _FIGURE = {"type": ["number", "null"], "minimum": 0}
 # Only of transfers. Residuals have no unit; parts are of the target's triangles or area; None

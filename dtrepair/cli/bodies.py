@@ -61,7 +61,10 @@ def read_controls(
             pins[index] = read_pins(source, own.pin, only=index)[0]
         if own.direction is not None:
             directions[index] = _read_directions(source, own.direction, only=index)[0]
-    ignored = ignored_pairs(source, ignore)
+    # What cannot move at all is not to be repaired: contacts of colliders among themselves.
+    colliders = [index for index, mesh in enumerate(source.meshes) if mesh.collider]
+    among = {(i, j) for i in colliders for j in colliders if i <= j}
+    ignored = tuple(sorted({*ignored_pairs(source, ignore), *among}))
     return Controls(found.each, pins, directions, ignored, tuple(found.warnings))
 
 
@@ -135,6 +138,7 @@ def make_bodies(source: Source, rests: list[Rest], controls: Controls) -> list[B
                 pin=controls.pins[index],
                 direction=direction,
                 rigid=bool(own.rigid),
+                name=mesh.path,
             )
         )
     return bodies

@@ -20,6 +20,7 @@ from dtrepair.cli.failures import (
     use_device,
     writing,
 )
+from dtrepair.cli.frame_records import contact_records
 from dtrepair.cli.frames import (
     Frame,
     frame_time,
@@ -146,6 +147,7 @@ def _records(source: Source, counter: SceneCounter, jobs: int) -> Iterator[Frame
             after=found.total,
             seconds=clock.perf_counter() - start,
             prims=tuple(FramePrimRecord(path=m.path, before=c, after=c) for m, c in each),
+            contacts=contact_records(source, found, found),
         )
 
     for _, record in side_by_side(count, read_frames(source, source.times), jobs=jobs):

@@ -210,5 +210,5 @@ def settings_of(
 def _exit_code(records: tuple[FrameRecord, ...]) -> int:
     if any(record.status == "failed" for record in records):
         return FRAMES
-    left = any(record.after is not None and record.after.pairs for record in records)
+    left = any(record.status in ("improved", "unchanged") for record in records)
     return REMAINING if left else CLEAN

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from dtrepair.cli.console import Console
 from dtrepair.cli.object_settings import ObjectSettings, described
 from dtrepair.cli.rest import Rest
 from dtrepair.cli.solve import Repaired
 from dtrepair.cli.sources import Source, time_label
-from dtrepair.record import FrameRecord, summarize
+from dtrepair.record import FrameRecord, MotionRecord, summarize
 
 
 def rest_warnings(source: Source, rests: list[Rest], counts: list[int | None]) -> Iterator[str]:
@@ -17,7 +18,12 @@ def rest_warnings(source: Source, rests: list[Rest], counts: list[int | None]) -
     for mesh, rest, count in zip(source.meshes, rests, counts, strict=True):
         # A mesh file, or points at the default time only, is its own rest pose: nothing to say.
         own = len(source.times) == 1 and mesh.has_rest
-        if count and not own:
+        if count and mesh.collider:
+            yield (
+                f"{mesh.path}: intersects itself; as a collider never moves, that is neither "
+                "repaired nor counted"
+            )
+        elif count and not own:
             yield (
                 f"{mesh.path}: the rest pose ({rest.origin}) has {count} intersecting triangles; "
                 "name a better one with --rest"
@@ -59,6 +65,35 @@ def print_plan(
     console.result(f"{len(labels)} frames ({frames}) would be written to {output}")
 
 
+def _print_contacts(
+    console: Console, records: tuple[FrameRecord, ...], contacts: list[dict[str, Any]]
+) -> None:
+    """Of several objects: what met what, and who was moved."""
+    if contacts:
+        rows = [
+            [str(found["before"]), str(found["after"]), found["first"], found["second"]]
+            for found in contacts
+        ]
+        console.table(["pairs before", "after", "of", "and"], rows)
+    rows = []
+    for path, motions in motions_of(records).items():
+        largest = max(motion.displacement_max for motion in motions)
+        rigid = max(motion.rigid_rms for motion in motions)
+        change = max(motion.edge_change for motion in motions)
+        rows.append([f"{largest:.4f}", f"{rigid:.4f}", f"{change:.4f}", path])
+    if rows:
+        console.table(["largest move", "as a whole", "edges changed", "mesh"], rows)
+
+
+def motions_of(records: tuple[FrameRecord, ...]) -> dict[str, list[MotionRecord]]:
+    """How each mesh that was moved, of several ones, moved in the frames."""
+    found: dict[str, list[MotionRecord]] = {}
+    for prim in (prim for record in records for prim in record.prims):
+        if prim.motion is not None:
+            found.setdefault(prim.path, []).append(prim.motion)
+    return found
+
+
 def print_table(console: Console, records: tuple[FrameRecord, ...], output: str) -> None:
     """Print one row for each frame that was not clean from the start, and the totals."""
     rows = []
@@ -72,6 +107,7 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
     if rows:
         console.table(["frame", "before", "after", "largest move", "status"], rows)
     totals = summarize(records)
+    _print_contacts(console, records, totals["contacts"])
     console.result(
         f"{totals['clean']} of {totals['frames']} frames clean: "
         f"{totals['triangles_before']} -> {totals['triangles_after']} intersecting triangles"

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dtrepair.cli.frame_records import FrameRecorder
 from dtrepair.cli.frames import Frame, frame_time, unusable
 from dtrepair.cli.sources import Source
-from dtrepair.record import CountRecord, FramePrimRecord, FrameRecord, StageRecord
+from dtrepair.record import FrameRecord
 
 if TYPE_CHECKING:
-    from dtrepair.counts import SceneCount, SceneCounter
+    from dtrepair.counts import SceneCounter
     from dtrepair.repair.animation import AnimationRepairer
     from dtrepair.repair.bodies import Body
     from dtrepair.repair.options import RepairResult
@@ -69,6 +70,7 @@ class FrameRepairer:
         self.jobs = jobs
         self.alone = alone
         self.memory = memory
+        self.record = FrameRecorder(source, repairer.bodies)
         self.free = [_free(body) for body in repairer.bodies]
         self.warnings: list[str] = []
 
@@ -132,7 +134,7 @@ class FrameRepairer:
     def _verified(self, frame: Frame, results: list[RepairResult]) -> Repaired:
         before = after = self.counter(frame.spaces)
         points: tuple[NDArray[np.float32] | None, ...] = (None,) * len(frame.points)
-        spaces, message, iterations = frame.spaces, "", 0
+        spaces, iterations = frame.spaces, 0
         seconds = {"detect": 0.0, "solve": 0.0}
         for repetition in range(_ROUNDS):
             if repetition:
@@ -140,7 +142,6 @@ class FrameRepairer:
             iterations += results[0].iterations
             for name in seconds:
                 seconds[name] += results[0].seconds.get(name, 0.0)
-            message = next((result.message for result in results if result.message), "")
             written = self._written(frame, [result.points for result in results])
             placed = self._placed(frame, written)
             count = self.counter(placed)
@@ -150,9 +151,8 @@ class FrameRepairer:
             points, spaces, after = written, placed, count
             if after.total.pairs == 0 or any(result.after.pairs for result in results):
                 break
-        record = self._record(frame, spaces, before, after, message, iterations, seconds)
-        stages = tuple(StageRecord(*astuple(stage)) for stage in results[0].stages)
-        record = replace(record, stages=stages)
+        record = self.record(frame, spaces, before, after, results, seconds)
+        record = replace(record, iterations=iterations)
         return Repaired(frame, points, spaces, record, seconds)
 
     def _written(
@@ -188,37 +188,6 @@ class FrameRepairer:
                 placed.append(points)
         return tuple(placed)
 
-    def _record(
-        self,
-        frame: Frame,
-        spaces: Sequence[NDArray[Any]],
-        before: SceneCount,
-        after: SceneCount,
-        message: str,
-        iterations: int,
-        seconds: dict[str, float],
-    ) -> FrameRecord:
-        from dtrepair.metrics import displacements
-
-        moved = [
-            displacements(np.asarray(a, np.float64), np.asarray(b, np.float64))
-            for a, b in zip(frame.spaces, spaces, strict=True)
-        ]
-        status = _status(before.total, after.total)
-        meshes = zip(self.source.meshes, before.each, after.each, strict=True)
-        return FrameRecord(
-            time=frame_time(frame),
-            status=status,
-            message=message,
-            before=before.total,
-            after=after.total,
-            iterations=iterations,
-            seconds=sum(seconds.values()),
-            displacement_max=max(float(part.max()) for part in moved),
-            displacement_mean=float(np.concatenate(moved).mean()),
-            prims=tuple(FramePrimRecord(path=m.path, before=b, after=a) for m, b, a in meshes),
-        )
-
 
 def repair_frames(frames: Iterable[Frame], repairer: FrameRepairer) -> Iterator[Repaired]:
     """Repair an iterator of frames, in order; the solver sees one iterator of usable poses.
@@ -245,9 +214,3 @@ def _free(body: Body) -> NDArray[np.bool_]:
     """Which vertices (V,) of a body may move at all."""
     free = np.full(len(np.asarray(body.rest)), body.mobility > 0.0)
     return free if body.pin is None else free & (np.asarray(body.pin) < 1.0)
-
-
-def _status(before: CountRecord, after: CountRecord) -> str:
-    if after.pairs == 0:
-        return "clean"
-    return "improved" if after.pairs < before.pairs else "unchanged"

@@ -16,6 +16,7 @@ from dtrepair.repair.frames import Frame, expanded, read_frames, reduced, system
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.mend import mend
 from dtrepair.repair.options import RepairResult, Solved, Stage
+from dtrepair.repair.release import caught_parts, released_frames
 from dtrepair.repair.rigid import RigidBodies, allowed
 from dtrepair.repair.shot import ShotMethod
 from dtrepair.repair.surface import Surface
@@ -152,7 +153,9 @@ class _Stream:
         poses = [frame.centred for frame in frames]
         if len(tail) == len(frames):
             poses = tail
-        elif self.scene.options.clearance > 0.0 or any(len(frame.pairs) for frame in frames):
+        elif self.scene.options.clearance > 0.0 or any(
+            len(frame.pairs) + len(frame.caught) for frame in frames
+        ):
             system = system_of(self.scene, [frame.weld for frame in frames])
             poses = self._solve(system, frames)
         if len(tail) < len(frames):
@@ -174,8 +177,9 @@ class _Stream:
                 return frame
             start = clock.perf_counter()
             pairs = self.scene._pairs(frame.centred, frame.weld)
+            caught = caught_parts(self.scene, frame.centred, pairs)
             seconds = clock.perf_counter() - start
-            return frame._replace(detected=True, pairs=pairs, seconds=seconds)
+            return frame._replace(detected=True, pairs=pairs, caught=caught, seconds=seconds)
 
         return self._side_by_side(detected, frames)
 
@@ -199,12 +203,16 @@ class _Stream:
     def _solve(self, system: System, frames: list[Frame]) -> list[FloatArray]:
         """Poses (V, 3) of a window by the space-time scheme."""
         crew = self._crew(system)
-        unit = np.stack([reduced(system, frame.centred) for frame in frames])
         times = frame_units(np.array([frame.time for frame in frames]))
+        starts = [frame.centred for frame in frames]
+        if any(len(frame.caught) for frame in frames):
+            caught = [frame.caught for frame in frames]
+            starts = list(released_frames(self.scene, np.stack(starts), caught, times))
+        unit = np.stack([reduced(system, start) for start in starts])
         found = self.animator.method(system)(unit, times, crew)
         return [
-            expanded(system, frame.centred, before, after)
-            for frame, before, after in zip(frames, unit, found, strict=True)
+            expanded(system, start, before, after)
+            for start, before, after in zip(starts, unit, found, strict=True)
         ]
 
     def _crew(self, system: System) -> Crew:
@@ -219,8 +227,9 @@ class _Stream:
         scene, start = self.scene, clock.perf_counter()
         if len(left):
             pose, left = self._fallback(frame, pose, left, window)
-        if len(left) and len(left) >= len(frame.pairs):
-            pose, left = frame.centred, frame.pairs
+        caught = caught_parts(scene, pose, left) if len(frame.caught) else frame.caught
+        if 0 < len(left) + len(caught) >= len(frame.pairs) + len(frame.caught):
+            pose, left, caught = frame.centred, frame.pairs, frame.caught
         moved = (pose != frame.centred).any(axis=1)
         rounded = pose.astype(np.float32) + frame.centre
         repaired = np.where(moved[:, None], rounded, frame.original)
@@ -237,6 +246,7 @@ class _Stream:
                 left,
                 solved,
                 {"detect": frame.seconds, "solve": spent},
+                caught,
             )
             for index in range(len(scene.bodies))
         ]

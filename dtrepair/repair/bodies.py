@@ -26,6 +26,7 @@ class Body:
         mobility: 0 never moves (a collider), 1 moves freely.
         pin: 0 free to 1 fixed for each vertex (V,).
         direction: Preferred direction (V, 3) of the repair, zero rows where none.
+        name: What messages call it; default: its number.
         rigid: It moves as a whole only; a fixed vertex then holds all of it.
     """
 
@@ -36,6 +37,7 @@ class Body:
     pin: ArrayLike | None = None
     direction: ArrayLike | None = None
     rigid: bool = False
+    name: str = ""
 
 
 def mobility_of(body: Body, count: int) -> FloatArray:

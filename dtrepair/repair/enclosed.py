@@ -97,6 +97,12 @@ class Enclosures:
         best = int(np.argmin(lengths))
         return ways[best] * lengths[best]
 
+    def length_along(
+        self, points: FloatArray, direction: FloatArray, inner: int, outer: int
+    ) -> float:
+        """How far `inner` has to go along a unit direction to be out of `outer`."""
+        return self._way_along(points, direction, _picked(self.vertices(inner), MANY), outer)
+
     def _way_along(
         self, points: FloatArray, direction: FloatArray, probes: NDArray[np.integer], outer: int
     ) -> float:

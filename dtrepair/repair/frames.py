@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 class Frame(NamedTuple):
     """A pose on its way: time, poses as given, points (V, 3) of all bodies, centred.
 
-    starts: whether the frame starts a shot; pairs: once they were `detected`, in `seconds`.
+    starts: whether the frame starts a shot; pairs, and the parts that are caught inside
+    others: once they were `detected`, in `seconds`.
     """
 
     time: float
@@ -31,6 +32,7 @@ class Frame(NamedTuple):
     starts: bool = False
     detected: bool = False
     pairs: IntArray = np.zeros((0, 2), dtype=np.int32)
+    caught: IntArray = np.zeros((0, 2), dtype=np.int32)
     seconds: float = 0.0
 
 

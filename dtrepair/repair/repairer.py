@@ -24,7 +24,10 @@ from dtrepair.repair.bodies import (
     direction_of,
     mobility_of,
 )
+from dtrepair.repair.enclosed import Enclosures
+from dtrepair.repair.left_over import contacts_left, enclosed_left
 from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
+from dtrepair.repair.release import bodies_of_parts, caught_parts, released
 from dtrepair.repair.rigid import RigidBodies
 from dtrepair.repair.surface import pair_keys
 from dtrepair.repair.system import System
@@ -83,6 +86,21 @@ class SceneRepairer:
         return Detector(about_centre(self._rest)[0], self._faces)
 
     @cached_property
+    def rest_weld(self) -> IntArray:
+        """Vertices (V,) of one body at one position of the rest count as one."""
+        return self._weld(about_centre(self._rest)[0])
+
+    @cached_property
+    def body_of_vertex(self) -> IntArray:
+        """The body of each vertex (V,)."""
+        return np.repeat(np.arange(len(self.bodies)), np.diff(self._vertices)).astype(np.int32)
+
+    @cached_property
+    def enclosures(self) -> Enclosures:
+        """Finds what lies wholly inside what."""
+        return Enclosures(self._rest, self.rest_weld[self._faces])
+
+    @cached_property
     def rigid(self) -> RigidBodies:
         """The bodies that move as a whole only."""
         ranges = zip(pairwise(self._vertices.tolist()), self.bodies, strict=True)
@@ -111,19 +129,25 @@ class SceneRepairer:
         centred, centre = about_centre(original)
         weld = self._weld(centred)
         pairs = self._pairs(centred, weld)
+        caught = caught_parts(self, centred, pairs)
         detected = time.perf_counter()
         final, left, solved = centred, pairs, Solved(centred)
-        if len(pairs) or self.options.clearance > 0.0:
-            final, solved = self._solve(centred, weld)
+        if len(pairs) + len(caught) or self.options.clearance > 0.0:
+            start_pose = released(self, centred, caught) if len(caught) else centred
+            final, solved = self._solve(start_pose, weld)
             # Vertices that only happened to coincide in the input are two in the result.
             left = self._pairs(final, self._weld(final))
-            if len(left) > len(pairs) or len(left) == len(pairs) > 0:
-                final, left = centred, pairs
+            known, caught = caught, caught_parts(self, final, left) if len(caught) else caught
+            before, after = len(pairs) + len(known), len(left) + len(caught)
+            if after > before or after == before > 0:
+                final, left, caught = centred, pairs, known
         moved = (final != centred).any(axis=1)
         repaired = np.where(moved[:, None], final.astype(np.float32) + centre, original)
         seconds = {"detect": detected - start, "solve": time.perf_counter() - detected}
         return [
-            self._result(index, points[index], original, repaired, pairs, left, solved, seconds)
+            self._result(
+                index, points[index], original, repaired, pairs, left, solved, seconds, caught
+            )
             for index in range(len(self.bodies))
         ]
 
@@ -156,7 +180,7 @@ class SceneRepairer:
 
     def _solve(self, points: FloatArray, weld: IntArray) -> tuple[FloatArray, Solved]:
         """Repair with seam duplicates moving together: those of the rest that still coincide."""
-        rest_weld = self._weld(about_centre(self._rest)[0])
+        rest_weld = self.rest_weld
         together = np.where(weld[rest_weld] == weld, rest_weld, np.arange(len(weld)))
         key = together.tobytes()
         if key not in self._systems:
@@ -173,31 +197,42 @@ class SceneRepairer:
         after: IntArray,
         solved: Solved,
         seconds: dict[str, float],
+        caught: IntArray | None = None,
     ) -> RepairResult:
         own = slice(self._vertices[index], self._vertices[index + 1])
         counts = [self._count(pairs, index) for pairs in (before, after)]
         moved = displacements(original[own], repaired[own])
         status = _status(*counts)
+        inside = "" if caught is None else self._inside(caught, index)
+        if inside and status is Status.CLEAN:
+            status = Status.IMPROVED if counts[0].pairs else Status.UNCHANGED
         return RepairResult(
             points=_as_given(repaired[own], given),
             before=counts[0],
             after=counts[1],
             iterations=solved.iterations,
             status=status,
-            message=self._message(status, after, solved),
+            message=inside or self._message(index, status, after, solved),
             displacement_max=float(moved.max(initial=0.0)),
             displacement_mean=float(moved.mean()) if len(moved) else 0.0,
             stages=tuple(solved.stages),
             seconds=seconds,
         )
 
-    def _message(self, status: Status, after: IntArray, solved: Solved) -> str:
+    def _inside(self, caught: IntArray, index: int) -> str:
+        """What lies inside what, where it concerns a body; empty where nothing does."""
+        return enclosed_left(self, caught[(bodies_of_parts(self, caught) == index).any(axis=1)])
+
+    def _message(self, index: int, status: Status, after: IntArray, solved: Solved) -> str:
         if status is Status.CLEAN and solved.left:
             return f"{solved.left} pairs are closer than the clearance"
         if len(after) and self.options.rest_contacts == "leave":
             at_rest = int(np.isin(pair_keys(after), self._rest_keys).sum())
             if at_rest == len(after):
                 return f"all {at_rest} pairs that are left intersect in the rest pose as well"
+        if status in (Status.IMPROVED, Status.UNCHANGED):
+            own = (self._body_of[after] == index).any(axis=1)
+            return f"{contacts_left(self, after[own])}: {status.advice}"
         return status.advice
 
     @cached_property

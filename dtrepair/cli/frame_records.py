@@ -1,0 +1,118 @@
+"""What a report says of a repaired frame: counts, contacts of each pair of objects, who moved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import astuple
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.cli.frames import Frame, frame_time
+from dtrepair.cli.sources import Source
+from dtrepair.geometry import FloatArray, IntArray, unique_edges
+from dtrepair.record import ContactRecord, FramePrimRecord, FrameRecord, MotionRecord, StageRecord
+
+if TYPE_CHECKING:
+    from dtrepair.counts import SceneCount
+    from dtrepair.repair.bodies import Body
+    from dtrepair.repair.options import RepairResult
+
+
+class FrameRecorder:
+    """Makes the records of frames; `bodies` are the meshes of `source` as they are repaired."""
+
+    def __init__(self, source: Source, bodies: Sequence[Body]) -> None:
+        self.source = source
+        self.bodies = bodies
+
+    def __call__(
+        self,
+        frame: Frame,
+        spaces: Sequence[NDArray[Any]],
+        before: SceneCount,
+        after: SceneCount,
+        results: Sequence[RepairResult],
+        seconds: dict[str, float],
+    ) -> FrameRecord:
+        """The record of a frame that ends as `spaces`, the points of each mesh."""
+        from dtrepair.metrics import displacements
+
+        old = [np.asarray(part, np.float64) for part in frame.spaces]
+        new = [np.asarray(part, np.float64) for part in spaces]
+        moved = [displacements(a, b) for a, b in zip(old, new, strict=True)]
+        prims = []
+        for index, mesh in enumerate(self.source.meshes):
+            motion = None
+            if len(old) > 1:
+                motion = self._motion(index, old[index], new[index], moved[index])
+            counts = before.each[index], after.each[index]
+            prims.append(FramePrimRecord(mesh.path, *counts, motion=motion))
+        return FrameRecord(
+            time=frame_time(frame),
+            status=_status(before, after, results),
+            message=_message(results),
+            before=before.total,
+            after=after.total,
+            iterations=results[0].iterations,
+            seconds=sum(seconds.values()),
+            displacement_max=max(float(part.max()) for part in moved),
+            displacement_mean=float(np.concatenate(moved).mean()),
+            prims=tuple(prims),
+            contacts=contact_records(self.source, before, after),
+            stages=tuple(StageRecord(*astuple(stage)) for stage in results[0].stages),
+        )
+
+    def _motion(
+        self, index: int, old: FloatArray, new: FloatArray, moved: FloatArray
+    ) -> MotionRecord | None:
+        """How a mesh moved; None if it did not."""
+        from dtrepair.geometry import diagonal
+        from dtrepair.metrics import edge_log_ratio
+        from dtrepair.repair.rigid import RigidBodies
+
+        if not moved.any():
+            return None
+        whole = RigidBodies([(0, len(old))], np.ones(len(old)))
+        rigid = np.linalg.norm(whole.fitted(old, new) - old, axis=1)
+        rest, edges = np.asarray(self.bodies[index].rest, np.float64), self._edges[index]
+        return MotionRecord(
+            displacement_max=float(moved.max()),
+            rigid_rms=float(np.sqrt((rigid**2).mean())) / (diagonal(old) or 1.0),
+            edge_distortion=edge_log_ratio(rest, new, edges),
+            edge_change=edge_log_ratio(old, new, edges),
+        )
+
+    @cached_property
+    def _edges(self) -> list[IntArray]:
+        return [unique_edges(mesh.faces) for mesh in self.source.meshes]
+
+
+def contact_records(
+    source: Source, before: SceneCount, after: SceneCount
+) -> tuple[ContactRecord, ...]:
+    """Which of several meshes met, before and after; nothing for a single one."""
+    if len(source.meshes) == 1:
+        return ()
+    paths = [mesh.path for mesh in source.meshes]
+    return tuple(
+        ContactRecord(paths[i], paths[j], before.met.get((i, j), 0), after.met.get((i, j), 0))
+        for i, j in sorted({*before.met, *after.met})
+    )
+
+
+def _message(results: Sequence[RepairResult]) -> str:
+    """What the solver says of a frame; of several objects each sentence once."""
+    return next((result.message for result in results if result.message), "")
+
+
+def _status(before: SceneCount, after: SceneCount, results: Sequence[RepairResult]) -> str:
+    first, last = before.total.pairs, after.total.pairs
+    if last:
+        return "improved" if last < first else "unchanged"
+    # Nothing intersects, but something may lie wholly inside something else.
+    if any(str(result.status) != "clean" and not result.after.pairs for result in results):
+        return "improved" if first else "unchanged"
+    return "clean"

@@ -1,0 +1,111 @@
+"""Parts that a pose has wholly inside others, and the rest has not: led out before they are pushed.
+
+Nothing intersects there, so contacts cannot drive them; a shift along the shortest way does, and
+the repair of the contacts takes over where it ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.intersect.ignored import of_ignored_bodies
+from dtrepair.repair.timeline import gaussian_kernel
+
+if TYPE_CHECKING:
+    from dtrepair.repair.repairer import SceneRepairer
+
+# The shift goes this part farther than to the surface.
+BEYOND = 1.02
+# Standard deviation in frames over which a shift comes and goes.
+WIDTH = 2.0
+
+
+def caught_parts(scene: SceneRepairer, points: FloatArray, pairs: IntArray) -> IntArray:
+    """Parts of a pose (V, 3) wholly inside others that they are not inside of at rest (K, 2).
+
+    Of contacts that count only: mode and ignored pairs are respected.
+    """
+    found = scene.enclosures(points, pairs)
+    parts = found.parts[~found.meant]
+    bodies = bodies_of_parts(scene, parts)
+    between = bodies[:, 0] != bodies[:, 1]
+    counted = ~of_ignored_bodies(bodies, scene.ignored)
+    if scene.options.mode != "both":
+        counted &= between == (scene.options.mode == "inter")
+    return parts[counted]
+
+
+def bodies_of_parts(scene: SceneRepairer, parts: IntArray) -> IntArray:
+    """The bodies (K, 2) of parts (K, 2)."""
+    owner = np.zeros(scene.enclosures.count, dtype=np.int32)
+    used = scene.enclosures.part >= 0
+    owner[scene.enclosures.part[used]] = scene.body_of_vertex[used]
+    return owner[parts]
+
+
+def released(scene: SceneRepairer, points: FloatArray, parts: IntArray) -> FloatArray:
+    """The pose (V, 3) with every inner part of (inner, outer) (K, 2) shifted out of its outer one.
+
+    A part that cannot move stays.
+    """
+    return released_frames(scene, points[None], [parts], np.zeros(1))[0]
+
+
+def released_frames(
+    scene: SceneRepairer,
+    poses: FloatArray,
+    parts: Sequence[IntArray],
+    frames: FloatArray,
+) -> FloatArray:
+    """Poses (T, V, 3) at `frames` (T,) with what each of them encloses shifted out, steadily.
+
+    All frames of a part leave along one way, that of the middle one, as far as each needs; before
+    and after, the shift comes and goes smoothly.
+    """
+    result = poses.copy()
+    met: dict[tuple[int, int], list[int]] = {}
+    for frame, found in enumerate(parts):
+        for inner, outer in found.tolist():
+            met.setdefault((inner, outer), []).append(frame)
+    for (inner, outer), caught in met.items():
+        moved = _movable(scene, inner)
+        if moved is None:
+            continue
+        enclosures = scene.enclosures
+        way = enclosures.way_out(poses[caught[len(caught) // 2]], inner, outer)
+        length = float(np.linalg.norm(way))
+        if length == 0.0:
+            continue
+        way /= length
+        needed = np.zeros(len(frames))
+        for frame in caught:
+            needed[frame] = BEYOND * enclosures.length_along(poses[frame], way, inner, outer)
+        result[:, moved] += _eased(needed, frames)[:, None, None] * way
+    return result
+
+
+def _movable(scene: SceneRepairer, part: int) -> NDArray[np.integer] | None:
+    """The vertices that move along with a part: all of its body if that is rigid; None: held."""
+    vertices = scene.enclosures.vertices(part)
+    body = int(scene.body_of_vertex[vertices[0]])
+    if scene.bodies[body].rigid:
+        vertices = np.flatnonzero(scene.body_of_vertex == body)
+    else:
+        # Duplicates along seams move along.
+        vertices = np.flatnonzero(np.isin(scene.rest_weld, vertices))
+    return vertices if (scene._mobility[vertices] > 0.0).all() else None
+
+
+def _eased(needed: FloatArray, frames: FloatArray) -> FloatArray:
+    """Smooth lengths (T,), nowhere less than needed, that come and go within some frames."""
+    if len(frames) == 1:
+        return needed
+    distance = np.abs(frames[:, None] - frames[None, :]) / WIDTH
+    spread = (needed[None] * (distance <= 2.0)).max(axis=1)
+    smooth = gaussian_kernel(frames, WIDTH) @ spread
+    return np.maximum(smooth, needed)

@@ -233,3 +233,89 @@ def test_a_mirrored_object_is_pushed_out_not_in(tmp_path):
     moved = np.array(stage.GetPrimAtPath("/A").GetAttribute("points").Get(1)) - BALL
     # Away from B, and not farther than to where the two touch.
     assert moved[:, 0].mean() < 0 and np.linalg.norm(moved, axis=1).max() < 0.6
+
+
+def test_the_report_tells_who_met_whom_and_who_moved(rod_in_ball, tmp_path):
+    out, path, page = tmp_path / "o.usda", tmp_path / "r.json", tmp_path / "r.html"
+    options = ("--rigid", "/Scene/Rod", "--collider", "/Scene/Ball/Mesh", "--report", path)
+    done = run("repair", rod_in_ball, "-o", out, *options)
+    assert done.code == 0
+    report = read_report(path)
+    first, last = report["frames"][0], report["frames"][2]
+    assert first["contacts"] == []
+    (contact,) = last["contacts"]
+    names = {"first": "/Scene/Ball/Mesh", "second": "/Scene/Rod/Mesh"}
+    assert contact == {**names, "before": last["before"]["pairs"], "after": 0}
+    (total,) = report["summary"]["contacts"]
+    assert total == {**names, "before": report["summary"]["pairs_before"], "after": 0}
+    ball, rod = last["prims"]
+    assert ball["motion"] is None
+    motion = rod["motion"]
+    assert motion["edge_distortion"] < 1e-6 > motion["edge_change"]
+    # All of a rigid motion is rigid.
+    assert 0 < motion["rigid_rms"] <= motion["displacement_max"] == last["displacement_max"]
+    for text in ("/Scene/Rod/Mesh", "as a whole", str(total["before"])):
+        assert text in done.out
+    assert run("report", path, "-o", page, "--pictures", 0).code == 0
+    assert "<h2>Objects</h2>" in page.read_text() and "Not counted" not in page.read_text()
+    counted = run("check", rod_in_ball, "--json", "-").json["summary"]["contacts"]
+    assert counted[0]["before"] == counted[0]["after"] == total["before"]
+
+
+def test_the_page_tells_what_is_ignored(rod_in_ball, tmp_path):
+    path, page = tmp_path / "r.json", tmp_path / "r.html"
+    ignored = ("--ignore", "/Scene/Rod,/Scene/Ball")
+    run("repair", rod_in_ball, "-o", tmp_path / "o.usda", *ignored, "--report", path)
+    assert read_report(path)["settings"]["ignore"] == ["/Scene/Rod,/Scene/Ball"]
+    assert run("report", path, "-o", page, "--pictures", 1).code == 0
+    assert "Not counted: contacts of /Scene/Rod,/Scene/Ball" in page.read_text()
+
+
+def test_objects_that_cannot_be_separated_are_named(rod_in_ball, tmp_path):
+    tables = [f'[[prim]]\npath = "/Scene/{name}"\nmobility = 0\n' for name in ("Ball", "Rod")]
+    table = config(tmp_path, "".join(tables))
+    done = run("repair", rod_in_ball, "-o", tmp_path / "o.usda", "--config", table)
+    assert done.code == 1 and "unchanged" in done.out
+    assert "/Scene/Ball/Mesh and /Scene/Rod/Mesh still intersect" in done.out
+    assert "where nothing may move" in done.out
+
+
+def test_what_lies_wholly_inside_is_told(tmp_path):
+    from usd_io import AuthoredMesh, write_animation
+
+    into = np.tile(np.eye(4), (3, 1, 1))
+    into[:, 3, :3] = [(3.0, 0, 0), (0.1, 0.05, 0), (3.0, 0, 0)]
+    meshes = [
+        AuthoredMesh(path="/Head/Mesh", faces=BALL_FACES, rest=BALL),
+        AuthoredMesh(path="/Pea/Mesh", faces=BALL_FACES, rest=0.2 * BALL, transforms=into),
+    ]
+    path, out, report = tmp_path / "a.usda", tmp_path / "b.usda", tmp_path / "r.json"
+    write_animation(path, meshes, times=(1.0, 2.0, 3.0))
+    held = ("--config", config(tmp_path, '[[prim]]\npath = "/Pea"\nmobility = 0\n'))
+    done = run("repair", path, "-o", out, "--report", report, *held)
+    assert done.code == 1
+    frames = read_report(report)["frames"]
+    assert [frame["status"] for frame in frames] == ["clean", "unchanged", "clean"]
+    assert "/Pea/Mesh lies wholly inside /Head/Mesh" in frames[1]["message"]
+    free = run("repair", path, "-o", out, "--report", report, "--alone")
+    frames = read_report(report)["frames"]
+    assert free.code == 0 and [frame["status"] for frame in frames] == ["clean"] * 3
+    assert frames[1]["displacement_max"] > 0.3
+
+
+def test_a_collider_may_intersect_itself(rod_in_ball, tmp_path):
+    from pxr import Usd
+
+    stage = Usd.Stage.Open(str(rod_in_ball))
+    attribute = stage.GetPrimAtPath("/Scene/Ball/Mesh").GetAttribute("points")
+    # One vertex through the other side.
+    points = np.array(attribute.Get())
+    points[0] = -1.3 * points[0]
+    attribute.Set(points)
+    stage.Save()
+    del attribute, stage
+    assert run("check", rod_in_ball, "--frames", 1).code == 1
+    out = ("-o", tmp_path / "o.usda", "--collider", "/Scene/Ball/Mesh")
+    done = run("repair", rod_in_ball, *out)
+    assert done.code == 0, done
+    assert "as a collider never moves" in done.err

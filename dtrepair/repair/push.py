@@ -19,7 +19,9 @@ VOLUME_WEIGHT = 2.0
 DEEPEST = 3
 # A new best must improve on the last one by this factor to renew the patience.
 PROGRESS = 0.98
-
+# So many moving bodies are a pile, whose steps follow this quantile of their motions; bodies that
+# move less than this part of the largest motion stand.
+PILE, SLOWEST, STANDING = 4, 0.25, 0.01
 
 # Maps a pose (V, 3) to the nearest one that is allowed; None: every pose is.
 Limit = Callable[[FloatArray], FloatArray] | None
@@ -76,15 +78,35 @@ def push(
         direction = _direction(
             surface, points, pairs, far, winding, buried if volume else np.zeros_like(buried)
         )
-        largest = np.sqrt((direction**2).sum(axis=1).max())
-        if not (largest > 0 and np.isfinite(largest)):
+        moved = _of_length(surface, direction, step)
+        if moved is None:
             break
-        points = surface.rigid.fitted(start, points - (step / largest) * direction)
+        points = surface.rigid.fitted(start, points - moved)
         if limit is not None:
             points = limit(points)
         pairs = None
     assert best is not None
     return Pushed(best[1], best[2], iteration)
+
+
+def _of_length(surface: Surface, direction: FloatArray, step: float) -> FloatArray | None:
+    """The direction (V, 3) with the largest displacement `step`; None where it is not finite.
+
+    In a pile of many bodies one contact must not make all others wait: a quarter of the bodies may
+    have their direction shortened to the step, each as a whole.
+    """
+    lengths = np.sqrt((direction**2).sum(axis=1))
+    largest = float(lengths.max())
+    if not (largest > 0 and np.isfinite(largest)):
+        return None
+    starts = [body.start for body in surface.bodies]
+    of_body = np.maximum.reduceat(lengths, starts)
+    moving = of_body[of_body > STANDING * largest]
+    if len(moving) < PILE:
+        return (step / largest) * direction
+    limit = step * np.maximum.reduceat(surface.mobility, starts)
+    scale = np.minimum(step / np.quantile(moving, SLOWEST), limit / np.maximum(of_body, 1e-300))
+    return scale[surface.body_of_vertex][:, None] * direction
 
 
 def _far_contacts(surface: Surface, pairs: IntArray, near: int) -> tuple[IntArray, FloatArray]:

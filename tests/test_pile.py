@@ -1,0 +1,64 @@
+"""A pile of objects that all move, soft and rigid: one loop, nothing left."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair import Body, SceneRepairer, Status
+from dtrepair.geometry import unique_edges
+from dtrepair.repair.push import _of_length
+from dtrepair.repair.surface import BodyRange, Surface
+from tests.exact_reference import exact_pairs
+from tests.meshes import Mesh, icosphere, joined, torus
+
+
+def pile(count: int = 6) -> list[Mesh]:
+    """Balls, eggs, rods and rings, each in its neighbours."""
+    ball, faces = icosphere(2, 0.5)
+    ring, ring_faces = torus(24, 10, 0.38, 0.14)
+    kinds = [(ball, faces), (ball * [1.3, 0.7, 0.8], faces), (ring, ring_faces)]
+    cells = np.stack(np.meshgrid([0, 1, 2], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(-1, 3)
+    shifts = 0.8 * cells + 0.05 * np.random.default_rng(0).normal(size=cells.shape)
+    chosen = [kinds[index % len(kinds)] for index in range(count)]
+    return [
+        (points + shift, own) for (points, own), shift in zip(chosen, shifts[:count], strict=True)
+    ]
+
+
+@pytest.mark.parametrize("rigid", [(), (0, 2, 3), (0, 1, 2, 3, 4, 5)])
+def test_six_objects_come_apart(rigid: tuple[int, ...]) -> None:
+    meshes = pile()
+    bodies = [Body(*mesh, rigid=index in rigid) for index, mesh in enumerate(meshes)]
+    results = SceneRepairer(bodies)([points for points, _ in meshes])
+    assert all(result.status is Status.CLEAN for result in results)
+    assert sum(result.before.inter_pairs for result in results) > 200
+    after = [(result.points, faces) for result, (_, faces) in zip(results, meshes, strict=True)]
+    assert len(exact_pairs(*joined(*after))) == 0
+    for index in rigid:
+        edges = unique_edges(meshes[index][1])
+        lengths = [
+            np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+            for points in (meshes[index][0], results[index].points)
+        ]
+        assert np.abs(lengths[1] / lengths[0] - 1.0).max() < 1e-5
+
+
+def test_one_contact_does_not_make_the_others_wait() -> None:
+    meshes = pile()
+    points, faces = joined(*meshes)
+    starts = np.cumsum([0, *(len(mesh[0]) for mesh in meshes)]).tolist()
+    ranges = [BodyRange(starts[k], starts[k + 1], 99.0) for k in range(6)]
+    surface = Surface(points, faces, bodies=ranges)
+    lengths = np.array([10.0, 1.0, 1.0, 1.0, 0.5, 0.0])
+    direction = np.zeros_like(points)
+    direction[:, 0] = lengths[surface.body_of_vertex]
+    moved = _of_length(surface, direction, 0.01)
+    assert moved is not None
+    first = moved[starts[:-1], 0]
+    assert np.allclose(first, [0.01, 0.01, 0.01, 0.01, 0.005, 0.0])
+    pair = Surface(*joined(*meshes[:2]), bodies=ranges[:2])
+    moved = _of_length(pair, direction[: starts[2]], 0.01)
+    assert moved is not None
+    assert np.allclose(moved[[0, starts[1]], 0], [0.01, 0.001])
+    assert _of_length(pair, np.full((starts[2], 3), np.nan), 0.01) is None

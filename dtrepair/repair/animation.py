@@ -259,9 +259,7 @@ class _Stream:
         scene = self.scene
         system = system_of(scene, [other.weld for other in window])
         unit = reduced(system, frame.centred)
-        near = mend(
-            system.surface, unit, reduced(system, pose), warm=None, step=MEND_STEP, alone=_alone
-        )
+        near = mend(system.surface, unit, [reduced(system, pose)], step=MEND_STEP, alone=_alone)
         near = allowed(system.surface.rigid, unit, near, self.animator.method(system).farthest)
         mended = expanded(system, frame.centred, unit, near)
         found = scene._pairs(mended, frame.weld)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from dtrepair.geometry import FloatArray
 from dtrepair.repair.crease import Filled, fill_creases
@@ -16,18 +16,17 @@ NEAR = (12, 6, 0)
 def mend(
     surface: Surface,
     original: FloatArray,
-    points: FloatArray,
+    starts: Sequence[FloatArray],
     *,
-    warm: FloatArray | None,
     step: float,
-    alone: Callable[[Surface, FloatArray], FloatArray],
+    alone: Callable[[Surface, FloatArray], FloatArray] | None = None,
 ) -> FloatArray:
-    """A clean pose near `points` (V, 3), or the one with the fewest pairs that was found.
+    """A clean pose near one of some poses (V, 3), or the one with the fewest pairs that was found.
 
-    warm: correction (V, 3) of the neighbouring frame, tried first; alone: the solver from the
-    input's pose, the last resort.
+    starts: tried in order until one leads to a clean pose, so the least change comes first. alone:
+    the solver from the input's pose, the last resort; its pose may lie on another side of a
+    contact than the neighbours'.
     """
-    starts = [points] if warm is None else [points + warm, points]
     best: Filled | None = None
     for start in starts:
         pose = surface.rigid.fitted(original, start)
@@ -40,7 +39,8 @@ def mend(
             if len(best.defects.crossings) == 0:
                 return best.points
     assert best is not None
-    cold = alone(surface, original)
-    if len(surface.pairs(cold)) < len(best.defects.crossings):
-        return cold
+    if alone is not None:
+        cold = alone(surface, original)
+        if len(surface.pairs(cold)) < len(best.defects.crossings):
+            return cold
     return best.points

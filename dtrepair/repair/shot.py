@@ -10,22 +10,34 @@ from dtrepair.geometry import FloatArray
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.spacetime import Snapshot, SpaceTime
 from dtrepair.repair.surface import Surface
-from dtrepair.repair.timeline import apply_in_time, gaussian_kernel
-from dtrepair.repair.window_frames import Alone
+from dtrepair.repair.timeline import (
+    apply_in_time,
+    gaussian_kernel,
+    second_differences,
+    spread_in_time,
+    steady_weights,
+)
+from dtrepair.repair.window_frames import Alone, Chain
 
 # Width of the kernel of the displacement, in frames.
 WIDTH = 3.5
 # Sweeps are judged in blocks of this many; after so many blocks without progress a phase ends.
 BLOCK, PATIENCE = 2, 3
 # Widths in frames over which the corrections of single frames are spread, pass by pass.
-MENDING = (2.0, 2.0, 1.5, 1.5, 1.2, 1.0, 0.8, 0.0)
+MENDING = (2.0, 2.0, 1.5, 1.5, 1.2, 1.2, 1.0, 1.0, 0.8, 0.8, 0.6, 0.0, 0.0)
 MEND_STEP = 0.004
+# From this pass on frames may start from the displacements of clean frames around them.
+LENDING = 4
+# Frames with a larger root mean square second difference (units of the size) are steadied.
+ROUGH, STEADY_ROUNDS, STEADY_STEP = 1.5e-3, 3, 0.002
 # The same after a cycle of tightening, of at most this part of the frames.
 TIGHT_MENDING, TIGHT_MEND_STEP, TIGHT_DIRTY = (1.0, 0.7, 0.0), 0.002, 0.2
 # Tightening: part of the displacement that is taken back, its decay on failure, the push's step.
 PULL_BACK, PULL_DECAY, PULL_STEP, PULL_SWEEPS = 0.2, 0.6, 0.003, 5
 # What had to be pushed in the last cycle is taken back by this part less.
 HELD = 0.85
+# Frames that tightening leaves dirty take their neighbours back with them, as bells of this width.
+BACK_WIDTH, BACK_TRIES = 2.0, 4
 # Levels of folds fall by this in a cycle.
 LEVEL_FALL = 0.8
 # A cycle must lower the cost to this part; the cost counts jitter so many times the displacement.
@@ -81,6 +93,7 @@ class ShotMethod:
         push(state)
         state.forget_clearance()
         mend_frames(state)
+        steady_frames(state)
         state.given_up = frozenset(state.dirty)
         # Tightening would close a clearance again.
         if self.clearance == 0.0:
@@ -101,7 +114,7 @@ def push(state: SpaceTime) -> None:
         for index in range(phase.sweeps):
             if not state.dirty:
                 return
-            state.sweep(kernel, phase.width, phase.step)
+            state.sweep(kernel, phase.step)
             if index % BLOCK != BLOCK - 1:
                 continue
             counts = np.array([len(pairs) for pairs in state.pairs])
@@ -112,22 +125,49 @@ def push(state: SpaceTime) -> None:
             if stalled == PATIENCE:
                 break
         if state.remaining > best[0]:
-            state.restore(best[1], WIDTH)
+            state.restore(best[1])
 
 
 def mend_frames(
-    state: SpaceTime, *, widths: tuple[float, ...] = MENDING, step: float = MEND_STEP
+    state: SpaceTime,
+    *,
+    widths: tuple[float, ...] = MENDING,
+    step: float = MEND_STEP,
+    alone: bool = True,
 ) -> None:
     """Frames still dirty: the solver of single frames from this state, spread in time.
 
-    Neighbouring frames are solved one after the other, forwards and backwards in turn, each from
-    its neighbour's correction.
+    Neighbouring frames are solved one after the other, forwards and backwards in turn. After some
+    passes they may take the displacements of clean frames around them; those that even then stay
+    dirty are solved alone.
     """
     for index, width in enumerate(widths):
         if not state.dirty:
             return
-        chains = _chains(state.dirty if index % 2 == 0 else state.dirty[::-1])
-        state.mend(chains, gaussian_kernel(state.frames, width), step)
+        chains = _chains(state, backwards=index % 2 == 1, lend=index >= LENDING)
+        last = alone and index == len(widths) - 1
+        state.mend(chains, gaussian_kernel(state.frames, width), step, last=last)
+
+
+def steady_frames(state: SpaceTime) -> None:
+    """Frames that stand out from their neighbours go where these ask them to be, if still clean."""
+    if len(state.frames) < 3:
+        return
+    weights, differences = steady_weights(state.frames), second_differences(state.frames)
+    for _ in range(STEADY_ROUNDS):
+        moved = 0
+        for colour in range(3):
+            rough = np.zeros(len(state.frames), dtype=bool)
+            second = apply_in_time(differences, state.poses - state.original)
+            rough[1:-1] = np.sqrt((second**2).sum(axis=2).mean(axis=1)) > ROUGH
+            rough[:-1] |= rough[1:]
+            rough[1:] |= rough[:-1]
+            frames = np.flatnonzero(rough)
+            frames = frames[frames % 3 == colour]
+            if len(frames):
+                moved += state.steady(frames.tolist(), weights, STEADY_STEP)
+        if not moved:
+            break
 
 
 def tighten_frames(state: SpaceTime, cycles: int) -> None:
@@ -140,7 +180,9 @@ def tighten_frames(state: SpaceTime, cycles: int) -> None:
         kept = 1.0 - fraction * (1.0 - HELD * needed)[:, :, None]
         added = _pulled(state, best, kept, fraction / PULL_BACK, kernel)
         if 0 < len(state.dirty) <= max(2, TIGHT_DIRTY * len(state.original)):
-            mend_frames(state, widths=TIGHT_MENDING, step=TIGHT_MEND_STEP)
+            mend_frames(state, widths=TIGHT_MENDING, step=TIGHT_MEND_STEP, alone=False)
+        if state.dirty:
+            _blend_back(state, best)
         taken = np.linalg.norm(best.smooth * (1.0 - kept), axis=2)
         floor = 1e-3 * taken.max(initial=0.0) + 1e-30
         pushed = np.linalg.norm(added, axis=2) / np.maximum(taken, floor)
@@ -154,7 +196,7 @@ def tighten_frames(state: SpaceTime, cycles: int) -> None:
             fraction *= PULL_DECAY
             needed = np.maximum(needed, pushed)
     if not current:
-        state.restore(best, WIDTH)
+        state.restore(best)
 
 
 def _pulled(
@@ -162,13 +204,35 @@ def _pulled(
 ) -> FloatArray:
     """Start from a part of the best state and push what collides; what the push added (T, V, 3)."""
     fallen = np.maximum(best.fold_hits - np.float32(LEVEL_FALL * fall), np.float32(0.0))
-    state.set(best.smooth * kept, best.extra * kept, (fallen, best.close_hits), WIDTH)
+    start = best._replace(smooth=best.smooth * kept, extra=best.extra * kept, fold_hits=fallen)
+    state.restore(start)
     added = np.zeros_like(state.original)
     for _ in range(PULL_SWEEPS):
         if not state.dirty:
             break
-        added += state.sweep(kernel, WIDTH, PULL_STEP)
+        added += state.sweep(kernel, PULL_STEP)
     return added
+
+
+def _blend_back(state: SpaceTime, best: Snapshot) -> None:
+    """Go back to the best state in dirty frames, smoothly in time; all the way if that fails."""
+    now = state.snapshot()
+    back = np.zeros((len(state.frames), 1), dtype=np.float32)
+    for _ in range(BACK_TRIES):
+        back[state.dirty] = 1.0
+        back = np.maximum(back, spread_in_time(state.frames, back, BACK_WIDTH))
+        part = back[:, :, None].astype(np.float64)
+        mixed = Snapshot(
+            now.smooth + part * (best.smooth - now.smooth),
+            now.extra + part * (best.extra - now.extra),
+            now.fold_hits + back * (best.fold_hits - now.fold_hits),
+            now.close_hits + back * (best.close_hits - now.close_hits),
+            now.springs,
+        )
+        state.restore(mixed)
+        if not state.dirty:
+            return
+    state.restore(best)
 
 
 def _cost(state: SpaceTime) -> float:
@@ -195,12 +259,19 @@ def eased(state: SpaceTime) -> FloatArray:
     return result
 
 
-def _chains(frames: list[int]) -> list[list[int]]:
-    """Frames split where they are not neighbours: each chain is mended one after the other."""
-    chains: list[list[int]] = []
-    for frame in frames:
-        if chains and abs(frame - chains[-1][-1]) == 1:
-            chains[-1].append(frame)
+def _chains(state: SpaceTime, *, backwards: bool, lend: bool) -> list[Chain]:
+    """Dirty frames split where they are not neighbours: each chain is mended in order."""
+    runs: list[list[int]] = []
+    for frame in state.dirty:
+        if runs and frame == runs[-1][-1] + 1:
+            runs[-1].append(frame)
         else:
-            chains.append([frame])
+            runs.append([frame])
+    clean = [frame for frame, pairs in enumerate(state.pairs) if not len(pairs)]
+    chains = []
+    for run in runs:
+        around = [max((f for f in clean if f < run[0]), default=None)]
+        around.append(min((f for f in clean if f > run[-1]), default=None))
+        lenders = [frame for frame in around if frame is not None] if lend else []
+        chains.append(Chain(run[::-1] if backwards else run, lenders))
     return chains

@@ -11,7 +11,10 @@ from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.repair.contact import contact_scale
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.surface import Surface
-from dtrepair.repair.window_frames import Alone, Springs, WindowFrames
+from dtrepair.repair.window_frames import Alone, Chain, Springs, WindowFrames
+
+# Softening fades over time as a bell of this width in frames, however narrow the pushes are.
+FADE = 3.5
 
 Levels = NDArray[np.float32]
 
@@ -23,6 +26,7 @@ class Snapshot(NamedTuple):
     extra: FloatArray
     fold_hits: Levels
     close_hits: Levels
+    springs: Springs
 
 
 class SpaceTime:
@@ -94,32 +98,47 @@ class SpaceTime:
         """Poses from the unknowns, and their pairs."""
         self.pairs = self.crew.map("evaluated", self._every)
 
-    def sweep(self, kernel: FloatArray, width: float, step: float) -> FloatArray:
+    def sweep(self, kernel: FloatArray, step: float) -> FloatArray:
         """Push and soften once; the displacement that the push added (T, V, 3), until the next."""
         self.work.added[:] = 0.0
         springs = [self.springs, *self.crew.map("pushed", self.dirty, self.scale * step)]
         wanted = np.unique(np.concatenate(springs))
         if len(wanted) > len(self.springs):
-            self.springs = wanted
-            self.crew.tell("couple", wanted)
+            self._couple(wanted)
         self.crew.map("smoothed", self._blocks, kernel)
-        self._update(max(width, 2.0))
+        self._update()
         return self.work.added
 
-    def mend(self, chains: list[list[int]], kernel: FloatArray, step: float) -> None:
-        """Solve chains of neighbouring frames one by one, and spread their corrections in time."""
+    def mend(
+        self, chains: list[Chain], kernel: FloatArray, step: float, *, last: bool = False
+    ) -> None:
+        """Solve chains of neighbouring frames one by one, and spread their corrections in time.
+
+        last: frames that stay dirty are solved alone, from the input's pose.
+        """
         self.work.added[:] = 0.0
-        self.crew.map("mended", chains, self.scale * step)
+        self.crew.map("mended", chains, self.scale * step, last)
         self.crew.map("corrected", self._blocks, kernel)
         self.evaluate()
 
-    def set(
-        self, smooth: FloatArray, extra: FloatArray, hits: tuple[Levels, Levels], width: float
-    ) -> None:
-        """Go on from other unknowns and hits."""
-        self.work.smooth[:], self.work.extra[:] = smooth, extra
-        self.work.folds.hits[:], self.work.closes.hits[:] = hits
-        self._update(width)
+    def steady(self, frames: list[int], weights: FloatArray, step: float) -> int:
+        """Steady some frames, none within two of another; how many moved.
+
+        weights (T, T): see `steady_weights`.
+        """
+        self.work.added[:] = 0.0
+        moved = self.crew.map("steadied", frames, weights, self.scale * step)
+        self.work.extra += self.work.added
+        self.evaluate()
+        return sum(moved)
+
+    def restore(self, state: Snapshot) -> None:
+        """Go on from another state."""
+        self.work.smooth[:], self.work.extra[:] = state.smooth, state.extra
+        self.work.folds.hits[:], self.work.closes.hits[:] = state.fold_hits, state.close_hits
+        if len(state.springs) != len(self.springs):
+            self._couple(state.springs)
+        self._update()
 
     def pairs_of(self, poses: FloatArray, frames: list[int]) -> list[IntArray]:
         """Intersecting pairs of some frames of other poses (T, V, 3)."""
@@ -129,13 +148,12 @@ class SpaceTime:
     def snapshot(self) -> Snapshot:
         """The state now."""
         work, hits = self.work, (self.work.folds.hits.copy(), self.work.closes.hits.copy())
-        return Snapshot(work.smooth.copy(), work.extra.copy(), *hits)
+        return Snapshot(work.smooth.copy(), work.extra.copy(), *hits, self.springs)
 
-    def restore(self, state: Snapshot, width: float) -> None:
-        """Go back to a state."""
-        hits = state.fold_hits, state.close_hits
-        self.set(state.smooth, state.extra, hits, max(width, 2.0))
+    def _couple(self, springs: Springs) -> None:
+        self.springs = springs
+        self.crew.tell("couple", springs)
 
-    def _update(self, width: float) -> None:
-        self.crew.map("leveled", self._blocks, width)
+    def _update(self) -> None:
+        self.crew.map("leveled", self._blocks, FADE)
         self.evaluate()

@@ -88,6 +88,35 @@ def spread_in_time(
     return result
 
 
+def second_differences(frames: FloatArray) -> FloatArray:
+    """Matrix (T - 2, T): accelerations of a function of time at its inner samples.
+
+    frames: times (T,) in frame units.
+    """
+    gaps = np.diff(frames)
+    result = np.zeros((max(len(frames) - 2, 0), len(frames)))
+    for index in range(len(result)):
+        before, after = gaps[index], gaps[index + 1]
+        scale = 2.0 / (before + after)
+        row = scale / before, -scale * (1.0 / before + 1.0 / after), scale / after
+        result[index, index : index + 3] = row
+    return result
+
+
+def steady_weights(frames: FloatArray) -> FloatArray:
+    """Matrix (T, T), zero diagonal: each value from the others, with the least acceleration.
+
+    Minimises the sum of squared second differences over one value, the others held.
+    """
+    differences = second_differences(frames)
+    normal = differences.T @ differences
+    own = np.diag(normal).copy()
+    own[own == 0.0] = 1.0
+    weights = -normal / own[:, None]
+    np.fill_diagonal(weights, 0.0)
+    return weights
+
+
 def is_cut(before: float, jump: float, after: float, motion: float) -> bool:
     """Whether a jump between two frames starts a new shot.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,17 @@ BLOCK = 1024
 # Part of the neighbouring frame's correction that a frame starts from when it is mended.
 WARM = 0.9
 
+# Steadying: parts of the way that are tried, and what the distance has to fall to.
+STEADY_PARTS, STEADIER = (1.0, 0.5), 0.9
+
 Alone = Callable[[Surface, FloatArray], FloatArray]
+
+
+class Chain(NamedTuple):
+    """Dirty frames next to each other, in the order they are mended, and the clean ones around."""
+
+    frames: Sequence[int]
+    lenders: Sequence[int]
 
 
 class WindowFrames:
@@ -110,15 +121,39 @@ class WindowFrames:
             self.added[frame] = regional_push(surface, self.poses[frame], pairs, far, step=step)
         return springs
 
-    def mended(self, surface: Surface, chain: Sequence[int], step: float) -> None:
-        """Solve neighbouring frames one by one, each from the last one's correction; in `added`."""
-        moved: FloatArray | None = None
-        for frame in chain:
-            warm = None if moved is None else WARM * moved
+    def mended(self, surface: Surface, chain: Chain, step: float, last: bool) -> None:
+        """Solve neighbouring frames one by one; what they have to move by is in `added`.
+
+        Each starts from where it is, then from the last one's correction, then from the
+        displacements of the clean frames around the chain; `last`: then from its input.
+        """
+        warm: FloatArray | None = None
+        for frame in chain.frames:
             before, now = self.original[frame], self.poses[frame]
-            pose = mend(surface, before, now, warm=warm, step=step, alone=self.alone)
-            moved = pose - now
-            self.added[frame] = moved
+            starts = [now] if warm is None else [now, now + WARM * warm]
+            starts += [before + self.poses[k] - self.original[k] for k in chain.lenders]
+            alone = self.alone if last else None
+            warm = mend(surface, before, starts, step=step, alone=alone) - now
+            self.added[frame] = warm
+
+    def steadied(self, surface: Surface, frame: int, weights: FloatArray, step: float) -> bool:
+        """Move a frame towards where its neighbours ask it to be, if a clean pose is there.
+
+        weights: see `steady_weights`; the motion is in `added`. Returns whether it moves.
+        """
+        original, now, row = self.original, self.poses[frame], weights[frame]
+        used = np.flatnonzero(row)
+        steady = original[frame] + sum(row[k] * (self.poses[k] - original[k]) for k in used)
+        rough = np.linalg.norm(steady - now)
+        for part in STEADY_PARTS:
+            start = surface.rigid.fitted(original[frame], now + part * (steady - now))
+            pose = mend(surface, original[frame], [start], step=step)
+            pose = allowed(surface.rigid, original[frame], pose, self.farthest)
+            better = np.linalg.norm(steady - pose) < STEADIER * rough
+            if better and len(surface.pairs(pose)) == 0:
+                self.added[frame] = pose - now
+                return True
+        return False
 
     def smoothed(self, surface: Surface, block: int, kernel: FloatArray) -> None:
         """Smooth `added` in time for a block of vertices, and add it to `smooth`."""

@@ -42,6 +42,9 @@ def resolve_device(name: str) -> str:
         return name
     if name != "auto" and not (name == "cuda" or name.removeprefix("cuda:").isdecimal()):
         raise ValueError(f"device should be auto, cpu, cuda or cuda:N, got {name!r}")
+    # Without a GPU that Warp can use there is nothing to ask PyTorch, which takes a second to load.
+    if name == "auto" and start_warp().get_cuda_device_count() == 0:
+        return "cpu"
     import torch
 
     available = torch.cuda.device_count() if torch.cuda.is_available() else 0

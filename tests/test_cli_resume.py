@@ -79,7 +79,7 @@ def test_a_resumed_run_ends_with_the_same_bytes(tmp_path, monkeypatch, clip, win
 
 def test_frames_repaired_alone_are_resumed_one_by_one(tmp_path, monkeypatch, clip):
     assert run("repair", clip, "-o", tmp_path / "whole.usdc", "--alone").code == 0
-    stopped = interrupted(monkeypatch, clip, tmp_path / "b.usdc", 30, "--alone")
+    stopped = interrupted(monkeypatch, clip, tmp_path / "b.usdc", 30, "--alone", "--jobs", 1)
     assert_fails(stopped, 130, "--resume")
     calls = []
     solve = repairer.SceneRepairer.__call__
@@ -89,7 +89,7 @@ def test_frames_repaired_alone_are_resumed_one_by_one(tmp_path, monkeypatch, cli
         return solve(self, points)
 
     monkeypatch.setattr(repairer.SceneRepairer, "__call__", counted)
-    resumed = run("repair", clip, "-o", tmp_path / "b.usdc", "--alone", "--resume")
+    resumed = run("repair", clip, "-o", tmp_path / "b.usdc", "--alone", "--resume", "--jobs", 1)
     assert resumed.code == 0 and len(calls) == FRAMES - 30
     assert (tmp_path / "b.usdc").read_bytes() == (tmp_path / "whole.usdc").read_bytes()
     assert listing(tmp_path) == ["b.usdc", "whole.usdc"]

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 import torch
 
+from dtrepair import device
 from dtrepair.device import resolve_device, start_warp
 
 
 def pretend(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
-    """Let PyTorch see `count` CUDA devices."""
+    """Let Warp and PyTorch see `count` CUDA devices."""
+    warp = SimpleNamespace(get_cuda_device_count=lambda: count)
+    monkeypatch.setattr(device, "start_warp", lambda: warp)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: count > 0)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: count)
 

@@ -14,8 +14,8 @@ from dtrepair.cli.interrupts import watched
 with watched() as interrupts:
     interrupts.cleanups.append(lambda: print("cleaned", flush=True))
     interrupts.advice = lambda: "; advice"
-    print("busy", flush=True)
     try:
+        print("busy", flush=True)
         time.sleep(60)
     finally:
         time.sleep(60)  # such as waiting for threads

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from itertools import chain, islice
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -61,18 +63,23 @@ class FrameRepairer:
     ) -> None:
         """Take the solver of all meshes together, and the counter that verifies its results.
 
-        Frames are solved together, steady in time, on `jobs` threads; `alone`: each for itself.
+        Frames are solved together, steady in time, by `jobs` workers; `alone`: each for itself.
         memory: where solutions of an earlier run are looked up, and new ones kept.
         """
+        from dtrepair.repair.crew import available_processors
+
         self.source = source
         self.repairer = repairer
         self.counter = counter
         self.jobs = jobs
+        # Frames worked on side by side; what was started on a GPU cannot be shared by processes.
+        self.workers = (jobs or available_processors()) if repairer.device == "cpu" else 1
         self.alone = alone
         self.memory = memory
         self.record = FrameRecorder(source, repairer.bodies)
         self.free = [_free(body) for body in repairer.bodies]
         self.warnings: list[str] = []
+        self._again = Lock()
 
     def solve(self, poses: Iterable[Pose]) -> Iterator[Solution]:
         """Solve (time, points of each mesh) in order; an error may take a frame's place."""
@@ -97,11 +104,12 @@ class FrameRepairer:
                 reason = f"{type(error).__name__}: {error}"
                 self.warnings.append(f"frames from {fed[0][0]:g} are repaired alone: {reason}")
             iterator = chain(list(fed), iterator)
-        for _, points in iterator:
-            try:
-                yield self._alone(points)
-            except Exception as error:
-                yield error
+        from dtrepair.repair.remember import repair_each
+
+        self.alone = True
+        points = (points for _, points in iterator)
+        jobs = self.workers if len(first) == 2 else 1
+        yield from repair_each(self.repairer, points, self.memory, jobs=jobs)
 
     def _animator(self) -> AnimationRepairer:
         if self.memory is None:
@@ -109,13 +117,6 @@ class FrameRepairer:
         from dtrepair.repair.remember import RememberingAnimator
 
         return RememberingAnimator(self.repairer, self.memory)
-
-    def _alone(self, points: Sequence[Any]) -> list[RepairResult]:
-        if self.memory is None:
-            return self.repairer(points)
-        from dtrepair.repair.remember import repair_remembered
-
-        return repair_remembered(self.repairer, points, self.memory)
 
     def finish(self, frame: Frame, solution: Solution | None) -> Repaired:
         """Verify a solution on the points that would be written; unchanged where there is none."""
@@ -138,7 +139,8 @@ class FrameRepairer:
         seconds = {"detect": 0.0, "solve": 0.0}
         for repetition in range(_ROUNDS):
             if repetition:
-                results = self.repairer(spaces)
+                with self._again:
+                    results = self.repairer(spaces)
             iterations += results[0].iterations
             for name in seconds:
                 seconds[name] += results[0].seconds.get(name, 0.0)
@@ -195,19 +197,30 @@ def repair_frames(frames: Iterable[Frame], repairer: FrameRepairer) -> Iterator[
     The solver may look ahead as far as it likes: frames wait here until their solution comes.
     """
     waiting: deque[Frame] = deque()
+    finishing: deque[Future[Repaired]] = deque()
 
     def poses() -> Iterator[Pose]:
         for frame in frames:
+            wait(finishing)  # the solver goes on, and may fork: no thread must be at work then
             waiting.append(frame)
             if frame.usable:
                 yield frame.time, frame.spaces
+        wait(finishing)
 
-    for solution in repairer.solve(poses()):
-        while not waiting[0].usable:
+    ahead = 2 * repairer.workers
+    with ThreadPoolExecutor(repairer.workers) as pool:
+        for solution in repairer.solve(poses()):
+            while not waiting[0].usable:
+                finishing.append(pool.submit(repairer.finish, waiting.popleft(), None))
+            finishing.append(pool.submit(repairer.finish, waiting.popleft(), solution))
+            if repairer.alone:
+                wait(finishing)
+            while finishing and (finishing[0].done() or len(finishing) > ahead):
+                yield finishing.popleft().result()
+        while finishing:
+            yield finishing.popleft().result()
+        while waiting:
             yield repairer.finish(waiting.popleft(), None)
-        yield repairer.finish(waiting.popleft(), solution)
-    while waiting:
-        yield repairer.finish(waiting.popleft(), None)
 
 
 def _free(body: Body) -> NDArray[np.bool_]:

@@ -209,7 +209,10 @@ class _Stream:
             caught = [frame.caught for frame in frames]
             starts = list(released_frames(self.scene, np.stack(starts), caught, times))
         unit = np.stack([reduced(system, start) for start in starts])
-        found = self.animator.method(system)(unit, times, crew)
+        try:
+            found = self.animator.method(system)(unit, times, crew)
+        finally:
+            crew.stop()  # workers are forked anew for each window; their memory is free until then
         return [
             expanded(system, start, before, after)
             for start, before, after in zip(starts, unit, found, strict=True)

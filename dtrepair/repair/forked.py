@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 import pickle
 import signal
@@ -11,11 +12,16 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from typing import Any, NamedTuple, TypeVar
+from functools import partial
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection, wait
+from typing import Any, TypeVar
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
+# Items on their way, for each process: answers wait here for an earlier one.
+AHEAD = 3
 # prctl: the signal that a process gets when its parent ends, however that ends.
 _DEATH_SIGNAL = 1
 
@@ -43,6 +49,9 @@ def fork(work: Callable[[], None]) -> int:
             signal.set_wakeup_fd(-1)
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            gc.freeze()  # a collection would write to, and so copy, all that is shared
+            if "torch" in sys.modules:  # its threads were not forked
+                sys.modules["torch"].set_num_threads(1)
             work()
             os._exit(0)
     finally:
@@ -82,53 +91,82 @@ def unpacked(content: bytes) -> Any:
 def forked_map(
     function: Callable[[Item], Answer], items: Iterable[Item], *, jobs: int
 ) -> Iterator[Answer]:
-    """Answers of function(item) in the order of the items, at most `jobs` processes at a time.
+    """Answers of function(item) in the order of the items, found by `jobs` processes.
 
-    Each call has a process of its own: it sees the state of this one at the time of the fork, and
-    only its answer comes back. Items are taken when a process is free. With one job, or where
-    processes cannot be forked, the calls are made here. Exceptions of a call are raised here;
-    RuntimeError where a process ended without an answer. Processes never outlive the iterator.
+    A process is forked when there is an item for it, and sees the state of that moment; from then
+    on only items and answers go to and fro. Items are taken when a process is free. With one job,
+    or where processes cannot be forked, the calls are made here. Exceptions of a call are raised
+    here; RuntimeError where a process ended without an answer. Processes never outlive the
+    iterator.
     """
     if jobs == 1 or not can_fork():
         yield from map(function, items)
         return
-    running: deque[_Call] = deque()
+    pool = _Pool(function, jobs)
+    waiting: deque[int] = deque()
     try:
-        for item in items:
-            if len(running) == jobs:
-                yield running.popleft().answer()
-            running.append(_start(function, item))
-        while running:
-            yield running.popleft().answer()
+        for number, item in enumerate(items):
+            while pool.full or len(waiting) >= AHEAD * jobs:
+                if waiting[0] in pool.answers:
+                    yield pool.take(waiting.popleft())
+                else:
+                    pool.receive()
+            pool.start(number, item)
+            waiting.append(number)
+        while waiting:
+            if waiting[0] in pool.answers:
+                yield pool.take(waiting.popleft())
+            else:
+                pool.receive()
     finally:
-        for call in running:
-            end(call.process)
-            os.close(call.file)
+        pool.close()
 
 
-class _Call(NamedTuple):
-    """A forked process, and the file in memory that it writes its answer to."""
+class _Pool:
+    """Processes that call one function; `answers`, packed, by the number of the item."""
 
-    process: int
-    file: int
+    def __init__(self, function: Callable[[Any], Any], jobs: int) -> None:
+        self._function, self._jobs = function, jobs
+        self._processes: list[int] = []
+        self._idle: list[Connection] = []
+        self._busy: dict[Connection, int] = {}
+        self.answers: dict[int, bytes] = {}
 
-    def answer(self) -> Any:
-        """Wait for the answer; the exception of the call is raised."""
-        try:
-            os.waitpid(self.process, 0)
-        except BaseException:
-            end(self.process)
-            raise
-        with os.fdopen(self.file, "rb") as file:
-            file.seek(0)  # both processes share one position
-            return unpacked(file.read())
+    @property
+    def full(self) -> bool:
+        return not self._idle and len(self._busy) == self._jobs
 
+    def start(self, number: int, item: Any) -> None:
+        connection = self._idle.pop() if self._idle else self._fork()
+        self._busy[connection] = number
+        connection.send(item)
 
-def _start(function: Callable[[Item], Answer], item: Item) -> _Call:
-    file = os.memfd_create("answer")
+    def receive(self) -> None:
+        """Wait for answers."""
+        for connection in wait(list(self._busy)):
+            assert isinstance(connection, Connection)
+            number = self._busy.pop(connection)
+            try:
+                self.answers[number] = connection.recv_bytes()
+                self._idle.append(connection)
+            except (EOFError, ConnectionError):
+                self.answers[number] = b""
 
-    def work() -> None:
-        with os.fdopen(file, "wb") as stream:
-            stream.write(packed(lambda: function(item)))
+    def take(self, number: int) -> Any:
+        return unpacked(self.answers.pop(number))
 
-    return _Call(fork(work), file)
+    def close(self) -> None:
+        for process in self._processes:
+            end(process)
+
+    def _fork(self) -> Connection:
+        here, there = Pipe()
+
+        def work() -> None:
+            while True:
+                item = there.recv()
+                there.send_bytes(packed(partial(self._function, item)))
+
+        self._processes.append(fork(work))
+        there.close()
+        return here

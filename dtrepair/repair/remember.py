@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from dtrepair.geometry import FloatArray
 from dtrepair.repair.animation import OVERLAP, WINDOW, AnimationRepairer
 from dtrepair.repair.crew import Crew
+from dtrepair.repair.forked import forked_map
 from dtrepair.repair.options import Count, RepairResult, Stage, Status
 from dtrepair.repair.shot import ShotMethod
 
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
     from dtrepair.repair.system import System
 
 Arrays = Mapping[str, NDArray[Any]]
+# Poses, and their results if they are known.
+_Item = tuple[list[NDArray[Any]], list[RepairResult] | None]
 
 
 class Memory(Protocol):
@@ -80,22 +84,46 @@ class _RememberingShot(ShotMethod):
         return found
 
 
-def repair_remembered(
-    scene: SceneRepairer, points: Sequence[Any], memory: Memory
-) -> list[RepairResult]:
-    """The results of a pose (V, 3) of each body, looked up or found and kept."""
-    arrays = [np.asarray(pose) for pose in points]
-    key = hash_of(*arrays)
-    kept = memory.recall(key)
-    if kept is not None:
-        facts = json.loads(bytes(kept["facts"]).decode())
-        return [_result(kept[f"points{k}"], fact) for k, fact in enumerate(facts)]
-    results = scene(arrays)
+def repair_each(
+    scene: SceneRepairer, poses: Iterable[Sequence[Any]], memory: Memory | None, *, jobs: int
+) -> Iterator[list[RepairResult] | Exception]:
+    """The results of each pose (V, 3) of each body, looked up, or found by `jobs` and kept.
+
+    What a pose raises takes the place of its results.
+    """
+    recalled: deque[tuple[str, bool]] = deque()
+
+    def items() -> Iterator[_Item]:
+        for points in poses:
+            arrays = [np.asarray(pose) for pose in points]
+            key = hash_of(*arrays) if memory is not None else ""
+            kept = memory.recall(key) if memory is not None else None
+            recalled.append((key, kept is not None))
+            yield arrays, None if kept is None else _results(kept)
+
+    def solved(item: _Item) -> list[RepairResult] | Exception:
+        arrays, known = item
+        try:
+            return known or scene(arrays)
+        except Exception as error:
+            return error
+
+    for results in forked_map(solved, items(), jobs=jobs):
+        key, known = recalled.popleft()
+        if memory is not None and not known and not isinstance(results, Exception):
+            memory.keep(key, _arrays(results))
+        yield results
+
+
+def _arrays(results: list[RepairResult]) -> dict[str, NDArray[Any]]:
     facts = [{**asdict(result), "points": None} for result in results]
     content = {f"points{k}": np.asarray(result.points) for k, result in enumerate(results)}
-    content["facts"] = np.frombuffer(json.dumps(facts).encode(), dtype=np.uint8)
-    memory.keep(key, content)
-    return results
+    return {**content, "facts": np.frombuffer(json.dumps(facts).encode(), dtype=np.uint8)}
+
+
+def _results(kept: Arrays) -> list[RepairResult]:
+    facts = json.loads(bytes(kept["facts"]).decode())
+    return [_result(kept[f"points{k}"], fact) for k, fact in enumerate(facts)]
 
 
 def hash_of(*arrays: NDArray[Any]) -> str:

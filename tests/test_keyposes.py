@@ -7,7 +7,7 @@ import pytest
 from pxr import Usd, UsdGeom, Vt
 from swinging_arm import arm_mesh, arm_pose
 
-from dtrepair import Repairer, find_intersections
+from dtrepair import Repairer, RepairOptions, find_intersections
 from dtrepair.repair.key_changes import NEIGHBOUR_LIMIT, neighbours_moved, scaled
 from dtrepair.repair.key_spans import KeyOptions
 from dtrepair.repair.keyposes import clean_in_betweens, verify_in_betweens
@@ -123,7 +123,11 @@ class ArmSolver:
 
     def __init__(self, *, helpless=False):
         _, self.faces = arm_mesh(1.0)
-        self.repairer = None if helpless else Repairer(arm_pose(1.0), self.faces)
+        self.repairer = (
+            None
+            if helpless
+            else Repairer(arm_pose(1.0), self.faces, options=RepairOptions(tighten=1))
+        )
         self.cases = 0
 
     def pairs(self, time, poses):

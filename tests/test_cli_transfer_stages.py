@@ -82,7 +82,7 @@ def test_frames_may_be_repaired_alone(stages):
     assert run(*arguments, "--alone", "--clearance", 1e-4).code == 0
     frames = read_report(report)["frames"]
     assert frames[0]["displacement_max"] == 0.0 < frames[2]["displacement_max"]
-    assert_fails(run(*arguments, "--clearance", 1e-4), 2, "--clearance", "--alone")
+    assert run(*arguments, "--clearance", 1e-4).code == 0
     assert_fails(run(*arguments[:5], "--alone"), 2, "--alone", "--repair")
 
 

@@ -145,14 +145,14 @@ def command(
     run = Run(source_path, output, use_device(device), options, jobs, alone)
     source = open_source(source_path, selection, collider=collider)
     console.warn(source.warnings)
-    _refuse_together(source, run, directed=direction is not None)
+    _refuse_without_effect(run, directed=direction is not None)
     controls = read_controls(source, pin, direction, rigid=rigid, ignore=ignore)
     console.warn(controls.warnings)
     run.ignored = controls.ignored
     more: dict[str, Any] = {"rest": rest, "collider": collider, "pin": pin, "direction": direction}
     more |= {"rigid": rigid, "ignore": list(ignore), "objects": recorded(source, controls.settings)}
     run.settings = settings_of(selection, options, more)
-    _refuse_together(source, run, directed=any(way is not None for way in controls.directions))
+    _refuse_without_effect(run, directed=any(way is not None for way in controls.directions))
     if options.method == "paper" and any(own.rigid for own in controls.settings):
         raise Failure("--rigid: has no effect with --method paper; leave it out", USAGE)
     sink = open_sink(source, output, run.settings)
@@ -185,8 +185,8 @@ def command(
     return _exit_code(report.frames)
 
 
-def _refuse_together(source: Source, run: Run, *, directed: bool) -> None:
-    """Refuse options that the repair of frames together does not have."""
+def _refuse_without_effect(run: Run, *, directed: bool) -> None:
+    """Refuse options that the published method does not have."""
     given = {
         "--direction": directed,
         "--clearance": run.options.clearance > 0.0,
@@ -195,8 +195,6 @@ def _refuse_together(source: Source, run: Run, *, directed: bool) -> None:
     for option, used in given.items():
         if used and run.options.method == "paper":
             raise Failure(f"{option}: has no effect with --method paper; leave it out", USAGE)
-        if used and len(source.times) > 1 and not run.alone:
-            raise Failure(f"{option}: works frame by frame only; add --alone", USAGE)
 
 
 def settings_of(

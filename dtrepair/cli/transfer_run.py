@@ -61,7 +61,6 @@ class Pair:
 def run_transfer(run: Inputs, output: str, console: Console) -> tuple[int, Report | None]:
     """Do a whole transfer; return the exit code and the report (None for a dry run)."""
     pair = _open(run, console)
-    _refuse_together(run, pair)
     open_sink = ShapeSink if run.options.shapes else open_clip
     sink = open_sink(pair.source, pair.target, output, run.settings())
     try:
@@ -224,16 +223,6 @@ def _alone(run: Inputs, pair: Pair) -> bool:
     """Whether frames are repaired each for itself: poses in files need not be a motion."""
     chosen = run.options.alone
     return isinstance(pair.source, PoseFiles) if chosen is None else chosen
-
-
-def _refuse_together(run: Inputs, pair: Pair) -> None:
-    """Refuse options that the repair of frames together does not have."""
-    options = run.options.repair
-    if options is None or _alone(run, pair) or len(pair.source.times) < 2:
-        return
-    if options.clearance > 0.0 or options.maximum_displacement is not None:
-        name = "clearance" if options.clearance > 0.0 else "maximum-displacement"
-        raise Failure(f"--{name}: works frame by frame only; add --alone", USAGE)
 
 
 def _print_plan(console: Console, pair: Pair, output: str) -> None:

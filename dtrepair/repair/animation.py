@@ -238,7 +238,8 @@ class _Stream:
         repaired = np.where(moved[:, None], rounded, frame.original)
         spent = seconds + clock.perf_counter() - start
         stage = Stage("space-time", len(left), 0, 0.0, 0, spent)
-        solved = Solved(pose, [stage] if moved.any() else [])
+        close = self._too_close(frame, pose, window)
+        solved = Solved(pose, [stage] if moved.any() else [], close)
         results = [
             scene._result(
                 index,
@@ -254,6 +255,15 @@ class _Stream:
             for index in range(len(scene.bodies))
         ]
         return Repaired(frame.time, results)
+
+    def _too_close(self, frame: Frame, pose: FloatArray, window: list[Frame]) -> int:
+        """How many pairs are closer than the clearance."""
+        clearance = self.scene.options.clearance
+        if clearance == 0.0:
+            return 0
+        system = system_of(self.scene, [other.weld for other in window])
+        unit = reduced(system, pose)
+        return len(system.surface.close_pairs(unit, clearance / system.surface.size))
 
     def _fallback(
         self, frame: Frame, pose: FloatArray, left: IntArray, window: list[Frame]

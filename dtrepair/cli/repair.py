@@ -41,7 +41,7 @@ from dtrepair.cli.repair_output import print_plan, print_table
 from dtrepair.cli.repair_run import Run, open_journal, repair_here
 from dtrepair.cli.rest import choose_rests
 from dtrepair.cli.sinks import existing, open_sink
-from dtrepair.cli.sources import Source, open_source
+from dtrepair.cli.sources import open_source
 from dtrepair.record import FrameRecord, write_report
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from dtrepair import __version__
 from dtrepair.cli.bodies import in_units_of_frames
 from dtrepair.cli.console import Console
 from dtrepair.cli.correspondence import Correspondence, find_correspondence
-from dtrepair.cli.failures import CLEAN, FRAMES, INPUT, REMAINING, USAGE, Failure, writing
+from dtrepair.cli.failures import CLEAN, FRAMES, INPUT, REMAINING, Failure, writing
 from dtrepair.cli.frames import make_counter, prim_records
 from dtrepair.cli.rest import Rest, choose_rests
 from dtrepair.cli.sinks import Sink

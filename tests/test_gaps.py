@@ -59,16 +59,23 @@ def test_vertices_face_the_other_sphere_and_never_their_own() -> None:
     points, faces = two_spheres(2.1)
     surface = Surface(points, faces)
     gaps = gaps_of(surface)
-    keys = gaps.add_facing(surface.rest, 0.5 / surface.size)
+    keys = gaps.add_facing(surface.rest, surface.vector_areas(surface.rest), 0.5 / surface.size)
     half = surface.count // 2
     assert len(keys) == len(gaps) > 20
     assert ((gaps.corners[:, 0] < half) != (gaps.corners[:, 3] < half)).all()
     # All are on the side towards the other sphere.
     assert (points[gaps.corners[:, 0][gaps.corners[:, 0] < half], 0] > 0.5).all()
     # Nothing is within a shorter reach, and nothing is in front of a lone sphere.
-    assert len(gaps_of(surface).add_facing(surface.rest, 0.05 / surface.size)) == 0
+    assert (
+        len(
+            gaps_of(surface).add_facing(
+                surface.rest, surface.vector_areas(surface.rest), 0.05 / surface.size
+            )
+        )
+        == 0
+    )
     alone = Surface(*icosphere(3))
-    assert len(gaps_of(alone).add_facing(alone.rest, 9.0)) == 0
+    assert len(gaps_of(alone).add_facing(alone.rest, alone.vector_areas(alone.rest), 9.0)) == 0
 
 
 def test_contacts_that_do_not_count_have_no_gaps() -> None:
@@ -77,7 +84,10 @@ def test_contacts_that_do_not_count_have_no_gaps() -> None:
     bodies = [BodyRange(0, half, 99.0), BodyRange(half, 2 * half, 99.0)]
     for mode, some in (("self", False), ("inter", True)):
         surface = Surface(points, faces, bodies=bodies, mode=mode)
-        assert (len(gaps_of(surface).add_facing(surface.rest, 1.0)) > 0) == some
+        assert (
+            len(gaps_of(surface).add_facing(surface.rest, surface.vector_areas(surface.rest), 1.0))
+            > 0
+        ) == some
 
 
 def test_folds_have_gaps_of_their_free_edges() -> None:
@@ -94,7 +104,7 @@ def test_folds_have_gaps_of_their_free_edges() -> None:
 def test_linearised_widths_are_distances_and_least_widths_are_smaller() -> None:
     surface = Surface(*two_spheres(2.1))
     gaps = gaps_of(surface)
-    gaps.add_facing(surface.rest, 0.2)
+    gaps.add_facing(surface.rest, surface.vector_areas(surface.rest), 0.2)
     gaps.linearise(surface.rest)
     widths = gaps.width(surface.rest)
     nearest = np.linalg.norm(gaps._nearest(surface.rest)[2], axis=1)
@@ -136,7 +146,7 @@ def test_a_step_keeps_gaps_open_and_pushes_both_sides() -> None:
     rigidity = Rigidity(surface, target)
     right = rigidity.target(surface.rest)
     gaps = gaps_of(surface)
-    gaps.add_facing(surface.rest, 0.5)
+    gaps.add_facing(surface.rest, surface.vector_areas(surface.rest), 0.5)
     gaps.linearise(surface.rest)
     free = rigidity.solve(right)
     assert (gaps.width(free) < 0).any()

@@ -57,10 +57,13 @@ class Gaps:
         self._harder[np.isin(self.keys, keys)] *= STIFFER
         self._insert(keys, np.concatenate(corners))
 
-    def add_facing(self, points: FloatArray, radius: float) -> NDArray[np.int64]:
-        """Gaps between movable vertices and the triangles in front of them; their keys."""
+    def add_facing(self, points: FloatArray, areas: FloatArray, radius: float) -> NDArray[np.int64]:
+        """Gaps between movable vertices and the triangles in front of them; their keys.
+
+        In front is along the vector areas (V, 3) of the vertices, up to a radius.
+        """
         vertices = np.flatnonzero(self.mobility > 0).astype(np.int32)
-        triangles = self._faced(points, vertices, radius)
+        triangles = self._faced(points, areas, vertices, radius)
         pairs = np.stack([self._triangle_at[vertices], triangles], axis=1)[triangles >= 0]
         vertices = vertices[triangles >= 0]
         counts = self.surface.counts(pairs)
@@ -118,13 +121,14 @@ class Gaps:
         warp.launch(self._kernels.nearest_points, dim=len(self), inputs=inputs, device="cpu")
         return [array.numpy() for array in found]
 
-    def _faced(self, points: FloatArray, vertices: IntArray, radius: float) -> IntArray:
+    def _faced(
+        self, points: FloatArray, areas: FloatArray, vertices: IntArray, radius: float
+    ) -> IntArray:
         """The nearest triangle (Q,) along the normal of each vertex, -1 where there is none."""
         warp, surface = self._warp, self.surface
         tree = surface.detector.tree
         assert tree is not None
-        normals = surface.vector_areas(points)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-300
+        normals = areas / (np.linalg.norm(areas, axis=1, keepdims=True) + 1e-300)
         low, high = surface.detector.boxes(surface.written(points)[None])[2:4]
         found = warp.empty(len(vertices), dtype=warp.int32, device="cpu")
         inputs = [self._array(points, warp.vec3d), self._array(normals, warp.vec3d)]

@@ -8,6 +8,7 @@ from dtrepair.geometry import FloatArray
 from dtrepair.repair.contact import find_defects
 from dtrepair.repair.crease import Filled
 from dtrepair.repair.gaps import Gaps
+from dtrepair.repair.inflation import Inflation
 from dtrepair.repair.rigidity import Rigidity
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.tighten import (
@@ -29,8 +30,10 @@ ROUNDS, ITERATIONS, PRECISION = 3, 60, 1e-3
 # Gaps that a first solve leaves wider than this many margins are of no concern.
 CONCERN = 6e-4
 # Relaxing ends when the distortion fell by less than this over so many cycles.
-GAIN, STALLED = 0.99, 3
+ENOUGH, STALLED = 0.002, 3
 FAILURES = 3
+# What missing volume counts next to the distortion.
+VOLUME = 0.3
 
 
 def relax(
@@ -57,7 +60,7 @@ def relax(
         history.append(state.best[0])
         if state.failures == FAILURES:
             break
-        if cycle >= STALLED and history[-1] > GAIN * history[-1 - STALLED]:
+        if cycle >= STALLED and history[-1 - STALLED] - history[-1] < ENOUGH:
             break
     return state.best[1], len(history) - 1
 
@@ -77,9 +80,10 @@ class _Relaxation:
         self.surface, self.original = surface, original
         self.points, self.known = points, find_defects(surface, points)
         self.folds, self.reach, self.step = folds, reach, step
-        self.rigidity = Rigidity(surface, original)
+        self.rigidity = Rigidity(surface, original, moving=surface.dilate(reach > 0))
         self.gaps = Gaps(surface, reach)
-        self.best = distortion(surface, original, points), points
+        self.inflation = Inflation(surface, original, reach)
+        self.best = self._value(), points
         self.failures, self._pull = 0, 0.0
 
     def cycle(self) -> None:
@@ -93,14 +97,19 @@ class _Relaxation:
             self.gaps.forces *= 0.5
             return
         self.points, self.known = found
-        value = distortion(self.surface, self.original, self.points)
+        value = self._value()
         if value < self.best[0]:
             self.best = value, self.points
+
+    def _value(self) -> float:
+        """Distortion and missing volume: what relaxing lowers."""
+        lost = self.inflation.lost(self.points)
+        return distortion(self.surface, self.original, self.points) + VOLUME * lost
 
     def _right_hand_side(self) -> FloatArray:
         """That of the step, shortened such that no vertex moves too far without contacts."""
         points = self.points
-        full = self.rigidity.target(points)
+        full = self.rigidity.target(points) + self.inflation.force(points, self._pull)
         present = self.rigidity.image(points)
         free = self.rigidity.solve(full)
         farthest = np.linalg.norm(self.reach[:, None] * (free - points), axis=1).max()
@@ -114,7 +123,7 @@ class _Relaxation:
         """Gaps that matter to the step: those with forces and those it would close."""
         gaps = self.gaps
         gaps.soften()
-        facing = gaps.add_facing(self.points, 2.0 * self.step)
+        facing = gaps.add_facing(self.points, self.inflation.areas(self.points), 2.0 * self.step)
         gaps.linearise(self.points)
         first = step_with_gaps(self.rigidity, right, gaps, self.points, rounds=1, iterations=2)
         closing = np.isin(gaps.keys, facing) & (gaps.width(first) < gaps.least + CONCERN)
@@ -123,7 +132,7 @@ class _Relaxation:
     def _solved(self, right: FloatArray) -> Filled | None:
         """The clean pose of the step, with what still collides rolled back, or None."""
         surface, current = self.surface, self.points
-        pose = current
+        pose, previous = current, (0, 0)
         for _ in range(TRIES):
             self.gaps.linearise(current)
             pose = step_with_gaps(self.rigidity, right, self.gaps, pose)
@@ -131,6 +140,10 @@ class _Relaxation:
             defects = changed_defects(surface, self.known, current, trial)
             if acceptable(defects, self.folds):
                 return Filled(trial, defects)
+            if defects.rank == previous:
+                # Forces do not help here: folds have no room for a gap.
+                break
+            previous = defects.rank
             self.gaps.add_defects(defects)
         return roll_back(surface, current, trial, self.known, defects, folds=self.folds)
 

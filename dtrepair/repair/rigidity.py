@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dtrepair.device import start_warp
 from dtrepair.geometry import FloatArray
-from dtrepair.repair.surface import ANCHOR, Surface
+from dtrepair.repair.surface import ANCHOR, BoolArray, Surface
 
 
 class Rigidity:
@@ -19,14 +19,20 @@ class Rigidity:
     (Sorkine & Alexa 2007).
     """
 
-    def __init__(self, surface: Surface, original: FloatArray) -> None:
-        """Use the operators of `surface` and the edges of `original`."""
+    def __init__(
+        self, surface: Surface, original: FloatArray, *, moving: BoolArray | None = None
+    ) -> None:
+        """Use the operators of `surface` and the edges of `original`.
+
+        The surroundings of vertices outside of `moving` (V,) are taken for unturned.
+        """
         from dtrepair.repair import rigidity_kernels
 
         self._kernels = rigidity_kernels
         self._warp = start_warp()
         self._surface = surface
         self._original = np.ascontiguousarray(original)
+        self._moving = np.ones(surface.count, dtype=bool) if moving is None else moving
         laplacian = surface.laplacian
         self._matrix = [
             self._array(laplacian.indptr.astype(np.int32), self._warp.int32),
@@ -40,7 +46,8 @@ class Rigidity:
         original = self._array(self._original, warp.vec3d)
         rotations = warp.empty(count, dtype=warp.mat33d, device="cpu")
         edges = warp.empty(count, dtype=warp.vec3d, device="cpu")
-        inputs = [*self._matrix, original, self._array(points, warp.vec3d), rotations]
+        inputs = [*self._matrix, original, self._array(points, warp.vec3d)]
+        inputs += [self._array(self._moving.view(np.uint8), warp.uint8), rotations]
         warp.launch(self._kernels.fit_rotations, dim=count, inputs=inputs, device="cpu")
         inputs = [*self._matrix, original, rotations, edges]
         warp.launch(self._kernels.rotated_edges, dim=count, inputs=inputs, device="cpu")

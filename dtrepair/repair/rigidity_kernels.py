@@ -15,10 +15,14 @@ def fit_rotations(
     laplacian: wp.array(dtype=wp.float64),
     original: wp.array(dtype=wp.vec3d),
     points: wp.array(dtype=wp.vec3d),
+    moving: wp.array(dtype=wp.uint8),
     rotations: wp.array(dtype=wp.mat33d),
 ):
     """Rotation of each vertex that best turns its original edges into the present ones (eq. 6)."""
     i = wp.tid()
+    if moving[i] == wp.uint8(0):
+        rotations[i] = wp.identity(n=3, dtype=wp.float64)
+        return
     covariance = wp.mat33d()
     for k in range(indptr[i], indptr[i + 1]):
         j = indices[k]

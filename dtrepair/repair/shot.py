@@ -9,6 +9,7 @@ import numpy as np
 from dtrepair.geometry import FloatArray
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.spacetime import Snapshot, SpaceTime
+from dtrepair.repair.stiffen import stiffen_frames
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.timeline import (
     apply_in_time,
@@ -42,8 +43,9 @@ BACK_WIDTH, BACK_TRIES = 2.0, 4
 LEVEL_FALL = 0.8
 # A cycle must lower the cost to this part; the cost counts jitter so many times the displacement.
 PULL_GAIN, JITTER_WEIGHT = 0.995, 6.0
-# Displacements below this (units of the size) are left out; up to twice this they fade in.
-STILL = 2e-5
+# Displacements below this (units of the size) are left out; up to twice this they fade in. Around
+# what that would close they come back, fading out over these rings, try by try.
+STILL, EASE_RINGS = 1e-4, (3, 6)
 
 
 class Phase(NamedTuple):
@@ -98,6 +100,7 @@ class ShotMethod:
         # Tightening would close a clearance again.
         if self.clearance == 0.0:
             tighten_frames(state, self.tighten)
+            stiffen_frames(state)
         return eased(state)
 
 
@@ -244,18 +247,32 @@ def _cost(state: SpaceTime) -> float:
 
 
 def eased(state: SpaceTime) -> FloatArray:
-    """Poses with the faintest displacements taken out, where they stay as clean."""
+    """Poses with the faintest displacements taken out, except around what that would close.
+
+    What is far from all contacts keeps every bit; displacements fade in over the surface and time.
+    """
     moved = state.poses - state.original
     length = np.linalg.norm(moved, axis=2)
     for body in state.surface.rigid.slices:
         length[:, body] = length[:, body].max(axis=1, keepdims=True)
-    kept = np.clip(length / STILL - 1.0, 0.0, 1.0)[:, :, None]
-    result = np.where(kept > 0, state.original + kept * moved, state.original)
-    changed = np.flatnonzero((kept < 1).any(axis=(1, 2))).tolist()
-    found = state.pairs_of(result, changed)
-    for frame, pairs in zip(changed, found, strict=True):
-        if len(pairs) > len(state.pairs[frame]):
-            result[frame] = state.poses[frame]
+    kept = np.clip(length / STILL - 1.0, 0.0, 1.0)
+    asked = np.flatnonzero((kept < np.minimum(length, 1.0)).any(axis=1)).tolist()
+    for rings in (*EASE_RINGS, None):
+        part = kept[:, :, None]
+        result = np.where(part > 0, state.original + part * moved, state.original)
+        result = np.where(part < 1, result, state.poses)
+        found = dict(zip(asked, state.pairs_of(result, asked), strict=True))
+        asked = [f for f, pairs in found.items() if len(pairs) > len(state.pairs[f])]
+        if not asked or rings is None:
+            break
+        for frame in asked:
+            closed = state.surface.vertices_of(found[frame])
+            away = state.surface.rings_from(closed, 2 * rings) / rings - 1.0
+            kept[frame] = np.where(length[frame] > 0, np.maximum(kept[frame], 1.0 - away), 0.0)
+            kept[frame] = np.minimum(kept[frame], 1.0)
+            for body in state.surface.rigid.slices:
+                kept[frame, body] = kept[frame, body].max()
+    result[asked] = state.poses[asked]
     return result
 
 

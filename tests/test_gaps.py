@@ -169,3 +169,13 @@ def test_a_step_without_gaps_is_the_free_step() -> None:
     assert np.array_equal(
         step_with_gaps(rigidity, right, gaps_of(surface), pose), rigidity.solve(right)
     )
+
+
+def test_a_clearance_asks_narrow_gaps_to_open() -> None:
+    surface = Surface(*two_spheres(2.1))
+    gaps = gaps_of(surface)
+    gaps.add_facing(surface.rest, surface.vector_areas(surface.rest), 0.2)
+    gaps.linearise(surface.rest, clearance=0.1)
+    widths = gaps.width(surface.rest)
+    assert (widths < 0.1).any() and (widths > 0.1).any()
+    assert np.allclose(gaps.least, np.minimum(0.1, widths + 0.05))

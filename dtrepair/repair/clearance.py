@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from dtrepair.geometry import FloatArray
-from dtrepair.repair.contact import find_defects
+from dtrepair.repair.contact import Defects, find_defects
+from dtrepair.repair.gaps import Gaps
 from dtrepair.repair.push import Limit, push
+from dtrepair.repair.relax import step_with_gaps
+from dtrepair.repair.rigidity import Rigidity
 from dtrepair.repair.surface import NEIGHBOUR_RINGS, Surface
 
-# One iteration moves by this part of the clearance.
+# Cycles of opening gaps, how many without a gain end them, and what is asked for beside.
+CYCLES, IDLE, MORE = 12, 3, 1.15
+# One iteration of pushing moves by this part of the clearance.
 STEP = 0.25
 ITERATIONS, PATIENCE = 40, 8
 # Attempts, each with a step of half the length.
@@ -23,7 +30,7 @@ def open_contacts(
     never taken: the input may not have the room.
     """
     folds = len(find_defects(surface, points).folds)
-    left = len(surface.close_pairs(points, clearance))
+    points, left = _opened(surface, points, clearance, folds, limit)
     for attempt in range(ATTEMPTS):
         if left == 0:
             break
@@ -42,3 +49,33 @@ def open_contacts(
             if len(opened.pairs) < left:
                 points, left = opened.points, len(opened.pairs)
     return points, left
+
+
+def _opened(
+    surface: Surface, points: FloatArray, clearance: float, folds: int, limit: Limit
+) -> tuple[FloatArray, int]:
+    """The best of some steps that keep the shape as rigid as possible and open narrow gaps."""
+    pairs = surface.close_pairs(points, clearance)
+    best, left, idle = points, len(pairs), 0
+    rigidity = Rigidity(surface, points)
+    gaps = Gaps(surface, np.where(surface.stiff, 0.0, 1.0))
+    pose = points
+    for _ in range(CYCLES):
+        if left == 0 or idle == IDLE:
+            break
+        gaps.add_defects(Defects(pairs, np.zeros((0, 2), dtype=np.int32)))
+        gaps.soften()
+        gaps.linearise(pose, clearance=MORE * clearance)
+        trial = step_with_gaps(rigidity, rigidity.target(pose), gaps, pose)
+        trial = np.where(surface.stiff[:, None], pose, trial)
+        trial = trial if limit is None else limit(trial)
+        defects = find_defects(surface, trial)
+        if len(defects.crossings) or len(defects.folds) > folds:
+            gaps.add_defects(defects)
+            idle += 1
+            continue
+        pose, pairs = trial, surface.close_pairs(trial, clearance)
+        idle = 0 if len(pairs) < left else idle + 1
+        if len(pairs) < left:
+            best, left = pose, len(pairs)
+    return best, left

@@ -82,8 +82,11 @@ class Gaps:
         """Let stiff gaps go back towards the common stiffness."""
         self._harder = np.maximum(1.0, self._harder / STIFFER)
 
-    def linearise(self, points: FloatArray) -> None:
-        """Take directions, weights and least gaps from a clean pose (V, 3)."""
+    def linearise(self, points: FloatArray, *, clearance: float = 0.0) -> None:
+        """Take directions, weights and least gaps from a clean pose (V, 3).
+
+        With a clearance, gaps that are narrower are to open, by half of it at most.
+        """
         first, second, gaps = self._nearest(points)
         widths = np.linalg.norm(gaps, axis=1)
         self._normals = gaps / np.maximum(widths, 1e-300)[:, None]
@@ -93,6 +96,8 @@ class Gaps:
         self._matrix = sparse.csr_matrix((weights, (rows, columns)), shape=shape)
         self._transposed = self._matrix.T.tocsr()
         least = np.maximum(np.minimum(MARGIN, widths), SHRINK * widths)
+        if clearance > 0.0:
+            least = np.minimum(clearance, widths + 0.5 * clearance)
         self.least = least - widths + self.width(points)
         # Many gaps at one vertex share the stiffness.
         absolute = abs(self._matrix)

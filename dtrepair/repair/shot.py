@@ -9,6 +9,7 @@ import numpy as np
 from dtrepair.geometry import FloatArray
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.spacetime import Snapshot, SpaceTime
+from dtrepair.repair.stiffen import stiffen_frames
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.timeline import (
     apply_in_time,
@@ -99,6 +100,7 @@ class ShotMethod:
         # Tightening would close a clearance again.
         if self.clearance == 0.0:
             tighten_frames(state, self.tighten)
+            stiffen_frames(state)
         return eased(state)
 
 

@@ -1,0 +1,47 @@
+"""Bodies of a high diffusion keep their shape in clips."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair import Body, SceneRepairer, Status
+from dtrepair.geometry import unique_edges
+from dtrepair.metrics import edge_log_ratio
+from dtrepair.repair import shot
+from tests.meshes import icosphere
+
+BALL, BALL_FACES = icosphere(2)
+ROD, ROD_FACES = BALL * np.array([0.2, 0.2, 0.8]), BALL_FACES
+
+
+def bending(diffusion: float, mobility: float = 0.0) -> float:
+    """Root mean square of the rod's edge changes in a clip that is repaired clean."""
+    depth = 0.9 * np.cos(np.linspace(-1.6, 1.6, 12))
+    poses = [[BALL, ROD + np.array([0.3, 0.1, 1.75 - d])] for d in depth]
+    bodies = [
+        Body(BALL, BALL_FACES, mobility=mobility),
+        Body(ROD, ROD_FACES, diffusion=diffusion),
+    ]
+    frames = list(SceneRepairer(bodies).animator.stream(list(enumerate(poses)), jobs=1))
+    edges = unique_edges(ROD_FACES)
+    changes = []
+    for frame, (_, before) in zip(frames, poses, strict=True):
+        assert all(result.status is Status.CLEAN for result in frame.results)
+        changes.append(edge_log_ratio(before, frame.results[1].points, edges))
+    assert sum(change > 0 for change in changes) > 3
+    return float(np.sqrt(np.mean(np.square(changes))))
+
+
+@pytest.mark.parametrize("mobility", [0.0, 1.0])
+def test_a_stiff_body_hardly_bends(mobility: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    stiff = bending(999.0, mobility)
+    monkeypatch.setattr(shot, "stiffen_frames", lambda state: None)
+    bent = bending(999.0, mobility)
+    assert stiff < 0.8 * bent
+
+
+def test_a_soft_body_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    soft = bending(99.0)
+    monkeypatch.setattr(shot, "stiffen_frames", lambda state: None)
+    assert soft == bending(99.0)

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,8 +28,8 @@ def listing(folder):
     return sorted(os.listdir(folder))
 
 
-def started(clip, output, *options):
-    command = [sys.executable, "-m", "dtrepair", "repair", clip, "-o", output, "--alone", *options]
+def started(clip, output, *options, mode=("--alone",)):
+    command = [sys.executable, "-m", "dtrepair", "repair", clip, "-o", output, *mode, *options]
     return subprocess.Popen(
         [str(part) for part in command],
         stdout=subprocess.PIPE,
@@ -43,6 +44,56 @@ def wait_for_progress(folder, process):
     while not list(folder.glob(".b.usdc.resume/[0-9a-f]*.npz")):
         assert process.poll() is None, process.communicate()
         time.sleep(0.01)
+
+
+def workers_of(process):
+    """Numbers of the worker processes, once there are any."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    while not (found := children.read_text().split()):
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.01)
+    return found
+
+
+def runs(number):
+    """Whether a process is there and has not ended."""
+    try:
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="worker processes are for Linux")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("options", [[], ["--alone"]], ids=["together", "alone"])
+def test_no_worker_process_outlives_a_run(tmp_path, clip, options, number):
+    output = tmp_path / "b.usdc"
+    output.write_text("old")
+    process = started(clip, output, "--jobs", 2, *options, mode=[])
+    workers = workers_of(process)
+    start = time.perf_counter()
+    process.send_signal(number)
+    process.communicate(timeout=30)  # ends with the last of those that could write
+    assert time.perf_counter() - start < 2.5
+    assert process.returncode in (128 + number, -number)
+    assert not any(runs(worker) for worker in workers)
+    assert output.read_text() == "old"
+    if number != signal.SIGKILL:
+        assert set(listing(tmp_path)) <= {"b.usdc", ".b.usdc.resume"}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="worker processes are for Linux")
+def test_one_job_starts_no_process(tmp_path, clip):
+    process = started(clip, tmp_path / "b.usdc", "--jobs", 1, "--frames", "1:8", mode=[])
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    while process.poll() is None:
+        try:
+            assert children.read_text() == ""
+        except OSError:  # it has ended
+            pass
+        time.sleep(0.02)
+    out, err = process.communicate()
+    assert process.returncode == 0 and "8 of 8 frames" in out, err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 from meshes import icosphere
 
-from dtrepair.repair.crew import Crew, ForkedCrew, ThreadCrew, make_crew
+from dtrepair.repair.crew import (
+    Crew,
+    ForkedCrew,
+    ThreadCrew,
+    available_processors,
+    make_crew,
+    worthwhile_jobs,
+)
 from dtrepair.repair.forked import can_fork
 from dtrepair.repair.surface import Surface
 
@@ -80,6 +87,14 @@ def test_a_killed_worker_is_told():
         crew.start(Work(crew))
         with pytest.raises(RuntimeError, match="fewer jobs"):
             crew.map("die", [0, 1])
+
+
+def test_small_windows_are_not_worth_workers():
+    assert worthwhile_jobs(8, frames=64, triangles=30_000) == 8
+    assert worthwhile_jobs(None, frames=64, triangles=30_000) == min(16, available_processors())
+    assert worthwhile_jobs(8, frames=8, triangles=30_000) == 2
+    assert worthwhile_jobs(8, frames=1, triangles=30_000) == 1
+    assert worthwhile_jobs(8, frames=64, triangles=50) == 1
 
 
 def test_one_job_makes_no_worker():

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dtrepair.geometry import FloatArray, IntArray
-from dtrepair.repair.crew import Crew, available_processors, make_crew
+from dtrepair.repair.crew import available_processors, make_crew, worthwhile_jobs
 from dtrepair.repair.frames import Frame, expanded, read_frames, reduced, system_of
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.mend import mend
@@ -77,11 +77,7 @@ class AnimationRepairer:
             for time, poses in frames:
                 yield Repaired(time, self.scene(poses))
             return
-        stream = _Stream(self, jobs)
-        try:
-            yield from stream.run(frames)
-        finally:
-            stream.close()
+        yield from _Stream(self, jobs).run(frames)
 
     def method(self, system: System) -> ShotMethod:
         """The shot method of a system, made once."""
@@ -117,12 +113,6 @@ class _Stream:
 
     def __init__(self, animator: AnimationRepairer, jobs: int | None) -> None:
         self.animator, self.scene, self.jobs = animator, animator.scene, jobs
-        self._crews: dict[int, Crew] = {}
-
-    def close(self) -> None:
-        """End all workers."""
-        for crew in self._crews.values():
-            crew.stop()
 
     def run(self, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Repaired]:
         """Results in order; windows end at cuts and overlap elsewhere."""
@@ -202,26 +192,19 @@ class _Stream:
 
     def _solve(self, system: System, frames: list[Frame]) -> list[FloatArray]:
         """Poses (V, 3) of a window by the space-time scheme."""
-        crew = self._crew(system)
         times = frame_units(np.array([frame.time for frame in frames]))
         starts = [frame.centred for frame in frames]
         if any(len(frame.caught) for frame in frames):
             caught = [frame.caught for frame in frames]
             starts = list(released_frames(self.scene, np.stack(starts), caught, times))
         unit = np.stack([reduced(system, start) for start in starts])
-        try:
+        jobs = worthwhile_jobs(self.jobs, len(frames), len(system.surface.faces))
+        with make_crew(system.surface, jobs) as crew:
             found = self.animator.method(system)(unit, times, crew)
-        finally:
-            crew.stop()  # workers are forked anew for each window; their memory is free until then
         return [
             expanded(system, start, before, after)
             for start, before, after in zip(starts, unit, found, strict=True)
         ]
-
-    def _crew(self, system: System) -> Crew:
-        if id(system) not in self._crews:
-            self._crews[id(system)] = make_crew(system.surface, self.jobs)
-        return self._crews[id(system)]
 
     def _finish(
         self, frame: Frame, pose: FloatArray, left: IntArray, window: list[Frame], seconds: float

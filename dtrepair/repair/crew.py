@@ -21,6 +21,11 @@ from dtrepair.device import start_warp
 from dtrepair.repair.forked import can_fork, end, fork, packed, unpacked
 from dtrepair.repair.surface import Surface
 
+# Windows of fewer triangles, of all frames together, are done before workers have started.
+SMALLEST_WINDOW = 5000
+# Workers have at least so many frames: more of them would wait for each other, and need memory.
+FRAMES_A_WORKER = 4
+
 
 class State(Protocol):
     """What a crew works on: an object whose methods take a surface and an item, often a frame."""
@@ -190,10 +195,20 @@ def make_crew(surface: Surface, jobs: int | None = None) -> Crew:
     # Everything lazy that frames need is made now, once, before surfaces are shared.
     surface.diffuse(np.zeros((surface.count, 3)), surface.rest)
     surface.vector_areas(surface.rest)
+    surface.pairs(surface.rest)
+    surface.folds(surface.rest)
+    surface.queries.ring_distance(np.array([[0, len(surface.faces) - 1]], dtype=np.int32))
     if not can_fork():
         return ThreadCrew(jobs)
     start_warp().force_load("cpu")
     return ForkedCrew(jobs)
+
+
+def worthwhile_jobs(jobs: int | None, frames: int, triangles: int) -> int:
+    """How many of `jobs` workers (None: one a processor) a window of so many frames is worth."""
+    if frames * triangles < SMALLEST_WINDOW:
+        return 1
+    return max(1, min(jobs or available_processors(), frames // FRAMES_A_WORKER))
 
 
 def available_processors() -> int:

@@ -133,7 +133,7 @@ def main() -> None:
     parser.add_argument("humans", type=Path)
     parser.add_argument("output", type=Path)
     parser.add_argument("--clip", choices=sorted(CLIPS), default="arms")
-    parser.add_argument("--frames", type=int, default=72)
+    parser.add_argument("--frames", type=int, default=64)
     arguments = parser.parse_args()
     rest, faces, poses = make_clip(arguments.humans, arguments.clip, arguments.frames)
     mesh = AuthoredMesh(path="/Character/Body", faces=faces, points=list(poses), rest=rest)

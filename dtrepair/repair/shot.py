@@ -30,7 +30,7 @@ MEND_STEP = 0.004
 # From this pass on frames may start from the displacements of clean frames around them.
 LENDING = 4
 # Frames with a larger root mean square second difference (units of the size) are steadied.
-ROUGH, STEADY_ROUNDS, STEADY_STEP = 1.5e-3, 3, 0.002
+ROUGH, STEADY_ROUNDS, STEADY_STEP = 1.5e-3, 4, 0.002
 # The same after a cycle of tightening, of at most this part of the frames.
 TIGHT_MENDING, TIGHT_MEND_STEP, TIGHT_DIRTY = (1.0, 0.7, 0.0), 0.002, 0.2
 # Tightening: part of the displacement that is taken back, its decay on failure, the push's step.

@@ -1,5 +1,7 @@
 """The loop between reading and writing: order, looking ahead, verification of what is written."""
 
+import weakref
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +13,7 @@ from dtrepair.cli.options import Selection
 from dtrepair.cli.solve import FrameRepairer, repair_frames
 from dtrepair.cli.sources import open_source
 from dtrepair.jitter_meter import JitterMeter
+from dtrepair.repair.animation import AnimationRepairer
 from dtrepair.repair.repairer import Body, SceneRepairer
 
 
@@ -153,3 +156,24 @@ def test_errors_take_the_place_of_a_frame(source, repairer):
     assert done[1].record.status == "failed" and done[1].record.message == "ArithmeticError: no"
     assert isinstance(done[1].error, ArithmeticError)
     assert [item.record.status for item in done][2:3] == ["clean"]
+
+
+def test_frames_are_forgotten_once_they_are_written(source, repairer):
+    """However long the clip: no more than a window is held, and what is just being checked."""
+    repairer.alone, window = False, 8
+    repairer.repairer.animator = AnimationRepairer(repairer.repairer, window=window, overlap=2)
+    given, alive, most = frames_of(source), [], 0
+
+    def frames():
+        for index in range(60):
+            frame = replace(given[index % 5], time=float(index))
+            alive.append(weakref.ref(frame))
+            yield frame
+            del frame
+
+    for done, item in enumerate(repair_frames(frames(), repairer)):
+        assert item.frame.time == done
+        most = max(most, sum(frame() is not None for frame in alive))
+        del item
+    assert done == 59
+    assert window <= most <= window + 2 * repairer.workers + 4

@@ -48,13 +48,13 @@ def apply_in_time(kernel: Floats, field: Floats) -> Any:
     In products too small for threads of the linear algebra library: those would be in the way of
     frames that are worked on side by side.
     """
-    columns = field.reshape(len(field), -1)
+    columns = field.reshape(len(field), int(np.prod(field.shape[1:])))
     result = np.empty((len(kernel), columns.shape[1]), dtype=columns.dtype)
     width = max(1, SMALL_PRODUCT // max(kernel.size, 1))
     for start in range(0, columns.shape[1], width):
         own = slice(start, start + width)
         np.matmul(kernel, columns[:, own], out=result[:, own])
-    return result.reshape(-1, *field.shape[1:])
+    return result.reshape(len(kernel), *field.shape[1:])
 
 
 def undamped(kernel: FloatArray, field: FloatArray) -> FloatArray:

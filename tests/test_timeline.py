@@ -1,0 +1,27 @@
+"""Smoothing in time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dtrepair.repair.timeline import apply_in_time, gaussian_kernel, undamped
+
+
+def test_small_products_make_the_whole_one():
+    kernel = gaussian_kernel(np.arange(60.0), 3.5)
+    field = np.random.default_rng(0).normal(size=(60, 700, 3))
+    expected = np.einsum("ts,svk->tvk", kernel, field)
+    assert np.abs(apply_in_time(kernel, field) - expected).max() < 1e-13
+    assert apply_in_time(kernel[:, :2], field[:2]).shape == field.shape
+    assert apply_in_time(np.ones((2, 3)), np.zeros((3, 0, 3))).shape == (2, 0, 3)
+
+
+def test_a_lone_frame_keeps_its_length():
+    kernel = gaussian_kernel(np.arange(30.0), 3.5)
+    field = np.zeros((30, 5, 3))
+    field[12, 1] = [0.3, -0.4, 0.0]
+    smooth = undamped(kernel, field)
+    assert np.allclose(smooth[12, 1], field[12, 1], atol=1e-15)
+    assert (smooth[:, [0, 2, 3, 4]] == 0).all()
+    assert (smooth[23:] == 0).all() and np.linalg.norm(smooth[15, 1]) > 0.1
+    assert (undamped(kernel, np.zeros((30, 5, 3))) == 0).all()

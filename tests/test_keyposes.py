@@ -126,7 +126,7 @@ class ArmSolver:
         self.repairer = (
             None
             if helpless
-            else Repairer(arm_pose(1.0), self.faces, options=RepairOptions(tighten=1))
+            else Repairer(arm_pose(1.0), self.faces, options=RepairOptions(tighten=0))
         )
         self.cases = 0
 

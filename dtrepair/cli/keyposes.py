@@ -45,10 +45,6 @@ if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions
 
 
-# Most rounds of tightening: keys that touch leave no room for the poses between them.
-ROUNDS = 1
-
-
 @click.command(
     "keyposes",
     epilog="Exit code 0: keys and in-betweens are clean; 1: intersections remain (or were found "
@@ -162,7 +158,8 @@ def command(
         raise Failure(f"{source_path}: no mesh has time samples; use dtrepair repair", USAGE)
     console.warn(source.warnings)
     more: dict[str, Any] = {"rest": rest, "collider": collider, "pin": pin, "direction": direction}
-    run.options = options = replace(options, tighten=min(options.tighten, ROUNDS))
+    # Tightened keys touch, and leave no room for the poses between them.
+    run.options = options = replace(options, tighten=0)
     run.settings = settings_of(selection, options, {**more, **vars(search)})
     del run.settings["jobs"]
     controls = read_controls(source, pin, direction)

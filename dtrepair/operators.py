@@ -83,8 +83,13 @@ def _laplacian(edges: sparse.csr_matrix) -> sparse.csr_matrix:
     return (sparse.diags(np.asarray(edges.sum(axis=1)).ravel()) - edges).tocsr()
 
 
-class Cholesky:
-    """Sparse Cholesky factor of a symmetric positive definite matrix."""
+class Factor:
+    """Sparse Cholesky factor of a symmetric positive definite matrix, computed once.
+
+    `Factor.count` counts the factorisations of the process, so that a test can assert reuse.
+    """
+
+    count: ClassVar[int] = 0
 
     def __init__(self, matrix: sparse.spmatrix) -> None:
         """Factorise `matrix` (n, n); ValueError when it is not square or not finite."""
@@ -97,6 +102,7 @@ class Cholesky:
             raise ValueError(f"matrix should be square, got {entries.shape}")
         if not np.isfinite(entries.data).all():
             raise ValueError("matrix should be finite: check the mesh for points that are not")
+        Factor.count += 1
         self.size = int(entries.shape[0])
         self._solver = CholeskySolverD(
             self.size,
@@ -114,17 +120,3 @@ class Cholesky:
         solution = np.zeros_like(rows)
         self._solver.solve(rows, solution)
         return solution
-
-
-class Factor(Cholesky):
-    """The factor of an operator of a whole mesh, computed once for all its poses.
-
-    `Factor.count` counts those of the process, so that a test can assert reuse.
-    """
-
-    count: ClassVar[int] = 0
-
-    def __init__(self, matrix: sparse.spmatrix) -> None:
-        """Factorise `matrix` (n, n); ValueError when it is not square or not finite."""
-        super().__init__(matrix)
-        Factor.count += 1

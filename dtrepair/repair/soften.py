@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.sparse import linalg
 
 from dtrepair.geometry import FloatArray, IntArray
-from dtrepair.operators import Cholesky
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.surface import BoolArray, Surface
 from dtrepair.repair.timeline import apply_in_time, gaussian_kernel, spread_in_time
@@ -30,10 +30,10 @@ Levels = NDArray[np.float32]
 
 
 class Patch(NamedTuple):
-    """Vertices that are softened, the factor of their system and its rows."""
+    """Vertices that are softened, their system and the operator's rows."""
 
     vertices: IntArray
-    factor: Cholesky
+    system: sparse.csc_matrix
     rows: sparse.csr_matrix
 
 
@@ -42,8 +42,20 @@ def soften(patch: Patch | None, field: FloatArray) -> FloatArray:
     if patch is None:
         return field
     result = field.copy()
-    result[patch.vertices] -= patch.factor(patch.rows @ field)
+    result[patch.vertices] -= _solve(patch.system, patch.rows @ field)
     return result
+
+
+def _solve(matrix: sparse.csc_matrix, right_hand_side: FloatArray) -> FloatArray:
+    # The factor, which would be used about twice, is not kept: SuperLU holds many times the memory
+    # that it needs. cholespy loses some with every factor that has solved.
+    factor = linalg.splu(
+        matrix,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    return factor.solve(np.ascontiguousarray(right_hand_side))
 
 
 class Softener:
@@ -121,9 +133,7 @@ class Softener:
         inner = np.flatnonzero(level > FAINT).astype(np.int32)
         rows = self.matrix[inner]
         hold = sparse.diags(10.0 ** (HOLD - level[inner].astype(np.float64)))
-        # SuperLU would keep many times the memory that its factors need.
-        factor = Cholesky(rows[:, inner] + hold)
-        return Patch(inner, factor, rows)
+        return Patch(inner, sparse.csc_matrix(rows[:, inner] + hold), rows)
 
 
 def spread_rings(surface: Surface, level: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -68,6 +69,25 @@ def test_a_killed_process_is_told():
 
     with pytest.raises(RuntimeError, match="fewer jobs"):
         list(forked_map(killed, [0], jobs=2))
+
+
+def test_a_signal_during_the_fork_is_not_lost(monkeypatch):
+    forked, fork = [], os.fork
+
+    def interrupted_fork():
+        number = fork()
+        if number:
+            forked.append(number)
+            with suppress(KeyboardInterrupt):  # as Python does with what its hooks raise
+                signal.raise_signal(signal.SIGINT)
+        return number
+
+    monkeypatch.setattr(os, "fork", interrupted_fork)
+    with pytest.raises(KeyboardInterrupt):
+        list(forked_map(lambda number: number, range(3), jobs=2))
+    assert len(forked) == 1
+    with pytest.raises(ProcessLookupError):
+        os.kill(forked[0], 0)
 
 
 def test_no_process_outlives_the_iterator(tmp_path):

@@ -8,10 +8,11 @@ import os
 import pickle
 import signal
 import sys
+import threading
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
@@ -37,10 +38,16 @@ def fork(work: Callable[[], None]) -> int:
     It leaves signals to its parent, which should end it with `end`.
     """
     parent, prctl = os.getpid(), ctypes.CDLL(None).prctl
-    with warnings.catch_warnings():
-        # Python warns of locks that other threads hold; the child touches nothing of theirs.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        number = os.fork()
+    number = 0
+    try:
+        with _signals_held(), warnings.catch_warnings():
+            # Python warns of locks that other threads hold; the child touches nothing of theirs.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            number = os.fork()
+    except BaseException:
+        if number:
+            end(number)
+        raise
     if number:
         return number
     try:
@@ -56,6 +63,27 @@ def fork(work: Callable[[], None]) -> int:
             os._exit(0)
     finally:
         os._exit(1)
+
+
+@contextmanager
+def _signals_held() -> Iterator[None]:
+    """Handle signals after the block: what a handler raises inside of os.fork is lost.
+
+    Python runs the handlers in the main thread only, so that elsewhere there is nothing to do.
+    """
+    held: list[int] = []
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if callable(signal.getsignal(number)):
+                handlers[number] = signal.signal(number, lambda number, _: held.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number in held:
+            signal.raise_signal(number)
 
 
 def end(number: int) -> None:

@@ -71,6 +71,8 @@ def group() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit with its code; an error is one line on stderr."""
     given = list(sys.argv[1:] if arguments is None else arguments)
+    # Threads of numpy's products only wait here, at full load; it reads this when it is imported.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with watched() as interrupts:
         code = _run(given or ["--help"], interrupts)
     sys.exit(code if isinstance(code, int) else 0)

@@ -18,6 +18,8 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
@@ -57,6 +59,7 @@ def fork(work: Callable[[], None]) -> int:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
             gc.freeze()  # a collection would write to, and so copy, all that is shared
+            threadpool_limits(1)  # processes with threads of linear algebra starve each other
             if "torch" in sys.modules:  # its threads were not forked
                 sys.modules["torch"].set_num_threads(1)
             work()
@@ -74,14 +77,14 @@ def _signals_held() -> Iterator[None]:
     held: list[int] = []
     handlers = {}
     if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            if callable(signal.getsignal(number)):
-                handlers[number] = signal.signal(number, lambda number, _: held.append(number))
+        for caught in (signal.SIGINT, signal.SIGTERM):
+            if callable(signal.getsignal(caught)):
+                handlers[caught] = signal.signal(caught, lambda number, _: held.append(number))
     try:
         yield
     finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+        for caught, handler in handlers.items():
+            signal.signal(caught, handler)
         for number in held:
             signal.raise_signal(number)
 

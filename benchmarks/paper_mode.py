@@ -1,6 +1,6 @@
 """The published method (`--method paper`): triangles left, iterations to zero, seconds.
 
-    python benchmarks/paper_mode.py --data DIR [--iterations 60] [--energies] [--masses] [--speed]
+    python -m benchmarks.paper_mode --data DIR [--iterations 60] [--energies] [--masses] [--speed]
 
 DIR holds misc/*.obj (knots and other objects) and humans/human_0*.obj with human_male_rest.obj, the
 rest pose of the humans. Prints Markdown: means beside the published ones, then single meshes. More
@@ -20,6 +20,7 @@ from statistics import mean
 import numpy as np
 import torch
 
+from benchmarks.detection import Faces, Points, measure
 from dtrepair import Repairer, RepairOptions
 from dtrepair.geometry import as_mesh, diagonal, extent
 from dtrepair.intersect.detector import Detector, triangle_count
@@ -65,15 +66,19 @@ def repair(path: Path, rest: Path | None, options: RepairOptions) -> Run:
 
 
 def make_descent(
-    path: Path, rest: Path | None, optimizer: Optimizer, iterations: int, *, masses: bool
+    points: Points,
+    faces: Faces,
+    shape: Points,
+    optimizer: Optimizer,
+    *,
+    iterations: int,
+    masses: bool,
 ) -> tuple[Descent, torch.Tensor]:
     """The loop itself with either diffusion, and the points (1, V, 3) in units of their size."""
-    mesh = read_mesh(path)
-    points, faces = as_mesh(mesh.points, mesh.faces())
-    shape = points if rest is None else read_mesh(rest).points
+    points, faces = as_mesh(points, faces)
     size, unit = extent(points), shape / extent(shape)
     laplacian = cotangent_laplacian(unit, faces)
-    detector = Detector(points, faces)
+    detector = Detector(shape, faces)
     descent = Descent(
         faces=torch.from_numpy(faces.astype(np.int64)),
         detect=lambda at: detector(at.numpy() * size, exact=False),
@@ -87,8 +92,15 @@ def make_descent(
 
 def repair_with_masses(path: Path, rest: Path | None, options: RepairOptions) -> Run:
     """As `repair`, with A^-1 Mass A^-1 in place of the published (I + lambda L)^-2."""
-    optimizer = make_optimizer(options.optimizer, energy=options.energy)
-    descent, points = make_descent(path, rest, optimizer, options.iterations, masses=True)
+    mesh = read_mesh(path)
+    descent, points = make_descent(
+        mesh.points,
+        mesh.faces(),
+        mesh.points if rest is None else read_mesh(rest).points,
+        make_optimizer(options.optimizer, energy=options.energy),
+        iterations=options.iterations,
+        masses=True,
+    )
     begin = time.perf_counter()
     result = descent(points)
     seconds = time.perf_counter() - begin
@@ -184,34 +196,35 @@ def reference_iteration(
     descent.detect(points - descent.diffusion.finish(step))
 
 
+def iteration_runs(points: Points, faces: Faces, shape: Points) -> dict[str, Callable[[], object]]:
+    """Detection, an iteration, and one of the reference structure with the same detector.
+
+    All of the same pose with the same pairs; nothing moves.
+    """
+    optimizer = make_optimizer("momentum-brake")
+    descent, pose = make_descent(points, faces, shape, optimizer, iterations=60, masses=False)
+    assert isinstance(descent.laplacian, SparseOperator)
+    target, moments = descent.laplacian(pose), start(pose)
+    laplacian = descent.laplacian.on(device="cpu", dtype=torch.float64).matrix
+
+    def iteration() -> object:
+        pairs = torch.as_tensor(descent.detect(pose)).long()
+        return descent.step(pose, pairs, target, moments)
+
+    return {
+        "detection": lambda: descent.detect(pose),
+        "iteration": iteration,
+        "reference iteration": lambda: reference_iteration(descent, laplacian, pose, moments),
+    }
+
+
 def print_speed(data: Path) -> None:
     """Table of the processor time of an iteration, best of 20, on a mesh of about 14k triangles."""
     path = data / "animals" / "horse_head_through_chest.obj"
-    optimizer = make_optimizer("momentum-brake")
-    descent, points = make_descent(path, None, optimizer, 60, masses=False)
-    assert isinstance(descent.laplacian, SparseOperator)
-    target, moments = descent.laplacian(points), start(points)
-    laplacian = descent.laplacian.on(device="cpu", dtype=torch.float64).matrix
-
-    def iteration() -> None:
-        pairs = torch.as_tensor(descent.detect(points)).long()
-        descent.step(points, pairs, target, moments)
-
-    actions = {
-        "detection": lambda: descent.detect(points),
-        "iteration": iteration,
-        "iteration of the reference structure, same detector": lambda: reference_iteration(
-            descent, laplacian, points, moments
-        ),
-    }
-    best = dict.fromkeys(actions, float("inf"))
-    for _ in range(20):
-        for name, action in actions.items():
-            begin = time.process_time()
-            action()
-            best[name] = min(best[name], 1e3 * (time.process_time() - begin))
+    mesh = read_mesh(path)
+    best = measure(iteration_runs(mesh.points, mesh.faces(), mesh.points), 20)
     _, ours, reference = best.values()
-    print(f"\n| {path.stem}, {points.shape[1]} vertices, {len(descent.faces)} triangles | cpu ms |")
+    print(f"\n| {path.stem}, {len(mesh.points)} vertices, {len(mesh.faces())} triangles | cpu ms |")
     print("|---|---|")
     for name, milliseconds in best.items():
         print(f"| {name} | {milliseconds:.1f} |")

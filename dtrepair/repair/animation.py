@@ -30,7 +30,7 @@ Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
 # Frames that are solved together, and how many of them two windows have in common.
-WINDOW, OVERLAP = 64, 12
+WINDOW, OVERLAP = 60, 12
 # Cycles of tightening, if the options do not ask for fewer.
 TIGHTEN = 3
 # A frame whose correction misses only by rounding is mended with this step (units of the size).
@@ -127,6 +127,7 @@ class _Stream:
             if len(waiting) == self.animator.window:
                 done, tail = self._window(waiting, tail, keep=overlap)
                 yield from done
+                del done  # before the next window needs memory
                 waiting = waiting[-overlap:]
         if waiting:
             yield from self._window(waiting, tail, keep=0)[0]

@@ -25,12 +25,14 @@ class SceneCount:
     takes part in, `inter_pairs` those with another mesh.
     intersecting: a mask (F,) for each mesh.
     met: number of pairs between meshes (i, j), i <= j, that meet; (i, i) is one with itself.
+    every_pair: all pairs (K, 2) of triangles of the meshes in a row, whatever the mode.
     """
 
     total: CountRecord
     each: tuple[CountRecord, ...]
     intersecting: tuple[NDArray[np.bool_], ...]
     met: dict[tuple[int, int], int] = field(default_factory=dict)
+    every_pair: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 2), np.int32))
 
 
 class SceneCounter:
@@ -77,7 +79,7 @@ class SceneCounter:
         welded = [
             weld_map(part) + start for part, start in zip(points, self._vertices, strict=False)
         ]
-        pairs = self._detector(together, weld=np.concatenate(welded).astype(np.int32))
+        every = pairs = self._detector(together, weld=np.concatenate(welded).astype(np.int32))
         owner = self._owner[pairs]
         between = owner[:, 0] != owner[:, 1]
         if self.mode != "both":
@@ -98,7 +100,7 @@ class SceneCounter:
         together, numbers = np.unique(np.sort(owner, axis=1), axis=0, return_counts=True)
         met = {(i, j): n for (i, j), n in zip(together.tolist(), numbers.tolist(), strict=True)}
         total = _count(int(hit.sum()), np.ones(len(pairs)), between)
-        return SceneCount(total, tuple(each), parts, met)
+        return SceneCount(total, tuple(each), parts, met, every)
 
 
 def _count(triangles: int, pairs: ArrayLike, between: ArrayLike) -> CountRecord:

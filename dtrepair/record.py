@@ -75,6 +75,15 @@ class ContactRecord:
     after: int
 
 
+@dataclass(frozen=True, kw_only=True)
+class EnclosedRecord:
+    """So many parts of one mesh lie wholly inside another, or inside other parts of the same."""
+
+    inner: str
+    outer: str
+    parts: int
+
+
 @dataclass(frozen=True)
 class StageRecord:
     """A stage of the repair of one frame: pairs left after it, distortion reached, cost."""
@@ -89,7 +98,10 @@ class StageRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameRecord:
-    """One frame: what was found, what was done, what is left. Counts are None where it failed."""
+    """One frame: what was found, what was done, what is left. Counts are None where it failed.
+
+    enclosed: None where nobody looked.
+    """
 
     time: float | None
     status: str
@@ -102,6 +114,7 @@ class FrameRecord:
     displacement_mean: float = 0.0
     prims: tuple[FramePrimRecord, ...] = ()
     contacts: tuple[ContactRecord, ...] = ()
+    enclosed: tuple[EnclosedRecord, ...] | None = None
     stages: tuple[StageRecord, ...] = ()
 
 

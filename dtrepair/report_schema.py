@@ -44,8 +44,11 @@ _MOTION = {
 }
 # Pairs of triangles of two meshes that intersect, and (first is second) of one with itself.
 _CONTACT = _object(first=_TEXT, second=_TEXT, before=_COUNT, after=_COUNT)
+# Connected parts wholly inside closed ones, which intersect nothing; None where nobody looked.
+_ENCLOSED = _object(inner=_TEXT, outer=_TEXT, parts=_COUNT)
 _FRAME = _object(
     "contacts",
+    "enclosed",
     time={"type": ["number", "null"]},
     status={"type": "string", "enum": list(STATUSES)},
     message=_TEXT,
@@ -60,6 +63,7 @@ _FRAME = _object(
         "items": _object("motion", path=_TEXT, before=_COUNTS, after=_COUNTS, motion=_MOTION),
     },
     contacts={"type": "array", "items": _CONTACT},
+    enclosed={"type": ["array", "null"], "items": _ENCLOSED},
     stages={
         "type": "array",
         "items": _object(

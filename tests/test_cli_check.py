@@ -112,6 +112,50 @@ def test_several_meshes_meet_in_world_space(two_cubes):
     assert "between" in table and "/Moving/Cube" in table
 
 
+def test_what_lies_wholly_inside_is_told(two_cubes):
+    told = "/Moving/Cube lies wholly inside /Still/Cube in frame 3"
+    report = run("check", two_cubes, "--json", "-").json
+    validate(report)
+    inside = {"inner": "/Moving/Cube", "outer": "/Still/Cube", "parts": 1}
+    assert [frame["enclosed"] for frame in report["frames"]] == [[], [], [inside], []]
+    assert run("check", two_cubes).out.splitlines()[-2] == told
+    # It intersects nothing.
+    alone = run("check", two_cubes, "--frames", "3")
+    assert alone.code == 0 and alone.out.splitlines()[-2] == told.removesuffix(" in frame 3")
+    for left_out in (["--mode", "self"], ["--ignore", "/Still,/Moving"]):
+        assert "wholly inside" not in run("check", two_cubes, *left_out).out
+
+
+def write_obj(path, points, quads):
+    lines = [f"v {x} {y} {z}" for x, y, z in points]
+    lines += ["f " + " ".join(str(k + 1) for k in quad) for quad in quads]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def test_parts_of_one_mesh_inside_each_other_are_told(tmp_path):
+    outer, quads = cube(1.0, (0, 0, 0))
+    inner = [cube(0.2, (x, 0, 0))[0] for x in (-0.2, 0.2)]
+    points = np.concatenate([outer, *inner])
+    path = tmp_path / "eyes.obj"
+    write_obj(path, points, np.concatenate([quads, quads + 8, quads + 16]))
+    found = run("check", path)
+    told = "2 parts of eyes.obj lie wholly inside another part of it"
+    assert found.code == 0 and found.out.splitlines()[-2] == told
+    write_obj(path, points, np.concatenate([quads[1:], quads + 8, quads + 16]))  # an open box
+    assert "wholly inside" not in run("check", path).out
+
+
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+def test_a_mirrored_mesh_has_its_inside_inside(two_cubes, mirror):
+    from pxr import Usd, UsdGeom
+
+    stage = Usd.Stage.Open(str(two_cubes))
+    UsdGeom.Xformable(stage.GetPrimAtPath("/Still")).AddScaleOp().Set((mirror, 1, 1))
+    stage.Save()
+    found = run("check", two_cubes, "--frames", "3:4").out
+    assert "/Moving/Cube lies wholly inside /Still/Cube in frame 3" in found
+
+
 def test_mode_and_prim_choose_what_is_counted(two_cubes):
     assert run("check", two_cubes, "--mode", "inter").code == 1
     assert run("check", two_cubes, "--mode", "self").code == 0

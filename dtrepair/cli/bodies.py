@@ -132,7 +132,7 @@ def make_bodies(source: Source, rests: list[Rest], controls: Controls) -> list[B
         bodies.append(
             Body(
                 points,
-                _outward_faces(mesh, time) if several else mesh.faces,
+                outward_faces(mesh, time) if several else mesh.faces,
                 diffusion=own.diffusion,
                 mobility=0.0 if mesh.collider else mobility,
                 pin=controls.pins[index],
@@ -170,7 +170,7 @@ def _time_of_rest(source: Source, rests: list[Rest]) -> float:
     return best
 
 
-def _outward_faces(mesh: SourceMesh, time: float) -> NDArray[np.int32]:
+def outward_faces(mesh: SourceMesh, time: float) -> NDArray[np.int32]:
     """Triangles (F, 3) in world space, flipped where the transform mirrors."""
     if mesh.handle is None:
         return mesh.faces

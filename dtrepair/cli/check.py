@@ -10,6 +10,7 @@ import click
 
 from dtrepair import __version__
 from dtrepair.cli.console import Console
+from dtrepair.cli.enclosed_parts import EnclosedParts, enclosed_lines
 from dtrepair.cli.failures import (
     CLEAN,
     FRAMES,
@@ -91,7 +92,8 @@ def command(
 
     Exact, in float32 coordinates: pairs of triangles that share no vertex (vertices at one position
     count as one) and have a common point; touching counts. One mesh is counted in its own space,
-    several together in world space.
+    several together in world space. What lies wholly inside something closed intersects nothing; it
+    is told, and does not change the exit code.
 
     \b
     Example:
@@ -106,8 +108,10 @@ def command(
     source = open_source(source_path, selection)
     console.warn(source.warnings)
     opened = clock.perf_counter()
-    counter = make_counter(source, mode=mode, ignored=ignored_pairs(source, ignore), device=device)
-    found = _records(source, counter, jobs)
+    ignored = ignored_pairs(source, ignore)
+    counter = make_counter(source, mode=mode, ignored=ignored, device=device)
+    enclosed = EnclosedParts(source, mode=mode, ignored=ignored)
+    found = _records(source, counter, enclosed, jobs)
     records = tuple(console.progress(found, total=len(source.times), what="checking"))
     end = clock.perf_counter()
     report = Report(
@@ -133,7 +137,9 @@ def command(
     return REMAINING if any(record.before and record.before.pairs for record in records) else CLEAN
 
 
-def _records(source: Source, counter: SceneCounter, jobs: int) -> Iterator[FrameRecord]:
+def _records(
+    source: Source, counter: SceneCounter, enclosed: EnclosedParts, jobs: int
+) -> Iterator[FrameRecord]:
     def count(frame: Frame) -> FrameRecord:
         if not frame.usable:
             return unusable(frame)
@@ -148,6 +154,7 @@ def _records(source: Source, counter: SceneCounter, jobs: int) -> Iterator[Frame
             seconds=clock.perf_counter() - start,
             prims=tuple(FramePrimRecord(path=m.path, before=c, after=c) for m, c in each),
             contacts=contact_records(source, found, found),
+            enclosed=enclosed(frame, found),
         )
 
     for _, record in side_by_side(count, read_frames(source, source.times), jobs=jobs):
@@ -171,6 +178,8 @@ def _print(console: Console, source: Source, records: tuple[FrameRecord, ...]) -
                 numbers = [str(count.triangles), str(count.pairs), str(count.inter_pairs)]
                 rows.append([label, *numbers, path] if several else [label, *numbers[:2]])
     console.table(header, rows)
+    for line in enclosed_lines(records):
+        console.result(line)
     console.result(_conclusion(records))
 
 

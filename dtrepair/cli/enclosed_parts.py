@@ -1,0 +1,92 @@
+"""What lies wholly inside what: parts that intersect nothing, which a count does not show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dtrepair.cli.bodies import outward_faces
+from dtrepair.cli.frames import Frame
+from dtrepair.cli.sources import Source, time_label
+from dtrepair.geometry import weld_map
+from dtrepair.record import EnclosedRecord, FrameRecord
+
+if TYPE_CHECKING:
+    from dtrepair.counts import SceneCount
+
+# So many pairs are named.
+NAMED = 5
+
+
+class EnclosedParts:
+    """Looks for connected parts wholly inside closed ones, frame by frame.
+
+    Args:
+        source: the meshes.
+        mode: "self" within a mesh, "inter" between meshes, "both".
+        ignored: pairs of meshes (i, j), i <= j, that are left out.
+    """
+
+    def __init__(
+        self, source: Source, *, mode: str = "both", ignored: Sequence[tuple[int, int]] = ()
+    ) -> None:
+        from dtrepair.repair.enclosed import Enclosures
+
+        self.paths = [mesh.path for mesh in source.meshes]
+        self.mode, self.ignored = mode, set(ignored)
+        time, several = float(source.times[0]), len(source.meshes) > 1
+        rests, faces, owners, start = [], [], [], 0
+        for index, mesh in enumerate(source.meshes):
+            own = outward_faces(mesh, time) if several else mesh.faces
+            faces.append(weld_map(mesh.rest)[own] + start)
+            rests.append(source.to_world(mesh, time, mesh.rest) if several else mesh.rest)
+            owners.append(np.full(len(mesh.rest), index))
+            start += len(mesh.rest)
+        self._enclosures = Enclosures(np.concatenate(rests), np.concatenate(faces).astype(np.int32))
+        self._body = np.zeros(self._enclosures.count, dtype=np.int64)
+        used = self._enclosures.part >= 0
+        self._body[self._enclosures.part[used]] = np.concatenate(owners)[used]
+
+    def __call__(self, frame: Frame, count: SceneCount) -> tuple[EnclosedRecord, ...]:
+        """Each pair of meshes once, with `count` of the same frame; inner is outer for parts."""
+        points = np.concatenate([np.asarray(part, np.float64) for part in frame.spaces])
+        parts = self._enclosures(points, count.every_pair).parts
+        found: dict[tuple[int, int], int] = {}
+        for inner, outer in self._body[parts].tolist():
+            key = min(inner, outer), max(inner, outer)
+            between = inner != outer
+            counts = self.mode == "both" or between == (self.mode == "inter")
+            if counts and key not in self.ignored:
+                found[inner, outer] = found.get((inner, outer), 0) + 1
+        return tuple(
+            EnclosedRecord(inner=self.paths[i], outer=self.paths[j], parts=number)
+            for (i, j), number in sorted(found.items())
+        )
+
+
+def enclosed_lines(records: Sequence[FrameRecord]) -> list[str]:
+    """Sentences about what lies wholly inside what, and in which frames."""
+    frames: dict[tuple[str, str], list[FrameRecord]] = {}
+    for record in records:
+        for found in record.enclosed or ():
+            frames.setdefault((found.inner, found.outer), []).append(record)
+    told, looked = [], sum(record.enclosed is not None for record in records)
+    for (inner, outer), own in list(frames.items())[:NAMED]:
+        what = f"{inner} lies wholly inside {outer}"
+        if inner == outer:
+            most = max(
+                f.parts for r in own for f in r.enclosed or () if f.inner == f.outer == inner
+            )
+            who, lie = ("a part", "lies") if most == 1 else (f"{most} parts", "lie")
+            what = f"{who} of {inner} {lie} wholly inside another part of it"
+        when = f" in {len(own)} of {looked} frames"
+        if len(own) == looked:
+            when = " in every frame" if looked > 1 else ""
+        elif len(own) == 1:
+            when = f" in frame {time_label(own[0].time)}"
+        told.append(f"{what}{when}")
+    if len(frames) > NAMED:
+        told.append(f"{len(frames) - NAMED} more lie wholly inside others")
+    return told

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from dtrepair.cli.failures import USAGE, Failure
 from dtrepair.cli.matching import ignored_pairs
 from dtrepair.cli.object_settings import ObjectSettings, read_settings
+from dtrepair.cli.options import ObjectOptions
 from dtrepair.cli.rest import Rest
 from dtrepair.cli.sources import Source, SourceMesh, StageSource
 
@@ -40,19 +40,13 @@ class Controls:
     warnings: tuple[str, ...] = ()
 
 
-def read_controls(
-    source: Source,
-    pin: str | None,
-    direction: str | None,
-    *,
-    rigid: str | None = None,
-    ignore: Sequence[str] = (),
-) -> Controls:
+def read_controls(source: Source, objects: ObjectOptions) -> Controls:
     """Read what the options, the tables of the config and the primvars of the stage ask for.
 
     It is a usage error if no mesh has anything of a name.
     """
-    found = read_settings(source, rigid=rigid)
+    pin, direction = objects.pin, objects.direction
+    found = read_settings(source, rigid=objects.rigid)
     nothing: PerMesh = [None] * len(source.meshes)
     pins = nothing.copy() if pin is None else read_pins(source, pin)
     directions = nothing if direction is None else _read_directions(source, direction)
@@ -64,7 +58,7 @@ def read_controls(
     # What cannot move at all is not to be repaired: contacts of colliders among themselves.
     colliders = [index for index, mesh in enumerate(source.meshes) if mesh.collider]
     among = {(i, j) for i in colliders for j in colliders if i <= j}
-    ignored = tuple(sorted({*ignored_pairs(source, ignore), *among}))
+    ignored = tuple(sorted({*ignored_pairs(source, objects.ignore), *among}))
     return Controls(found.each, pins, directions, ignored, tuple(found.warnings))
 
 

@@ -33,6 +33,7 @@ from dtrepair.cli.frames import (
 )
 from dtrepair.cli.matching import ignored_pairs
 from dtrepair.cli.options import (
+    IGNORE,
     Selection,
     console_options,
     jobs_option,
@@ -59,12 +60,7 @@ if TYPE_CHECKING:
 )
 @click.argument("source_path", metavar="STAGE|MESH")
 @click.option("--json", "json_path", metavar="F|-", help="Write a JSON report; - is stdout.")
-@click.option(
-    "--ignore",
-    multiple=True,
-    metavar='"A,B"',
-    help="Two prims whose contacts do not count; may be given several times.",
-)
+@IGNORE
 @click.option(
     "--mode",
     type=click.Choice(["self", "inter", "both"]),

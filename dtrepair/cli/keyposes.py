@@ -25,10 +25,13 @@ from dtrepair.cli.frames import prim_records
 from dtrepair.cli.keyposes_report import exit_code, in_betweens, print_spans
 from dtrepair.cli.keyposes_solve import StageKeys
 from dtrepair.cli.method import method_options
+from dtrepair.cli.object_settings import recorded
 from dtrepair.cli.options import (
+    ObjectOptions,
     Selection,
     console_options,
     jobs_option,
+    object_options,
     run_options,
     selection_options,
 )
@@ -83,11 +86,7 @@ if TYPE_CHECKING:
     metavar="STAGE|MESH|TIME",
     help="Rest pose; default: the default-time points, else the key with fewest intersections.",
 )
-@click.option("--collider", metavar="EXPR", help="Meshes that take part but never move.")
-@click.option("--pin", metavar="NAME", help="Primvar (0 free to 1 fixed) or GeomSubset (fixed).")
-@click.option(
-    "--direction", metavar="NAME|SUBSET=x,y,z", help="Preferred direction of the repair, in world."
-)
+@object_options
 @click.option("--report", "report_path", metavar="F.json", help="Write a JSON report.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
@@ -107,9 +106,7 @@ def command(
     keep_keys: bool,
     verify_only: bool,
     rest: str | None,
-    collider: str | None,
-    pin: str | None,
-    direction: str | None,
+    objects: ObjectOptions,
     report_path: str | None,
     skip_existing: bool,
     dry_run: bool,
@@ -152,18 +149,19 @@ def command(
         interpolation=interpolation,
         jobs=jobs,
     )
-    source = open_source(source_path, selection, collider=collider)
+    source = open_source(source_path, selection, collider=objects.collider)
     assert isinstance(source, StageSource)
     if math.isnan(source.times[0]):
         raise Failure(f"{source_path}: no mesh has time samples; use dtrepair repair", USAGE)
     console.warn(source.warnings)
-    more: dict[str, Any] = {"rest": rest, "collider": collider, "pin": pin, "direction": direction}
+    controls = read_controls(source, objects)
+    console.warn(controls.warnings)
+    run.ignored = controls.ignored
     # Tightened keys touch, and leave no room for the poses between them.
     run.options = options = replace(options, tighten=0)
-    run.settings = settings_of(selection, options, {**more, **vars(search)})
+    more: dict[str, Any] = {"rest": rest, "objects": recorded(source, controls.settings)}
+    run.settings = settings_of(selection, objects, options, {**more, **vars(search)})
     del run.settings["jobs"]
-    controls = read_controls(source, pin, direction)
-    console.warn(controls.warnings)
     sink = None if output is None else open_sink(source, output, run.settings)
     try:
         run.lap("read")
@@ -176,7 +174,8 @@ def command(
         )
         console.warn(rest_warnings(source, rests, rest_counts))
         run.lap("factor")
-        report = _solve(run, StageKeys(source, repairer), search, sink, console)
+        rigid = [bool(own.rigid) for own in controls.settings]
+        report = _solve(run, StageKeys(source, repairer, rigid), search, sink, console)
     finally:
         if sink is not None:
             sink.abort()

@@ -27,9 +27,9 @@ class StageKeys:
     are selected and have points; skipped: spans that lack points.
     """
 
-    def __init__(self, source: StageSource, repairer: FrameRepairer) -> None:
-        """Read all keys; `repairer` solves and verifies frame by frame."""
-        self.source, self.repairer = source, repairer
+    def __init__(self, source: StageSource, repairer: FrameRepairer, rigid: Sequence[bool]) -> None:
+        """Read all keys; `repairer` solves and verifies frame by frame; `rigid` of each mesh."""
+        self.source, self.repairer, self.rigid = source, repairer, rigid
         times = [float(time) for time in source.all_times]
         self.selected = [time for time in times if time in source.times]
         self.frames = {time: read_frame(source, time) for time in times}
@@ -87,6 +87,21 @@ class StageKeys:
         if all(points is None for points in repaired.points):
             return None
         return _filled(frame, repaired)
+
+    def allowed(self, index: int, time: float, given: Pose, pose: Pose) -> Pose:
+        """The nearest pose that mesh `index` may have at a time: a rigid one only moves."""
+        if not self.rigid[index] or np.array_equal(given, pose):
+            return pose
+        from dtrepair.repair.rigid import RigidBodies
+
+        mesh, several = self.source.meshes[index], len(self.source.meshes) > 1
+        old, new = (np.asarray(points, np.float64) for points in (given, pose))
+        if several:
+            old, new = (self.source.to_world(mesh, time, points) for points in (old, new))
+        fitted = RigidBodies([(0, len(old))], np.ones(len(old))).fitted(old, new)
+        if several:
+            fitted = self.source.to_local(mesh, time, fitted)
+        return fitted.astype(np.float32)
 
     def check_key(self, time: float) -> Repaired:
         """Count a key of the input."""

@@ -58,6 +58,50 @@ def selection_options(function: Function) -> Function:
     return _with(wrapper, _SELECTION)
 
 
+@dataclass(frozen=True)
+class ObjectOptions:
+    """How single meshes take part: path expressions, and names of primvars or subsets."""
+
+    collider: str | None = None
+    rigid: str | None = None
+    ignore: tuple[str, ...] = ()
+    pin: str | None = None
+    direction: str | None = None
+
+
+IGNORE = click.option(
+    "--ignore",
+    multiple=True,
+    metavar='"A,B"',
+    help="Two prims whose contacts do not count; may be given several times.",
+)
+_OBJECTS = (
+    click.option("--collider", metavar="EXPR", help="Meshes that take part but never move."),
+    click.option("--rigid", metavar="EXPR", help="Meshes that move as a whole only."),
+    IGNORE,
+    click.option(
+        "--pin", metavar="NAME", help="Primvar (0 free to 1 fixed) or GeomSubset (fixed)."
+    ),
+    click.option(
+        "--direction",
+        metavar="NAME|SUBSET=x,y,z",
+        help="Preferred direction of the repair, in world.",
+    ),
+)
+
+
+def object_options(function: Function) -> Function:
+    """Add the options that say how single meshes take part; the command gets `objects`."""
+
+    @wraps(function)
+    def wrapper(**options: Any) -> Any:
+        names = ObjectOptions.__dataclass_fields__
+        objects = ObjectOptions(**{name: options.pop(name) for name in names})
+        return function(objects=objects, **options)
+
+    return _with(wrapper, _OBJECTS)
+
+
 def console_options(function: Function) -> Function:
     """Add -q and -v; the command gets `console`."""
 

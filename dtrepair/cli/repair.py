@@ -31,9 +31,11 @@ from dtrepair.cli.failures import (
 from dtrepair.cli.method import method_options
 from dtrepair.cli.object_settings import recorded
 from dtrepair.cli.options import (
+    ObjectOptions,
     Selection,
     console_options,
     jobs_option,
+    object_options,
     run_options,
     selection_options,
 )
@@ -61,18 +63,7 @@ if TYPE_CHECKING:
     metavar="STAGE|MESH|TIME",
     help="Rest pose; default: the default-time points, else the frame with fewest intersections.",
 )
-@click.option("--collider", metavar="EXPR", help="Meshes that take part but never move.")
-@click.option("--rigid", metavar="EXPR", help="Meshes that move as a whole only.")
-@click.option(
-    "--ignore",
-    multiple=True,
-    metavar='"A,B"',
-    help="Two prims whose contacts do not count; may be given several times.",
-)
-@click.option("--pin", metavar="NAME", help="Primvar (0 free to 1 fixed) or GeomSubset (fixed).")
-@click.option(
-    "--direction", metavar="NAME|SUBSET=x,y,z", help="Preferred direction of the repair, in world."
-)
+@object_options
 @click.option("--report", "report_path", metavar="F.json", help="Write a JSON report.")
 @click.option("--resume", is_flag=True, help="Go on with an interrupted run of the same command.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
@@ -95,11 +86,7 @@ def command(
     source_path: str,
     output: str,
     rest: str | None,
-    collider: str | None,
-    rigid: str | None,
-    ignore: tuple[str, ...],
-    pin: str | None,
-    direction: str | None,
+    objects: ObjectOptions,
     report_path: str | None,
     resume: bool,
     skip_existing: bool,
@@ -143,15 +130,14 @@ def command(
     # The published method knows single poses only.
     alone = alone or options.method == "paper"
     run = Run(source_path, output, use_device(device), options, jobs, alone)
-    source = open_source(source_path, selection, collider=collider)
+    source = open_source(source_path, selection, collider=objects.collider)
     console.warn(source.warnings)
-    _refuse_without_effect(run, directed=direction is not None)
-    controls = read_controls(source, pin, direction, rigid=rigid, ignore=ignore)
+    _refuse_without_effect(run, directed=objects.direction is not None)
+    controls = read_controls(source, objects)
     console.warn(controls.warnings)
     run.ignored = controls.ignored
-    more: dict[str, Any] = {"rest": rest, "collider": collider, "pin": pin, "direction": direction}
-    more |= {"rigid": rigid, "ignore": list(ignore), "objects": recorded(source, controls.settings)}
-    run.settings = settings_of(selection, options, more)
+    more = {"rest": rest, "objects": recorded(source, controls.settings)}
+    run.settings = settings_of(selection, objects, options, more)
     _refuse_without_effect(run, directed=any(way is not None for way in controls.directions))
     if options.method == "paper" and any(own.rigid for own in controls.settings):
         raise Failure("--rigid: has no effect with --method paper; leave it out", USAGE)
@@ -166,7 +152,7 @@ def command(
         if distributed is not None and len(source.times) > 1:
             sink.abort()
             report = repair_distributed(distributed, source, output, jobs=jobs, console=console)
-            result = open_source(output, selection, collider=collider)
+            result = open_source(output, selection, collider=objects.collider)
             run.lap("total")
             seconds = {**report.seconds, "total": run.seconds["total"]}
             jitter = measured_jitter(source, result)
@@ -198,10 +184,11 @@ def _refuse_without_effect(run: Run, *, directed: bool) -> None:
 
 
 def settings_of(
-    selection: Selection, options: RepairOptions, more: dict[str, Any]
+    selection: Selection, objects: ObjectOptions, options: RepairOptions, more: dict[str, Any]
 ) -> dict[str, Any]:
     """Return what is recorded of the choices of a run."""
-    chosen = {**vars(selection), **asdict(options), **more}
+    asked = {**vars(objects), "ignore": list(objects.ignore)}
+    chosen = {**vars(selection), **asdict(options), **asked, **more}
     return {name: value for name, value in chosen.items() if value is not None}
 
 

@@ -18,6 +18,9 @@ class Solver(Protocol):
     def repair(self, time: float, poses: Sequence[Pose]) -> tuple[Pose, ...] | None:
         """Poses with fewer pairs; None where there are none."""
 
+    def allowed(self, index: int, time: float, given: Pose, pose: Pose) -> Pose:
+        """The nearest pose that a mesh may have instead of the given one."""
+
 
 class Sample(NamedTuple):
     """An in-between and its intersecting pairs."""

@@ -185,7 +185,8 @@ class _Search:
         if not change.keys:
             return None
         tracks = list(self.tracks)
-        for index, time, pose in change.keys:
+        for index, time, wanted in change.keys:
+            pose = self.solver.allowed(index, time, self.given[index].at(time), wanted)
             tracks[index] = tracks[index].with_key(time, pose, all_times=self.all_times)
         for time in sorted({time for _, time, _ in change.keys}):
             left = self.solver.pairs(time, self.poses(tracks, time))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from quadruped import Quadruped
 
 from dtrepair.geometry import FloatArray
 from dtrepair.metrics import volume
@@ -67,6 +68,19 @@ def test_closed_surfaces_keep_their_volume(kind: str) -> None:
     assert volume(solved.points, surface.faces) == pytest.approx(
         volume(pose, surface.faces), rel=0.15
     )
+
+
+def test_tangles_that_the_phases_leave_are_solved_by_insisting() -> None:
+    # Legs swung by 92 degrees, hind legs against front legs: through each other and the belly.
+    animal = Quadruped(cells=9)
+    rest, faces = animal.mesh()
+    surface = Surface(rest, faces)
+    pose = animal.posed(rest, (1.6, 1.6, -1.6, -1.6), -1.0) / surface.size
+    given_up = FullMethod(surface, skip=("insist",))(pose)
+    assert len(find_defects(surface, given_up.points).crossings) > 0
+    solved = FullMethod(surface)(pose)
+    assert len(exact_pairs(surface.written(solved.points), surface.faces)) == 0
+    assert solved.stages[-1].name == "relax"
 
 
 def test_two_runs_are_bit_identical() -> None:

@@ -23,6 +23,9 @@ FIRST_STEPS, STEP_DECAY = (0.02, 0.01), 0.7
 GOOD_ENOUGH = 0.10
 # A phase after a clean one must lower the distortion to this part to be followed by another.
 PHASE_GAIN = 0.97
+# What the phases leave is pushed by short steps, so many times each, filling in between; the last
+# resort are patches that may grow by so many rings.
+INSIST_STEPS, INSIST_ROUNDS, INSIST_RINGS = (0.005, 0.002, 0.01), 4, 24
 # Tightening does not begin below this distortion.
 LOW_ENOUGH = 0.004
 # Cycles of relaxing in a round of tightening.
@@ -98,6 +101,7 @@ class _Run:
         self.known = find_defects(surface, original)
         self.scale = contact_scale(surface, self.known.crossings)
         self.stages: list[Stage] = []
+        self.candidates: list[Candidate] = []
         self.good_enough = GOOD_ENOUGH
 
     def limited(self, points: FloatArray) -> FloatArray:
@@ -116,7 +120,41 @@ class _Run:
             if len(best.defects.crossings) == 0 and best.distortion < self.good_enough:
                 break
         assert best is not None
+        if len(best.defects.crossings) and "insist" not in self.skip:
+            return self.insist(best)
         return best
+
+    def insist(self, best: Candidate) -> Candidate:
+        """What no phase solved, tried again from all poses that the phases left, best first.
+
+        A fill leaves a few tangles that are no longer tied to what made them: pushing them all by
+        short steps and filling anew solves most. Then patches grow until they swallow the rest.
+        """
+        candidates = sorted(self.candidates, key=lambda found: found.rank)
+        for candidate in candidates:
+            for step in INSIST_STEPS:
+                found = self._alternated(candidate, self.scale * step)
+                best = found if found.rank < best.rank else best
+                if len(best.defects.crossings) == 0:
+                    return best
+        for candidate in candidates:
+            pushed = Pushed(candidate.points, candidate.defects.crossings, 0)
+            found = self._filled(pushed, candidate.near, rounds=INSIST_RINGS)
+            best = found if found.rank < best.rank else best
+            if len(best.defects.crossings) == 0:
+                break
+        return best
+
+    def _alternated(self, found: Candidate, step: float) -> Candidate:
+        """Push all contacts and fill in turns for as long as crossings become fewer."""
+        for _ in range(INSIST_ROUNDS):
+            trial = self._filled(self._push(found.points, 0, step), 0)
+            if len(trial.defects.crossings) >= len(found.defects.crossings):
+                break
+            found = trial
+            if len(found.defects.crossings) == 0:
+                break
+        return found
 
     def phases(self, step: float) -> Candidate:
         """The best result of pushing with ever fewer contacts left to the creases."""
@@ -199,18 +237,20 @@ class _Run:
         self._record(f"push {near}", pushed.points, len(pushed.pairs), 0, pushed.iterations, start)
         return pushed
 
-    def _filled(self, pushed: Pushed, near: int) -> Candidate:
+    def _filled(self, pushed: Pushed, near: int, *, rounds: int = 8) -> Candidate:
         start = time.perf_counter()
         surface = self.surface
         folds = surface.folds(pushed.points)
         points, left = pushed.points, Defects(pushed.pairs, folds)
         if "fill" not in self.skip:
-            points, left = fill_creases(surface, points, known=left)
+            points, left = fill_creases(surface, points, rounds=rounds, known=left)
         allowed = self.limited(points)
         if (allowed != points).any():
             points, left = allowed, find_defects(surface, allowed)
         value = self._record("fill", points, len(left.crossings), len(left.folds), 0, start)
-        return Candidate(points, left, value, near)
+        found = Candidate(points, left, value, near)
+        self.candidates.append(found)
+        return found
 
     def _record(
         self,

@@ -141,22 +141,22 @@ def test_several_meshes_in_world_space(tmp_path):
 
 @pytest.fixture
 def bar_over_ball(tmp_path):
-    """A bar, turned and stretched by its parent, whose keys are clean; it sinks into a ball."""
+    """A bar, stretched by its parent, whose keys are clean; between them it runs into a ball."""
     from meshes import icosphere
 
     from usd_io import AuthoredMesh, write_animation
 
     ball, faces = icosphere(2, radius=0.5)
-    bar = ball * np.array([1.6, 0.3, 0.3])
-    keys = [bar + np.array([0.1 * x, y, 0.02]) for x, y in ((-1, 0.8), (0, 0.5), (1, 0.8))]
+    bar = ball * np.array([0.3, 0.3, 1.6])
+    keys = [bar + np.array([x, 0.1, 0.4]) for x in (-1.0, 1.0)]
     stretch = np.diag([1.0, 2.0, 1.0, 1.0])
-    still = [ball * np.array([1.0, 2.0, 1.0])] * 3
+    still = [ball * np.array([1.0, 2.0, 1.0])] * 2
     meshes = [
         AuthoredMesh(path="/Ball/Mesh", faces=faces, points=still),
         AuthoredMesh(path="/Bar/Mesh", faces=faces, points=keys, transforms=stretch),
     ]
     path = tmp_path / "bar.usda"
-    write_animation(path, meshes, times=[1.0, 5.0, 9.0])
+    write_animation(path, meshes, times=[1.0, 9.0])
     return path
 
 
@@ -165,7 +165,7 @@ def test_a_rigid_mesh_keeps_its_shape_in_every_key(bar_over_ball, tmp_path):
     done = run("keyposes", bar_over_ball, "-o", out, "--rigid", "/Bar", "--collider", "/Ball//")
     assert done.code == 0, done
     before, after = read_samples(bar_over_ball, "/Bar/Mesh"), read_samples(out, "/Bar/Mesh")
-    assert not np.array_equal(before[5], after[5])
+    assert len(after) > len(before)
     world = np.array([1.0, 2.0, 1.0])
 
     def lengths(points):
@@ -182,9 +182,6 @@ def test_ignored_contacts_need_no_keys(bar_over_ball, tmp_path):
     out = tmp_path / "out.usdc"
     assert run("keyposes", bar_over_ball, "-o", out, *ignored).code == 0
     assert read_samples(out, "/Bar/Mesh").keys() == read_samples(bar_over_ball, "/Bar/Mesh").keys()
-    assert np.array_equal(
-        read_samples(out, "/Bar/Mesh")[5], read_samples(bar_over_ball, "/Bar/Mesh")[5]
-    )
 
 
 def test_selected_keys_and_unusable_ones(tmp_path):

@@ -12,6 +12,9 @@ from dtrepair.intersect.exact import intersect
 from dtrepair.intersect.neighbors import leaf_neighbors
 from dtrepair.intersect.tree import build_tree
 
+# Levels of the tree that one launch fits.
+LEVELS = 3
+
 
 class Detector:
     """Finds intersecting triangles of the poses of one topology; built once per topology.
@@ -58,6 +61,7 @@ class Detector:
         near = leaf_neighbors(ordered, self.tree.leaf_start)
         self._neighbors = [self._upload(a, self._warp.int32) for a in (near.start, near.leaf)]
         self._neighbors += [self._upload(near.excluded, self._warp.uint64)]
+        self._all_active = self._active(np.ones(len(triangles), dtype=bool))
         self._welded = self._weld(weld) if weld is not None else self._ordered
 
     def __call__(
@@ -106,34 +110,26 @@ class Detector:
         """Candidate pairs (frame, i, j) in leaf order: a Warp array of their number."""
         assert self.tree is not None
         warp = self._warp
-        kernel, threads, extra = "find_candidates", self.tree.leaf_count, self._neighbors
-        if active is not None:
-            queries, marks = self._active(active)
-            kernel, threads, extra = "find_active_candidates", len(queries), [queries, marks]
+        marks = self._all_active if active is None else self._active(active)
         boxes = self.boxes(positions)
         while True:
             near = warp.empty(self._capacity, dtype=warp.vec3i, device=self.device)
             count = warp.zeros(1, dtype=warp.int32, device=self.device)
-            inputs = [self._leaf_start, self._skip, *extra, *boxes, near, count]
-            self._launch(kernel, (positions.shape[0], threads), inputs)
+            inputs = [self._leaf_start, self._skip, *self._neighbors, marks, *boxes, near, count]
+            self._launch("find_candidates", (positions.shape[0], self.tree.leaf_count), inputs)
             found = int(count.numpy()[0])
             if found <= self._capacity:
                 return near[:found]
             self._capacity = 2 * found
 
-    def _active(self, active: NDArray[np.bool_]) -> tuple[Any, Any]:
+    def _active(self, active: NDArray[np.bool_]) -> Any:
         assert self.tree is not None
         if active.shape != (len(self.faces),) or active.dtype != bool:
             raise ValueError(
                 f"active should be booleans of shape ({len(self.faces)},), one for each "
                 f"triangle, got {active.dtype} of shape {active.shape}"
             )
-        chosen = active[self.tree.order]
-        queries = np.flatnonzero(chosen).astype(np.int32)
-        return (
-            self._upload(queries, self._warp.int32),
-            self._upload(chosen.astype(np.uint8), self._warp.uint8),
-        )
+        return self._upload(self.tree.marks(active), self._warp.uint8)
 
     def _rounded(self, points: Any) -> NDArray[np.float32]:
         array = points.detach().cpu().numpy() if hasattr(points, "detach") else np.asarray(points)
@@ -187,8 +183,10 @@ class Detector:
             (frames, self.tree.leaf_count),
             [positions, self._ordered, self._leaf_start, *boxes],
         )
-        for level in reversed(range(self.tree.depth)):
-            self._launch("fit_level", (frames, 1 << level), [(1 << level) - 1, node_low, node_high])
+        for bottom in range(self.tree.depth, 0, -LEVELS):
+            top = max(0, bottom - LEVELS)
+            inputs = [(1 << top) - 1, bottom - top, node_low, node_high]
+            self._launch("fit_levels", (frames, 1 << top), inputs)
         return boxes
 
     def _launch(self, kernel: str, dimensions: tuple[int, ...], inputs: list[Any]) -> None:

@@ -42,15 +42,8 @@ def gap(
 
 @wp.func
 def overlap(low_a: wp.vec3f, high_a: wp.vec3f, low_b: wp.vec3f, high_b: wp.vec3f) -> bool:
-    """Whether two closed boxes have a common point."""
-    return (
-        low_a[0] <= high_b[0]
-        and high_a[0] >= low_b[0]
-        and low_a[1] <= high_b[1]
-        and high_a[1] >= low_b[1]
-        and low_a[2] <= high_b[2]
-        and high_a[2] >= low_b[2]
-    )
+    """Whether two closed boxes have a common point; one comparison, as branches are guesses."""
+    return gap(low_a, high_a, low_b[0], low_b[1], low_b[2], high_b[0], high_b[1], high_b[2]) <= 0.0
 
 
 @wp.func
@@ -114,57 +107,48 @@ def fit_leaves(
 
 
 @wp.kernel
-def fit_level(
+def fit_levels(
     first: int,
+    levels: int,
     node_low: wp.array2d(dtype=wp.vec3f),
     node_high: wp.array2d(dtype=wp.vec3f),
 ):
-    """Boxes of one level of inner nodes from their children; one thread a frame and node."""
+    """Boxes of some levels of inner nodes from those below; one thread a frame and upper node."""
     frame, k = wp.tid()
-    node = first + k
-    left = 2 * node + 1
-    node_low[frame, node] = wp.min(node_low[frame, left], node_low[frame, left + 1])
-    node_high[frame, node] = wp.max(node_high[frame, left], node_high[frame, left + 1])
+    for level in range(levels):
+        below = levels - 1 - level
+        start = ((first + k + 1) << below) - 1
+        for node in range(start, start + (1 << below)):
+            left = 2 * node + 1
+            node_low[frame, node] = wp.min(node_low[frame, left], node_low[frame, left + 1])
+            node_high[frame, node] = wp.max(node_high[frame, left], node_high[frame, left + 1])
 
 
 @wp.func
-def overlaps(
-    frame: int,
-    leaf: int,
-    other: int,
-    leaf_start: wp.array(dtype=wp.int32),
-    low: wp.array2d(dtype=wp.vec3f),
-    high: wp.array2d(dtype=wp.vec3f),
-    blocks: wp.array3d(dtype=vec8f),
-) -> wp.uint64:
-    """Bit 8 * i + j: the boxes of triangle i of a leaf and triangle j of another overlap."""
-    low_x = blocks[frame, other, 0]
-    low_y = blocks[frame, other, 1]
-    low_z = blocks[frame, other, 2]
-    high_x = blocks[frame, other, 3]
-    high_y = blocks[frame, other, 4]
-    high_z = blocks[frame, other, 5]
-    found = wp.uint64(0)
-    shift = wp.uint64(0)
-    for i in range(leaf_start[leaf], leaf_start[leaf + 1]):
-        box_low = low[frame, i]
-        box_high = high[frame, i]
-        row = int(0)
-        for k in range(8):
-            apart = gap(
-                box_low,
-                box_high,
-                low_x[k],
-                low_y[k],
-                low_z[k],
-                high_x[k],
-                high_y[k],
-                high_z[k],
-            )
-            row += wp.where(apart > 0.0, 0, 1 << k)
-        found = found | (wp.uint64(row) << shift)
-        shift += wp.uint64(8)
-    return found
+def in_reach(
+    low: wp.vec3f, high: wp.vec3f, blocks: wp.array3d(dtype=vec8f), frame: int, leaf: int
+) -> int:
+    """Bit k: the box of triangle k of a leaf overlaps a box.
+
+    The sign bits of the gaps are put together: the same steps for all eight make vector code.
+    """
+    low_x = blocks[frame, leaf, 0]
+    low_y = blocks[frame, leaf, 1]
+    low_z = blocks[frame, leaf, 2]
+    high_x = blocks[frame, leaf, 3]
+    high_y = blocks[frame, leaf, 4]
+    high_z = blocks[frame, leaf, 5]
+    row = int(0)
+    for k in range(8):
+        apart = gap(low, high, low_x[k], low_y[k], low_z[k], high_x[k], high_y[k], high_z[k])
+        row = row | (wp.int32(wp.cast(0.0 - apart, wp.uint32) >> wp.uint32(30 - k)) & (2 << k))
+    return (row ^ 510) >> 1
+
+
+@wp.func
+def lowest_bit(bits: int) -> int:
+    """Which is the lowest bit that is set of eight, by a product that tells all of them apart."""
+    return (0x45263107 >> 4 * (((bits & (-bits)) * 23 >> 4) & 7)) & 7
 
 
 @wp.kernel
@@ -174,6 +158,7 @@ def find_candidates(
     neighbor_start: wp.array(dtype=wp.int32),
     neighbor: wp.array(dtype=wp.int32),
     excluded: wp.array(dtype=wp.uint64),
+    active: wp.array(dtype=wp.uint8),
     low: wp.array2d(dtype=wp.vec3f),
     high: wp.array2d(dtype=wp.vec3f),
     node_low: wp.array2d(dtype=wp.vec3f),
@@ -184,7 +169,9 @@ def find_candidates(
 ):
     """Pairs (frame, i, j), i < j in leaf order, that are not excluded and whose boxes overlap.
 
-    One thread a frame and leaf: the leaf with itself and with the leaves behind it.
+    One thread a frame and leaf: the leaf with itself and with the leaves behind it. Of nodes
+    without an active triangle only those that meet a leaf with one are looked at; bit k of a leaf
+    is set in `active` if its triangle k is, and pairs of two others are left out.
     """
     frame, leaf = wp.tid()
     entry = neighbor_start[leaf]
@@ -194,8 +181,12 @@ def find_candidates(
     node = leaves - 1 + leaf
     own_low = node_low[frame, node]
     own_high = node_high[frame, node]
+    own_active = wp.int32(active[node])
     while node < skip.shape[0]:
-        if not overlap(own_low, own_high, node_low[frame, node], node_high[frame, node]):
+        other_low = node_low[frame, node]
+        other_high = node_high[frame, node]
+        other_active = wp.int32(active[node])
+        if own_active + other_active == 0 or not overlap(own_low, own_high, other_low, other_high):
             node = skip[node]
         elif node < leaves - 1:
             node = 2 * node + 1
@@ -208,60 +199,22 @@ def find_candidates(
             out = wp.uint64(0)
             if entry < last_entry and neighbor[entry] == other:
                 out = excluded[entry]
-            near = overlaps(frame, leaf, other, leaf_start, low, high, blocks) & (~out)
-            if near != wp.uint64(0):
-                for i in range(leaf_start[leaf], leaf_start[leaf + 1]):
-                    row = wp.int32(near & wp.uint64(255))
-                    near = near >> wp.uint64(8)
-                    j = leaf_start[other]
-                    while row != 0:
-                        if row & 1 != 0:
-                            slot = wp.atomic_add(count, 0, 1)
-                            if slot < candidates.shape[0]:
-                                candidates[slot] = wp.vec3i(frame, i, j)
-                        row = row >> 1
-                        j += 1
-
-
-@wp.kernel
-def find_active_candidates(
-    leaf_start: wp.array(dtype=wp.int32),
-    skip: wp.array(dtype=wp.int32),
-    queries: wp.array(dtype=wp.int32),
-    active: wp.array(dtype=wp.uint8),
-    low: wp.array2d(dtype=wp.vec3f),
-    high: wp.array2d(dtype=wp.vec3f),
-    node_low: wp.array2d(dtype=wp.vec3f),
-    node_high: wp.array2d(dtype=wp.vec3f),
-    blocks: wp.array3d(dtype=vec8f),
-    candidates: wp.array(dtype=wp.vec3i),
-    count: wp.array(dtype=wp.int32),
-):
-    """Pairs (frame, i, j) in leaf order with an active triangle whose boxes overlap.
-
-    One thread a frame and active triangle.
-    """
-    frame, query = wp.tid()
-    i = queries[query]
-    leaves = leaf_start.shape[0] - 1
-    node = int(0)
-    box_low = low[frame, i]
-    box_high = high[frame, i]
-    while node < skip.shape[0]:
-        if not overlap(box_low, box_high, node_low[frame, node], node_high[frame, node]):
-            node = skip[node]
-        elif node < leaves - 1:
-            node = 2 * node + 1
-        else:
-            leaf = node - leaves + 1
-            node = skip[node]
-            for j in range(leaf_start[leaf], leaf_start[leaf + 1]):
-                # A pair of two active triangles is found from its first one only.
-                if i < j or active[j] == wp.uint8(0):
-                    if overlap(box_low, box_high, low[frame, j], high[frame, j]):
-                        slot = wp.atomic_add(count, 0, 1)
-                        if slot < candidates.shape[0]:
-                            candidates[slot] = wp.vec3i(frame, i, j)
+            # Of leaves that overlap, few triangles reach the other one.
+            reaching = in_reach(other_low, other_high, blocks, frame, leaf)
+            while reaching != 0:
+                k = lowest_bit(reaching)
+                reaching = reaching & (reaching - 1)
+                i = leaf_start[leaf] + k
+                row = in_reach(low[frame, i], high[frame, i], blocks, frame, other)
+                row = row & (~wp.int32((out >> wp.uint64(8 * k)) & wp.uint64(255)))
+                if (own_active >> k) & 1 == 0:
+                    row = row & other_active
+                while row != 0:
+                    slot = wp.atomic_add(count, 0, 1)
+                    if slot < candidates.shape[0]:
+                        j = leaf_start[other] + lowest_bit(row)
+                        candidates[slot] = wp.vec3i(frame, i, j)
+                    row = row & (row - 1)
 
 
 @wp.kernel

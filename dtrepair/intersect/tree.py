@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dtrepair.geometry import FloatArray, IntArray
 
@@ -34,6 +36,28 @@ class Tree:
     def node_count(self) -> int:
         """Number of nodes, leaves included."""
         return 2 * self.leaf_count - 1
+
+    def marks(self, chosen: NDArray[np.bool_]) -> NDArray[np.uint8]:
+        """Bits (nodes,) of chosen triangles (F,): bit k of a leaf for its triangle k in order.
+
+        Bits of inner nodes are those of any leaf below.
+        """
+        marks = np.zeros(self.node_count, dtype=np.uint8)
+        bits = self._bits * chosen[self.order]
+        marks[self.leaf_count - 1 :] = np.bitwise_or.reduceat(bits, self.leaf_start[:-1])
+        for level in reversed(range(self.depth)):
+            first = (1 << level) - 1
+            children = marks[2 * first + 1 : 4 * first + 3]
+            marks[first : 2 * first + 1] = children[::2] | children[1::2]
+        return marks
+
+    @cached_property
+    def _bits(self) -> NDArray[np.uint8]:
+        """One bit (F,) for each triangle of a leaf, in leaf order."""
+        place = np.arange(len(self.order)) - np.repeat(
+            self.leaf_start[:-1], np.diff(self.leaf_start)
+        )
+        return (1 << place).astype(np.uint8)
 
 
 def build_tree(centroids: FloatArray, *, leaf_size: int = LEAF_SIZE) -> Tree:

@@ -36,7 +36,7 @@ def update_defects(
     surface: Surface, known: Defects, points: FloatArray, moved: BoolArray
 ) -> Defects:
     """Defects of a pose that differs from one with `known` defects only where `moved` (V,)."""
-    if 3 * np.count_nonzero(moved) > len(moved):
+    if moved.all():
         return find_defects(surface, points)
     active = surface.triangles_at(moved)
     crossings = [known.crossings[~active[known.crossings].any(axis=1)]]

@@ -87,7 +87,7 @@ def test_rigid_bodies_separate(rigid: tuple[bool, bool]) -> None:
         assert result.status is Status.CLEAN and result.displacement_max > 0
         # Rounding to float32 is all that may change an edge.
         shortest = 0.03
-        assert (stretch(points, result.points, faces) < 3e-7 / shortest) == own
+        assert not own or stretch(points, result.points, faces) < 3e-7 / shortest
 
 
 def test_a_rigid_body_keeps_a_limit_and_a_collider_its_place() -> None:

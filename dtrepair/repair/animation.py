@@ -16,6 +16,7 @@ from dtrepair.repair.frames import Frame, expanded, read_frames, reduced, system
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.mend import mend
 from dtrepair.repair.options import RepairResult, Solved, Stage
+from dtrepair.repair.parting import parted_frames
 from dtrepair.repair.release import caught_parts, released_frames
 from dtrepair.repair.rigid import RigidBodies, allowed
 from dtrepair.repair.shot import ShotMethod
@@ -198,6 +199,8 @@ class _Stream:
         if any(len(frame.caught) for frame in frames):
             caught = [frame.caught for frame in frames]
             starts = list(released_frames(self.scene, np.stack(starts), caught, times))
+        pairs = [frame.pairs for frame in frames]
+        starts = list(parted_frames(self.scene, system, np.stack(starts), pairs, times))
         unit = np.stack([reduced(system, start) for start in starts])
         jobs = worthwhile_jobs(self.jobs, len(frames), len(system.surface.faces))
         with make_crew(system.surface, jobs) as crew:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.geometry import FloatArray, IntArray, components
+from dtrepair.repair.rays import exits_along, windings
 from dtrepair.repair.surface import BoolArray
 
 # Vertices of a part that vote on whether it is inside; odd.
@@ -68,8 +69,7 @@ class Enclosures:
             touching = self.part_of_face[pairs].astype(np.int64)
             keys = np.concatenate([touching, touching[:, ::-1]]) @ [self.count, 1]
             found = found[~np.isin(found.astype(np.int64) @ [self.count, 1], keys)]
-        turned = points @ _TURN
-        inside = [self._is_inside(turned, inner, outer) for inner, outer in found.tolist()]
+        inside = [self._is_inside(points, inner, outer) for inner, outer in found.tolist()]
         found = found[np.array(inside, dtype=bool)]
         meant = [self._is_meant(inner, outer) for inner, outer in found.tolist()]
         return Enclosed(found, np.array(meant, dtype=bool))
@@ -107,16 +107,7 @@ class Enclosures:
         self, points: FloatArray, direction: FloatArray, probes: NDArray[np.integer], outer: int
     ) -> float:
         """How far the probes have to go along a direction until all are outside."""
-        turned = points @ _frame(direction)
-        farthest = 0.0
-        for start in turned[probes]:
-            ahead, signs = self._hits(turned, start, outer)
-            order = np.argsort(ahead)
-            left = signs.sum() - np.cumsum(signs[order])
-            free = np.flatnonzero(left <= 0)
-            if len(free):
-                farthest = max(farthest, float(ahead[order][free[0]]))
-        return farthest
+        return float(exits_along(direction, points[probes], self._corners(points, outer)).max())
 
     def _boxes_inside(self, points: FloatArray) -> IntArray:
         """Pairs (inner, outer) whose bounding boxes are inside each other, by a sweep along x."""
@@ -138,41 +129,21 @@ class Enclosures:
             found.append(np.stack([narrow[within], wide[within]], axis=1))
         return np.concatenate(found).astype(np.int32)
 
-    def _is_inside(self, turned: FloatArray, inner: int, outer: int) -> bool:
-        """Whether most picked vertices of a part are inside another; `turned` points (V, 3)."""
-        votes = 0
-        for start in turned[_picked(self.vertices(inner), VOTES)]:
-            votes += int(self._hits(turned, start, outer)[1].sum() > 0)
-        return 2 * votes > VOTES
+    def _is_inside(self, points: FloatArray, inner: int, outer: int) -> bool:
+        """Whether most picked vertices of a part are inside another."""
+        starts = points[_picked(self.vertices(inner), VOTES)]
+        return 2 * int((windings(starts, self._corners(points, outer)) > 0).sum()) > VOTES
 
     def _is_meant(self, inner: int, outer: int) -> bool:
         key = inner, outer
         if key not in self._meant:
-            self._meant[key] = self._is_inside(self.rest @ _TURN, inner, outer)
+            self._meant[key] = self._is_inside(self.rest, inner, outer)
         return self._meant[key]
 
-    def _hits(
-        self, turned: FloatArray, start: FloatArray, part: int
-    ) -> tuple[FloatArray, IntArray]:
-        """Where a ray along the first axis meets a part: distances (K,), 1 for exits, -1 entries.
-
-        The sum of the signs is the winding number of the part at the start.
-        """
-        triangles = self._face_order[self._face_starts[part] : self._face_starts[part + 1]]
-        corners = turned[self.faces[triangles]] - start
-        across = corners[:, :, 1:]
-        near = ((across.min(axis=1) <= 0) & (across.max(axis=1) >= 0)).all(axis=1)
-        near &= corners[:, :, 0].max(axis=1) > 0
-        corners = corners[near]
-        y, z = corners[:, :, 1], corners[:, :, 2]
-        following = [1, 2, 0]
-        # Twice the areas that the start spans with each edge, seen along the ray.
-        spans = y * z[:, following] - z * y[:, following]
-        signs = np.where((spans > 0).all(axis=1), 1, 0) - np.where((spans < 0).all(axis=1), 1, 0)
-        weights = spans[:, [1, 2, 0]] / np.where(signs == 0, 1.0, spans.sum(axis=1))[:, None]
-        ahead = (weights * corners[:, :, 0]).sum(axis=1)
-        hit = (signs != 0) & (ahead > 0)
-        return ahead[hit], signs[hit].astype(np.int32)
+    def _corners(self, points: FloatArray, part: int) -> FloatArray:
+        """The triangles (F, 3, 3) of a part."""
+        own = self._face_order[self._face_starts[part] : self._face_starts[part + 1]]
+        return points[self.faces[own]]
 
 
 def _grouped(
@@ -198,16 +169,3 @@ def _picked(vertices: NDArray[np.integer], count: int) -> NDArray[np.integer]:
     """At most `count` vertices spread evenly over the given ones."""
     places = np.linspace(0, len(vertices) - 1, count).round().astype(np.int64)
     return vertices[places]
-
-
-def _frame(direction: FloatArray) -> FloatArray:
-    """A rotation (3, 3): points @ it have their part along the unit direction first."""
-    # The other axes are skew, so that rays from regular meshes do not meet edges exactly.
-    helper = np.roll(direction, 1) * [0.3, -0.7, 0.5] + [0.12, 0.93, -0.41]
-    second = np.cross(direction, helper)
-    second /= np.linalg.norm(second)
-    return np.stack([direction, second, np.cross(direction, second)], axis=1)
-
-
-# Rays run along the first axis of this frame.
-_TURN = _frame(np.array([0.61803, 0.55331, 0.55852]) / np.linalg.norm([0.61803, 0.55331, 0.55852]))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.intersect.ignored import of_ignored_bodies
-from dtrepair.repair.timeline import gaussian_kernel
+from dtrepair.repair.timeline import eased_in_time
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer
@@ -85,7 +85,7 @@ def released_frames(
         needed = np.zeros(len(frames))
         for frame in caught:
             needed[frame] = BEYOND * enclosures.length_along(poses[frame], way, inner, outer)
-        result[:, moved] += _eased(needed, frames)[:, None, None] * way
+        result[:, moved] += eased_in_time(needed, frames, WIDTH)[:, None, None] * way
     return result
 
 
@@ -99,13 +99,3 @@ def _movable(scene: SceneRepairer, part: int) -> NDArray[np.integer] | None:
         # Duplicates along seams move along.
         vertices = np.flatnonzero(np.isin(scene.rest_weld, vertices))
     return vertices if (scene._mobility[vertices] > 0.0).all() else None
-
-
-def _eased(needed: FloatArray, frames: FloatArray) -> FloatArray:
-    """Smooth lengths (T,), nowhere less than needed, that come and go within some frames."""
-    if len(frames) == 1:
-        return needed
-    distance = np.abs(frames[:, None] - frames[None, :]) / WIDTH
-    spread = (needed[None] * (distance <= 2.0)).max(axis=1)
-    smooth = gaussian_kernel(frames, WIDTH) @ spread
-    return np.maximum(smooth, needed)

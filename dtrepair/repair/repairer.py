@@ -27,6 +27,7 @@ from dtrepair.repair.bodies import (
 from dtrepair.repair.enclosed import Enclosures
 from dtrepair.repair.left_over import contacts_left, enclosed_left
 from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
+from dtrepair.repair.parting import parted_frames
 from dtrepair.repair.release import bodies_of_parts, caught_parts, released
 from dtrepair.repair.rigid import RigidBodies
 from dtrepair.repair.surface import pair_keys
@@ -134,7 +135,7 @@ class SceneRepairer:
         final, left, solved = centred, pairs, Solved(centred)
         if len(pairs) + len(caught) or self.options.clearance > 0.0:
             start_pose = released(self, centred, caught) if len(caught) else centred
-            final, solved = self._solve(start_pose, weld)
+            final, solved = self._solve(start_pose, weld, pairs)
             # Vertices that only happened to coincide in the input are two in the result.
             left = self._pairs(final, self._weld(final))
             known, caught = caught, caught_parts(self, final, left) if len(caught) else caught
@@ -178,14 +179,18 @@ class SceneRepairer:
             pairs = pairs[inter == (self.options.mode == "inter")]
         return pairs[~of_ignored_bodies(self._body_of[pairs], self.ignored)]
 
-    def _solve(self, points: FloatArray, weld: IntArray) -> tuple[FloatArray, Solved]:
+    def _solve(
+        self, points: FloatArray, weld: IntArray, pairs: IntArray
+    ) -> tuple[FloatArray, Solved]:
         """Repair with seam duplicates moving together: those of the rest that still coincide."""
         rest_weld = self.rest_weld
         together = np.where(weld[rest_weld] == weld, rest_weld, np.arange(len(weld)))
         key = together.tobytes()
         if key not in self._systems:
             self._systems[key] = System(self, together)
-        return self._systems[key].solve(points)
+        system = self._systems[key]
+        start = parted_frames(self, system, points[None], [pairs], np.zeros(1))[0]
+        return system.solve(start)
 
     def _result(
         self,

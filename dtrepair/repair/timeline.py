@@ -57,6 +57,15 @@ def apply_in_time(kernel: Floats, field: Floats) -> Any:
     return result.reshape(len(kernel), *field.shape[1:])
 
 
+def eased_in_time(needed: FloatArray, frames: FloatArray, width: float) -> FloatArray:
+    """Smooth lengths (T,), nowhere less than needed (T,), that come and go within some frames."""
+    if len(frames) == 1:
+        return needed
+    distance = np.abs(frames[:, None] - frames[None, :]) / width
+    spread = (needed[None] * (distance <= 2.0)).max(axis=1)
+    return np.maximum(gaussian_kernel(frames, width) @ spread, needed)
+
+
 def undamped(kernel: FloatArray, field: FloatArray) -> FloatArray:
     """A field (T, V, 3) smoothed in time such that a lone frame keeps its full length."""
     x, y, z = np.moveaxis(field, 2, 0)

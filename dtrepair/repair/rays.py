@@ -1,0 +1,91 @@
+"""Rays through closed surfaces: winding numbers, and the ways out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.geometry import FloatArray
+
+# Rays start this part of the size of the triangles beside their points.
+ASIDE = np.array([0.0, 3.7e-7, 6.1e-7])
+# Pairs of a ray and a triangle that are looked at in one step.
+BLOCK = 2_000_000
+
+
+def crossings(
+    starts: FloatArray, corners: FloatArray
+) -> tuple[NDArray[np.integer], FloatArray, NDArray[np.integer]]:
+    """Where rays along the first axis from `starts` (P, 3) meet triangles `corners` (F, 3, 3).
+
+    The ray (K,) of each crossing, its distance, and 1 for exits, -1 for entries: the sum of a ray
+    is the winding number of its start.
+    """
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    if len(corners):
+        # A ray of a regular mesh could run exactly through an edge, and miss both triangles.
+        starts = starts + ASIDE * float((high.max(axis=0) - low.min(axis=0)).max())
+    step = max(1, BLOCK // max(len(corners), 1))
+    near = []
+    for begin in range(0, len(starts), step):
+        own = starts[begin : begin + step, None]
+        hit = high[None, :, 0] > own[:, :, 0]
+        for axis in (1, 2):
+            hit &= (low[None, :, axis] <= own[:, :, axis]) & (
+                high[None, :, axis] >= own[:, :, axis]
+            )
+        ray, triangle = np.nonzero(hit)
+        near.append((ray + begin, triangle))
+    rays = np.concatenate([ray for ray, _ in near]) if near else np.zeros(0, dtype=np.int64)
+    triangles = np.concatenate([hit for _, hit in near]) if near else rays
+    offsets = corners[triangles] - starts[rays][:, None]
+    y, z = offsets[:, :, 1], offsets[:, :, 2]
+    following = [1, 2, 0]
+    # Twice the areas that the start spans with each edge, seen along the ray.
+    spans = y * z[:, following] - z * y[:, following]
+    signs = (spans > 0).all(axis=1).astype(np.int64) - (spans < 0).all(axis=1)
+    weights = spans[:, [1, 2, 0]] / np.where(signs == 0, 1.0, spans.sum(axis=1))[:, None]
+    ahead = (weights * offsets[:, :, 0]).sum(axis=1)
+    hit = (signs != 0) & (ahead > 0)
+    return rays[hit], ahead[hit], signs[hit]
+
+
+def windings(points: FloatArray, corners: FloatArray) -> NDArray[np.integer]:
+    """Winding numbers (P,) of triangles (F, 3, 3) at points (P, 3)."""
+    rays, _, signs = crossings(points @ SKEW, corners @ SKEW)
+    return np.bincount(rays, signs, minlength=len(points)).astype(np.int64)
+
+
+def exits_along(direction: FloatArray, points: FloatArray, corners: FloatArray) -> FloatArray:
+    """How far points (P, 3) have to go along a unit direction to leave triangles (F, 3, 3).
+
+    0 for those that are outside.
+    """
+    frame = frame_along(direction)
+    rays, ahead, signs = crossings(points @ frame, corners @ frame)
+    result = np.zeros(len(points))
+    order = np.lexsort((ahead, rays))
+    rays, ahead, signs = rays[order], ahead[order], signs[order]
+    totals = np.bincount(rays, signs, minlength=len(points))
+    passed = np.cumsum(signs)
+    before = np.concatenate([[0], passed])[np.searchsorted(rays, rays)]
+    out = np.flatnonzero(totals[rays] - (passed - before) <= 0)
+    first = out[np.unique(rays[out], return_index=True)[1]]
+    inside = totals[rays[first]] > 0
+    result[rays[first[inside]]] = ahead[first[inside]]
+    return result
+
+
+def frame_along(direction: FloatArray) -> FloatArray:
+    """A rotation (3, 3): points @ it have their part along the unit direction first."""
+    # The other axes are skew, so that rays from regular meshes do not meet edges exactly.
+    helper = np.roll(direction, 1) * [0.3, -0.7, 0.5] + [0.12, 0.93, -0.41]
+    second = np.cross(direction, helper)
+    second /= np.linalg.norm(second)
+    return np.stack([direction, second, np.cross(direction, second)], axis=1)
+
+
+# A direction that regular meshes do not have.
+SKEW = frame_along(
+    np.array([0.61803, 0.55331, 0.55852]) / np.linalg.norm([0.61803, 0.55331, 0.55852])
+)

@@ -1,0 +1,149 @@
+"""Bodies that pierce each other are led apart as wholes; layers, dents and held bodies are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair import Body, RepairOptions, SceneRepairer, Status
+from dtrepair.geometry import FloatArray, extent, unique_edges
+from dtrepair.metrics import edge_log_ratio, jitter
+from dtrepair.repair.frames import system_of
+from dtrepair.repair.parting import parted_frames
+from dtrepair.repair.piercing import Piercing, Shape, find_inside
+from tests.exact_reference import exact_pairs
+from tests.meshes import Mesh, icosphere, joined, torus
+
+BALL, BALL_FACES = icosphere(2)
+# A closed rod, thin and long enough to stick out at both sides of the ball.
+ROD, ROD_FACES = icosphere(3)
+ROD = ROD * np.array([0.12, 0.12, 1.5])
+RIGHT_THROUGH = ROD + np.array([0.35, 0.1, 0.05])
+
+
+def pair(rod: FloatArray, **of: list) -> list[Body]:
+    meshes = [(BALL, BALL_FACES), (ROD + np.array([0.0, 0.0, 9.0]), ROD_FACES)]
+    given = [{name: values[k] for name, values in of.items()} for k in (0, 1)]
+    return [Body(*mesh, **own) for mesh, own in zip(meshes, given, strict=True)]
+
+
+def parted(scene: SceneRepairer, *poses: list[FloatArray]) -> FloatArray:
+    """The poses (T, V, 3) that the repair of contacts would start from."""
+    stacked = np.stack([np.concatenate(pose) for pose in poses])
+    welds = [scene._weld(pose) for pose in stacked]
+    pairs = [scene._pairs(pose, weld) for pose, weld in zip(stacked, welds, strict=True)]
+    system = system_of(scene, welds)
+    return parted_frames(scene, system, stacked, pairs, np.arange(len(poses), dtype=np.float64))
+
+
+def edge_change(before: FloatArray, after: FloatArray, faces: np.ndarray) -> float:
+    return edge_log_ratio(before, np.asarray(after, np.float64), unique_edges(faces))
+
+
+@pytest.mark.parametrize("mobility", [(1.0, 1.0), (0.0, 1.0), (1.0, 0.0)])
+@pytest.mark.parametrize("diffusion", [99.0, 999.0])
+def test_a_rod_right_through_a_ball_is_moved_not_stretched(
+    mobility: tuple[float, float], diffusion: float
+) -> None:
+    bodies = pair(RIGHT_THROUGH, mobility=list(mobility), diffusion=[diffusion] * 2)
+    results = SceneRepairer(bodies)([BALL, RIGHT_THROUGH])
+    after = [(results[0].points, BALL_FACES), (results[1].points, ROD_FACES)]
+    assert len(exact_pairs(*joined(*after))) == 0
+    moved = []
+    for result, points, faces, free in zip(
+        results, (BALL, RIGHT_THROUGH), (BALL_FACES, ROD_FACES), mobility, strict=True
+    ):
+        assert result.status is Status.CLEAN
+        assert edge_change(points, result.points, faces) < 0.02
+        assert free or np.array_equal(result.points, points)
+        moved.append(np.linalg.norm(result.points - points, axis=1).max())
+    # The axis is 0.364 from the middle: the shortest way is 1 - 0.364, and the rod's radius.
+    assert 0.6 < sum(moved) < 0.95
+    if mobility == (1.0, 1.0):
+        assert moved[0] < moved[1]  # the smaller one moves farther
+
+
+def test_the_shift_of_a_clip_is_steady_and_leaves_far_frames_alone() -> None:
+    depth = np.concatenate([np.full(12, 3.0), np.linspace(3.0, 0.05, 16), np.full(6, 0.05)])
+    poses = [[BALL, ROD + np.array([0.35, 0.1, height])] for height in depth]
+    scene = SceneRepairer(pair(ROD, mobility=[0.0, 1.0]))
+    frames = list(scene.animator.stream(list(enumerate(poses)), jobs=1))
+    assert sum(frame.results[1].before.pairs > 0 for frame in frames) > 12
+    assert all(result.status is Status.CLEAN for frame in frames for result in frame.results)
+    before = np.stack([rod for _, rod in poses])
+    after = np.stack([frame.results[1].points for frame in frames])
+    changes = [edge_change(a, b, ROD_FACES) for a, b in zip(before, after, strict=True)]
+    assert max(changes) < 0.02
+    assert jitter(before, after) < 0.01
+    assert np.array_equal(after[0], before[0])
+
+
+def test_what_touches_only_a_little_is_left_to_the_contacts() -> None:
+    scene = SceneRepairer(pair(ROD))
+    dented = [BALL, ROD * [8.0, 8.0, 1.0] + np.array([0.0, 0.0, 2.3])]
+    assert len(scene._pairs(np.concatenate(dented), scene._weld(np.concatenate(dented))))
+    assert np.array_equal(parted(scene, dented)[0], np.concatenate(dented))
+
+
+def test_a_ring_stays_on_its_finger() -> None:
+    """It is pierced all around, and the way out is as long as the finger."""
+    ring, ring_faces = torus(32, 8, 1.05, 0.04)
+    finger = BALL * np.array([1.05, 1.05, 6.0])
+    apart = Body(ring + np.array([9.0, 0.0, 0.0]), ring_faces)
+    scene = SceneRepairer([Body(finger, BALL_FACES), apart])
+    pose = [finger, ring]
+    assert np.array_equal(parted(scene, pose)[0], np.concatenate(pose))
+
+
+def test_a_layer_stays_on_what_it_covers() -> None:
+    def sheet(scale: float) -> Mesh:
+        outer, inner = BALL * scale, BALL * (scale - 0.02)
+        upper = BALL_FACES[(BALL[BALL_FACES][:, :, 2] > 0.3).all(axis=1)]
+        return joined((outer, upper), (inner, upper[:, ::-1]))
+
+    points, faces = sheet(1.05)
+    scene = SceneRepairer([Body(BALL, BALL_FACES), Body(points, faces)])
+    sunk = [BALL, points - np.array([0.0, 0.0, 0.3])]
+    assert len(scene._pairs(np.concatenate(sunk), scene._weld(np.concatenate(sunk))))
+    assert np.array_equal(parted(scene, sunk)[0], np.concatenate(sunk))
+
+
+@pytest.mark.parametrize("held", ["pin", "direction", "limit", "paper", "ignored"])
+def test_what_is_held_or_led_by_the_user_is_not_parted(held: str) -> None:
+    of, options, ignore = {}, RepairOptions(), []
+    if held == "pin":
+        half = [np.r_[1.0, np.zeros(len(points) - 1)] for points in (BALL, ROD)]
+        of["pin"] = half
+    elif held == "direction":
+        of["direction"] = [None, np.tile([0.0, 0.0, 1.0], (len(ROD), 1))]
+    elif held == "limit":
+        options = RepairOptions(maximum_displacement=0.1)
+    elif held == "paper":
+        options = RepairOptions(method="paper")
+    else:
+        ignore = [(0, 1)]
+    scene = SceneRepairer(pair(ROD, **of), options=options, ignore=ignore)
+    pose = [BALL, RIGHT_THROUGH]
+    assert np.array_equal(parted(scene, pose)[0], np.concatenate(pose))
+
+
+def test_one_way_for_all_frames_of_a_contact() -> None:
+    scene = SceneRepairer(pair(ROD, mobility=[0.0, 1.0]))
+    poses = [[BALL, ROD + np.array([x, 0.05, 0.0])] for x in (-0.2, -0.1, 0.0, 0.1, 0.2)]
+    shifts = parted(scene, *poses)[:, -1] - np.stack([pose[1][-1] for pose in poses])
+    ways = shifts / np.linalg.norm(shifts, axis=1, keepdims=True)
+    assert np.allclose(ways, ways[0], atol=1e-9)
+
+
+def test_the_way_out_is_the_shortest_one() -> None:
+    scene = SceneRepairer(pair(ROD))
+    points = np.concatenate([BALL, RIGHT_THROUGH])
+    rod, ball = Shape(scene, 1), Shape(scene, 0)
+    inside = find_inside(points, rod, ball)
+    assert inside.depth == pytest.approx(1.0 - 0.25, abs=0.1)
+    assert 0.4 < inside.part < 0.8
+    assert abs(rod.thickness - 0.12) < 0.05 < extent(BALL)
+    piercing = Piercing(rod, ball, [points], [(inside, find_inside(points, ball, rod))])
+    way = piercing.ways()[0]
+    assert way @ [0.9615, 0.2747, 0.0] > 0.95  # away from the middle
+    assert 0.6 < piercing.length(0, way) < 0.9

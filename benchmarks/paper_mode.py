@@ -19,6 +19,7 @@ from statistics import mean
 
 import numpy as np
 import torch
+from scipy import sparse
 
 from benchmarks.detection import Faces, Points, measure
 from dtrepair import Repairer, RepairOptions
@@ -196,6 +197,16 @@ def reference_iteration(
     descent.detect(points - descent.diffusion.finish(step))
 
 
+def as_torch(matrix: sparse.csr_matrix) -> torch.Tensor:
+    """A sparse matrix as PyTorch has it."""
+    entries = matrix.tocoo()
+    index = torch.from_numpy(np.stack([entries.row, entries.col]))
+    with torch.sparse.check_sparse_tensor_invariants(False):
+        return torch.sparse_coo_tensor(
+            index, torch.from_numpy(entries.data), entries.shape
+        ).coalesce()
+
+
 def iteration_runs(points: Points, faces: Faces, shape: Points) -> dict[str, Callable[[], object]]:
     """Detection, an iteration, and one of the reference structure with the same detector.
 
@@ -205,7 +216,7 @@ def iteration_runs(points: Points, faces: Faces, shape: Points) -> dict[str, Cal
     descent, pose = make_descent(points, faces, shape, optimizer, iterations=60, masses=False)
     assert isinstance(descent.laplacian, SparseOperator)
     target, moments = descent.laplacian(pose), start(pose)
-    laplacian = descent.laplacian.on(device="cpu", dtype=torch.float64).matrix
+    laplacian = as_torch(descent.laplacian.matrix)
 
     def iteration() -> object:
         pairs = torch.as_tensor(descent.detect(pose)).long()

@@ -110,13 +110,11 @@ class Detector:
         """Candidate pairs (frame, i, j) in leaf order: a Warp array of their number."""
         assert self.tree is not None
         warp = self._warp
-        marks = self._all_active if active is None else self._active(active)
         boxes = self.boxes(positions)
         while True:
             near = warp.empty(self._capacity, dtype=warp.vec3i, device=self.device)
             count = warp.zeros(1, dtype=warp.int32, device=self.device)
-            inputs = [self._leaf_start, self._skip, *self._neighbors, marks, *boxes, near, count]
-            self._launch("find_candidates", (positions.shape[0], self.tree.leaf_count), inputs)
+            self.search(positions.shape[0], boxes, near, count, active)
             found = int(count.numpy()[0])
             if found <= self._capacity:
                 return near[:found]
@@ -163,21 +161,27 @@ class Detector:
 
         The fifth array holds the boxes of the triangles once more, as blocks by leaf.
         """
-        assert self.tree is not None
-        warp, frames = self._warp, points.shape[0]
+        warp = self._warp
         positions = warp.array(points, dtype=warp.vec3f, device=self.device, copy=False)
-        low, high = (
-            warp.empty((frames, len(self.faces)), dtype=warp.vec3f, device=self.device)
-            for _ in range(2)
-        )
-        node_low, node_high = (
-            warp.empty((frames, self.tree.node_count), dtype=warp.vec3f, device=self.device)
-            for _ in range(2)
-        )
-        blocks = warp.empty(
-            (frames, self.tree.leaf_count, 6), dtype=self._kernels.vec8f, device=self.device
-        )
-        boxes = [low, high, node_low, node_high, blocks]
+        boxes = self.box_arrays(points.shape[0])
+        self.fit(positions, boxes)
+        return boxes
+
+    def box_arrays(self, frames: int) -> list[Any]:
+        """Arrays for the boxes of so many poses, to be filled by `fit`."""
+        assert self.tree is not None
+        warp, nodes = self._warp, self.tree.node_count
+        boxes = [
+            warp.empty((frames, count), dtype=warp.vec3f, device=self.device)
+            for count in (len(self.faces), len(self.faces), nodes, nodes)
+        ]
+        blocks = (frames, self.tree.leaf_count, 6)
+        return [*boxes, warp.empty(blocks, dtype=self._kernels.vec8f, device=self.device)]
+
+    def fit(self, positions: Any, boxes: list[Any]) -> None:
+        """Fill the `box_arrays` of poses, a Warp array (B, V) of vec3f."""
+        assert self.tree is not None
+        frames, (_, _, node_low, node_high, _) = positions.shape[0], boxes
         self._launch(
             "fit_leaves",
             (frames, self.tree.leaf_count),
@@ -187,7 +191,28 @@ class Detector:
             top = max(0, bottom - LEVELS)
             inputs = [(1 << top) - 1, bottom - top, node_low, node_high]
             self._launch("fit_levels", (frames, 1 << top), inputs)
-        return boxes
+
+    def search(
+        self,
+        frames: int,
+        boxes: list[Any],
+        near: Any,
+        count: Any,
+        active: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Write candidates (frame, i, j) in leaf order to `near`, as far as there is room.
+
+        Their number is added to `count`; both are Warp arrays.
+        """
+        assert self.tree is not None
+        marks = self._all_active if active is None else self._active(active)
+        inputs = [self._leaf_start, self._skip, *self._neighbors, marks, *boxes, near, count]
+        self._launch("find_candidates", (frames, self.tree.leaf_count), inputs)
+
+    @property
+    def topology(self) -> list[Any]:
+        """Warp arrays of the triangles in leaf order: corners, welded corners, own numbers."""
+        return [self._ordered, self._welded, self._order]
 
     def _launch(self, kernel: str, dimensions: tuple[int, ...], inputs: list[Any]) -> None:
         self._warp.launch(

@@ -1,11 +1,27 @@
-"""Pairs of bodies that may intersect: their contacts do not count."""
+"""Which pairs of triangles count, and pairs of bodies that may intersect."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dtrepair.geometry import IntArray
+
+
+@dataclass(frozen=True)
+class CountedPairs:
+    """Which pairs of triangles count.
+
+    group: a number for each triangle (F,); counted: whether pairs of two groups count (G, G),
+    symmetric; listed: pairs (K, 2), smaller triangle first, that do not, whatever their groups.
+    """
+
+    group: IntArray
+    counted: NDArray[np.bool_]
+    listed: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int32))
 
 
 def of_ignored_bodies(

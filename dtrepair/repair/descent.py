@@ -88,16 +88,21 @@ class Descent:
         _, gradient = pair_energy(
             points, self.faces, pairs, kernel=self.kernel, direction=self.direction
         )
+        step, moments = self.move(points, gradient, target, moments)
+        return points - step, moments
+
+    def move(
+        self, points: Tensor, gradient: Tensor, target: Tensor, moments: Moments
+    ) -> tuple[Tensor, Moments]:
+        """The step (B, V, 3) to subtract, and the state, from the gradient of the energy."""
         if self.regularization:
             strength = mean_square_strength(self.regularization, points.shape[1])
             _, shape = shape_term(points, target, laplacian=self.laplacian, strength=strength)
             gradient = gradient + shape
         if self.optimizer.moments_between:
             step, moments = self.optimizer(moments, self.diffusion.begin(gradient))
-            step = self.diffusion.finish(step)
-        else:
-            step, moments = self.optimizer(moments, self.diffusion(gradient))
-        return points - step, moments
+            return self.diffusion.finish(step), moments
+        return self.optimizer(moments, self.diffusion(gradient))
 
     def _pairs(self, points: Tensor) -> Tensor:
         return torch.as_tensor(self.detect(points), device=points.device).long()

@@ -12,9 +12,12 @@ from torch import Tensor
 
 from dtrepair.geometry import FloatArray
 from dtrepair.operators import Factor
+from dtrepair.repair.dense_product import product
 
 # Right-hand sides of one solve while a dense operator is built: what cholespy handles well.
 BLOCK = 96
+# Vertices of the largest mesh whose operator on a device is one dense matrix (0.9 GB in float32).
+DENSE = 15000
 
 
 class Diffuser(Protocol):
@@ -70,7 +73,8 @@ class Diffusion:
         self.count = count
         self.mass = mass
         diagonal = sparse.identity(count) if mass is None else sparse.diags(mass)
-        self.factor = Factor(sparse.csc_matrix(diagonal + strength * laplacian))
+        self.matrix = sparse.csc_matrix(diagonal + strength * laplacian)
+        self.factor = Factor(self.matrix)
 
     def begin(self, field: Tensor) -> Tensor:
         """A^-1 field (B, V, 3)."""
@@ -89,6 +93,21 @@ class Diffusion:
         """A^-1 Mass A^-1 field (B, V, 3)."""
         return self.finish(self.begin(field))
 
+    def on(
+        self,
+        points: FloatArray,
+        *,
+        device: str | torch.device,
+        dtype: torch.dtype = torch.float32,
+    ) -> Diffuser:
+        """The same operator for tensors on a device; points: positions (V, 3) of the mesh."""
+        if self.count <= DENSE:
+            return self.dense(device=device, dtype=dtype)
+        from dtrepair.repair.block_diffusion import BlockDiffusion
+
+        matrix = sparse.csr_matrix(self.matrix)
+        return BlockDiffusion(matrix, points, mass=self.mass, device=device, dtype=dtype)
+
     def dense(
         self, *, device: str | torch.device, dtype: torch.dtype = torch.float32
     ) -> DenseDiffusion:
@@ -105,10 +124,7 @@ class Diffusion:
 
 
 class DenseDiffusion:
-    """A precomputed diffusion: one product of matrices, on any device.
-
-    Products are in full float32: TF32 would cost three digits (1e-3 of the field).
-    """
+    """A precomputed diffusion: one product of matrices, on any device."""
 
     def __init__(self, half: Tensor, weighted: Tensor, both: Tensor) -> None:
         """A^-1, A^-1 Mass and A^-1 Mass A^-1, each (V, V)."""
@@ -183,41 +199,9 @@ class SparseOperator:
             target.copy_(torch.from_numpy(self.matrix @ source.numpy()))
         return result
 
-    def on(self, *, device: str | torch.device, dtype: torch.dtype) -> TorchOperator:
-        """The same operator for tensors on a device."""
-        with torch.sparse.check_sparse_tensor_invariants(False):
-            matrix = torch.sparse_coo_tensor(
-                torch.from_numpy(np.stack(self.matrix.nonzero())),
-                torch.from_numpy(np.asarray(self.matrix[self.matrix.nonzero()]).ravel()),
-                self.matrix.shape,
-                dtype=dtype,
-            )
-            return TorchOperator(matrix.coalesce().to(device))
-
-
-class TorchOperator:
-    """A sparse PyTorch matrix (V, V) applied to fields (B, V, 3)."""
-
-    def __init__(self, matrix: Tensor) -> None:
-        """Keep the coalesced matrix."""
-        self.matrix = matrix
-
-    def __call__(self, field: Tensor) -> Tensor:
-        """matrix @ field of each frame."""
-        return _product(self.matrix, field)
-
 
 def _product(matrix: Tensor, field: Tensor) -> Tensor:
-    """matrix @ field of every frame in one product, without TF32."""
+    """matrix @ field of every frame in one product."""
     frames, count, columns = field.shape
-    flat = field.permute(1, 0, 2).reshape(count, frames * columns)
-    precision = torch.get_float32_matmul_precision()
-    if precision == "highest":
-        product = matrix @ flat
-    else:
-        torch.set_float32_matmul_precision("highest")
-        try:
-            product = matrix @ flat
-        finally:
-            torch.set_float32_matmul_precision(precision)
-    return product.reshape(count, frames, columns).permute(1, 0, 2)
+    flat = product(matrix, field.permute(1, 0, 2).reshape(count, frames * columns))
+    return flat.reshape(count, frames, columns).permute(1, 0, 2)

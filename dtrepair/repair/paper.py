@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
+from scipy import sparse
 
 from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.intersect.detector import Detector
 from dtrepair.operators import cotangent_laplacian
-from dtrepair.repair.descent import Descent
+from dtrepair.repair.descent import Descent, DescentResult
+from dtrepair.repair.device_descent import DeviceDescent
+from dtrepair.repair.device_operators import RowOperator
 from dtrepair.repair.diffusion import BodyDiffusion, Diffusion, SparseOperator
 from dtrepair.repair.energy import KERNELS, triangle_directions
 from dtrepair.repair.optimizer import make_optimizer
@@ -17,33 +23,31 @@ from dtrepair.repair.options import RepairOptions, Solved, Stage
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.tighten import distortion
 
+# Kinds of devices that run whole iterations (see `DeviceDescent`). The CPU could, but its sparse
+# factor is faster there than products of dense matrices.
+DEVICE_LOOP = ("cuda",)
+
 
 class PaperMethod:
-    """One diffusion factor per body, one loop; built once per surface."""
+    """One diffusion factor per body, one loop; built once per surface.
 
-    def __init__(self, surface: Surface, options: RepairOptions) -> None:
+    On a CUDA device the loop runs there, for many poses at a time.
+    """
+
+    def __init__(self, surface: Surface, options: RepairOptions, *, device: str = "cpu") -> None:
         """Factor the diffusion of each body of `surface`."""
         self.surface = surface
         laplacian = cotangent_laplacian(surface.rest, surface.faces)
-        bodies = [
-            (
-                body.start,
-                body.stop,
-                Diffusion(
-                    laplacian[body.start : body.stop, body.start : body.stop],
-                    strength=body.diffusion,
-                ),
-            )
-            for body in surface.bodies
-        ]
         faces = torch.from_numpy(surface.faces.astype(np.int64))
         direction = None
         if surface.direction is not None:
             direction = triangle_directions(torch.from_numpy(surface.direction), faces)
-        self.descent = Descent(
+        mobility = torch.from_numpy(surface.mobility)
+        bodies = _bodies(surface, laplacian)
+        descent = Descent(
             faces=faces,
             detect=self._detect,
-            diffusion=BodyDiffusion(bodies, mobility=torch.from_numpy(surface.mobility)),
+            diffusion=BodyDiffusion(bodies, mobility=mobility),
             laplacian=SparseOperator(laplacian),
             kernel=KERNELS[options.energy],
             optimizer=make_optimizer(options.optimizer, energy=options.energy),
@@ -51,17 +55,65 @@ class PaperMethod:
             iterations=options.iterations,
             regularization=options.regularization,
         )
+        self.descent: Callable[[torch.Tensor], DescentResult] = descent
+        if device.partition(":")[0] in DEVICE_LOOP:
+            self.descent = _on_device(descent, bodies, laplacian, surface, device)
 
     def __call__(self, original: FloatArray) -> Solved:
         """Repair a pose (V, 3) in units of the surface's size."""
+        return self.batch([original])[0]
+
+    def batch(self, originals: Sequence[FloatArray]) -> list[Solved]:
+        """Repair poses (V, 3) in units of the surface's size."""
         start = time.perf_counter()
-        result = self.descent(torch.from_numpy(original[None]))
-        points = result.points[0].numpy()
-        left = len(self.surface.pairs(points))
-        value = distortion(self.surface, original, points)
-        seconds = time.perf_counter() - start
-        stage = Stage("descent", left, 0, value, int(result.iterations[0]), seconds)
-        return Solved(points, [stage])
+        result = self.descent(torch.from_numpy(np.stack(originals)))
+        seconds = (time.perf_counter() - start) / len(originals)
+        found = []
+        for index, original in enumerate(originals):
+            points = result.points[index].numpy()
+            left = len(self.surface.pairs(points))
+            value = distortion(self.surface, original, points)
+            count = int(result.iterations[index])
+            found.append(Solved(points, [Stage("descent", left, 0, value, count, seconds)]))
+        return found
 
     def _detect(self, points: torch.Tensor) -> IntArray:
         return self.surface.batch_pairs(points.numpy())
+
+
+def _on_device(
+    descent: Descent,
+    bodies: Sequence[tuple[int, int, Diffusion]],
+    laplacian: sparse.csr_matrix,
+    surface: Surface,
+    device: str,
+) -> DeviceDescent:
+    """The loop of a surface on a device, with operators that are made for it."""
+    there = [
+        (first, stop, diffusion.on(surface.rest[first:stop], device=device))
+        for first, stop, diffusion in bodies
+    ]
+    mobility = torch.from_numpy(surface.mobility).to(device)
+    return DeviceDescent(
+        replace(
+            descent,
+            faces=descent.faces.to(device),
+            diffusion=BodyDiffusion(there, mobility=mobility),
+            laplacian=RowOperator(laplacian, device=device),
+            direction=None if descent.direction is None else descent.direction.to(device),
+        ),
+        Detector(surface.written(surface.rest), surface.faces, device=device),
+        rest=surface.rest,
+        size=surface.size,
+        counted=surface.counted_pairs,
+    )
+
+
+def _bodies(surface: Surface, laplacian: sparse.csr_matrix) -> list[tuple[int, int, Diffusion]]:
+    """First vertex, end and diffusion of each body."""
+    found = []
+    for body in surface.bodies:
+        own = slice(body.start, body.stop)
+        diffusion = Diffusion(laplacian[own, own], strength=body.diffusion)
+        found.append((body.start, body.stop, diffusion))
+    return found

@@ -13,7 +13,7 @@ from scipy.sparse import csgraph
 
 from dtrepair.geometry import FloatArray, IntArray, adjacency, extent, unique_edges, vector_areas
 from dtrepair.intersect.detector import Detector
-from dtrepair.intersect.ignored import of_ignored_bodies
+from dtrepair.intersect.ignored import CountedPairs, of_ignored_bodies
 from dtrepair.intersect.proximity import close_pairs
 from dtrepair.intersect.queries import Queries
 from dtrepair.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
@@ -189,11 +189,33 @@ class Surface:
         """Intersecting pairs (K, 3) of poses (B, V, 3): frame, triangle, triangle."""
         return self._counted(self.detector(self.written(points), exact=False))
 
+    @cached_property
+    def counted_pairs(self) -> CountedPairs:
+        """What `counts` tells of pairs, for detection on a device."""
+        still = self.fixed[self.faces].all(axis=1)
+        whole = self.rigid.mask[self.faces[:, 0]]
+        kinds = np.stack([self.body_of, still, whole], axis=1).astype(np.int64)
+        known, group = np.unique(kinds, axis=0, return_inverse=True)
+        members = np.unique(group, return_index=True)[1]
+        first, second = np.meshgrid(members, members, indexing="ij")
+        both = np.stack([first.ravel(), second.ravel()], axis=1).astype(np.int32)
+        counted = self._separable(both).reshape(len(known), len(known))
+        listed = np.zeros((0, 2), dtype=np.int32)
+        if self.leave_rest:
+            listed = self.detector(self.written(self.rest))
+        return CountedPairs(group.ravel().astype(np.int32), counted, listed)
+
     def _counted(self, pairs: IntArray) -> IntArray:
         return pairs[self.counts(pairs)]
 
     def counts(self, pairs: IntArray) -> BoolArray:
         """Which pairs can be separated: not two fixed triangles, nor two of one rigid body."""
+        keep = self._separable(pairs)
+        if self.leave_rest:
+            keep &= ~np.isin(pair_keys(pairs[:, -2:]), self._crossing_at_rest)
+        return keep
+
+    def _separable(self, pairs: IntArray) -> BoolArray:
         first, second = pairs[:, -2], pairs[:, -1]
         keep = np.ones(len(pairs), dtype=bool)
         if self.mode != "both":
@@ -204,8 +226,6 @@ class Surface:
             keep &= ~(still[first] & still[second])
             whole = self.rigid.mask[self.faces[:, 0]]
             keep &= ~(whole[first] & (own[first] == own[second]))
-        if self.leave_rest:
-            keep &= ~np.isin(pair_keys(pairs[:, -2:]), self._crossing_at_rest)
         return keep
 
     @cached_property

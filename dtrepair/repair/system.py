@@ -46,7 +46,7 @@ class System:
         if options.method == "paper":
             from dtrepair.repair.paper import PaperMethod
 
-            self.method: Any = PaperMethod(self.surface, options)
+            self.method: Any = PaperMethod(self.surface, options, device=scene.device)
         else:
             limit = options.maximum_displacement
             self.method = FullMethod(

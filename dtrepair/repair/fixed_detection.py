@@ -1,0 +1,111 @@
+"""Detection of many poses into buffers of fixed size: nothing is allocated, nothing waits."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dtrepair.device import start_warp
+from dtrepair.intersect.detector import Detector
+from dtrepair.intersect.ignored import CountedPairs
+
+# Pairs that the buffers hold at first, for each triangle of a pose: candidates are many.
+CANDIDATES, PAIRS = 4.0, 0.5
+
+
+class FixedDetection:
+    """Intersecting pairs of `frames` poses at a time, as launches that a CUDA graph can hold.
+
+    Pairs that floating point cannot settle count, as with `exact=False` of the `Detector`. After
+    `run`, `pairs` (capacity, 3) holds frame, triangle, triangle in its first `count` rows, in no
+    order, and `triangles` (B,) the number of distinct triangles of each pose. Where a buffer was
+    too small, `needed` (2,), the most candidates and pairs of all runs, tells what would do: then
+    the rest is not to be used.
+    """
+
+    def __init__(
+        self,
+        detector: Detector,
+        frames: int,
+        *,
+        counted: CountedPairs | None = None,
+        capacity: tuple[int, int] | None = None,
+    ) -> None:
+        """Make buffers of `capacity` candidates and pairs (default: a guess)."""
+        warp, device = start_warp(), detector.device
+        faces = len(detector.faces)
+        self.detector, self.frames = detector, frames
+        guess = (int(CANDIDATES * frames * faces) + 4096, int(PAIRS * frames * faces) + 4096)
+        self.capacity = capacity or guess
+        everything = CountedPairs(np.zeros(faces, dtype=np.int32), np.ones((1, 1), dtype=bool))
+        counted = counted or everything
+        keys = counted.listed[:, 0].astype(np.int64) * faces + counted.listed[:, 1]
+        self._filter = [
+            warp.array(counted.group.astype(np.int32), dtype=warp.int32, device=device),
+            warp.array(counted.counted.astype(np.uint8), dtype=warp.uint8, device=device),
+            warp.array(np.sort(keys), dtype=warp.int64, device=device),
+        ]
+        self.points = torch.zeros((frames, detector.vertex_count, 3), device=device)
+        self.pairs = torch.zeros((self.capacity[1], 3), dtype=torch.int32, device=device)
+        self.count = torch.zeros(1, dtype=torch.int32, device=device)
+        self.needed = torch.zeros(2, dtype=torch.int32, device=device)
+        self._marks = torch.zeros((frames, faces), dtype=torch.int32, device=device)
+        self._near = torch.zeros((self.capacity[0], 3), dtype=torch.int32, device=device)
+        self._near_count = torch.zeros(1, dtype=torch.int32, device=device)
+        # The same memory as Warp arrays.
+        self.views = {
+            name: warp.from_torch(tensor, dtype=kind)
+            for name, tensor, kind in (
+                ("points", self.points, warp.vec3f),
+                ("pairs", self.pairs, warp.vec3i),
+                ("count", self.count, warp.int32),
+                ("marks", self._marks, warp.int32),
+                ("near", self._near, warp.vec3i),
+                ("near_count", self._near_count, warp.int32),
+            )
+        }
+        try:
+            self._boxes = detector.box_arrays(frames) if faces else []
+        except RuntimeError as error:  # Warp's word for it
+            raise torch.OutOfMemoryError(str(error)) from error
+
+    def run(self) -> None:
+        """Find the pairs of `points` (B, V, 3), float32 and finite."""
+        self._near_count.zero_()
+        self.count.zero_()
+        self._marks.zero_()
+        if not len(self.detector.faces):
+            return
+        view = self.views
+        self.detector.fit(view["points"], self._boxes)
+        self.detector.search(self.frames, self._boxes, view["near"], view["near_count"])
+        candidates = [view["near"], view["near_count"], view["points"]]
+        pairs = [view["pairs"], view["count"]]
+        inputs = [*candidates, *self.detector.topology, *self._filter, *pairs]
+        self._launch("keep_intersecting", self.capacity[0], inputs)
+        self._launch("mark_triangles", self.capacity[1], [*pairs, view["marks"]])
+        found = torch.cat([self._near_count, self.count])
+        torch.maximum(self.needed, found, out=self.needed)
+
+    @property
+    def triangles(self) -> Tensor:
+        """Number of distinct intersecting triangles of each pose (B,), int64."""
+        return self._marks.sum(dim=1)
+
+    def overflow(self) -> tuple[int, int] | None:
+        """A capacity that would have done, if this one did not; waits for the device."""
+        needed = self.needed.tolist()
+        if all(most <= room for most, room in zip(needed, self.capacity, strict=True)):
+            return None
+        first, second = (max(2 * n, c) for n, c in zip(needed, self.capacity, strict=True))
+        return first, second
+
+    def _launch(self, kernel: str, threads: int, inputs: list[Any]) -> None:
+        from dtrepair.intersect import fixed_kernels
+
+        start_warp().launch(
+            getattr(fixed_kernels, kernel), dim=threads, inputs=inputs, device=self.detector.device
+        )

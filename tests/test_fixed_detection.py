@@ -1,0 +1,99 @@
+"""Detection into fixed buffers: the pairs of the detector, and a word where there is no room."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from dtrepair.intersect.detector import Detector
+from dtrepair.intersect.ignored import CountedPairs
+from dtrepair.repair.fixed_detection import FixedDetection
+from dtrepair.repair.surface import BodyRange, Surface
+from tests.meshes import bent_tube, icosphere, joined, overlapping_spheres
+
+
+def found(detection: FixedDetection, poses: np.ndarray) -> np.ndarray:
+    """Sorted rows (K, 3) for poses (B, V, 3)."""
+    detection.points.copy_(torch.from_numpy(poses))
+    detection.run()
+    rows = detection.pairs[: int(detection.count)].numpy()
+    return rows[np.lexsort(rows.T[::-1])]
+
+
+def tubes() -> tuple[np.ndarray, np.ndarray]:
+    """Poses (3, V, 3) of a tube bent ever more, and its triangles."""
+    meshes = [bent_tube(angle, around=12, along=40, radius=0.08) for angle in (3.0, 6.4, 6.8)]
+    return np.stack([points for points, _ in meshes]), meshes[0][1]
+
+
+def test_pairs_are_those_of_the_detector_for_every_pose_of_a_batch() -> None:
+    poses, faces = tubes()
+    detector = Detector(poses[0], faces)
+    expected = detector(poses, exact=False)
+    detection = FixedDetection(detector, 3)
+    assert len(expected) > 50 and len(set(expected[:, 0])) == 2
+    for batch in (poses, poses[::-1].copy(), poses):  # nothing is left over from a run before
+        expected = detector(batch, exact=False)
+        assert np.array_equal(found(detection, batch), expected)
+        counts = [len(np.unique(expected[expected[:, 0] == k, 1:])) for k in range(3)]
+        assert detection.triangles.tolist() == counts
+    assert detection.overflow() is None
+
+
+@pytest.mark.parametrize(
+    "capacity, roomy", [((10, 1000), False), ((4000, 10), False), ((4000, 1000), True)]
+)
+def test_too_little_room_is_told_with_what_would_do(capacity: tuple[int, int], roomy: bool) -> None:
+    poses, faces = tubes()
+    detector = Detector(poses[0], faces)
+    detection = FixedDetection(detector, 3, capacity=capacity)
+    rows = found(detection, poses)
+    if roomy:
+        assert detection.overflow() is None
+        return
+    wanted = detection.overflow()
+    assert wanted is not None and len(rows) < 1000
+    # Pairs beyond the buffer of candidates are not known: it may take two rounds.
+    while (more := detection.overflow()) is not None:
+        detection = FixedDetection(detector, 3, capacity=more)
+        rows = found(detection, poses)
+    assert np.array_equal(rows, detector(poses, exact=False))
+
+
+def test_what_counts_is_what_counts_for_the_surface() -> None:
+    points, faces = joined(*[overlapping_spheres()] * 2)
+    points[len(points) // 2 :] += [0.7, 0.1, 0.0]
+    quarter = len(points) // 4
+    ranges = [BodyRange(k * quarter, (k + 1) * quarter, 99.0, rigid=k == 3) for k in range(4)]
+    mobility = np.ones(len(points))
+    mobility[: 2 * quarter] = 0.0
+    poses = points[None] + np.random.default_rng(0).normal(size=(2, 1, 3)) * 0.01
+    poses[1, [10, 40]] *= -1.1  # the first ball, about the origin, crosses itself
+    results = []
+    for options in (
+        {},
+        {"mode": "inter"},
+        {"mode": "self"},
+        {"ignored": [(1, 2), (2, 3)]},
+        {"mobility": mobility},
+        {"leave_rest": True},
+    ):
+        surface = Surface(points, faces, bodies=ranges, **options)
+        detection = FixedDetection(surface.detector, 2, counted=surface.counted_pairs)
+        rows = found(detection, surface.written(poses / surface.size))
+        assert np.array_equal(rows, surface.batch_pairs(poses / surface.size))
+        results.append(len(rows))
+    assert len(set(results)) == len(results) and min(results) > 0
+
+
+def test_a_pair_can_be_left_out_by_number_and_a_mesh_may_have_no_triangles() -> None:
+    poses, faces = tubes()
+    detector = Detector(poses[0], faces)
+    pairs = detector(poses[1], exact=False)
+    group, counted = np.zeros(len(faces), dtype=np.int32), np.ones((1, 1), dtype=bool)
+    detection = FixedDetection(detector, 1, counted=CountedPairs(group, counted, pairs[::2]))
+    assert np.array_equal(found(detection, poses[1:2])[:, 1:], pairs[1::2])
+    empty = FixedDetection(Detector(icosphere(0)[0], np.zeros((0, 3), dtype=np.int32)), 2)
+    empty.run()
+    assert int(empty.count) == 0 and empty.triangles.tolist() == [0, 0]

@@ -91,6 +91,15 @@ def test_frames_between_sparse_keys_are_skinned(tmp_path: Path) -> None:
     np.testing.assert_allclose(mesh.rest, bent(0.0), atol=1e-12)
 
 
+def test_without_a_bind_transform_points_are_bound_where_they_are(tmp_path: Path) -> None:
+    stage = skinned_stage(tmp_path / "plain.usda")
+    stage.GetPrimAtPath("/Root/A").RemoveProperty("primvars:skel:geomBindTransform")
+    stage.GetRootLayer().Save()
+    mesh = only_mesh(tmp_path / "plain.usda")
+    assert mesh.times.tolist() == np.arange(31.0).tolist()
+    np.testing.assert_allclose(read_frame(mesh, 0.0), BOX + SKELETON - MESH, atol=1e-5)
+
+
 def test_keys_agree_with_baking(tmp_path: Path) -> None:
     skinned_file(tmp_path / "in.usda")
     mesh = only_mesh(tmp_path / "in.usda")

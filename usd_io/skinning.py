@@ -49,7 +49,7 @@ class Skin:
             times.update(animation.GetJointTransformTimeSamples())
             times.update(animation.GetBlendShapeWeightTimeSamples())
         if self.skinning_query.HasJointInfluences():
-            times.update(self.skinning_query.GetTimeSamples())
+            times.update(self._influence_times())
             shared = self.prim.GetPath().GetCommonPrefix(self.skeleton.GetPath())
             for prim in (self.prim, self.skeleton):
                 times.update(chain_times(prim, below=shared))
@@ -57,6 +57,19 @@ class Skin:
             return np.array([np.nan])
         whole = np.arange(np.ceil(min(times)), np.floor(max(times)) + 1.0)
         return np.union1d(np.array(sorted(times)), whole)
+
+    def _influence_times(self) -> set[float]:
+        """Samples of influences and bind transform.
+
+        The query's own list throws where no bind transform is authored, which means the identity.
+        """
+        binding = UsdSkel.BindingAPI(self.prim)
+        attributes = (
+            binding.GetJointIndicesAttr(),
+            binding.GetJointWeightsAttr(),
+            binding.GetGeomBindTransformAttr(),
+        )
+        return {time for item in attributes if item for time in item.GetTimeSamples()}
 
     def points(self, time: float) -> NDArray[np.float32] | None:
         """Deformed points (V, 3) float32 in the local space of the mesh; None if blocked.

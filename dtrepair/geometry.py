@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
@@ -60,7 +62,7 @@ def vector_areas(points: FloatArray, faces: IntArray) -> FloatArray:
 
 def triangle_areas(points: FloatArray, faces: IntArray) -> FloatArray:
     """Area of each triangle (F,), squared length units."""
-    return np.linalg.norm(vector_areas(points, faces), axis=1)
+    return lengths(vector_areas(points, faces))
 
 
 def triangle_normals(points: FloatArray, faces: IntArray) -> FloatArray:
@@ -126,7 +128,7 @@ def weld_map(points: ArrayLike) -> IntArray:
 def extent(points: ArrayLike) -> float:
     """Longest side of the bounding box: the unit of length of the repair."""
     vertices = np.asarray(points)
-    return float(np.ptp(vertices, axis=0).max()) if vertices.size else 0.0
+    return float(_sides(vertices).max()) if vertices.size else 0.0
 
 
 def diagonal(points: ArrayLike) -> float:
@@ -134,4 +136,25 @@ def diagonal(points: ArrayLike) -> float:
     vertices = np.asarray(points, dtype=np.float64)
     if not vertices.size:
         return 0.0
-    return float(np.linalg.norm(vertices.max(axis=0) - vertices.min(axis=0)))
+    return float(np.linalg.norm(_sides(vertices)))
+
+
+def _sides(vertices: NDArray[Any]) -> NDArray[Any]:
+    # Column by column: reductions over the first axis are ten times slower.
+    return np.array([np.ptp(column) for column in vertices.T])
+
+
+def lengths(vectors: FloatArray) -> FloatArray:
+    """Length (N,) of each vector (N, 3)."""
+    return np.sqrt(dots(vectors, vectors))
+
+
+def dots(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Scalar product (N,) of each vector (N, 3) of one array with that of another."""
+    return np.einsum("ij,ij->i", first, second)
+
+
+def differing(first: FloatArray, second: FloatArray) -> NDArray[np.bool_]:
+    """Whether each point (N, 3) of one array differs from that of another, (N,)."""
+    unequal = first != second
+    return unequal[:, 0] | unequal[:, 1] | unequal[:, 2]

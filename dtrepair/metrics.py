@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray, diagonal
+from dtrepair.geometry import FloatArray, IntArray, diagonal, lengths
 
 
 def displacements(before: FloatArray, after: FloatArray) -> FloatArray:
     """Distance each vertex moved (V,), relative to the bounding-box diagonal of `before`."""
-    return np.linalg.norm(after - before, axis=1) / (diagonal(before) or 1.0)
+    return lengths(after - before) / (diagonal(before) or 1.0)
 
 
 def edge_log_ratio(before: FloatArray, after: FloatArray, edges: IntArray) -> float:
     """Root mean square of the logarithm of the edges' length ratios: 0 for a rigid motion."""
     if len(edges) == 0:
         return 0.0
-    old = np.linalg.norm(before[edges[:, 0]] - before[edges[:, 1]], axis=1)
-    new = np.linalg.norm(after[edges[:, 0]] - after[edges[:, 1]], axis=1)
+    old, new = (lengths(points[edges[:, 0]] - points[edges[:, 1]]) for points in (before, after))
     floor = 1e-12 * (diagonal(before) or 1.0)
     return float(np.sqrt(np.mean(np.log(np.maximum(new, floor) / np.maximum(old, floor)) ** 2)))
 

@@ -101,6 +101,14 @@ class Queries:
         self._warp.launch(self._kernels.cast_rays, dim=len(vertices), inputs=inputs, device="cpu")
         return result.numpy()
 
+    def vector_areas(self, points: FloatArray) -> FloatArray:
+        """Vector area (V, 3) of each vertex of a pose (V, 3): a third of its triangles'."""
+        warp, count = self._warp, self._detector.vertex_count
+        areas = warp.empty(count, dtype=warp.vec3d, device="cpu")
+        inputs = [self._array(points, warp.vec3d), self._faces, *self._corners, areas]
+        warp.launch(self._kernels.vertex_areas, dim=count, inputs=inputs, device="cpu")
+        return areas.numpy()
+
     def _node_boxes(self, points: NDArray[np.float32]) -> tuple[Any, Any]:
         boxes = self._detector.boxes(points[None])
         return boxes[2], boxes[3]

@@ -77,6 +77,23 @@ def find_bent(
 
 
 @wp.kernel
+def vertex_areas(
+    points: wp.array(dtype=wp.vec3d),
+    faces: wp.array(dtype=wp.vec3i),
+    indptr: wp.array(dtype=wp.int32),
+    corners: wp.array(dtype=wp.int32),
+    areas: wp.array(dtype=wp.vec3d),
+):
+    """Vector area of each vertex, a third of that of its triangles; one thread a vertex."""
+    v = wp.tid()
+    total = wp.vec3d()
+    for k in range(indptr[v], indptr[v + 1]):
+        f = faces[corners[k] / 3]
+        total += wp.cross(points[f[1]] - points[f[0]], points[f[2]] - points[f[0]])
+    areas[v] = total / wp.float64(6.0)
+
+
+@wp.kernel
 def find_folds(
     points: wp.array(dtype=wp.vec3f),
     faces: wp.array(dtype=wp.vec3i),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dtrepair.device import start_warp
+from dtrepair.intersect.kernels import overlap
 
 wp = start_warp()
 wp.set_module_options({"enable_backward": False, "fast_math": False})
@@ -141,11 +142,25 @@ def ray_meets(n: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d) -> wp.float64:
 
 
 @wp.kernel
+def front_areas(
+    points: wp.array(dtype=wp.vec3d),
+    faces: wp.array(dtype=wp.vec3i),
+    order: wp.array(dtype=wp.int32),
+    areas: wp.array(dtype=wp.vec3d),
+):
+    """Twice the vector areas of the triangles, in leaf order."""
+    t = wp.tid()
+    f = faces[order[t]]
+    areas[t] = wp.cross(points[f[1]] - points[f[0]], points[f[2]] - points[f[0]])
+
+
+@wp.kernel
 def faced_triangles(
     points: wp.array(dtype=wp.vec3d),
     normals: wp.array(dtype=wp.vec3d),
     queries: wp.array(dtype=wp.int32),
     faces: wp.array(dtype=wp.vec3i),
+    areas: wp.array(dtype=wp.vec3d),
     order: wp.array(dtype=wp.int32),
     leaf_start: wp.array(dtype=wp.int32),
     skip: wp.array(dtype=wp.int32),
@@ -155,27 +170,26 @@ def faced_triangles(
     radius: wp.float64,
     found: wp.array(dtype=wp.int32),
 ):
-    """First triangle that the ray along each vertex normal meets from its front, or -1."""
+    """First triangle that the ray along each vertex normal meets from its front, or -1.
+
+    Rays end after a radius; `areas` are those of `front_areas`.
+    """
     t = wp.tid()
     v = queries[t]
     p = points[v]
     n = normals[v]
     best = radius
     winner = int(-1)
-    # Boxes are those of the written coordinates: `scale` times the points, in float32.
-    start = wp.vec3f(wp.float32(scale * p[0]), wp.float32(scale * p[1]), wp.float32(scale * p[2]))
-    inverse = wp.vec3f(1.0e30, 1.0e30, 1.0e30)
-    for k in range(3):
-        if wp.abs(n[k]) > Real(1.0e-12):
-            inverse[k] = wp.float32(Real(1.0) / (n[k] * scale))
+    # Boxes are those of the written coordinates: `scale` times the points, in float32. The ray is
+    # short: its own box tells as much as where it enters another, for less.
+    start = wp.vec3f(scale * p)
+    end = wp.vec3f(scale * (p + radius * n))
+    own_low = wp.min(start, end)
+    own_high = wp.max(start, end)
     leaves = leaf_start.shape[0] - 1
     node = int(0)
     while node < skip.shape[0]:
-        one = wp.cw_mul(low[0, node] - start, inverse)
-        other = wp.cw_mul(high[0, node] - start, inverse)
-        enter = wp.max(wp.min(one, other))
-        leave = wp.min(wp.max(one, other))
-        if leave < 0.0 or enter > leave or enter > wp.float32(best):
+        if not overlap(own_low, own_high, low[0, node], high[0, node]):
             node = skip[node]
             continue
         if node < leaves - 1:
@@ -183,11 +197,13 @@ def faced_triangles(
             continue
         leaf = node - leaves + 1
         for j in range(leaf_start[leaf], leaf_start[leaf + 1]):
-            f = faces[order[j]]
-            if f[0] != v and f[1] != v and f[2] != v:
-                distance = ray_meets(n, points[f[0]] - p, points[f[1]] - p, points[f[2]] - p)
-                if distance > Real(0.0) and distance < best:
-                    best = distance
-                    winner = order[j]
+            # Most triangles nearby are neighbours that face the same way.
+            if wp.dot(n, areas[j]) < Real(0.0):
+                f = faces[order[j]]
+                if f[0] != v and f[1] != v and f[2] != v:
+                    distance = ray_meets(n, points[f[0]] - p, points[f[1]] - p, points[f[2]] - p)
+                    if distance > Real(0.0) and distance < best:
+                        best = distance
+                        winner = order[j]
         node = skip[node]
     found[t] = winner

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.device import start_warp
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.geometry import FloatArray, IntArray, dots, lengths
 from dtrepair.repair.contact import Defects
 from dtrepair.repair.surface import BoolArray, Surface, pair_keys
 
@@ -41,6 +41,12 @@ class Gaps:
         self.keys = np.zeros(0, dtype=np.int64)
         self.forces = np.zeros(0)
         self._harder = np.zeros(0)
+        tree = surface.detector.tree
+        assert tree is not None
+        self._faces = self._array(surface.faces, self._warp.vec3i)
+        self._tree = [
+            self._array(part, self._warp.int32) for part in (tree.order, tree.leaf_start, tree.skip)
+        ]
         self._triangle_at = np.zeros(surface.count, dtype=np.int32)
         self._triangle_at[surface.faces.ravel()] = np.repeat(np.arange(len(surface.faces)), 3)
 
@@ -88,7 +94,7 @@ class Gaps:
         With a clearance, gaps that are narrower are to open, by half of it at most.
         """
         first, second, gaps = self._nearest(points)
-        widths = np.linalg.norm(gaps, axis=1)
+        widths = lengths(gaps)
         self._normals = gaps / np.maximum(widths, 1e-300)[:, None]
         columns = self.corners.ravel()
         weights = np.concatenate([first, -second], axis=1).ravel() * self.mobility[columns]
@@ -106,7 +112,7 @@ class Gaps:
 
     def width(self, pose: FloatArray) -> FloatArray:
         """Linearised widths (C,) of a pose (V, 3), up to what does not move."""
-        return (self._normals * (self._matrix @ pose)).sum(axis=1)
+        return dots(self._normals, self._matrix @ pose)
 
     def spread(self, forces: FloatArray) -> FloatArray:
         """Forces (C,) of the gaps as forces on the vertices (V, 3)."""
@@ -131,15 +137,16 @@ class Gaps:
     ) -> IntArray:
         """The nearest triangle (Q,) along the normal of each vertex, -1 where there is none."""
         warp, surface = self._warp, self.surface
-        tree = surface.detector.tree
-        assert tree is not None
-        normals = areas / (np.linalg.norm(areas, axis=1, keepdims=True) + 1e-300)
+        normals = areas / (lengths(areas)[:, None] + 1e-300)
         low, high = surface.detector.boxes(surface.written(points)[None])[2:4]
         found = warp.empty(len(vertices), dtype=warp.int32, device="cpu")
-        inputs = [self._array(points, warp.vec3d), self._array(normals, warp.vec3d)]
-        inputs += [self._array(vertices, warp.int32), self._array(surface.faces, warp.vec3i)]
-        inputs += [self._array(a, warp.int32) for a in (tree.order, tree.leaf_start, tree.skip)]
-        inputs += [low, high, float(surface.size), float(radius), found]
+        positions = self._array(points, warp.vec3d)
+        fronts = warp.empty(len(surface.faces), dtype=warp.vec3d, device="cpu")
+        inputs = [positions, self._faces, self._tree[0], fronts]
+        warp.launch(self._kernels.front_areas, dim=len(fronts), inputs=inputs, device="cpu")
+        inputs = [positions, self._array(normals, warp.vec3d), self._array(vertices, warp.int32)]
+        inputs += [self._faces, fronts, *self._tree, low, high]
+        inputs += [float(surface.size), float(radius), found]
         dimension = len(vertices)
         warp.launch(self._kernels.faced_triangles, dim=dimension, inputs=inputs, device="cpu")
         return found.numpy()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray
+from dtrepair.geometry import FloatArray, dots, lengths
 from dtrepair.repair.surface import Surface, link_labels
 
 # Highest pressure, next to edges of weight about 1 and units of the size.
@@ -29,7 +29,7 @@ class Inflation:
         self._of = original
         self._areas = areas = surface.vector_areas(original)
         total = np.stack([self._sum(column) for column in areas.T], axis=1)
-        closed = np.linalg.norm(total, axis=1) <= CLOSED * self._sum(np.linalg.norm(areas, axis=1))
+        closed = lengths(total) <= CLOSED * self._sum(lengths(areas))
         self._wanted = WANTED * self._volumes(original, areas)
         self._highest = np.where(closed, HIGHEST, 0.0)
         self.pressure = np.zeros(len(total))
@@ -40,7 +40,7 @@ class Inflation:
         lacking = self._wanted - self._volumes(points, areas)
         field = self.reach[:, None] * areas
         response = self.surface.rigidity_factor(field)
-        gain = self._sum((areas * response).sum(axis=1))
+        gain = self._sum(dots(areas, response))
         change = np.divide(lacking, gain, out=np.zeros_like(gain), where=gain > 0)
         change *= GAIN * max(pull, LEAST_PULL)
         sign = np.sign(self._wanted)
@@ -63,7 +63,7 @@ class Inflation:
 
     def _volumes(self, points: FloatArray, areas: FloatArray) -> FloatArray:
         """Signed volume of each component (divergence theorem)."""
-        return self._sum((points * areas).sum(axis=1)) / 3.0
+        return self._sum(dots(points, areas)) / 3.0
 
     def _sum(self, values: FloatArray) -> FloatArray:
         return np.bincount(self._component, values).astype(np.float64)

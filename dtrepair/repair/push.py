@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.geometry import FloatArray, IntArray, lengths
 from dtrepair.repair.contact import contact_regions, near_contacts
 from dtrepair.repair.covering import covering_sides, lift_covers
 from dtrepair.repair.inside import winding_numbers
@@ -95,12 +95,12 @@ def _of_length(surface: Surface, direction: FloatArray, step: float) -> FloatArr
     In a pile of many bodies one contact must not make all others wait: a quarter of the bodies may
     have their direction shortened to the step, each as a whole.
     """
-    lengths = np.sqrt((direction**2).sum(axis=1))
-    largest = float(lengths.max())
+    length = lengths(direction)
+    largest = float(length.max())
     if not (largest > 0 and np.isfinite(largest)):
         return None
     starts = [body.start for body in surface.bodies]
-    of_body = np.maximum.reduceat(lengths, starts)
+    of_body = np.maximum.reduceat(length, starts)
     moving = of_body[of_body > STANDING * largest]
     if len(moving) < PILE:
         return (step / largest) * direction
@@ -156,7 +156,7 @@ def _direction(
     total = np.zeros_like(points)
     for k, weight in zip(range(0, smooth.shape[1], 3), (1.0, VOLUME_WEIGHT), strict=False):
         part = smooth[:, k : k + 3]
-        total += weight * part / (np.sqrt((part**2).sum(axis=1).max()) + 1e-30)
+        total += weight * part / (lengths(part).max() + 1e-30)
     return total
 
 
@@ -210,12 +210,11 @@ def _volume_gradient(
     field = buried[:, None] * surface.vector_areas(points)
     if surface.face_direction is not None:
         wanted = surface.incidence @ surface.face_direction
-        lengths = np.linalg.norm(wanted, axis=1, keepdims=True)
+        length = np.linalg.norm(wanted, axis=1, keepdims=True)
         size = np.linalg.norm(field, axis=1, keepdims=True)
-        field = np.where(lengths > 0, -size * wanted / np.maximum(lengths, 1e-30), field)
+        field = np.where(length > 0, -size * wanted / np.maximum(length, 1e-30), field)
     inside = np.flatnonzero(buried)
-    lengths = np.linalg.norm(field[inside], axis=1)
-    totals = np.bincount(regions[inside], lengths, minlength=count)
+    totals = np.bincount(regions[inside], lengths(field[inside]), minlength=count)
     field[inside] /= np.maximum(totals[regions[inside]], 1e-30)[:, None]
     lift_covers(surface, points, buried, field)
     return field

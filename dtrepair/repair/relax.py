@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray
+from dtrepair.geometry import FloatArray, lengths
 from dtrepair.repair.contact import find_defects
 from dtrepair.repair.crease import Filled
 from dtrepair.repair.gaps import Gaps
@@ -112,7 +112,7 @@ class _Relaxation:
         full = self.rigidity.target(points) + self.inflation.force(points, self._pull)
         present = self.rigidity.image(points)
         free = self.rigidity.solve(full)
-        farthest = np.linalg.norm(self.reach[:, None] * (free - points), axis=1).max()
+        farthest = lengths(self.reach[:, None] * (free - points)).max()
         pull = min(1.0, self.step / max(farthest, 1e-300))
         if self._pull:
             self.gaps.forces *= pull / self._pull
@@ -150,7 +150,7 @@ class _Relaxation:
     def _shortened(self, pose: FloatArray) -> FloatArray:
         """Contacts may throw a vertex farther than the step: the whole motion is shortened."""
         motion = pose - self.points
-        farthest = np.linalg.norm(motion, axis=1).max()
+        farthest = lengths(motion).max()
         part = min(1.0, self.step / max(farthest, 1e-300))
         return without_still(self.points, self.points + part * motion, self.reach)
 

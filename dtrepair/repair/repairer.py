@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dtrepair.device import resolve_device
-from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, weld_map
+from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, differing, weld_map
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import of_ignored_bodies
 from dtrepair.metrics import displacements
@@ -142,7 +142,7 @@ class SceneRepairer:
             before, after = len(pairs) + len(known), len(left) + len(caught)
             if after > before or after == before > 0:
                 final, left, caught = centred, pairs, known
-        moved = (final != centred).any(axis=1)
+        moved = differing(final, centred)
         repaired = np.where(moved[:, None], final.astype(np.float32) + centre, original)
         seconds = {"detect": detected - start, "solve": time.perf_counter() - detected}
         return [

@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from dtrepair.geometry import FloatArray, IntArray, adjacency, extent, unique_edges, vector_areas
+from dtrepair.geometry import (
+    FloatArray,
+    IntArray,
+    adjacency,
+    extent,
+    lengths,
+    unique_edges,
+)
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs, of_ignored_bodies
 from dtrepair.intersect.proximity import close_pairs
@@ -97,7 +104,7 @@ class Surface:
         # Vertices that never move out of the shape of their surroundings.
         self.stiff = self.fixed | self.rigid.mask
         self.edge_length = float(
-            np.linalg.norm(self.rest[self.edges[:, 0]] - self.rest[self.edges[:, 1]], axis=1).mean()
+            lengths(self.rest[self.edges[:, 0]] - self.rest[self.edges[:, 1]]).mean()
         )
         self.detector = Detector(rest, faces, device=device)
         self.queries = Queries(self.detector)
@@ -244,7 +251,8 @@ class Surface:
 
     def triangles_at(self, vertices: BoolArray) -> BoolArray:
         """Mask (F,) of the triangles with a corner in a vertex mask (V,)."""
-        return np.logical_or.reduce(vertices[self.faces], axis=1)
+        a, b, c = self.faces.T
+        return vertices[a] | vertices[b] | vertices[c]
 
     def dilate(self, mask: BoolArray, rings: int = 1) -> BoolArray:
         """A vertex mask (V,) grown by rings of edges."""
@@ -270,7 +278,7 @@ class Surface:
 
     def vector_areas(self, points: FloatArray) -> FloatArray:
         """Vector area (V, 3) of each vertex: a third of its triangles'."""
-        return self.incidence @ (vector_areas(points, self.faces) / 3.0)
+        return self.queries.vector_areas(points)
 
 
 def pair_keys(pairs: IntArray) -> NDArray[np.int64]:
@@ -285,8 +293,8 @@ def _united(first: IntArray, second: IntArray) -> IntArray:
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
+    length = lengths(vectors)[:, None]
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 def link_labels(links: NDArray[np.integer], count: int) -> IntArray:

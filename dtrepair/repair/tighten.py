@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray
+from dtrepair.geometry import FloatArray, differing, lengths
 from dtrepair.metrics import displacements, edge_log_ratio
 from dtrepair.repair.contact import Defects, find_defects, update_defects
 from dtrepair.repair.crease import Filled, fill_creases
@@ -105,7 +105,7 @@ def reach_of(surface: Surface, displacement: FloatArray) -> FloatArray:
 def without_still(current: FloatArray, trial: FloatArray, reach: FloatArray) -> FloatArray:
     """The motion to `trial` scaled by `reach` (V,), and left out where it is below STILL."""
     motion = reach[:, None] * (trial - current)
-    length = np.linalg.norm(motion, axis=1)
+    length = lengths(motion)
     kept = np.clip(length / STILL - 1.0, 0.0, 1.0)
     return np.where(kept[:, None] > 0, current + kept[:, None] * motion, current)
 
@@ -114,7 +114,7 @@ def changed_defects(
     surface: Surface, known: Defects, current: FloatArray, trial: FloatArray
 ) -> Defects:
     """Defects of `trial`, given those of `current`."""
-    return update_defects(surface, known, trial, (trial != current).any(axis=1))
+    return update_defects(surface, known, trial, differing(trial, current))
 
 
 def acceptable(defects: Defects, folds: int) -> bool:

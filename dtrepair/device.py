@@ -1,10 +1,12 @@
-"""Where the work runs: device names, and a Warp that starts without a word."""
+"""Where the work runs: device names, a Warp that starts without a word, queues and graphs."""
 
 from __future__ import annotations
 
 import os
 import sys
 import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 _START = threading.Lock()
@@ -56,3 +58,70 @@ def resolve_device(name: str) -> str:
             f"device {name!r} is not there: PyTorch sees {available} CUDA devices; use 'cpu'"
         )
     return f"cuda:{index}"
+
+
+class DeviceQueue:
+    """Work of PyTorch and Warp on one device, in the order it was asked for.
+
+    On CUDA a stream of its own, given to every launch: Warp's current stream belongs to all
+    threads, and another thread's detection must not end up in a graph that is being captured.
+    """
+
+    def __init__(self, device: str) -> None:
+        """Take "cpu" or "cuda:N"."""
+        self.device = device
+        self._warp = start_warp()
+        self._stream: Any = None
+        self._torch_stream: Any = None
+        if device != "cpu":
+            import torch
+
+            self._torch_stream = torch.cuda.Stream(device)
+            self._stream = self._warp.stream_from_torch(self._torch_stream)
+
+    def launch(self, kernel: Any, dim: tuple[int, ...], inputs: Sequence[Any]) -> None:
+        """Launch a Warp kernel."""
+        self._warp.launch(kernel, dim=dim, inputs=inputs, device=self.device, stream=self._stream)
+
+    @contextmanager
+    def active(self) -> Iterator[None]:
+        """PyTorch works in this queue inside the block, after what was asked for before it."""
+        if self._torch_stream is None:
+            yield
+            return
+        import torch
+
+        self._torch_stream.wait_stream(torch.cuda.current_stream(self.device))
+        with torch.cuda.stream(self._torch_stream):
+            yield
+        torch.cuda.current_stream(self.device).wait_stream(self._torch_stream)
+
+    def wait(self) -> None:
+        """Wait until the device is done with all that anybody asked for."""
+        if self._torch_stream is not None:
+            self._warp.synchronize_device(self.device)
+
+    def repeated(self, work: Callable[[], None], times: int) -> Callable[[], None]:
+        """A function that does `work` so many times: one CUDA graph, or plain calls on the CPU.
+
+        On CUDA `work` must have run once before, allocate by PyTorch only, and ask for no value.
+        """
+        if self._torch_stream is None:
+
+            def calls() -> None:
+                for _ in range(times):
+                    work()
+
+            return calls
+        import torch
+
+        graph = torch.cuda.CUDAGraph()
+        # Other threads may use the GPU meanwhile; Warp's capture keeps its kernels loaded.
+        with torch.cuda.graph(graph, stream=self._torch_stream, capture_error_mode="thread_local"):
+            with self._warp.ScopedCapture(
+                stream=self._stream, external=True, force_module_load=False
+            ) as capture:
+                for _ in range(times):
+                    work()
+        kept = (graph, capture.graph)
+        return lambda: kept[0].replay()

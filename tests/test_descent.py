@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from dtrepair.device import DeviceQueue
 from dtrepair.geometry import extent
 from dtrepair.intersect.detector import Detector
 from dtrepair.mesh_files import read_mesh
@@ -210,7 +211,7 @@ def test_precomputed_operators_give_the_same_result(dtype: torch.dtype, toleranc
     other = replace(
         descent,
         diffusion=descent.diffusion.dense(device="cpu", dtype=dtype),
-        laplacian=RowOperator(descent.laplacian.matrix, device="cpu"),
+        laplacian=RowOperator(descent.laplacian.matrix, DeviceQueue("cpu")),
     )
     result, expected = other(points.to(dtype)), descent(points)
     assert result.points.dtype == dtype

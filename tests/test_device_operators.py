@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from dtrepair.device import DeviceQueue
 from dtrepair.intersect.detector import Detector
 from dtrepair.operators import cotangent_laplacian
 from dtrepair.repair.descent import Descent
@@ -95,9 +96,9 @@ def test_a_large_force_is_cut_and_a_triangle_without_area_is_harmless() -> None:
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_rows_are_multiplied_in_double(dtype: torch.dtype) -> None:
     field = torch.from_numpy(np.random.default_rng(1).normal(size=(3, len(POINTS), 3)))
-    received = RowOperator(LAPLACIAN, device="cpu")(field.to(dtype))
+    received = RowOperator(LAPLACIAN, DeviceQueue("cpu"))(field.to(dtype))
     expected = torch.from_numpy(LAPLACIAN.toarray()) @ field.to(dtype).double()
     assert received.dtype == dtype
     assert (received - expected).abs().max() < (1e-12 if dtype == torch.float64 else 1e-6) * 10
     small = cotangent_laplacian(*icosphere(0))
-    assert RowOperator(small, device="cpu")(torch.ones(1, 12, 3)).abs().max() < 1e-6
+    assert RowOperator(small, DeviceQueue("cpu"))(torch.ones(1, 12, 3)).abs().max() < 1e-6

@@ -49,7 +49,7 @@ def test_dense_operator_is_the_same_operator(
 
 
 def test_dense_operator_does_not_use_reduced_precision() -> None:
-    dense = Diffusion(LAPLACIAN).dense(device="cpu")
+    dense = Diffusion(LAPLACIAN).dense(device="cpu", dtype=torch.float32)
     field = random_field(len(MASS)).float()
     expected = dense(field)
     before = torch.get_float32_matmul_precision()

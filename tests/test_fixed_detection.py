@@ -97,3 +97,15 @@ def test_a_pair_can_be_left_out_by_number_and_a_mesh_may_have_no_triangles() -> 
     empty = FixedDetection(Detector(icosphere(0)[0], np.zeros((0, 3), dtype=np.int32)), 2)
     empty.run()
     assert int(empty.count) == 0 and empty.triangles.tolist() == [0, 0]
+
+
+def test_poses_of_nan_have_no_pairs_and_cost_nothing() -> None:
+    poses, faces = tubes()
+    detector = Detector(poses[0], faces)
+    alone = FixedDetection(detector, 1)
+    rows = found(alone, poses[1:2])
+    both = FixedDetection(detector, 2)
+    with_nan = found(both, np.stack([np.full_like(poses[0], np.nan), poses[1]]))
+    assert np.array_equal(with_nan[:, 1:], rows[:, 1:]) and (with_nan[:, 0] == 1).all()
+    # Not even boxes overlap.
+    assert both.needed.tolist() == alone.needed.tolist() and alone.needed[0] > 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,9 @@ from dtrepair.intersect.tree import build_tree
 
 # Levels of the tree that one launch fits.
 LEVELS = 3
+
+# Launches a Warp kernel: kernel, dimensions, inputs.
+Launch = Callable[[Any, tuple[int, ...], list[Any]], None]
 
 
 class Detector:
@@ -103,7 +107,7 @@ class Detector:
         pairs = warp.empty(len(near), dtype=warp.vec4i, device=self.device)
         count = warp.zeros(1, dtype=warp.int32, device=self.device)
         inputs = [near, positions, self._ordered, welded, self._order, pairs, count]
-        self._launch("test_candidates", (len(near),), inputs)
+        self._launch(self._kernels.test_candidates, (len(near),), inputs)
         return pairs.numpy()[: int(count.numpy()[0])]
 
     def _near(self, positions: Any, active: NDArray[np.bool_] | None) -> Any:
@@ -114,7 +118,7 @@ class Detector:
         while True:
             near = warp.empty(self._capacity, dtype=warp.vec3i, device=self.device)
             count = warp.zeros(1, dtype=warp.int32, device=self.device)
-            self.search(positions.shape[0], boxes, near, count, active)
+            self.search(boxes, near, count, self._launch, active=active)
             found = int(count.numpy()[0])
             if found <= self._capacity:
                 return near[:found]
@@ -164,7 +168,7 @@ class Detector:
         warp = self._warp
         positions = warp.array(points, dtype=warp.vec3f, device=self.device, copy=False)
         boxes = self.box_arrays(points.shape[0])
-        self.fit(positions, boxes)
+        self.fit(positions, boxes, self._launch)
         return boxes
 
     def box_arrays(self, frames: int) -> list[Any]:
@@ -178,26 +182,24 @@ class Detector:
         blocks = (frames, self.tree.leaf_count, 6)
         return [*boxes, warp.empty(blocks, dtype=self._kernels.vec8f, device=self.device)]
 
-    def fit(self, positions: Any, boxes: list[Any]) -> None:
+    def fit(self, positions: Any, boxes: list[Any], launch: Launch) -> None:
         """Fill the `box_arrays` of poses, a Warp array (B, V) of vec3f."""
         assert self.tree is not None
-        frames, (_, _, node_low, node_high, _) = positions.shape[0], boxes
-        self._launch(
-            "fit_leaves",
-            (frames, self.tree.leaf_count),
-            [positions, self._ordered, self._leaf_start, *boxes],
-        )
+        frames = positions.shape[0]
+        leaves = [positions, self._ordered, self._leaf_start, *boxes]
+        launch(self._kernels.fit_leaves, (frames, self.tree.leaf_count), leaves)
         for bottom in range(self.tree.depth, 0, -LEVELS):
             top = max(0, bottom - LEVELS)
-            inputs = [(1 << top) - 1, bottom - top, node_low, node_high]
-            self._launch("fit_levels", (frames, 1 << top), inputs)
+            inputs = [(1 << top) - 1, bottom - top, *boxes[2:4]]
+            launch(self._kernels.fit_levels, (frames, 1 << top), inputs)
 
     def search(
         self,
-        frames: int,
         boxes: list[Any],
         near: Any,
         count: Any,
+        launch: Launch,
+        *,
         active: NDArray[np.bool_] | None = None,
     ) -> None:
         """Write candidates (frame, i, j) in leaf order to `near`, as far as there is room.
@@ -207,17 +209,15 @@ class Detector:
         assert self.tree is not None
         marks = self._all_active if active is None else self._active(active)
         inputs = [self._leaf_start, self._skip, *self._neighbors, marks, *boxes, near, count]
-        self._launch("find_candidates", (frames, self.tree.leaf_count), inputs)
+        launch(self._kernels.find_candidates, (boxes[0].shape[0], self.tree.leaf_count), inputs)
 
     @property
     def topology(self) -> list[Any]:
         """Warp arrays of the triangles in leaf order: corners, welded corners, own numbers."""
         return [self._ordered, self._welded, self._order]
 
-    def _launch(self, kernel: str, dimensions: tuple[int, ...], inputs: list[Any]) -> None:
-        self._warp.launch(
-            getattr(self._kernels, kernel), dim=dimensions, inputs=inputs, device=self.device
-        )
+    def _launch(self, kernel: Any, dimensions: tuple[int, ...], inputs: list[Any]) -> None:
+        self._warp.launch(kernel, dim=dimensions, inputs=inputs, device=self.device)
 
     def _weld(self, weld: ArrayLike) -> Any:
         assert self.tree is not None

@@ -43,7 +43,7 @@ class BlockDiffusion:
         *,
         mass: FloatArray | None = None,
         device: str | torch.device = "cpu",
-        dtype: torch.dtype = torch.float32,
+        dtype: torch.dtype = torch.float64,
         part: int = PART,
     ) -> None:
         """Cut, invert and upload; see the class."""

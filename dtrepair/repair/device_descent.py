@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from dtrepair.device import start_warp
-from dtrepair.geometry import FloatArray
+from dtrepair.device import DeviceQueue
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs
 from dtrepair.repair.descent import NOT_MEASURED, RUNAWAY, Descent, DescentResult
@@ -27,19 +25,25 @@ BATCH = 64
 class DeviceDescent:
     """`Descent` with every iteration on the device of its detector; call it with poses.
 
-    Frames of a batch that are clean, or have diverged, wait at the rest pose until all are. On CUDA
+    Frames of a batch that are clean, or have diverged, wait, at no cost, until all are. On CUDA
     `STEPS` iterations are one graph. Buffers that overflow are made larger, and a batch that does
     not fit into memory is halved; either starts the batch again, so that no pair is ever missed.
-    The same poses in the same batches give the same bits; products of matrices of another width
-    round differently. The same launches run on the CPU.
+    Pairs are those of `Descent` and points agree to 1e-5 of the size, as all is in double: in
+    single precision rounding tips decisions of the optimiser, and after some 20 iterations another
+    result, as good, comes out. The same poses in the same batches give the same bits; products of
+    matrices of another width round differently. The same launches run on the CPU.
 
     Args:
         descent: The method; its tensors and operators are those of the device.
         detector: Detector of the same mesh on the device.
-        rest: A pose (V, 3) with few intersections, where frames wait; units of `size`.
         size: What one unit of the poses is in the coordinates that are written and counted.
         counted: Which pairs count; default: all.
-        dtype: Of the poses between iterations.
+        queue: Where to work; that of the operators of `descent`.
+        batch: At most so many poses are worked on at once.
+        capacity: Candidates and pairs that the first buffers hold; default: a guess.
+
+    Raises:
+        MemoryError: a single pose does not fit on the device.
     """
 
     def __init__(
@@ -47,25 +51,20 @@ class DeviceDescent:
         descent: Descent,
         detector: Detector,
         *,
-        rest: FloatArray,
         size: float = 1.0,
         counted: CountedPairs | None = None,
-        dtype: torch.dtype = torch.float32,
+        queue: DeviceQueue | None = None,
         batch: int = BATCH,
         capacity: tuple[int, int] | None = None,
     ) -> None:
-        """Keep the parts; see the class. capacity: what the buffers of a batch hold at first."""
         self.descent, self.detector, self.counted = descent, detector, counted
-        self.rest, self.size, self.dtype = rest, size, dtype
-        self.batch, self.capacity = batch, capacity
-        self.forces = Forces(descent, detector)
+        self.size, self.batch, self.capacity = size, batch, capacity
+        self.queue = queue or DeviceQueue(detector.device)
+        self.forces = Forces(descent, detector, self.queue)
         self._loop: _Loop | None = None
 
     def __call__(self, points: Tensor) -> DescentResult:
-        """Repair poses (B, V, 3), float64; what does not move keeps every bit.
-
-        torch.OutOfMemoryError if a single pose does not fit.
-        """
+        """Repair poses (B, V, 3), float64; frames are independent of each other."""
         parts: list[DescentResult] = []
         first = 0
         while first < len(points):
@@ -73,10 +72,12 @@ class DeviceDescent:
             try:
                 parts.append(self._solved(own))
                 first += len(own)
-            except torch.OutOfMemoryError:
-                if self.batch == 1 or len(own) == 1:
-                    raise
+            except RuntimeError as error:
                 self._loop = None
+                if not out_of_memory(error):
+                    raise
+                if len(own) == 1:
+                    raise too_large("a single pose", self.detector) from error
                 self.batch = len(own) // 2
                 with suppress(RuntimeError):  # a build without CUDA has no cache
                     torch.cuda.empty_cache()
@@ -88,13 +89,15 @@ class DeviceDescent:
             if self._loop is None or self._loop.frames < len(points):
                 self._loop = _Loop(self, len(points), self.capacity)
             loop = self._loop
-            loop.load(points)
-            while not loop.done and loop.fits:
-                loop.advance()
-            if loop.fits:
-                return loop.result(points)
-            self.capacity = loop.detection.overflow()
-            self._loop = None
+            with self.queue.active():
+                loop.load(points)
+                while not loop.done and loop.larger is None:
+                    loop.advance()
+                if loop.larger is None:
+                    return loop.result(points)
+            self.capacity = loop.larger
+            del loop
+            self._loop = None  # its memory is free before the next one is made
 
 
 class _Loop:
@@ -105,16 +108,13 @@ class _Loop:
     ) -> None:
         descent, self.method, self.frames = method.descent, method, frames
         self.detection = FixedDetection(
-            method.detector, frames, counted=method.counted, capacity=capacity
+            method.detector, frames, counted=method.counted, capacity=capacity, queue=method.queue
         )
         self.device = torch.device(method.detector.device)
-        rest = torch.from_numpy(np.ascontiguousarray(method.rest)).to(self.device)
-        self.parked = (rest * method.size).float()
-        zeros = torch.zeros(frames, *rest.shape, dtype=method.dtype, device=self.device)
-        self.origin, self.shift, self.best = zeros.clone(), zeros.clone(), zeros.clone()
-        self.target = zeros.clone()
-        self.written = self.parked.repeat(frames, 1, 1)
-        self.moments = start(zeros)
+        shape = (frames, method.detector.vertex_count, 3)
+        self.origin = torch.zeros(shape, dtype=torch.float64, device=self.device)
+        self.points, self.best, self.target = (torch.zeros_like(self.origin) for _ in range(3))
+        self.moments = start(self.origin)
         self.iteration = torch.zeros((), dtype=torch.int64, device=self.device)
         self.alive = torch.zeros(frames, dtype=torch.bool, device=self.device)
         self.diverged = self.alive.clone()
@@ -124,16 +124,19 @@ class _Loop:
         self.history = torch.zeros(
             (descent.iterations + 2, frames), dtype=torch.int64, device=self.device
         )
-        self._replay = self._captured() if self.device.type == "cuda" else self._eagerly
+        self.larger: tuple[int, int] | None = None
+        self._graph: Callable[[], None] | None = None
+        # What was uploaded is there before a queue of its own asks for it.
+        method.queue.wait()
 
     def load(self, points: Tensor) -> None:
         """Begin with poses (N, V, 3), N at most the number of frames; the others only wait."""
         count, descent = len(points), self.method.descent
-        origin = points.to(self.device, self.method.dtype)
-        self.origin[:count] = origin
-        self.written[:count] = (points * self.method.size).float().to(self.device)
-        self.target[:count] = descent.laplacian(origin)
-        for tensor in (self.shift, self.best, *self.moments, self.iteration, self.chosen):
+        self.origin[:count] = points
+        self.points.copy_(self.origin)
+        self.best.copy_(self.origin)
+        self.target.copy_(descent.laplacian(self.origin))
+        for tensor in (*self.moments, self.iteration, self.chosen):
             tensor.zero_()
         self.alive.zero_()
         self.alive[:count] = True
@@ -143,40 +146,43 @@ class _Loop:
         self.history.fill_(NOT_MEASURED)
         self.done = False
 
-    @property
-    def fits(self) -> bool:
-        """Whether all pairs so far had room."""
-        return self.detection.overflow() is None
-
     def advance(self) -> None:
-        """`STEPS` iterations, as one graph on CUDA; then see whether any frame goes on."""
-        self._replay()
-        self.done = not bool(self.alive.any())
+        """`STEPS` iterations, as one graph on CUDA; then see what became of them.
+
+        done: no frame goes on; larger: the capacity that it takes, where buffers were too small.
+        """
+        if self._graph is None:
+            self.iterate()  # readies all that a graph calls
+            self._graph = self.method.queue.repeated(self.iterate, STEPS)
+        self._graph()
+        alive, *needed = torch.cat([self.alive.any()[None].int(), self.detection.needed]).tolist()
+        self.larger = self.detection.larger_than(needed)
+        self.done = not alive
 
     def iterate(self) -> None:
         """Measure all frames that go on, keep what is better, and make a step."""
         descent, last = self.method.descent, self.method.descent.iterations
-        points = self.origin + self.shift
         # NaN fails the comparison.
-        sound = (points - self.origin).abs().amax(dim=(1, 2)) <= RUNAWAY
+        sound = (self.points - self.origin).abs().amax(dim=(1, 2)) <= RUNAWAY
         self.diverged |= self.alive & ~sound
         self.alive &= sound
         alive = self.alive[:, None, None]
-        moved = (self.written + self.shift * self.method.size).float()
-        self.detection.points.copy_(torch.where(alive, moved, self.parked))
+        # Rounded as on the CPU; frames that wait are nowhere, which leaves nothing to search.
+        written = self.points * self.method.size
+        self.detection.points.copy_(torch.where(alive, written, torch.nan))
         self.detection.run()
         triangles = self.detection.triangles
         row = torch.where(self.alive, triangles, NOT_MEASURED)
         self.history.index_copy_(0, self.iteration.clamp(max=last + 1)[None], row[None])
         better = self.alive & (triangles < self.fewest)
-        self.best.copy_(torch.where(better[:, None, None], self.shift, self.best))
+        self.best.copy_(torch.where(better[:, None, None], self.points, self.best))
         self.fewest.copy_(torch.where(better, triangles, self.fewest))
         self.chosen.copy_(torch.where(better, self.iteration, self.chosen))
         self.alive &= (triangles > 0) & (self.iteration < last)
-        gradient = self.method.forces(points, self.detection, self.alive)
-        step, moments = descent.move(points, gradient, self.target, self.moments)
+        gradient = self.method.forces(self.points, self.detection, self.alive)
+        step, moments = descent.move(self.points, gradient, self.target, self.moments)
         going = self.alive[:, None, None]
-        self.shift.copy_(torch.where(going, self.shift - step, self.shift))
+        self.points.copy_(torch.where(going, self.points - step, self.points))
         for old, new in zip(self.moments, moments, strict=True):
             old.copy_(new)
         self.iteration += 1
@@ -191,36 +197,29 @@ class _Loop:
         history = taken(self.history[:-1])
         rows = int((history != NOT_MEASURED).any(dim=1).sum())
         measured = (history != NOT_MEASURED).any(dim=0)
-        best = self.best[:count].to(home, points.dtype)
         return DescentResult(
-            torch.where(best != 0, points + best, points),
+            self.best[:count].to(home, copy=True),
             torch.where(measured, taken(self.fewest), NOT_MEASURED),
             taken(self.chosen),
             taken(self.diverged),
             history[:rows],
         )
 
-    def _eagerly(self) -> None:
-        for _ in range(STEPS):
-            self.iterate()
 
-    def _captured(self) -> Callable[[], None]:
-        """Replays a CUDA graph of `STEPS` iterations; recorded while all frames wait."""
-        warp = start_warp()
-        stream = torch.cuda.Stream(device=self.device)
-        stream.wait_stream(torch.cuda.current_stream(self.device))
-        graph = torch.cuda.CUDAGraph()
-        with warp.ScopedStream(warp.stream_from_torch(stream)):
-            with torch.cuda.stream(stream):
-                self.iterate()  # loads kernels and workspaces, which a capture may not
-            with torch.cuda.graph(graph, stream=stream):
-                warp.capture_begin(force_module_load=False, external=True)
-                try:
-                    self._eagerly()
-                finally:
-                    warp.capture_end()
-        torch.cuda.current_stream(self.device).wait_stream(stream)
-        return lambda: graph.replay()
+def out_of_memory(error: BaseException) -> bool:
+    """Whether PyTorch, Warp or a library below them could not get memory."""
+    words = ("out of memory", "failed to allocate", "alloc_failed")
+    return isinstance(error, torch.OutOfMemoryError) or any(
+        word in str(error).lower() for word in words
+    )
+
+
+def too_large(what: str, detector: Detector) -> MemoryError:
+    """The error where something does not fit on a device."""
+    return MemoryError(
+        f"{what} of {len(detector.faces)} triangles should fit into the memory of "
+        f"{detector.device}, but does not: free memory there, or use device 'cpu'"
+    )
 
 
 def _joined(parts: list[DescentResult], points: Tensor) -> DescentResult:

@@ -9,29 +9,38 @@ import torch
 from scipy import sparse
 from torch import Tensor
 
-from dtrepair.device import start_warp
+from dtrepair.device import DeviceQueue, start_warp
 from dtrepair.intersect.detector import Detector
+from dtrepair.repair import descent_kernels as kernels
 from dtrepair.repair.descent import Descent
-from dtrepair.repair.descent_kernels import FORCE_UNITS, multiply_rows, push_pairs
 from dtrepair.repair.energy import (
     NEAREST,
+    ConicalField,
+    Kernel,
+    PointToPlane,
     SignedTangentPoint,
     UnsignedTangentPoint,
-    pair_energy,
 )
 from dtrepair.repair.fixed_detection import FixedDetection
+
+# Whole numbers per unit of force, in a mesh of unit size. Tangent-point and conical forces are
+# about an edge length, and at most 2 sqrt(A) / NEAREST = 2000: 2^44 keeps them to 6e-14 and sums up
+# to 5e5. Those of point-to-plane are areas times depths, about 1e-7 and at most 2.
+SCALE = 2.0**44
+FINE_SCALE = 2.0**52
 
 
 class Forces:
     """Gradient of the energy of the pairs that a detection found, the same on every run.
 
-    Tangent-point energies take one launch, which sums in integers (see `FORCE_UNITS`); the other
-    kernels are evaluated by PyTorch on all slots of the buffer.
+    One launch, which sums in integers (see `SCALE`).
     """
 
-    def __init__(self, descent: Descent, detector: Detector) -> None:
+    def __init__(
+        self, descent: Descent, detector: Detector, queue: DeviceQueue | None = None
+    ) -> None:
         """Take energy, triangles and directions from `descent`."""
-        self.descent, self.device = descent, detector.device
+        self.queue = queue or DeviceQueue(detector.device)
         warp = start_warp()
         faces = descent.faces.to(torch.int32).contiguous()
         direction = descent.direction
@@ -40,12 +49,11 @@ class Forces:
         self._kept = faces, direction.double().contiguous()
         self._faces = warp.from_torch(self._kept[0], dtype=warp.vec3i)
         self._direction = warp.from_torch(self._kept[1], dtype=warp.vec3d)
+        self._energy = energy_parameters(descent.kernel)
 
     def __call__(self, points: Tensor, found: FixedDetection, going: Tensor) -> Tensor:
         """Gradient (B, V, 3) for the frames `going` (B,) of poses (B, V, 3)."""
-        warp, kernel = start_warp(), self.descent.kernel
-        if not isinstance(kernel, (SignedTangentPoint, UnsignedTangentPoint)):
-            return self._by_torch(points, found, going)
+        warp = start_warp()
         forces = torch.zeros(points.shape, dtype=torch.int64, device=points.device)
         exact = points.double().contiguous()
         inputs: list[Any] = [
@@ -55,40 +63,39 @@ class Forces:
             warp.from_torch(exact, dtype=warp.vec3d),
             self._faces,
             self._direction,
-            float(kernel.exponent),
-            float(kernel.power),
-            int(isinstance(kernel, SignedTangentPoint)),
-            NEAREST,
-            8.0 * torch.finfo(points.dtype).eps,
+            self._energy,
             warp.from_torch(forces, dtype=warp.int64),
         ]
-        warp.launch(push_pairs, dim=found.capacity[1], inputs=inputs, device=self.device)
-        return (forces.double() / FORCE_UNITS).to(points.dtype)
+        self.queue.launch(kernels.push_pairs, found.capacity[1:], inputs)
+        return (forces.double() / self._energy.scale).to(points.dtype)
 
-    def _by_torch(self, points: Tensor, found: FixedDetection, going: Tensor) -> Tensor:
-        slots = torch.arange(len(found.pairs), device=points.device)
-        pairs = torch.where((slots < found.count)[:, None], found.pairs, 0).long()
-        weights = ((slots < found.count) & going[pairs[:, 0]]).to(points.dtype)
-        _, gradient = pair_energy(
-            points,
-            self.descent.faces,
-            pairs,
-            kernel=self.descent.kernel,
-            weights=weights,
-            direction=self.descent.direction,
-        )
-        return gradient
+
+def energy_parameters(kernel: Kernel) -> Any:
+    """What the kernels need to know of an energy: a `descent_kernels.Energy`."""
+    energy = kernels.Energy()
+    energy.nearest, energy.noise = NEAREST, 8.0 * torch.finfo(torch.float64).eps
+    energy.scale = SCALE
+    if isinstance(kernel, SignedTangentPoint | UnsignedTangentPoint):
+        signed = isinstance(kernel, SignedTangentPoint)
+        energy.kind = int(kernels.SIGNED_TANGENT_POINT if signed else kernels.TANGENT_POINT)
+        energy.exponent, energy.power = float(kernel.exponent), float(kernel.power)
+    elif isinstance(kernel, PointToPlane):
+        energy.kind, energy.scale = int(kernels.POINT_TO_PLANE), FINE_SCALE
+    else:
+        assert isinstance(kernel, ConicalField), f"no kernel on a device for {kernel}"
+        energy.kind, energy.height = int(kernels.CONICAL), kernel.height
+    return energy
 
 
 class RowOperator:
     """A sparse matrix (V, V) applied to fields (B, V, 3) on a device, rows summed in order."""
 
-    def __init__(self, matrix: sparse.csr_matrix, *, device: str) -> None:
+    def __init__(self, matrix: sparse.csr_matrix, queue: DeviceQueue) -> None:
         """Upload the matrix."""
         warp, rows = start_warp(), sparse.csr_matrix(matrix)
-        self.device = device
+        self.queue = queue
         self._rows = [
-            warp.array(np.ascontiguousarray(values), dtype=kind, device=device)
+            warp.array(np.ascontiguousarray(values), dtype=kind, device=queue.device)
             for values, kind in (
                 (rows.indptr.astype(np.int32), warp.int32),
                 (rows.indices.astype(np.int32), warp.int32),
@@ -102,5 +109,5 @@ class RowOperator:
         source = field.double().contiguous()
         result = torch.empty_like(source)
         inputs = [*self._rows, *(warp.from_torch(t, dtype=warp.vec3d) for t in (source, result))]
-        warp.launch(multiply_rows, dim=tuple(field.shape[:2]), inputs=inputs, device=self.device)
+        self.queue.launch(kernels.multiply_rows, tuple(field.shape[:2]), inputs)
         return result.to(field.dtype)

@@ -16,7 +16,7 @@ from dtrepair.repair.dense_product import product
 
 # Right-hand sides of one solve while a dense operator is built: what cholespy handles well.
 BLOCK = 96
-# Vertices of the largest mesh whose operator on a device is one dense matrix (0.9 GB in float32).
+# Vertices of the largest mesh whose operator on a device is one dense matrix (1.8 GB in float64).
 DENSE = 15000
 
 
@@ -98,7 +98,7 @@ class Diffusion:
         points: FloatArray,
         *,
         device: str | torch.device,
-        dtype: torch.dtype = torch.float32,
+        dtype: torch.dtype = torch.float64,
     ) -> Diffuser:
         """The same operator for tensors on a device; points: positions (V, 3) of the mesh."""
         if self.count <= DENSE:
@@ -109,38 +109,37 @@ class Diffusion:
         return BlockDiffusion(matrix, points, mass=self.mass, device=device, dtype=dtype)
 
     def dense(
-        self, *, device: str | torch.device, dtype: torch.dtype = torch.float32
+        self, *, device: str | torch.device, dtype: torch.dtype = torch.float64
     ) -> DenseDiffusion:
-        """The same operator as matrices (V, V) on a device; V solves, 4 V^2 bytes each matrix."""
-        inverse = np.empty((self.count, self.count), dtype=np.float64)
+        """The same operator as a matrix (V, V) on a device; V solves, 8 V^2 bytes in float64."""
+        inverse = torch.empty((self.count, self.count), dtype=dtype)
         for first in range(0, self.count, BLOCK):
             columns = np.arange(first, min(first + BLOCK, self.count))
             identity = np.zeros((self.count, len(columns)))
             identity[columns, columns - first] = 1.0
-            inverse[:, columns] = self.factor(identity)
-        half = torch.from_numpy(inverse).to(device)
-        weighted = half if self.mass is None else half * torch.from_numpy(self.mass).to(device)
-        return DenseDiffusion(half.to(dtype), weighted.to(dtype), (weighted @ half).to(dtype))
+            inverse[:, first : first + BLOCK] = torch.from_numpy(self.factor(identity))
+        mass = None if self.mass is None else torch.from_numpy(self.mass).to(device, dtype)
+        return DenseDiffusion(inverse.to(device), mass)
 
 
 class DenseDiffusion:
-    """A precomputed diffusion: one product of matrices, on any device."""
+    """A precomputed diffusion: one product of matrices a solve, on any device."""
 
-    def __init__(self, half: Tensor, weighted: Tensor, both: Tensor) -> None:
-        """A^-1, A^-1 Mass and A^-1 Mass A^-1, each (V, V)."""
-        self.half, self.weighted, self.both = half, weighted, both
+    def __init__(self, inverse: Tensor, mass: Tensor | None = None) -> None:
+        """A^-1 (V, V), and the masses (V,) if there are any."""
+        self.inverse, self.mass = inverse, mass
 
     def begin(self, field: Tensor) -> Tensor:
         """A^-1 field (B, V, 3)."""
-        return _product(self.half, field)
+        return _product(self.inverse, field)
 
     def finish(self, field: Tensor) -> Tensor:
         """A^-1 Mass field (B, V, 3)."""
-        return _product(self.weighted, field)
+        return self.begin(field if self.mass is None else field * self.mass[:, None])
 
     def __call__(self, field: Tensor) -> Tensor:
         """A^-1 Mass A^-1 field (B, V, 3)."""
-        return _product(self.both, field)
+        return self.finish(self.begin(field))
 
 
 class BodyDiffusion:

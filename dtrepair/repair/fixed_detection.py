@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from dtrepair.device import start_warp
+from dtrepair.device import DeviceQueue, start_warp
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs
 
@@ -33,8 +33,10 @@ class FixedDetection:
         *,
         counted: CountedPairs | None = None,
         capacity: tuple[int, int] | None = None,
+        queue: DeviceQueue | None = None,
     ) -> None:
         """Make buffers of `capacity` candidates and pairs (default: a guess)."""
+        self.queue = queue or DeviceQueue(detector.device)
         warp, device = start_warp(), detector.device
         faces = len(detector.faces)
         self.detector, self.frames = detector, frames
@@ -67,26 +69,25 @@ class FixedDetection:
                 ("near_count", self._near_count, warp.int32),
             )
         }
-        try:
-            self._boxes = detector.box_arrays(frames) if faces else []
-        except RuntimeError as error:  # Warp's word for it
-            raise torch.OutOfMemoryError(str(error)) from error
+        self._boxes = detector.box_arrays(frames) if faces else []
 
     def run(self) -> None:
-        """Find the pairs of `points` (B, V, 3), float32 and finite."""
+        """Find the pairs of `points` (B, V, 3), float32; poses of NaN have none, at no cost."""
         self._near_count.zero_()
         self.count.zero_()
         self._marks.zero_()
         if not len(self.detector.faces):
             return
-        view = self.views
-        self.detector.fit(view["points"], self._boxes)
-        self.detector.search(self.frames, self._boxes, view["near"], view["near_count"])
+        from dtrepair.intersect import fixed_kernels as kernels
+
+        view, launch = self.views, self.queue.launch
+        self.detector.fit(view["points"], self._boxes, launch)
+        self.detector.search(self._boxes, view["near"], view["near_count"], launch)
         candidates = [view["near"], view["near_count"], view["points"]]
         pairs = [view["pairs"], view["count"]]
         inputs = [*candidates, *self.detector.topology, *self._filter, *pairs]
-        self._launch("keep_intersecting", self.capacity[0], inputs)
-        self._launch("mark_triangles", self.capacity[1], [*pairs, view["marks"]])
+        launch(kernels.keep_intersecting, self.capacity[:1], inputs)
+        launch(kernels.mark_triangles, self.capacity[1:], [*pairs, view["marks"]])
         found = torch.cat([self._near_count, self.count])
         torch.maximum(self.needed, found, out=self.needed)
 
@@ -97,15 +98,11 @@ class FixedDetection:
 
     def overflow(self) -> tuple[int, int] | None:
         """A capacity that would have done, if this one did not; waits for the device."""
-        needed = self.needed.tolist()
+        return self.larger_than(self.needed.tolist())
+
+    def larger_than(self, needed: Sequence[int]) -> tuple[int, int] | None:
+        """A capacity with room for so many candidates and pairs; None: there is room."""
         if all(most <= room for most, room in zip(needed, self.capacity, strict=True)):
             return None
         first, second = (max(2 * n, c) for n, c in zip(needed, self.capacity, strict=True))
         return first, second
-
-    def _launch(self, kernel: str, threads: int, inputs: list[Any]) -> None:
-        from dtrepair.intersect import fixed_kernels
-
-        start_warp().launch(
-            getattr(fixed_kernels, kernel), dim=threads, inputs=inputs, device=self.detector.device
-        )

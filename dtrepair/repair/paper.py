@@ -10,11 +10,12 @@ import numpy as np
 import torch
 from scipy import sparse
 
+from dtrepair.device import DeviceQueue
 from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.intersect.detector import Detector
 from dtrepair.operators import cotangent_laplacian
 from dtrepair.repair.descent import Descent, DescentResult
-from dtrepair.repair.device_descent import DeviceDescent
+from dtrepair.repair.device_descent import DeviceDescent, out_of_memory, too_large
 from dtrepair.repair.device_operators import RowOperator
 from dtrepair.repair.diffusion import BodyDiffusion, Diffusion, SparseOperator
 from dtrepair.repair.energy import KERNELS, triangle_directions
@@ -89,23 +90,30 @@ def _on_device(
     device: str,
 ) -> DeviceDescent:
     """The loop of a surface on a device, with operators that are made for it."""
-    there = [
-        (first, stop, diffusion.on(surface.rest[first:stop], device=device))
-        for first, stop, diffusion in bodies
-    ]
+    detector = Detector(surface.written(surface.rest), surface.faces, device=device)
+    queue = DeviceQueue(device)
+    try:
+        there = [
+            (first, stop, diffusion.on(surface.rest[first:stop], device=device))
+            for first, stop, diffusion in bodies
+        ]
+    except RuntimeError as error:
+        if out_of_memory(error):
+            raise too_large("the diffusion operator", detector) from error
+        raise
     mobility = torch.from_numpy(surface.mobility).to(device)
     return DeviceDescent(
         replace(
             descent,
             faces=descent.faces.to(device),
             diffusion=BodyDiffusion(there, mobility=mobility),
-            laplacian=RowOperator(laplacian, device=device),
+            laplacian=RowOperator(laplacian, queue),
             direction=None if descent.direction is None else descent.direction.to(device),
         ),
-        Detector(surface.written(surface.rest), surface.faces, device=device),
-        rest=surface.rest,
+        detector,
         size=surface.size,
         counted=surface.counted_pairs,
+        queue=queue,
     )
 
 

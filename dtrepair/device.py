@@ -125,3 +125,11 @@ class DeviceQueue:
                     work()
         kept = (graph, capture.graph)
         return lambda: kept[0].replay()
+
+
+def cuda_in_use() -> bool:
+    """Whether this process has worked on a GPU: forked processes could not go on with that."""
+    torch, warp = sys.modules.get("torch"), sys.modules.get("warp")
+    if torch is not None and torch.cuda.is_initialized():
+        return True
+    return warp is not None and any(device.has_context for device in warp.get_cuda_devices())

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from contextlib import suppress
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -102,3 +104,16 @@ def test_no_process_outlives_the_iterator(tmp_path):
     answers.close()
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "1").read_text()), 0)
+
+
+@pytest.mark.parametrize("who", ["torch", "warp"])
+def test_a_process_that_works_on_a_gpu_is_not_forked(monkeypatch, who):
+    devices = [SimpleNamespace(has_context=who == "warp")]
+    cuda = SimpleNamespace(is_initialized=lambda: who == "torch")
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(cuda=cuda))
+    monkeypatch.setitem(sys.modules, "warp", SimpleNamespace(get_cuda_devices=lambda: devices))
+    assert not can_fork()
+    assert set(forked_map(lambda _: os.getpid(), range(3), jobs=2)) == {os.getpid()}
+    devices[0].has_context = False
+    cuda.is_initialized = lambda: False
+    assert can_fork()

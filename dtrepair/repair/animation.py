@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -12,11 +13,13 @@ from numpy.typing import ArrayLike
 
 from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.repair.crew import available_processors, make_crew, worthwhile_jobs
+from dtrepair.repair.forked import forked_map
 from dtrepair.repair.frames import Frame, expanded, read_frames, reduced, system_of
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.mend import mend
 from dtrepair.repair.options import RepairResult, Solved, Stage
 from dtrepair.repair.parting import parted_frames
+from dtrepair.repair.poses import in_batches
 from dtrepair.repair.release import caught_parts, released_frames
 from dtrepair.repair.rigid import RigidBodies, allowed
 from dtrepair.repair.shot import ShotMethod
@@ -75,10 +78,27 @@ class AnimationRepairer:
         that cannot be used.
         """
         if self.scene.options.method != "full":
-            for time, poses in frames:
-                yield Repaired(time, self.scene(poses))
+            yield from self._each(frames, jobs)
             return
         yield from _Stream(self, jobs).run(frames)
+
+    def _each(
+        self, frames: Iterable[tuple[float, Sequence[Any]]], jobs: int | None
+    ) -> Iterator[Repaired]:
+        """Frames each for itself: batches of them on a GPU, else side by side."""
+        scene, iterator = self.scene, iter(frames)
+        size = scene.poses_at_once
+        # What is built for the first frame, all processes inherit.
+        for time, poses in islice(iterator, 1 if size == 1 else 0):
+            yield Repaired(time, scene(poses))
+
+        def solved(batch: list[tuple[float, Sequence[Any]]]) -> list[Repaired]:
+            results = scene.batch([poses for _, poses in batch])
+            return [Repaired(time, found) for (time, _), found in zip(batch, results, strict=True)]
+
+        workers = (jobs or available_processors()) if size == 1 else 1
+        for found in forked_map(solved, in_batches(iterator, size), jobs=workers):
+            yield from found
 
     def method(self, system: System) -> ShotMethod:
         """The shot method of a system, made once."""

@@ -20,6 +20,8 @@ from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from dtrepair.device import cuda_in_use
+
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
@@ -30,8 +32,8 @@ _DEATH_SIGNAL = 1
 
 
 def can_fork() -> bool:
-    """Whether processes can be forked: elsewhere than on Linux, libraries do not survive it."""
-    return sys.platform == "linux"
+    """Whether processes can be forked: only on Linux, and not from one that works on a GPU."""
+    return sys.platform == "linux" and not cuda_in_use()
 
 
 def fork(work: Callable[[], None]) -> int:

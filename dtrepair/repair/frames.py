@@ -73,7 +73,7 @@ def _gathered(
 
 def system_of(scene: SceneRepairer, welds: Sequence[IntArray]) -> System:
     """The solved mesh of poses: seam duplicates that coincide in the rest and all poses are one."""
-    rest_weld = scene._weld(about_centre(scene._rest)[0])
+    rest_weld = scene.rest_weld
     joined = np.ones(len(rest_weld), dtype=bool)
     for weld in welds:
         joined &= weld[rest_weld] == weld

@@ -11,7 +11,9 @@ import hashlib
 import json
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
+from itertools import chain
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -22,6 +24,7 @@ from dtrepair.repair.animation import OVERLAP, WINDOW, AnimationRepairer
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.forked import forked_map
 from dtrepair.repair.options import Count, RepairResult, Stage, Status
+from dtrepair.repair.poses import in_batches
 from dtrepair.repair.shot import ShotMethod
 
 if TYPE_CHECKING:
@@ -101,18 +104,32 @@ def repair_each(
             recalled.append((key, kept is not None))
             yield arrays, None if kept is None else _results(kept)
 
-    def solved(item: _Item) -> list[RepairResult] | Exception:
-        arrays, known = item
-        try:
-            return known or scene(arrays)
-        except Exception as error:
-            return error
+    def solved(batch: list[_Item]) -> list[list[RepairResult] | Exception]:
+        found = iter(_solved([arrays for arrays, known in batch if known is None], scene))
+        return [known or next(found) for _, known in batch]
 
-    for results in forked_map(solved, items(), jobs=jobs):
+    batches = in_batches(items(), scene.poses_at_once)
+    for results in chain.from_iterable(forked_map(solved, batches, jobs=jobs)):
         key, known = recalled.popleft()
         if memory is not None and not known and not isinstance(results, Exception):
             memory.keep(key, _arrays(results))
         yield results
+
+
+def _solved(
+    poses: list[list[NDArray[Any]]], scene: SceneRepairer
+) -> list[list[RepairResult] | Exception]:
+    """The results of each pose, or what it raises: then the others are solved without it."""
+    if len(poses) > 1:
+        with suppress(Exception):
+            return [*scene.batch(poses)]
+    found: list[list[RepairResult] | Exception] = []
+    for pose in poses:
+        try:
+            found.append(scene(pose))
+        except Exception as error:
+            found.append(error)
+    return found
 
 
 def _arrays(results: list[RepairResult]) -> dict[str, NDArray[Any]]:

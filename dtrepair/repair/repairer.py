@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import pairwise
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dtrepair.device import resolve_device
-from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, differing, weld_map
+from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, weld_map
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import of_ignored_bodies
 from dtrepair.metrics import displacements
@@ -27,8 +26,8 @@ from dtrepair.repair.bodies import (
 from dtrepair.repair.enclosed import Enclosures
 from dtrepair.repair.left_over import contacts_left, enclosed_left
 from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
-from dtrepair.repair.parting import parted_frames
-from dtrepair.repair.release import bodies_of_parts, caught_parts, released
+from dtrepair.repair.poses import repair_poses
+from dtrepair.repair.release import bodies_of_parts
 from dtrepair.repair.rigid import RigidBodies
 from dtrepair.repair.surface import pair_keys
 from dtrepair.repair.system import System
@@ -125,32 +124,20 @@ class SceneRepairer:
 
         ValueError: wrong shapes, numbers that are not finite.
         """
-        start = time.perf_counter()
-        original = self._gather(points)
-        centred, centre = about_centre(original)
-        weld = self._weld(centred)
-        pairs = self._pairs(centred, weld)
-        caught = caught_parts(self, centred, pairs)
-        detected = time.perf_counter()
-        final, left, solved = centred, pairs, Solved(centred)
-        if len(pairs) + len(caught) or self.options.clearance > 0.0:
-            start_pose = released(self, centred, caught) if len(caught) else centred
-            final, solved = self._solve(start_pose, weld, pairs)
-            # Vertices that only happened to coincide in the input are two in the result.
-            left = self._pairs(final, self._weld(final))
-            known, caught = caught, caught_parts(self, final, left) if len(caught) else caught
-            before, after = len(pairs) + len(known), len(left) + len(caught)
-            if after > before or after == before > 0:
-                final, left, caught = centred, pairs, known
-        moved = differing(final, centred)
-        repaired = np.where(moved[:, None], final.astype(np.float32) + centre, original)
-        seconds = {"detect": detected - start, "solve": time.perf_counter() - detected}
-        return [
-            self._result(
-                index, points[index], original, repaired, pairs, left, solved, seconds, caught
-            )
-            for index in range(len(self.bodies))
-        ]
+        return self.batch([points])[0]
+
+    def batch(self, poses: Sequence[Sequence[Any]]) -> list[list[RepairResult]]:
+        """Repair many poses, each for itself: on a GPU `poses_at_once` are solved at once."""
+        return repair_poses(self, poses)
+
+    @property
+    def poses_at_once(self) -> int:
+        """How many poses are best given to `batch`."""
+        if self.options.method == "full" or self.device == "cpu":
+            return 1
+        from dtrepair.repair.device_descent import BATCH
+
+        return BATCH
 
     def _gather(self, points: Sequence[Any]) -> FloatArray:
         if len(points) != len(self.bodies):
@@ -178,19 +165,6 @@ class SceneRepairer:
             inter = self._body_of[pairs[:, 0]] != self._body_of[pairs[:, 1]]
             pairs = pairs[inter == (self.options.mode == "inter")]
         return pairs[~of_ignored_bodies(self._body_of[pairs], self.ignored)]
-
-    def _solve(
-        self, points: FloatArray, weld: IntArray, pairs: IntArray
-    ) -> tuple[FloatArray, Solved]:
-        """Repair with seam duplicates moving together: those of the rest that still coincide."""
-        rest_weld = self.rest_weld
-        together = np.where(weld[rest_weld] == weld, rest_weld, np.arange(len(weld)))
-        key = together.tobytes()
-        if key not in self._systems:
-            self._systems[key] = System(self, together)
-        system = self._systems[key]
-        start = parted_frames(self, system, points[None], [pairs], np.zeros(1))[0]
-        return system.solve(start)
 
     def _result(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -57,12 +58,18 @@ class System:
                 skip=options.skip,
             )
 
-    def solve(self, points: FloatArray) -> tuple[FloatArray, Solved]:
-        """The repaired pose (V, 3); vertices that stayed where they were keep every bit."""
-        size = self.surface.size
-        unit = points[self.kept] / size
-        solved = self.method(unit)
+    def solve(self, poses: Sequence[FloatArray]) -> list[tuple[FloatArray, Solved]]:
+        """Repaired poses (V, 3); vertices that stayed where they were keep every bit."""
+        units = [points[self.kept] / self.surface.size for points in poses]
+        if isinstance(self.method, FullMethod):
+            found = [self.method(unit) for unit in units]
+        else:
+            found = self.method.batch(units)
+        return [(self._placed(*each), each[2]) for each in zip(poses, units, found, strict=True)]
+
+    def _placed(self, points: FloatArray, unit: FloatArray, solved: Solved) -> FloatArray:
+        """What was found for a pose, as points (V, 3)."""
         solved.points = self.surface.rigid.fitted(unit, solved.points)
         stayed = (solved.points == unit).all(axis=1)[self.place]
-        final = (solved.points * size)[self.place]
-        return np.where(stayed[:, None], points, final), solved
+        final = (solved.points * self.surface.size)[self.place]
+        return np.where(stayed[:, None], points, final)

@@ -1,0 +1,95 @@
+"""Poses of a scene at once: the results of each alone, whichever way they are solved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dtrepair.repair import paper
+from dtrepair.repair.bodies import Body
+from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.poses import in_batches
+from dtrepair.repair.remember import repair_each
+from dtrepair.repair.repairer import SceneRepairer
+from tests.meshes import bent_tube
+
+REST, FACES = bent_tube(0.1, around=12, along=40, radius=0.08)
+POSES = [bent_tube(angle, around=12, along=40, radius=0.08)[0] for angle in (6.4, 1.0, 6.6, 6.5)]
+
+
+def scene(**options) -> SceneRepairer:
+    """The tube as a scene."""
+    return SceneRepairer([Body(REST, FACES)], options=RepairOptions(**options))
+
+
+def assert_same(one, other) -> None:
+    """Results of a pose that agree but for the clock."""
+    for a, b in zip(one, other, strict=True):
+        assert np.array_equal(a.points, b.points)
+        assert (a.before, a.after, a.status) == (b.before, b.after, b.status)
+
+
+@pytest.mark.parametrize("method", ["full", "paper"])
+def test_a_batch_is_its_poses_one_by_one(method: str) -> None:
+    together = scene(method=method).batch([[pose] for pose in POSES])
+    assert [found[0].before.pairs > 0 for found in together] == [True, False, True, True]
+    assert np.array_equal(together[1][0].points, POSES[1])
+    for pose, found in zip(POSES, together, strict=True):
+        assert_same(found, scene(method=method)([pose]))
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_frames_of_the_published_method_come_in_order_for_any_jobs(jobs: int) -> None:
+    frames = [(float(k), [pose]) for k, pose in enumerate(POSES)]
+    streamed = [*scene(method="paper").animator.stream(frames, jobs=jobs)]
+    assert [frame.time for frame in streamed] == [0.0, 1.0, 2.0, 3.0]
+    for pose, frame in zip(POSES, streamed, strict=True):
+        assert_same(frame.results, scene(method="paper")([pose]))
+
+
+def test_a_device_takes_frames_in_batches(monkeypatch) -> None:
+    monkeypatch.setattr(paper, "DEVICE_LOOP", ("cpu", "cuda"))
+    monkeypatch.setattr(SceneRepairer, "poses_at_once", 3)
+    calls: list[int] = []
+    batch = SceneRepairer.batch
+
+    def noted(self, poses):
+        calls.append(len(poses))
+        return batch(self, poses)
+
+    monkeypatch.setattr(SceneRepairer, "batch", noted)
+    repairer = scene(method="paper")
+    frames = [(float(k), [pose]) for k, pose in enumerate(POSES)]
+    streamed = [frame.results for frame in repairer.animator.stream(frames)]
+    each = [*repair_each(repairer, [[pose] for pose in POSES], None, jobs=1)]
+    assert calls == [3, 1, 3, 1]
+    for one, other in zip(streamed, each, strict=True):
+        assert_same(one, other)
+        assert one[0].after.pairs < max(one[0].before.pairs, 1)
+
+
+def test_a_pose_that_cannot_be_used_does_not_spoil_its_batch(monkeypatch) -> None:
+    monkeypatch.setattr(SceneRepairer, "poses_at_once", 3)
+    broken = POSES[0].copy()
+    broken[0, 0] = np.nan
+    repairer = scene(method="paper")
+    found = [*repair_each(repairer, [[POSES[0]], [broken], [POSES[2]]], None, jobs=1)]
+    assert isinstance(found[1], ValueError)
+    assert_same(found[0], repairer([POSES[0]]))
+    assert_same(found[2], repairer([POSES[2]]))
+
+
+def test_batches_hold_every_item_once() -> None:
+    assert [*in_batches(range(7), 3)] == [[0, 1, 2], [3, 4, 5], [6]]
+    assert [*in_batches([], 3)] == []
+
+
+def test_poses_at_once_are_many_on_a_gpu_only() -> None:
+    assert scene(method="paper").poses_at_once == scene().poses_at_once == 1
+    there = scene(method="paper")
+    there.device = "cuda:0"
+    assert there.poses_at_once > 1
+    there.options = replace(there.options, method="full")
+    assert there.poses_at_once == 1

@@ -59,14 +59,29 @@ def as_failure(error: Exception) -> Failure:
     )
 
 
-def use_device(name: str) -> str:
-    """Return the device that a --device option names; a usage error if it is not there."""
+def use_device(name: str, *, method: str = "paper") -> str:
+    """Return the device that a --device option names; a usage error if it is not there.
+
+    `auto` is the CPU for a method that does not run on others.
+    """
     from dtrepair.device import resolve_device
 
+    if name == "auto" and method == "full":
+        return "cpu"
     try:
         return resolve_device(name)
     except ValueError as error:
         raise Failure(f"--device: {error}", USAGE) from None
+
+
+def device_warnings(device: str, method: str) -> list[str]:
+    """What does not run on a device that was asked for."""
+    if device == "cpu" or method != "full":
+        return []
+    return [
+        f"{device} counts intersections only; the method itself runs on the CPU "
+        "(--method paper runs on the GPU)"
+    ]
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from dtrepair.cli.failures import (
     USAGE,
     Failure,
     check_writable,
+    device_warnings,
     one_line_errors,
     refuse_overwriting,
     use_device,
@@ -141,7 +142,9 @@ def command(
     if report_path is not None:
         refuse_overwriting(report_path, source_path, output)
         check_writable(report_path)
-    run = Run(source_path, output or "", use_device(device), options, jobs, alone=True)
+    there = use_device(device, method=options.method)
+    console.warn(device_warnings(there, options.method))
+    run = Run(source_path, output or "", there, options, jobs, alone=True)
     search = KeyOptions(
         samples=samples,
         extra=extra_keys,

@@ -23,6 +23,7 @@ from dtrepair.cli.failures import (
     USAGE,
     Failure,
     check_writable,
+    device_warnings,
     one_line_errors,
     refuse_overwriting,
     use_device,
@@ -129,7 +130,9 @@ def command(
         raise Failure("--distributed: not with --chunk or --resume; leave one out", USAGE)
     # The published method knows single poses only.
     alone = alone or options.method == "paper"
-    run = Run(source_path, output, use_device(device), options, jobs, alone)
+    there = use_device(device, method=options.method)
+    console.warn(device_warnings(there, options.method))
+    run = Run(source_path, output, there, options, jobs, alone)
     source = open_source(source_path, selection, collider=objects.collider)
     console.warn(source.warnings)
     _refuse_without_effect(run, directed=objects.direction is not None)

@@ -13,6 +13,7 @@ from dtrepair.cli.failures import (
     USAGE,
     Failure,
     check_writable,
+    device_warnings,
     one_line_errors,
     refuse_overwriting,
     use_device,
@@ -150,7 +151,9 @@ def command(
     wanted = TransferOptions(repair=options if repair else None, picture=picture, **given)
     _check_options(wanted)
     _check_outputs(wanted, output, report_path)
-    inputs = Inputs(wanted, selection, use_device(device), jobs)
+    there = use_device(device, method=options.method)
+    console.warn(device_warnings(there, options.method))
+    inputs = Inputs(wanted, selection, there, jobs)
     code, report = run_transfer(inputs, output, console)
     if report is not None and report_path is not None:
         with writing(report_path):

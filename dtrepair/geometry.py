@@ -90,6 +90,22 @@ def unique_edges(faces: IntArray) -> IntArray:
     return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)
 
 
+def shared_edges(faces: IntArray) -> NDArray[np.int64]:
+    """Pairs (K, 2) of triangles with a common edge; all pairs of three or more around one edge."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    triangles = np.tile(np.arange(len(faces)), 3)
+    order = np.lexsort((triangles, edges[:, 1], edges[:, 0]))
+    edges, triangles = edges[order], triangles[order]
+    found = []
+    for step in range(1, len(edges)):
+        same = (edges[step:] == edges[:-step]).all(axis=1)
+        if not same.any():
+            break
+        found.append(np.stack([triangles[:-step][same], triangles[step:][same]], axis=1))
+    pairs = np.concatenate(found) if found else np.zeros((0, 2), dtype=np.int64)
+    return pairs[pairs[:, 0] != pairs[:, 1]]
+
+
 def adjacency(faces: IntArray, count: int) -> tuple[IntArray, IntArray]:
     """Neighbours of each vertex as compressed rows: indptr (count + 1,), indices (2E,), sorted."""
     edges = unique_edges(faces)

@@ -147,3 +147,12 @@ def test_functions_take_a_mesh_without_faces() -> None:
     starts, neighbours = geometry.adjacency(faces, 0)
     assert starts.tolist() == [0] and neighbours.shape == (0,)
     assert geometry.components(faces, 2).tolist() == [0, 1]
+
+
+def test_shared_edges_join_all_triangles_around_an_edge() -> None:
+    fan = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4], [5, 6, 7]], dtype=np.int32)
+    found = {tuple(sorted(pair)) for pair in geometry.shared_edges(fan).tolist()}
+    assert found == {(0, 1), (0, 2), (1, 2)}
+    assert len(geometry.shared_edges(fan[3:])) == 0
+    closed = meshes.icosphere(1)[1]
+    assert len(geometry.shared_edges(closed)) == 3 * len(closed) // 2

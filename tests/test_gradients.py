@@ -9,7 +9,6 @@ from dtrepair.transfer.gradients import (
     deformation_operator,
     degenerate_triangles,
     scaled_normals,
-    shared_edges,
     stacked,
 )
 
@@ -63,12 +62,3 @@ def test_degenerate_triangles_have_zero_rows():
     assert operator.shape == (6, 6)
     assert abs(operator[:3]).sum() == 0.0
     assert abs(operator[3:]).sum() > 0.0
-
-
-def test_shared_edges_join_all_triangles_around_an_edge():
-    fan = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4], [5, 6, 7]], dtype=np.int32)
-    found = {tuple(sorted(pair)) for pair in shared_edges(fan).tolist()}
-    assert found == {(0, 1), (0, 2), (1, 2)}
-    assert len(shared_edges(fan[3:])) == 0
-    closed = icosphere(1)[1]
-    assert len(shared_edges(closed)) == 3 * len(closed) // 2

@@ -70,7 +70,7 @@ _OPTIONS = (
         "--skip-stage",
         "skip",
         multiple=True,
-        type=click.Choice(["volume", "fill", "insist", "pull-back", "relax"]),
+        type=click.Choice(["volume", "fill", "insist", "pull-back", "relax", "unbend"]),
         help="Leave a stage of the full method out; may be given several times.",
     ),
     click.option(

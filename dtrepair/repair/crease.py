@@ -109,7 +109,7 @@ def membrane_fill(laplacian: sparse.csr_matrix, field: FloatArray, mask: BoolArr
     rows = laplacian[inner]
     known = rows @ np.where(mask[:, None], 0.0, field)
     system = rows[:, inner] + REGULAR * sparse.identity(len(inner))
-    return _replaced(field, inner, _solve(system, -known))
+    return _replaced(field, inner, solve_patch(system, -known))
 
 
 def bilaplacian_fill(
@@ -121,10 +121,11 @@ def bilaplacian_fill(
     system = rows[:, inner]
     known = rows @ np.where(mask[:, None], 0.0, field)
     normal = system.T @ system + REGULAR * sparse.identity(len(inner))
-    return _replaced(field, inner, _solve(normal, -(system.T @ known)))
+    return _replaced(field, inner, solve_patch(normal, -(system.T @ known)))
 
 
-def _solve(matrix: sparse.spmatrix, right_hand_side: FloatArray) -> FloatArray:
+def solve_patch(matrix: sparse.spmatrix, right_hand_side: FloatArray) -> FloatArray:
+    """The solution of a sparse symmetric system of a patch."""
     # Patches come and go: a general factorisation each, with an ordering for symmetric matrices.
     factor = linalg.splu(
         sparse.csc_matrix(matrix),

@@ -15,6 +15,7 @@ from dtrepair.repair.relax import STEP, relax
 from dtrepair.repair.rigid import allowed
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.tighten import distortion, pull_back, reach_of
+from dtrepair.repair.unbend import unbend
 
 # Rings within which contacts are left to the crease stage: from careful to pushing all of them.
 NEAR = (20, 12, 6, 0)
@@ -80,6 +81,8 @@ class FullMethod:
             points = run.tighten(best, self.rounds)
             if (run.limited(points) != points).any():
                 points = best.points
+            if self.rounds and "unbend" not in self.skip:
+                points = run.unbend(points, len(best.defects.folds))
         left = 0
         if self.clearance > 0.0:
             points, left = run.opened(points, self.clearance)
@@ -213,6 +216,21 @@ class _Run:
             )
             self._record("relax", points, 0, folds, cycles, start)
         return points
+
+    def unbend(self, points: FloatArray, folds: int) -> FloatArray:
+        """The tightened pose with its zipped creases opened, where that is allowed."""
+        start = time.perf_counter()
+        unbent, done = unbend(
+            self.surface,
+            self.original,
+            points,
+            folds=folds,
+            step=STEP * self.scale,
+        )
+        if done == 0 or (self.limited(unbent) != unbent).any():
+            return points
+        self._record("unbend", unbent, 0, folds, done, start)
+        return unbent
 
     def opened(self, points: FloatArray, clearance: float) -> tuple[FloatArray, int]:
         """The pose with its contacts apart by the clearance, and the pairs still closer."""

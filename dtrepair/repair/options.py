@@ -15,7 +15,7 @@ OPTIMIZERS = ("momentum-brake", "uniform-adam", "gradient-descent")
 ENERGIES = ("signed-tpe", "tpe", "point-to-plane", "conical")
 MODES = ("self", "inter", "both")
 # Stages of the full method that can be left out.
-STAGES = ("volume", "fill", "insist", "pull-back", "relax")
+STAGES = ("volume", "fill", "insist", "pull-back", "relax", "unbend")
 REST_CONTACTS = ("repair", "leave")
 
 

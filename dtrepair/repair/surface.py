@@ -17,6 +17,7 @@ from dtrepair.geometry import (
     adjacency,
     extent,
     lengths,
+    shared_edges,
     unique_edges,
 )
 from dtrepair.intersect.detector import Detector
@@ -129,6 +130,11 @@ class Surface:
     def rigidity_factor(self) -> Factor:
         """Factor of L + ANCHOR M for the as-rigid-as-possible steps."""
         return Factor(self.laplacian + ANCHOR * sparse.diags(self.mass))
+
+    @cached_property
+    def hinges(self) -> NDArray[np.int64]:
+        """Pairs (H, 2) of triangles that share an edge."""
+        return shared_edges(self.faces)
 
     @cached_property
     def cover(self) -> IntArray:

@@ -8,10 +8,9 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
-from dtrepair.geometry import FloatArray, IntArray, as_mesh, triangle_normals
+from dtrepair.geometry import FloatArray, IntArray, as_mesh, shared_edges, triangle_normals
 from dtrepair.operators import Factor
 from dtrepair.transfer.arrays import Array, like, to_numpy
-from dtrepair.transfer.gradients import shared_edges
 
 
 def identity_pairs(faces: ArrayLike, other_faces: ArrayLike | None = None) -> IntArray:

@@ -15,17 +15,14 @@ from dtrepair.geometry import (
     as_mesh,
     components,
     diagonal,
+    shared_edges,
     vector_areas,
 )
 from dtrepair.operators import Factor
 from dtrepair.transfer.alignment import similarity
 from dtrepair.transfer.arrays import Array, floating_type, like, to_numpy
 from dtrepair.transfer.closest_point import ClosestSurface
-from dtrepair.transfer.gradients import (
-    deformation_operator,
-    degenerate_triangles,
-    shared_edges,
-)
+from dtrepair.transfer.gradients import deformation_operator, degenerate_triangles
 from dtrepair.transfer.markers import checked_markers
 
 # Weights of the closest-point term, one solve each (Sumner & Popovic 2004, section 4.1).

@@ -9,12 +9,19 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from dtrepair.geometry import FloatArray, as_mesh, diagonal, triangle_areas, triangle_normals
+from dtrepair.geometry import (
+    FloatArray,
+    as_mesh,
+    diagonal,
+    shared_edges,
+    triangle_areas,
+    triangle_normals,
+)
 from dtrepair.transfer.alignment import similarity
 from dtrepair.transfer.arrays import Array, to_numpy
 from dtrepair.transfer.correspondence import checked_pairs
 from dtrepair.transfer.deformation import Transfer
-from dtrepair.transfer.gradients import shared_edges, stacked, surface_gradient
+from dtrepair.transfer.gradients import stacked, surface_gradient
 
 UNMATCHED_LIMIT = 0.005  # of the target's triangles
 UNIT_RANGE = (0.67, 1.5)

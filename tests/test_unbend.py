@@ -1,0 +1,64 @@
+"""Sharply bent edges: fewer after it, nothing else touched, and only where there are too many."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dtrepair.geometry import FloatArray
+from dtrepair.repair.contact import find_defects
+from dtrepair.repair.full import FullMethod
+from dtrepair.repair.surface import Surface
+from dtrepair.repair.unbend import bent_edges, unbend
+from tests.meshes import elbow, grid
+
+
+def folded_sheet(angle: float) -> tuple[Surface, FloatArray]:
+    """A square sheet of 40 x 40 squares and its pose folded by `angle` about its middle line."""
+    points, faces = grid(40, 40)
+    surface = Surface(points, faces)
+    pose = points / surface.size - (0.5, 0.0, 0.0)
+    right = np.maximum(pose[:, 0], 0.0)
+    pose[:, 0] = np.minimum(pose[:, 0], 0.0) + np.cos(angle) * right
+    pose[:, 2] = np.sin(angle) * right
+    return surface, pose
+
+
+def test_a_sharp_fold_opens_and_the_rest_stays() -> None:
+    surface, pose = folded_sheet(2.4)
+    assert bent_edges(surface, pose).sum() == 40
+    opened, rounds = unbend(surface, surface.rest, pose, folds=0)
+    assert rounds >= 1
+    assert bent_edges(surface, opened).sum() == 0
+    assert len(find_defects(surface, opened).crossings) == 0
+    # The surroundings of the fold are 12 rings, and a few more as the bend spreads.
+    far = np.abs(surface.rest[:, 0] - 0.5) > 18.5 / 40
+    assert np.array_equal(opened[far], pose[far])
+
+
+def test_what_was_bent_before_may_stay() -> None:
+    surface, pose = folded_sheet(2.4)
+    same, rounds = unbend(surface, pose, pose, folds=0)
+    assert rounds == 0 and same is pose
+
+
+def test_fixed_vertices_stay() -> None:
+    surface, pose = folded_sheet(2.4)
+    fixed = surface.rest[:, 1] < 0.3
+    held = Surface(surface.rest, surface.faces, mobility=np.where(fixed, 0.0, 1.0))
+    opened, rounds = unbend(held, surface.rest, pose, folds=0)
+    assert rounds > 0
+    assert np.array_equal(opened[fixed], pose[fixed])
+    assert (opened[~fixed] != pose[~fixed]).any()
+
+
+def test_a_repair_bends_no_more_edges_than_the_input_has() -> None:
+    (points, faces), (rest, _) = elbow(1.4), elbow(0.0)
+    surface = Surface(rest, faces)
+    pose = points / surface.size
+    before = bent_edges(surface, pose).sum()
+    zipped = FullMethod(surface, skip=("unbend",))(pose).points
+    assert bent_edges(surface, zipped).sum() > before
+    solved = FullMethod(surface)(pose)
+    assert solved.stages[-1].name == "unbend"
+    assert bent_edges(surface, solved.points).sum() <= before
+    assert len(find_defects(surface, solved.points).crossings) == 0

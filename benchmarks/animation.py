@@ -51,7 +51,7 @@ PARTS = {
     "buried vertices": [("inside.py", "winding_numbers")],
     "ring distances": [("queries.py", "ring_distance")],
     "diffusion solves": [("surface.py", "diffuse")],
-    "softening of creases": [("soften.py", n) for n in ("soften", "patch", "settle", "update")],
+    "softening of creases": [("soften.py", n) for n in ("__call__", "settle", "update")],
     "smoothing in time": [("timeline.py", "undamped")],
     "USD": [("reader.py", "read_points"), ("writer.py", "write"), ("writer.py", "commit")],
 }

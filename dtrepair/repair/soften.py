@@ -37,15 +37,6 @@ class Patch(NamedTuple):
     rows: sparse.csr_matrix
 
 
-def soften(patch: Patch | None, field: FloatArray) -> FloatArray:
-    """The field (V, 3) with the patch softened: least sum |L z|^2 + weight |z - field|^2."""
-    if patch is None:
-        return field
-    result = field.copy()
-    result[patch.vertices] -= _solve(patch.system, patch.rows @ field)
-    return result
-
-
 def _solve(matrix: sparse.csc_matrix, right_hand_side: FloatArray) -> FloatArray:
     # The factor, which would be used about twice, is not kept: SuperLU holds many times the memory
     # that it needs. cholespy loses some with every factor that has solved.
@@ -84,6 +75,25 @@ class Softener:
         self._wanted: Levels = crew.array(shape, np.float32)
         self._levels: dict[int, Levels] = {}
         self._patches: dict[int, Patch | None] = {}
+        self._settled: dict[int, Levels] = {}
+        self._solved: dict[int, tuple[Patch, FloatArray, FloatArray]] = {}
+
+    def __call__(self, frame: int, field: FloatArray) -> FloatArray:
+        """The field (V, 3) softened in a frame: least sum |L z|^2 + weight |z - field|^2.
+
+        Frames whose patch and surroundings are as they were keep their last solution.
+        """
+        patch = self.patch(frame)
+        if patch is None:
+            return field
+        right = patch.rows @ field
+        known = self._solved.get(frame)
+        if known is None or known[0] is not patch or not np.array_equal(known[1], right):
+            known = patch, right, _solve(patch.system, right)
+            self._solved[frame] = known
+        result = field.copy()
+        result[patch.vertices] -= known[2]
+        return result
 
     def hit(self, frame: int, vertices: BoolArray) -> None:
         """Raise the level of vertices (V,) of a frame."""
@@ -107,7 +117,10 @@ class Softener:
 
     def settle(self, frame: int) -> None:
         """Spread the new levels of a frame over the mesh; a change asks for a new patch."""
+        if np.array_equal(self._settled.get(frame, ()), self._wanted[frame]):
+            return
         wanted = self._wanted[frame].copy()
+        self._settled[frame] = self._wanted[frame].copy()
         if wanted.max() > 0:
             wanted = np.minimum(spread_rings(self.surface, wanted), self.highest)
             wanted[self.surface.stiff] = 0.0
@@ -122,7 +135,7 @@ class Softener:
         return self._levels[frame]
 
     def patch(self, frame: int) -> Patch | None:
-        """What `soften` needs for a frame; None where nothing is softened."""
+        """What a frame has to solve; None where nothing is softened."""
         if frame not in self._patches:
             self._patches[frame] = self._factored(self.levels(frame))
         return self._patches[frame]

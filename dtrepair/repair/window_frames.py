@@ -14,7 +14,7 @@ from dtrepair.repair.crew import Crew
 from dtrepair.repair.mend import mend
 from dtrepair.repair.regional import regional_push
 from dtrepair.repair.rigid import allowed
-from dtrepair.repair.soften import Softener, soften
+from dtrepair.repair.soften import Softener
 from dtrepair.repair.surface import BoolArray, Surface
 from dtrepair.repair.timeline import undamped
 
@@ -105,8 +105,8 @@ class WindowFrames:
         """Make the pose of a frame from the unknowns; its pairs."""
         self.closes.settle(frame)
         self.folds.settle(frame)
-        moved = soften(self.closes.patch(frame), self.smooth[frame])
-        shape = soften(self.folds.patch(frame), self.original[frame] + moved) + self.extra[frame]
+        moved = self.closes(frame, self.smooth[frame])
+        shape = self.folds(frame, self.original[frame] + moved) + self.extra[frame]
         self.poses[frame] = allowed(surface.rigid, self.original[frame], shape, self.farthest)
         return self.pairs(surface, frame)
 

@@ -171,3 +171,27 @@ def test_rays_count_entries_down_and_exits_up() -> None:
         faces = np.array([[0, 1, 2], order], dtype=np.int32)
         crossings = queries_of((points, faces)).crossings(rounded(points), origins, up)
         assert crossings.tolist() == [sign_of, 0]
+
+
+def test_a_vertex_that_is_wound_twice_is_looked_at() -> None:
+    # Sixteen triangles of 45 degrees go around the vertex twice, on a spiral that rises and drops:
+    # all face up, and yet the two turns cross.
+    angle = np.arange(16) * np.pi / 4
+    height = 0.2 * np.sin(angle / 2)
+    rim = np.stack([np.cos(angle), np.sin(angle), height], axis=1)
+    points = np.concatenate([rim, np.zeros((1, 3))])
+    faces = np.array([(16, k, (k + 1) % 16) for k in range(16)], dtype=np.int32)
+    assert len(Queries(Detector(points, faces)).folds(points.astype(np.float32))) > 0
+    flat = np.stack([np.cos(angle / 2), np.sin(angle / 2), height], axis=1)
+    points = np.concatenate([flat, np.zeros((1, 3))])
+    assert len(Queries(Detector(points, faces)).folds(points.astype(np.float32))) == 0
+
+
+def test_vector_areas_are_those_of_the_triangles_around() -> None:
+    points, faces = torus()
+    corners = points[faces]
+    area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    expected = np.zeros_like(points)
+    np.add.at(expected, faces.ravel(), np.repeat(area / 3.0, 3, axis=0))
+    found = Queries(Detector(points, faces)).vector_areas(points)
+    assert np.abs(found - expected).max() < 1e-15

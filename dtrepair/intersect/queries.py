@@ -44,13 +44,9 @@ class Queries:
         mask = np.ones(self._detector.vertex_count, bool) if active is None else active
         positions = self._array(points, warp.vec3f)
         bent = warp.empty(len(mask), dtype=warp.uint8, device="cpu")
-        inputs = [
-            positions,
-            self._faces,
-            *self._corners,
-            self._array(mask.view(np.uint8), warp.uint8),
-        ]
-        warp.launch(self._kernels.find_bent, dim=len(mask), inputs=[*inputs, bent], device="cpu")
+        inputs = [positions, self._corners[0], *self._rings]
+        inputs += [self._array(mask.view(np.uint8), warp.uint8), bent]
+        warp.launch(self._kernels.find_bent, dim=len(mask), inputs=inputs, device="cpu")
         rows = self._fan_rows(np.flatnonzero(bent.numpy()))
         folded = warp.empty(len(rows), dtype=warp.uint8, device="cpu")
         inputs = [positions, self._faces, self._fan_array, self._array(rows, warp.int32), folded]
@@ -140,6 +136,23 @@ class Queries:
             self._array(starts.astype(np.int32), self._warp.int32),
             self._array(order, self._warp.int32),
         )
+
+    @cached_property
+    def _rings(self) -> tuple[Any, Any]:
+        """The next two vertices at each corner of `_corners`; which vertices they enclose (V,).
+
+        A vertex is enclosed if each neighbour starts one triangle around it and ends another.
+        """
+        count, corners = self._detector.vertex_count, self._corners[1].numpy()
+        faces, at = self._detector.faces[corners // 3], corners % 3
+        rows = np.arange(len(corners))
+        vertex, start, end = (faces[rows, (at + k) % 3] for k in range(3))
+        starts, ends = (np.sort(vertex.astype(np.int64) * count + w) for w in (start, end))
+        closed = np.ones(count, dtype=np.uint8)
+        closed[np.setxor1d(starts, ends) // count] = 0
+        closed[starts[1:][starts[1:] == starts[:-1]] // count] = 0
+        ring = np.stack([start, end], axis=1)
+        return self._array(ring, self._warp.vec2i), self._array(closed, self._warp.uint8)
 
     @cached_property
     def _fans(self) -> IntArray:

@@ -35,43 +35,47 @@ def segment_meets(p: wp.vec3d, q: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3
 @wp.kernel
 def find_bent(
     points: wp.array(dtype=wp.vec3f),
-    faces: wp.array(dtype=wp.vec3i),
     indptr: wp.array(dtype=wp.int32),
-    corners: wp.array(dtype=wp.int32),
+    ring: wp.array(dtype=wp.vec2i),
+    closed: wp.array(dtype=wp.uint8),
     active: wp.array(dtype=wp.uint8),
     bent: wp.array(dtype=wp.uint8),
 ):
     """Marks the active vertices around which triangles could fold; one thread a vertex.
 
-    Where every triangle around a vertex faces within 80 degrees of their mean normal, and goes
-    around it once, they lie over a plane side by side and cannot fold.
+    Where every triangle of a closed ring faces within 80 degrees of their mean normal, and goes
+    around it once, they lie over a plane side by side and cannot fold. It goes around more often
+    if another triangle lies over the first edge; seen along the normal, that edge has the start of
+    such a triangle to its right and the end to its left.
     """
     v = wp.tid()
     bent[v] = wp.uint8(0)
     if active[v] == wp.uint8(0):
         return
+    first = indptr[v]
+    last = indptr[v + 1]
     mean = wp.vec3f()
-    turn = float(0.0)
-    for k in range(indptr[v], indptr[v + 1]):
-        f = faces[corners[k] / 3]
-        corner = corners[k] % 3
-        u = points[f[(corner + 1) % 3]] - points[v]
-        w = points[f[(corner + 2) % 3]] - points[v]
-        mean += wp.cross(u, w)
-        # 1 - cos is 0.64 to 1 times the angle in right angles: enough to tell one turn from two.
-        turn += 1.0 - wp.dot(u, w) / wp.sqrt(wp.dot(u, u) * wp.dot(w, w))
-    folded = not turn < 5.0
-    for k in range(indptr[v], indptr[v + 1]):
-        f = faces[corners[k] / 3]
-        corner = corners[k] % 3
-        u = points[f[(corner + 1) % 3]] - points[v]
-        w = points[f[(corner + 2) % 3]] - points[v]
-        normal = wp.cross(u, w)
-        facing = wp.dot(normal, mean)
-        if not (
-            facing > 0.0 and facing * facing > 0.03 * wp.dot(normal, normal) * wp.dot(mean, mean)
-        ):
-            folded = True
+    longest = float(0.0)
+    for k in range(first, last):
+        u = points[ring[k][0]] - points[v]
+        mean += wp.cross(u, points[ring[k][1]] - points[v])
+        longest = wp.max(longest, wp.dot(u, u))
+    folded = closed[v] == wp.uint8(0)
+    if not folded:
+        start = ring[first][0]
+        right = wp.cross(points[start] - points[v], mean)
+        margin = 1.0e-5 * wp.sqrt(wp.dot(right, right) * longest)
+        least = 0.03 * wp.dot(mean, mean)
+        for k in range(first, last):
+            u = points[ring[k][0]] - points[v]
+            w = points[ring[k][1]] - points[v]
+            normal = wp.cross(u, w)
+            facing = wp.dot(normal, mean)
+            if not (facing > 0.0 and facing * facing > least * wp.dot(normal, normal)):
+                folded = True
+            if k > first and ring[k][1] != start:
+                if wp.dot(u, right) > -margin and wp.dot(w, right) < margin:
+                    folded = True
     if folded:
         bent[v] = wp.uint8(1)
 

@@ -54,14 +54,18 @@ class Gaps:
         """Number of gaps."""
         return len(self.keys)
 
-    def add_defects(self, defects: Defects) -> None:
-        """Gaps of pairs that a step made cross; those that are known already get stiffer."""
+    def add_defects(self, defects: Defects) -> int:
+        """Gaps of pairs that a step made cross; those that are known already get stiffer.
+
+        The number of both together.
+        """
         faces = self.surface.faces
         folds = pair_keys(defects.folds)
         keys = np.concatenate([pair_keys(defects.crossings), folds, -folds])
         corners = [faces[defects.crossings].reshape(-1, 6), *_fold_corners(faces, defects.folds)]
         self._harder[np.isin(self.keys, keys)] *= STIFFER
         self._insert(keys, np.concatenate(corners))
+        return len(keys)
 
     def add_facing(self, points: FloatArray, areas: FloatArray, radius: float) -> NDArray[np.int64]:
         """Gaps between movable vertices and the triangles in front of them; their keys.

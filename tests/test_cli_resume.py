@@ -32,9 +32,9 @@ def windows(monkeypatch):
     solved = []
     solve = ShotMethod.__call__
 
-    def counted(self, *arguments):
+    def counted(self, *arguments, **options):
         solved.append(1)
-        return solve(self, *arguments)
+        return solve(self, *arguments, **options)
 
     monkeypatch.setattr(ShotMethod, "__call__", counted)
     return solved

@@ -8,7 +8,7 @@ import pytest
 from dtrepair import Body, SceneRepairer, Status
 from dtrepair.geometry import unique_edges
 from dtrepair.metrics import edge_log_ratio
-from dtrepair.repair import animation, shot
+from dtrepair.repair import animation, shot, stiffen
 from tests.meshes import icosphere
 
 BALL, BALL_FACES = icosphere(2)
@@ -47,7 +47,28 @@ def test_a_stiff_body_hardly_bends(mobility: float, monkeypatch: pytest.MonkeyPa
     assert stiff < 0.8 * bent
 
 
-def test_a_soft_body_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_stretches_a_soft_body_is_evened_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    soft = bending(99.0)
+    monkeypatch.setattr(shot, "stiffen_frames", lambda state: None)
+    assert soft < 0.95 * bending(99.0)
+
+
+def test_a_soft_body_that_is_hardly_stretched_is_left_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(stiffen, "LITTLE", 1.0)
     soft = bending(99.0)
     monkeypatch.setattr(shot, "stiffen_frames", lambda state: None)
     assert soft == bending(99.0)
+
+
+def test_pinned_vertices_of_a_stiff_body_hold() -> None:
+    pin = np.zeros(len(ROD))
+    pin[ROD[:, 2] > 0.6] = 1.0
+    depth = 0.5 * np.cos(np.linspace(-1.6, 1.6, 8))
+    poses = [[BALL, ROD + np.array([0.3, 0.1, 1.75 - d])] for d in depth]
+    bodies = [Body(BALL, BALL_FACES), Body(ROD, ROD_FACES, diffusion=999.0, pin=pin)]
+    frames = list(SceneRepairer(bodies).animator.stream(list(enumerate(poses)), jobs=1))
+    for frame, (_, before) in zip(frames, poses, strict=True):
+        assert np.array_equal(frame.results[1].points[pin > 0], before[pin > 0])
+    assert frames[4].results[1].displacement_max > 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -219,12 +220,36 @@ class _Stream:
         if any(len(frame.caught) for frame in frames):
             caught = [frame.caught for frame in frames]
             starts = list(released_frames(self.scene, np.stack(starts), caught, times))
-        pairs = [frame.pairs for frame in frames]
-        starts = list(parted_frames(self.scene, system, np.stack(starts), pairs, times))
+        part = partial(
+            parted_frames,
+            self.scene,
+            system,
+            np.stack(starts),
+            [frame.pairs for frame in frames],
+            times,
+        )
+        led = part()
+        # Contacts of sheets are led apart only where pushing did not solve them.
+        found = self._shot(system, led, times, unless=lambda: not np.array_equal(part(True), led))
+        if found is None:
+            found = self._shot(system, part(True), times)
+        assert found is not None
+        return found
+
+    def _shot(
+        self,
+        system: System,
+        starts: FloatArray,
+        times: FloatArray,
+        unless: Callable[[], bool] | None = None,
+    ) -> list[FloatArray] | None:
+        """Repaired poses (V, 3) of starts (T, V, 3); None where `unless` ended it."""
         unit = np.stack([reduced(system, start) for start in starts])
-        jobs = worthwhile_jobs(self.jobs, len(frames), len(system.surface.faces))
+        jobs = worthwhile_jobs(self.jobs, len(starts), len(system.surface.faces))
         with make_crew(system.surface, jobs) as crew:
-            found = self.animator.method(system)(unit, times, crew)
+            found = self.animator.method(system)(unit, times, crew, unless=unless)
+        if found is None:
+            return None
         return [
             expanded(system, start, before, after)
             for start, before, after in zip(starts, unit, found, strict=True)

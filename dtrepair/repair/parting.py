@@ -21,9 +21,11 @@ if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer
     from dtrepair.repair.system import System
 
-# A body pierces another where it is deeper inside than this many times its own thickness and, if
-# it is not stiff, with at least this part of its vertices.
-DEEP, PART = 1.0, 0.1
+# A body pierces another where it is deeper inside than this many times its own thickness; if it is
+# not stiff, at least this part of the vertices of either must be inside of the other: a character
+# does not move as a whole for a hand in a wall. Of a rod or a blade what is inside is deeper than
+# this many times its width, of a sheet it is not.
+DEEP, PART, SLENDER = 1.0, 0.1, 3.0
 # A shift much longer than the contact is deep is no way out of it: rings and belts stay where they
 # are, and so do layers, of which at least this part covers the other body.
 REACH, COVERING = 2.5, 0.3
@@ -50,17 +52,19 @@ def parted_frames(
     poses: FloatArray,
     pairs: Sequence[IntArray],
     frames: FloatArray,
+    sheets: bool = False,
 ) -> FloatArray:
     """Poses (T, V, 3) at `frames` (T,) with bodies that pierce each other led apart, steadily.
 
     All frames of a contact leave along one way, as far as each needs; before and after, the shift
     comes and goes smoothly. `pairs` (K, 2) of triangles of each frame tell who meets. What has a
-    preferred direction, or a largest displacement, is left to the contacts.
+    preferred direction, or a largest displacement, is left to the contacts, and so are soft sheets,
+    which are better dented, unless `sheets` asks for them.
     """
     limited = scene.options.maximum_displacement is not None
     if len(scene.bodies) == 1 or limited or scene.options.method == "paper":
         return poses
-    parting = _Parting(scene, system, poses, frames)
+    parting = _Parting(scene, system, poses, frames, sheets)
     for contact in parting.contacts(pairs):
         parting.part(contact)
     return parting.poses
@@ -70,9 +74,14 @@ class _Parting:
     """The frames of a window while one contact after the other is led apart."""
 
     def __init__(
-        self, scene: SceneRepairer, system: System, poses: FloatArray, frames: FloatArray
+        self,
+        scene: SceneRepairer,
+        system: System,
+        poses: FloatArray,
+        frames: FloatArray,
+        sheets: bool,
     ) -> None:
-        self.scene, self.system, self.frames = scene, system, frames
+        self.scene, self.system, self.frames, self.sheets = scene, system, frames, sheets
         self.poses = poses
         self.shapes: dict[int, Shape] = {}
 
@@ -161,7 +170,7 @@ class _Parting:
 
     def _pierced(self, contact: Contact, mine: Inside, theirs: Inside) -> bool:
         """Whether one of the bodies is deep in the other, and neither covers the other."""
-        deep = False
+        deep, large = False, max(mine.part, theirs.part) >= PART
         sides = ((contact.first, contact.second, mine), (contact.second, contact.first, theirs))
         for inner, outer, found in sides:
             if len(found.vertices) == 0:
@@ -173,7 +182,8 @@ class _Parting:
                 return False
             stiff = body.rigid or (body.diffusion or self.scene.options.diffusion) >= STIFF
             thick = DEEP * self._shape(inner).thickness
-            deep |= found.depth > thick and (stiff or found.part >= PART)
+            moved = stiff or (large and (self.sheets or found.depth > SLENDER * found.width))
+            deep |= found.depth > thick and moved
         return deep
 
     def _shares(self, first: int, second: int) -> tuple[float, float] | None:

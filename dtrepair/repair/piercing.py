@@ -48,10 +48,15 @@ class Shape:
 
 
 class Inside(NamedTuple):
-    """Vertices of one body inside another, how deep the deepest is, and which part they are."""
+    """Vertices of one body inside another.
+
+    How deep the deepest is, the root mean square of their second widest extent, and which part of
+    the body they are.
+    """
 
     vertices: Vertices
     depth: float
+    width: float
     part: float
 
 
@@ -60,7 +65,7 @@ def find_inside(points: FloatArray, inner: Shape, outer: Shape) -> Inside:
 
     Nothing is inside a body that is not closed.
     """
-    none = Inside(np.zeros(0, dtype=np.int64), 0.0, 0.0)
+    none = Inside(np.zeros(0, dtype=np.int64), 0.0, 0.0, 0.0)
     if not outer.closed:
         return none
     around = points[outer.vertices]
@@ -74,8 +79,10 @@ def find_inside(points: FloatArray, inner: Shape, outer: Shape) -> Inside:
     if len(found) == 0:
         return none
     depth = float(cKDTree(around).query(points[found])[0].max())
+    offsets = points[found] - points[found].mean(axis=0)
+    width = float(np.linalg.svd(offsets, compute_uv=False)[1:2].sum()) / len(found) ** 0.5
     part = len(found) / len(looked) * len(near) / len(inner.vertices)
-    return Inside(found, depth, part)
+    return Inside(found, depth, width, part)
 
 
 class Piercing:

@@ -18,6 +18,7 @@ from dtrepair.repair.release import caught_parts, released
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer
+    from dtrepair.repair.system import System
 
 Item = TypeVar("Item")
 
@@ -83,12 +84,38 @@ def _solved(scene: SceneRepairer, opened: list[Opened]) -> list[tuple[FloatArray
     found: dict[int, tuple[FloatArray, Solved]] = {}
     for system in {id(system): system for system in systems}.values():
         own = [k for k, other in enumerate(systems) if other is system]
-        lone = np.zeros(1)
-        parted = [
-            parted_frames(scene, system, starts[k][None], [opened[k].pairs], lone)[0] for k in own
-        ]
+        parted = [_parted(scene, system, starts[k], opened[k]) for k in own]
         found.update(zip(own, system.solve(parted), strict=True))
+        for k, start in zip(own, parted, strict=True) if len(scene.bodies) > 1 else ():
+            found[k] = _freed(scene, system, found[k], start, starts[k], opened[k])
     return [found[k] for k in range(len(opened))]
+
+
+def _parted(
+    scene: SceneRepairer, system: System, start: FloatArray, pose: Opened, *, sheets: bool = False
+) -> FloatArray:
+    """The start (V, 3) with bodies that pierce each other led apart."""
+    return parted_frames(scene, system, start[None], [pose.pairs], np.zeros(1), sheets)[0]
+
+
+def _freed(
+    scene: SceneRepairer,
+    system: System,
+    found: tuple[FloatArray, Solved],
+    parted: FloatArray,
+    start: FloatArray,
+    pose: Opened,
+) -> tuple[FloatArray, Solved]:
+    """What was found from `parted`; where it has pairs, from the start with sheets led apart."""
+    left = scene._pairs(found[0], scene._weld(found[0]))
+    if len(left) == 0:
+        return found
+    other = _parted(scene, system, start, pose, sheets=True)
+    if np.array_equal(other, parted):
+        return found
+    again = system.solve([other])[0]
+    better = len(scene._pairs(again[0], scene._weld(again[0]))) < len(left)
+    return again if better else found
 
 
 def _closed(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from itertools import chain
@@ -73,18 +73,26 @@ class _RememberingShot(ShotMethod):
         self.__dict__.update(method.__dict__)
         self._method, self._memory = method, memory
 
-    def __call__(self, original: FloatArray, frames: FloatArray, crew: Crew) -> FloatArray:
-        """Repaired poses (T, V, 3) of poses at times in frame units."""
+    def __call__(
+        self,
+        original: FloatArray,
+        frames: FloatArray,
+        crew: Crew,
+        *,
+        unless: Callable[[], bool] | None = None,
+    ) -> FloatArray | None:
+        """Repaired poses (T, V, 3) of poses at times in frame units; None if `unless` says so."""
         key = hash_of(original, frames, self.surface.faces, self.surface.rest)
         kept = self._memory.recall(key)
         if kept is not None:
             found = original.copy()
             found[:, kept["vertices"]] = kept["points"]
             return found
-        found = self._method(original, frames, crew)
-        vertices = np.flatnonzero((found != original).any(axis=(0, 2)))
-        self._memory.keep(key, {"vertices": vertices, "points": found[:, vertices]})
-        return found
+        solved = self._method(original, frames, crew, unless=unless)
+        if solved is not None:
+            vertices = np.flatnonzero((solved != original).any(axis=(0, 2)))
+            self._memory.keep(key, {"vertices": vertices, "points": solved[:, vertices]})
+        return solved
 
 
 def repair_each(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from dtrepair.geometry import FloatArray
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.spacetime import Snapshot, SpaceTime
-from dtrepair.repair.stiffen import stiffen_frames
+from dtrepair.repair.stiffen import stiffen_frames, stretch
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.timeline import (
     apply_in_time,
@@ -42,7 +43,7 @@ BACK_WIDTH, BACK_TRIES = 2.0, 4
 # Levels of folds fall by this in a cycle.
 LEVEL_FALL = 0.8
 # A cycle must lower the cost to this part; the cost counts jitter so many times the displacement.
-PULL_GAIN, JITTER_WEIGHT = 0.995, 6.0
+PULL_GAIN, JITTER_WEIGHT, EDGE_WEIGHT = 0.995, 6.0, 0.25
 # Displacements below this (units of the size) are left out; up to twice this they fade in. Around
 # what that would close they come back, fading out over these rings, try by try.
 STILL, EASE_RINGS = 1e-4, (3, 6)
@@ -79,8 +80,18 @@ class ShotMethod:
         self.surface, self.alone, self.tighten = surface, alone, tighten
         self.farthest, self.clearance = farthest, clearance
 
-    def __call__(self, original: FloatArray, frames: FloatArray, crew: Crew) -> FloatArray:
-        """Repaired poses (T, V, 3) of poses at times in frame units; dirty where none was found."""
+    def __call__(
+        self,
+        original: FloatArray,
+        frames: FloatArray,
+        crew: Crew,
+        *,
+        unless: Callable[[], bool] | None = None,
+    ) -> FloatArray | None:
+        """Repaired poses (T, V, 3) of poses at times in frame units; dirty where none was found.
+
+        unless: asked where pushing leaves frames dirty; None is returned if it says so.
+        """
         state = SpaceTime(
             self.surface,
             original,
@@ -93,6 +104,8 @@ class ShotMethod:
         if not state.dirty:
             return original
         push(state)
+        if state.dirty and unless is not None and unless():
+            return None
         state.forget_clearance()
         mend_frames(state)
         steady_frames(state)
@@ -239,11 +252,15 @@ def _blend_back(state: SpaceTime, best: Snapshot) -> None:
 
 
 def _cost(state: SpaceTime) -> float:
-    """What tightening lowers: mean displacement and rms second difference, weighted."""
+    """What tightening lowers: mean displacement and rms second difference, weighted; and edges."""
     moved = state.poses - state.original
     second = np.diff(moved, 2, axis=0)
     jitter = float(np.sqrt((second**2).sum(axis=2).mean())) if len(second) else 0.0
-    return float(np.linalg.norm(moved, axis=2).mean()) + JITTER_WEIGHT * jitter
+    cost = float(np.linalg.norm(moved, axis=2).mean()) + JITTER_WEIGHT * jitter
+    if len(state.surface.bodies) > 1:
+        # Of several bodies one may move much and another be stretched thin.
+        cost += EDGE_WEIGHT * stretch(state, state.surface.edges)
+    return cost
 
 
 def eased(state: SpaceTime) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Bodies of a high diffusion move more as one piece: what bends them is taken back."""
+"""Bodies of a scene keep their shape: what bends or stretches them in a clip is taken back."""
 
 from __future__ import annotations
 
@@ -13,37 +13,42 @@ from dtrepair.repair.timeline import gaussian_kernel, spread_in_time
 # From this diffusion on a body of a scene is stiff.
 STIFF = 300.0
 # Part of the bending that is taken back at first, its decay where that failed, and cycles.
-FRACTION, DECAY, CYCLES = 0.6, 0.4, 8
+FRACTION, DECAY, CYCLES, SOFT_CYCLES = 0.6, 0.4, 8, 3
+# Edges of soft bodies that changed by less are left alone; a smaller part is not worth a cycle.
+LITTLE, LEAST = 0.015, 0.1
 # What collides then is pushed in such steps over such a width; edges must gain this much.
 STEP, SWEEPS, WIDTH, GAIN = 0.003, 8, 3.5, 0.97
 
 
 def stiffen_frames(state: SpaceTime) -> None:
-    """Take back what is no rigid motion of stiff bodies, push what collides, keep what is better.
+    """Take back what deforms bodies, push what collides, keep what is better.
 
     The displacement of a stiff body is split into the nearest rigid motion and the rest, its
-    bending; a steep operator alone bends a body that should turn.
+    bending: a steep operator alone bends a body that should turn. That of a soft one is split into
+    an even part and the rest, which stretches the sides of thin layers.
     """
     surface = state.surface
-    ranges = [
+    if len(surface.bodies) == 1 or state.dirty:
+        return
+    stiff = [
         (body.start, body.stop)
         for body in surface.bodies
-        if body.diffusion >= STIFF and not body.rigid and not surface.fixed[body.start]
+        if body.diffusion >= STIFF and not body.rigid
     ]
-    if len(surface.bodies) == 1 or not ranges or state.dirty:
-        return
-    whole = RigidBodies(ranges, surface.mass)
-    edges = surface.edges[whole.mask[surface.edges[:, 0]]]
-    best, value = state.snapshot(), _stretch(state, edges)
+    whole = RigidBodies(stiff, surface.mass)
+    edges = surface.edges[~surface.stiff[surface.edges[:, 0]]]
+    best, value = state.snapshot(), stretch(state, edges)
     kernel = gaussian_kernel(state.frames, WIDTH)
     fraction = np.full(len(state.frames), FRACTION)
-    for _ in range(CYCLES):
+    for _ in range(CYCLES if stiff else SOFT_CYCLES):
+        if (not stiff and value < LITTLE) or fraction.max() < LEAST:
+            break
         _unbent(state, best, whole, fraction)
         for _ in range(SWEEPS):
             if not state.dirty:
                 break
             state.sweep(kernel, STEP)
-        found = _stretch(state, edges)
+        found = stretch(state, edges)
         if not state.dirty and found < GAIN * value:
             best, value = state.snapshot(), found
             continue
@@ -59,12 +64,15 @@ def _unbent(state: SpaceTime, best: Snapshot, whole: RigidBodies, fraction: Floa
     """Set the state to the best one less fractions (T,) of what bends the bodies."""
     smooth = best.smooth.copy()
     for frame, (before, after) in enumerate(zip(state.original, state.poses, strict=True)):
-        smooth[frame] -= fraction[frame] * (after - whole.fitted(before, after))
+        even = before + state.surface.evened(after - before)
+        even[whole.mask] = whole.fitted(before, after)[whole.mask]
+        even[state.surface.fixed] = after[state.surface.fixed]
+        smooth[frame] -= fraction[frame] * (after - even)
     state.restore(best._replace(smooth=smooth))
 
 
-def _stretch(state: SpaceTime, edges: IntArray) -> float:
-    """Root mean square over the frames of the change of the edges' lengths."""
+def stretch(state: SpaceTime, edges: IntArray) -> float:
+    """Root mean square over the frames of the logarithms of the edges' length ratios."""
     pairs = zip(state.original, state.poses, strict=True)
     squares = [edge_log_ratio(before, after, edges) ** 2 for before, after in pairs]
     return float(np.sqrt(np.mean(squares)))

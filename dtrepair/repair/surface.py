@@ -162,6 +162,15 @@ class Surface:
         self.rigid.moved(self.rest if points is None else points, field, result)
         return result
 
+    def evened(self, field: FloatArray) -> FloatArray:
+        """A^-1 M applied to a field (V, 3) of each body: what is constant stays as it is."""
+        result = field.copy()
+        for body, factor in zip(self.bodies, self._diffusion_factors, strict=True):
+            own = slice(body.start, body.stop)
+            if factor is not None and field[own].any():
+                result[own] = factor(self.mass[own, None] * field[own])
+        return result
+
     def written(self, points: FloatArray) -> NDArray[np.float32]:
         """Points in units of `size` as the float32 coordinates that are counted and written."""
         return (points * self.size).astype(np.float32)

@@ -220,14 +220,8 @@ class _Stream:
         if any(len(frame.caught) for frame in frames):
             caught = [frame.caught for frame in frames]
             starts = list(released_frames(self.scene, np.stack(starts), caught, times))
-        part = partial(
-            parted_frames,
-            self.scene,
-            system,
-            np.stack(starts),
-            [frame.pairs for frame in frames],
-            times,
-        )
+        pairs = [frame.pairs for frame in frames]
+        part = partial(parted_frames, self.scene, system, np.stack(starts), pairs, times)
         led = part()
         # Contacts of sheets are led apart only where pushing did not solve them.
         found = self._shot(system, led, times, unless=lambda: not np.array_equal(part(True), led))

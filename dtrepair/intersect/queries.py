@@ -84,17 +84,14 @@ class Queries:
 
         Each exit counts 1 and each entry -1; triangles at the vertex do not count.
         """
-        warp, detector = self._warp, self._detector
-        tree = detector.tree
-        assert tree is not None
+        warp = self._warp
         result = warp.empty(len(vertices), dtype=warp.int32, device="cpu")
         positions = warp.array(points[None], dtype=warp.vec3f, device="cpu", copy=False)
         low, high = self._node_boxes(points)
-        inputs = [positions, self._array(detector.faces[tree.order], warp.vec3i)]
-        inputs += [self._array(tree.leaf_start, warp.int32), self._array(tree.skip, warp.int32)]
+        inputs = [positions, *self._tree]
         inputs += [low, high, self._array(vertices.astype(np.int32), warp.int32)]
         inputs += [self._array(directions, warp.vec3d), result]
-        self._warp.launch(self._kernels.cast_rays, dim=len(vertices), inputs=inputs, device="cpu")
+        warp.launch(self._kernels.cast_rays, dim=len(vertices), inputs=inputs, device="cpu")
         return result.numpy()
 
     def vector_areas(self, points: FloatArray) -> FloatArray:
@@ -120,6 +117,14 @@ class Queries:
         inputs += [half, RING_LIMIT - half, *scratch, queue, distance]
         warp.launch(self._kernels.ring_distances, dim=1, inputs=inputs, device="cpu")
         return distance.numpy()
+
+    @cached_property
+    def _tree(self) -> list[Any]:
+        """Triangles in leaf order, first of each leaf, skip links."""
+        tree = self._detector.tree
+        assert tree is not None
+        links = [self._array(part, self._warp.int32) for part in (tree.leaf_start, tree.skip)]
+        return [self._array(self._detector.faces[tree.order], self._warp.vec3i), *links]
 
     @cached_property
     def _adjacency(self) -> tuple[Any, Any]:

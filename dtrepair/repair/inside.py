@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray, triangle_normals
-from dtrepair.repair.surface import BoolArray, Surface, link_labels
+from dtrepair.geometry import FloatArray, IntArray, dots, lengths, triangle_normals
+from dtrepair.repair.surface import BoolArray, Surface, link_labels, pair_keys
 
 # Rays a component; odd, so that the median is a vote.
 RAYS = 7
@@ -34,7 +34,7 @@ def winding_numbers(surface: Surface, points: FloatArray, pairs: IntArray) -> In
     fractions = np.linspace(0.03, 0.97, RAYS)
     picked = order[starts[:, None] + (fractions * sizes[:, None]).astype(np.int64)].ravel()
     normals = surface.vector_areas(points)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-30
+    normals /= lengths(normals)[:, None] + 1e-30
     noise = np.random.default_rng(0).normal(size=(len(picked), 3))
     rays = normals[picked] + RAY_NOISE * noise
     crossings = surface.queries.crossings(surface.written(points), picked.astype(np.int32), rays)
@@ -50,10 +50,11 @@ def _pieces(surface: Surface, points: FloatArray, pairs: IntArray) -> IntArray:
     # the next must do so here too.
     rounded = surface.written(points).astype(np.float64)
     cut = crossing_edges(rounded, surface.faces, np.concatenate([pairs, folds]))
-    keys = surface.edges[:, 0].astype(np.int64) * surface.count + surface.edges[:, 1]
-    kept = ~np.isin(keys, cut[:, 0].astype(np.int64) * surface.count + cut[:, 1])
+    kept = np.ones(len(surface.edges), dtype=bool)
+    kept[np.searchsorted(surface.edge_keys, pair_keys(cut))] = False
     # The shared vertex of a fold lies on the cut itself.
-    kept &= ~_shared_vertices(surface, folds)[surface.edges].any(axis=1)
+    shared = _shared_vertices(surface, folds)
+    kept &= ~(shared[surface.edges[:, 0]] | shared[surface.edges[:, 1]])
     return link_labels(surface.edges[kept], surface.count)
 
 
@@ -73,8 +74,8 @@ def crossing_edges(points: FloatArray, faces: IntArray, pairs: IntArray) -> IntA
         for corner in range(3):
             ends = faces[pairs[:, mine]][:, [corner, (corner + 1) % 3]]
             p, q = points[ends[:, 0]], points[ends[:, 1]]
-            s = np.einsum("ij,ij->i", normal, p - triangle[:, 0])
-            t = np.einsum("ij,ij->i", normal, q - triangle[:, 0])
+            s = dots(normal, p - triangle[:, 0])
+            t = dots(normal, q - triangle[:, 0])
             crosses = np.flatnonzero((s > 0) != (t > 0))
             weight = (s[crosses] / (s[crosses] - t[crosses]))[:, None]
             hit = p[crosses] + weight * (q[crosses] - p[crosses])
@@ -88,8 +89,8 @@ def _within(hit: FloatArray, triangle: FloatArray, normal: FloatArray) -> BoolAr
     inside = np.ones(len(hit), dtype=bool)
     for k in range(3):
         edge = triangle[:, (k + 1) % 3] - triangle[:, k]
-        height = np.einsum("ij,ij->i", normal, np.cross(edge, hit - triangle[:, k]))
-        inside &= height >= -EDGE_MARGIN * np.einsum("ij,ij->i", edge, edge)
+        height = dots(normal, np.cross(edge, hit - triangle[:, k]))
+        inside &= height >= -EDGE_MARGIN * dots(edge, edge)
     return inside
 
 

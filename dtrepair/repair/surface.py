@@ -142,6 +142,11 @@ class Surface:
         return covered_vertices(self)
 
     @cached_property
+    def edge_keys(self) -> NDArray[np.int64]:
+        """One number (E,) for each edge, as `pair_keys`, ascending."""
+        return pair_keys(self.edges)
+
+    @cached_property
     def incidence(self) -> sparse.csr_matrix:
         """(V, F) with 1 where a triangle has a vertex."""
         columns = np.repeat(np.arange(len(self.faces)), 3)

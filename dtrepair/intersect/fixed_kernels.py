@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dtrepair.device import start_warp
-from dtrepair.intersect.kernels import share_vertex
-from dtrepair.intersect.predicates import APART, classify
+from dtrepair.intersect.kernels import classified, share_vertex
+from dtrepair.intersect.predicates import APART
 
 wp = start_warp()
 wp.set_module_options({"enable_backward": False, "fast_math": False})
@@ -58,16 +58,7 @@ def keep_intersecting(
     u = wp.max(order[i], order[j])
     if counted[group[t], group[u]] == wp.uint8(0):
         return
-    a = faces[i]
-    b = faces[j]
-    found = classify(
-        points[frame, a[0]],
-        points[frame, a[1]],
-        points[frame, a[2]],
-        points[frame, b[0]],
-        points[frame, b[1]],
-        points[frame, b[2]],
-    )
+    found = classified(points, frame, faces[i], faces[j])
     if found != APART and not is_listed(listed, t, u, order.shape[0]):
         place = wp.atomic_add(count, 0, 1)
         if place < pairs.shape[0]:

@@ -217,6 +217,21 @@ def find_candidates(
                     row = row & (row - 1)
 
 
+@wp.func
+def classified(
+    points: wp.array2d(dtype=wp.vec3f), frame: wp.int32, a: wp.vec3i, b: wp.vec3i
+) -> wp.int32:
+    """What two triangles of a pose have in common."""
+    return classify(
+        points[frame, a[0]],
+        points[frame, a[1]],
+        points[frame, a[2]],
+        points[frame, b[0]],
+        points[frame, b[1]],
+        points[frame, b[2]],
+    )
+
+
 @wp.kernel
 def test_candidates(
     candidates: wp.array(dtype=wp.vec3i),
@@ -234,16 +249,7 @@ def test_candidates(
     j = candidate[2]
     if share_vertex(welded[i], welded[j]):
         return
-    a = faces[i]
-    b = faces[j]
-    found = classify(
-        points[frame, a[0]],
-        points[frame, a[1]],
-        points[frame, a[2]],
-        points[frame, b[0]],
-        points[frame, b[1]],
-        points[frame, b[2]],
-    )
+    found = classified(points, frame, faces[i], faces[j])
     if found != APART:
         t = order[i]
         u = order[j]

@@ -63,6 +63,83 @@ def test_two_meshes_are_separated_in_world_space(rod_in_ball, tmp_path):
     assert moved(rod_in_ball, out, "/Rod/Mesh") == [False, True, True, False]
 
 
+@pytest.fixture
+def different_ranges(tmp_path):
+    """A ball squashed at times 1 to 4, a rod that goes right through it at 3, 5, 7 and 9."""
+    from pxr import Usd
+
+    from usd_io import AuthoredMesh, write_animation
+
+    ball, ball_faces = icosphere(2, radius=0.5)
+    rod, rod_faces = icosphere(2)
+    rod = rod * np.array([0.1, 0.1, 1.2])
+    times = np.arange(1.0, 10.0)
+    squash = np.interp(times, [1, 2, 3, 4], [1.0, 1.2, 0.9, 1.0])
+    height = np.interp(times, [3, 9], [2.0, 0.1])
+    path = np.tile(np.eye(4), (len(times), 1, 1))
+    path[:, 3] = [(0.15, 0.1, z, 1.0) for z in height]
+    meshes = [
+        AuthoredMesh(
+            path="/Ball/Mesh", faces=ball_faces, points=[ball * [1, 1, s] for s in squash]
+        ),
+        AuthoredMesh(path="/Rod/Mesh", faces=rod_faces, rest=rod, transforms=path),
+    ]
+    file = tmp_path / "ranges.usda"
+    write_animation(file, meshes, times=times)
+    stage = Usd.Stage.Open(str(file))
+    points = stage.GetPrimAtPath("/Ball/Mesh").GetAttribute("points")
+    matrices = stage.GetPrimAtPath("/Rod").GetAttribute("xformOp:transform")
+    for time in times:
+        if time > 4:
+            points.ClearAtTime(time)
+        if time not in (3, 5, 7, 9):
+            matrices.ClearAtTime(time)
+    stage.Save()
+    return file
+
+
+@pytest.mark.parametrize("still", [None, "/Ball//", "/Rod//"])
+def test_different_frame_ranges_of_two_animated_meshes(different_ranges, tmp_path, still):
+    out, report = tmp_path / "out.usda", tmp_path / "r.json"
+    options = ["--collider", still] if still else []
+    assert run("check", different_ranges).code == 1
+    done = run("repair", different_ranges, "-o", out, "--report", report, *options)
+    assert done.code == run("check", out).code == 0, done
+    frames = read_report(report)["frames"]
+    assert [frame["time"] for frame in frames] == [1, 2, 3, 4, 5, 7, 9]
+    for frame in frames:
+        # A rod right through a ball is moved, not stretched.
+        for prim in frame["prims"]:
+            motion = prim["motion"]
+            assert motion is None or motion["edge_change"] < 0.02
+            assert motion is None or still is None or not prim["path"].startswith(still[:-2])
+    assert frames[-1]["before"]["inter_pairs"] > 20
+
+
+def test_meshes_that_never_lie_clear_of_each_other_are_named(rod_in_ball, tmp_path):
+    out = ("-o", tmp_path / "out.usda")
+    told = "intersect in every frame in which their rest poses were placed"
+    # Frame 1 tells, even if it is not selected.
+    assert told not in run("repair", rod_in_ball, *out, "--frames", "2:3").err
+    still = sink(rod_in_ball, tmp_path)
+    assert f"/Ball/Mesh and /Rod/Mesh {told}" in run("repair", still, *out).err
+    assert told not in run("repair", still, *out, "--mode", "self").err
+    assert told not in run("repair", still, *out, "--ignore", "/Ball,/Rod").err
+
+
+def sink(path, folder):
+    """The scene with the rod in the ball at every time."""
+    from pxr import Usd
+
+    stage = Usd.Stage.Open(str(path))
+    matrices = stage.GetPrimAtPath("/Rod").GetAttribute("xformOp:transform")
+    for time in (1, 4):
+        matrices.Set(matrices.Get(3), time)
+    other = folder / "sunk.usda"
+    stage.Export(str(other))
+    return other
+
+
 def test_frames_not_selected_stay_as_they_are(rod_in_ball, tmp_path):
     # The points of both have no time samples, and the transform of the ball has none either.
     out = tmp_path / "out.usda"

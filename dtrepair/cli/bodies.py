@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from dtrepair.cli.console import Console
 from dtrepair.cli.failures import USAGE, Failure
 from dtrepair.cli.matching import ignored_pairs
 from dtrepair.cli.object_settings import ObjectSettings, read_settings
@@ -109,12 +110,21 @@ def _found(values: PerMesh, option: str, what: str) -> PerMesh:
     return values
 
 
-def make_bodies(source: Source, rests: list[Rest], controls: Controls) -> list[Body]:
-    """Return the bodies in the space of the frames: local for one mesh, else world."""
+def make_bodies(
+    source: Source, rests: list[Rest], controls: Controls, console: Console, *, mode: str = "both"
+) -> list[Body]:
+    """Return the bodies in the space of the frames: local for one mesh, else world.
+
+    A warning names meshes of which no frame tells which one is outside.
+    """
     from dtrepair.repair.bodies import Body
 
     several = len(source.meshes) > 1
-    time = _time_of_rest(source, rests) if several else float(source.times[0])
+    time = float(source.times[0])
+    if several:
+        time, met = _time_of_rest(source, rests)
+        if mode != "self":
+            console.warn(_unclear_sides(source, met, controls.ignored))
     bodies = []
     for index, (mesh, rest) in enumerate(zip(source.meshes, rests, strict=True)):
         points = source.to_world(mesh, time, rest.points) if several else rest.points
@@ -138,8 +148,8 @@ def make_bodies(source: Source, rests: list[Rest], controls: Controls) -> list[B
     return bodies
 
 
-def _time_of_rest(source: Source, rests: list[Rest]) -> float:
-    """The time at which the rests, placed in the world, meet each other least.
+def _time_of_rest(source: Source, rests: list[Rest]) -> tuple[float, list[tuple[int, int]]]:
+    """The time at which the rests, placed in the world, meet each other least, and who meets.
 
     How they lie there tells what covers what. Of a few frames of the whole clip, so that the parts
     of a farm agree; the first of several.
@@ -150,18 +160,36 @@ def _time_of_rest(source: Source, rests: list[Rest]) -> float:
     times = source.all_times[np.linspace(0, len(source.all_times) - 1, count).astype(int)]
     counter: SceneCounter | None = None
     best, least = float(times[0]), -1
-    for time in times.tolist() if count > 1 else ():
+    met: list[tuple[int, int]] = []
+    for time in times.tolist():
         meshes = zip(source.meshes, rests, strict=True)
         placed = [source.to_world(mesh, time, rest.points) for mesh, rest in meshes]
         if counter is None:
             faces = [mesh.faces for mesh in source.meshes]
             counter = SceneCounter(placed, faces, mode="inter")
-        pairs = counter(placed).total.pairs
+        found = counter(placed)
+        pairs = found.total.pairs
         if least < 0 or pairs < least:
-            best, least = time, pairs
+            best, least, met = time, pairs, sorted(found.met)
         if pairs == 0:
             break
-    return best
+    return best, met
+
+
+def _unclear_sides(
+    source: Source, met: list[tuple[int, int]], ignored: tuple[tuple[int, int], ...]
+) -> list[str]:
+    """A warning about meshes whose rest poses meet at best, if their contacts count."""
+    pairs = [pair for pair in met if pair not in ignored]
+    if not pairs:
+        return []
+    first, second = (source.meshes[index].path for index in pairs[0])
+    more = f" (and {len(pairs) - 1} more pairs)" if len(pairs) > 1 else ""
+    return [
+        f"{first} and {second}{more} intersect in every frame in which their rest poses were "
+        "placed: if one is a layer over the other, nothing tells which side is out; a frame, or "
+        "--rest points, in which both are clear of each other would"
+    ]
 
 
 def outward_faces(mesh: SourceMesh, time: float) -> NDArray[np.int32]:

@@ -172,9 +172,8 @@ def command(
         if dry_run:
             print_plan(console, source, rests, output or "nothing", controls.settings)
             return CLEAN
-        repairer, rest_counts = make_repairer(
-            run, source, rests, make_bodies(source, rests, controls)
-        )
+        bodies = make_bodies(source, rests, controls, console, mode=options.mode)
+        repairer, rest_counts = make_repairer(run, source, rests, bodies)
         console.warn(rest_warnings(source, rests, rest_counts))
         run.lap("factor")
         rigid = [bool(own.rigid) for own in controls.settings]

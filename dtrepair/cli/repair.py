@@ -151,7 +151,7 @@ def command(
         if dry_run:
             print_plan(console, source, rests, output, controls.settings)
             return CLEAN
-        bodies = make_bodies(source, rests, controls)
+        bodies = make_bodies(source, rests, controls, console, mode=options.mode)
         if distributed is not None and len(source.times) > 1:
             sink.abort()
             report = repair_distributed(distributed, source, output, jobs=jobs, console=console)

@@ -34,8 +34,9 @@ CONCERN = 6e-4
 # Relaxing ends when the distortion fell by less than this over so many cycles.
 ENOUGH, STALLED = 0.002, 3
 FAILURES = 3
-# What missing volume counts next to the distortion.
-VOLUME = 0.3
+# What missing volume counts next to the distortion; as long as more than this part is missing,
+# relaxing goes on for up to so many times its cycles.
+VOLUME, MISSING, MORE = 0.3, 0.01, 2
 
 
 def relax(
@@ -53,14 +54,18 @@ def relax(
     Each cycle is an as-rigid-as-possible step towards the original's edges (Sorkine & Alexa 2007)
     of at most `step`, under the condition that no gap between surfaces closes: contact forces push
     both sides, so they come to rest against each other. What collides all the same is rolled back
-    locally. `reach` (V,) scales the motion of each vertex; `folds` are allowed.
+    locally. Cycles may double to bring volume back. `reach` (V,) scales the motion of each vertex; `folds` are allowed.
     """
     state = _Relaxation(surface, original, points, folds, reach, step)
     history = [state.best[0]]
-    for cycle in range(cycles):
+    for cycle in range(MORE * cycles):
         state.cycle()
         history.append(state.best[0])
         if state.failures == FAILURES:
+            break
+        if state.inflation.lost(state.points) > MISSING:
+            continue
+        if cycle + 1 >= cycles:
             break
         if cycle >= STALLED and history[-1 - STALLED] - history[-1] < ENOUGH:
             break

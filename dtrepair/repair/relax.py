@@ -54,7 +54,8 @@ def relax(
     Each cycle is an as-rigid-as-possible step towards the original's edges (Sorkine & Alexa 2007)
     of at most `step`, under the condition that no gap between surfaces closes: contact forces push
     both sides, so they come to rest against each other. What collides all the same is rolled back
-    locally. Cycles may double to bring volume back. `reach` (V,) scales the motion of each vertex; `folds` are allowed.
+    locally. Cycles may double to bring volume back. `reach` (V,) scales the motion of each vertex;
+    `folds` are allowed.
     """
     state = _Relaxation(surface, original, points, folds, reach, step)
     history = [state.best[0]]

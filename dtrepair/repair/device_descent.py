@@ -169,10 +169,10 @@ class _Loop:
         alive = self.alive[:, None, None]
         # Rounded as on the CPU; frames that wait are nowhere, which leaves nothing to search.
         written = self.points * self.method.size
-        self.detection.points.copy_(torch.where(alive, written, torch.nan))
+        self.detection.points.copy_(written.masked_fill(~alive, torch.nan))
         self.detection.run()
         triangles = self.detection.triangles
-        row = torch.where(self.alive, triangles, NOT_MEASURED)
+        row = triangles.masked_fill(~self.alive, NOT_MEASURED)
         self.history.index_copy_(0, self.iteration.clamp(max=last + 1)[None], row[None])
         better = self.alive & (triangles < self.fewest)
         self.best.copy_(torch.where(better[:, None, None], self.points, self.best))

@@ -174,6 +174,8 @@ def loop_checks(case: Case) -> Iterator[tuple[str, bool, str]]:
     several = loop(case.poses)
     again = loop(case.poses)
     yield "repeats to the bit, a batch", _identical(several, again), f"{len(case.poses)} frames"
+    if case.queue.device != "cpu":
+        yield "ten iterations are one CUDA graph", not case.queue.refusal, case.queue.refusal
     anew = case.on_device()(case.poses)
     yield "repeats to the bit, built anew", _identical(several, anew), ""
     small = case.on_device(capacity=(64, 16))(case.poses)

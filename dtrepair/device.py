@@ -70,6 +70,8 @@ class DeviceQueue:
     def __init__(self, device: str) -> None:
         """Take "cpu" or "cuda:N"."""
         self.device = device
+        # Why the last graph could not be had; empty if none was refused.
+        self.refusal = ""
         self._warp = start_warp()
         self._stream: Any = None
         self._torch_stream: Any = None
@@ -105,26 +107,43 @@ class DeviceQueue:
         """A function that does `work` so many times: one CUDA graph, or plain calls on the CPU.
 
         On CUDA `work` must have run once before, allocate by PyTorch only, and ask for no value.
+        Where a driver refuses the graph, calls are plain as well, which is slower and all the same
+        otherwise; `refusal` tells why.
         """
+
+        def calls() -> None:
+            for _ in range(times):
+                work()
+
         if self._torch_stream is None:
-
-            def calls() -> None:
-                for _ in range(times):
-                    work()
-
             return calls
+        try:
+            return self._captured(calls)
+        except RuntimeError as error:
+            if out_of_memory(error):
+                raise
+            self.refusal = str(error)
+            return calls
+
+    def _captured(self, calls: Callable[[], None]) -> Callable[[], None]:
         import torch
 
-        graph = torch.cuda.CUDAGraph()
+        graph, stream = torch.cuda.CUDAGraph(), self._torch_stream
         # Other threads may use the GPU meanwhile; Warp's capture keeps its kernels loaded.
-        with torch.cuda.graph(graph, stream=self._torch_stream, capture_error_mode="thread_local"):
+        with torch.cuda.graph(graph, stream=stream, capture_error_mode="thread_local"):
             with self._warp.ScopedCapture(
                 stream=self._stream, external=True, force_module_load=False
             ) as capture:
-                for _ in range(times):
-                    work()
+                calls()
         kept = (graph, capture.graph)
         return lambda: kept[0].replay()
+
+
+def out_of_memory(error: BaseException) -> bool:
+    """Whether PyTorch, Warp or a library below them could not get memory."""
+    name, text = type(error).__name__, str(error).lower()
+    words = ("out of memory", "failed to allocate", "alloc_failed")
+    return name == "OutOfMemoryError" or any(word in text for word in words)
 
 
 def cuda_in_use() -> bool:

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from dtrepair import device
-from dtrepair.device import resolve_device, start_warp
+from dtrepair.device import DeviceQueue, out_of_memory, resolve_device, start_warp
 
 
 def pretend(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
@@ -76,3 +76,45 @@ def test_start_warp_is_the_module() -> None:
     import warp
 
     assert start_warp() is warp
+
+
+class Refusing(DeviceQueue):
+    """A queue as on a GPU, whose driver answers a capture with an error."""
+
+    def __init__(self, error: RuntimeError) -> None:
+        super().__init__("cpu")
+        self._torch_stream, self.error = object(), error
+
+    def _captured(self, calls):
+        raise self.error
+
+
+def test_work_is_repeated_as_often_as_asked() -> None:
+    done: list[int] = []
+    queue = DeviceQueue("cpu")
+    ten = queue.repeated(lambda: done.append(1), 10)
+    assert not done and not queue.refusal
+    ten()
+    ten()
+    assert len(done) == 20
+
+
+def test_a_graph_that_cannot_be_had_is_done_call_by_call_and_told() -> None:
+    done: list[int] = []
+    queue = Refusing(RuntimeError("operation not permitted when stream is capturing"))
+    queue.repeated(lambda: done.append(1), 3)()
+    assert len(done) == 3 and "not permitted" in queue.refusal
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        torch.OutOfMemoryError("no room"),
+        RuntimeError("Failed to allocate 4000 bytes on device 'cuda:0'"),
+        RuntimeError("CUDA error: CUBLAS_STATUS_ALLOC_FAILED when calling `cublasCreate(handle)`"),
+    ],
+)
+def test_lack_of_memory_is_not_taken_for_a_graph_that_cannot_be_had(error: RuntimeError) -> None:
+    assert out_of_memory(error) and not out_of_memory(ValueError("memory of elephants"))
+    with pytest.raises(RuntimeError, match=str(error)[:7]):
+        Refusing(error).repeated(lambda: None, 3)

@@ -8,7 +8,7 @@ from contextlib import suppress
 import torch
 from torch import Tensor
 
-from dtrepair.device import DeviceQueue
+from dtrepair.device import DeviceQueue, out_of_memory
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs
 from dtrepair.repair.descent import NOT_MEASURED, RUNAWAY, Descent, DescentResult
@@ -204,14 +204,6 @@ class _Loop:
             taken(self.diverged),
             history[:rows],
         )
-
-
-def out_of_memory(error: BaseException) -> bool:
-    """Whether PyTorch, Warp or a library below them could not get memory."""
-    words = ("out of memory", "failed to allocate", "alloc_failed")
-    return isinstance(error, torch.OutOfMemoryError) or any(
-        word in str(error).lower() for word in words
-    )
 
 
 def too_large(what: str, detector: Detector) -> MemoryError:

@@ -10,12 +10,12 @@ import numpy as np
 import torch
 from scipy import sparse
 
-from dtrepair.device import DeviceQueue
+from dtrepair.device import DeviceQueue, out_of_memory
 from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.intersect.detector import Detector
 from dtrepair.operators import cotangent_laplacian
 from dtrepair.repair.descent import Descent, DescentResult
-from dtrepair.repair.device_descent import DeviceDescent, out_of_memory, too_large
+from dtrepair.repair.device_descent import DeviceDescent, too_large
 from dtrepair.repair.device_operators import RowOperator
 from dtrepair.repair.diffusion import BodyDiffusion, Diffusion, SparseOperator
 from dtrepair.repair.energy import KERNELS, triangle_directions

@@ -1,4 +1,4 @@
-"""Pressure that gives closed surfaces the volume back that contacts took."""
+"""Pressure that keeps the volume of closed surfaces: contacts take, turned creases give."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from dtrepair.repair.surface import Surface, link_labels
 
 # Highest pressure, next to edges of weight about 1 and units of the size.
 HIGHEST = 5.0
-# The part of the original's volume that is wanted back.
-WANTED = 0.985
+# The parts of the original's volume between which a component has no pressure.
+LEAST, LARGEST = 0.985, 1.015
 # The pressure goes this part of the way that a linear answer asks for, times the pull of the step.
 GAIN, LEAST_PULL = 0.5, 0.3
 # A closed surface has vector areas that sum to this part of its area at most.
@@ -18,7 +18,7 @@ CLOSED = 1e-2
 
 
 class Inflation:
-    """A pressure on each closed component, raised until it has the volume of the original."""
+    """A pressure on each closed component, changed until it has the volume of the original."""
 
     def __init__(self, surface: Surface, original: FloatArray, reach: FloatArray) -> None:
         """Components of `surface`; `reach` (V,) scales the pressure at each vertex."""
@@ -30,22 +30,26 @@ class Inflation:
         self._areas = areas = surface.vector_areas(original)
         total = np.stack([self._sum(column) for column in areas.T], axis=1)
         closed = lengths(total) <= CLOSED * self._sum(lengths(areas))
-        self._wanted = WANTED * self._volumes(original, areas)
+        volumes = self._volumes(original, areas)
+        self._sign, self._given = np.sign(volumes), np.abs(volumes)
         self._highest = np.where(closed, HIGHEST, 0.0)
         self.pressure = np.zeros(len(total))
 
     def force(self, points: FloatArray, pull: float) -> FloatArray:
-        """Forces (V, 3) at a pose, after raising the pressures of what lacks volume."""
+        """Forces (V, 3) at a pose, after changing the pressures of what has too little or much."""
         areas = self.areas(points)
-        lacking = self._wanted - self._volumes(points, areas)
+        volumes = self._sign * self._volumes(points, areas)
         field = self.reach[:, None] * areas
         response = self.surface.rigidity_factor(field)
         gain = self._sum(dots(areas, response))
-        change = np.divide(lacking, gain, out=np.zeros_like(gain), where=gain > 0)
-        change *= GAIN * max(pull, LEAST_PULL)
-        sign = np.sign(self._wanted)
-        self.pressure = sign * np.clip(sign * (self.pressure + change), 0.0, self._highest)
-        return self.pressure[self._component][:, None] * field
+        answer = np.divide(1.0, gain, out=np.zeros_like(gain), where=gain > 0)
+        answer *= GAIN * max(pull, LEAST_PULL)
+        # Towards the least volume from below, towards the largest from above, else back to none.
+        pushing = self.pressure + answer * (LEAST * self._given - volumes)
+        pulling = self.pressure + answer * (LARGEST * self._given - volumes)
+        self.pressure = np.clip(pushing, 0.0, self._highest)
+        self.pressure += np.clip(pulling, -self._highest, 0.0)
+        return (self._sign * self.pressure)[self._component][:, None] * field
 
     def areas(self, points: FloatArray) -> FloatArray:
         """Vector areas (V, 3) of a pose; those of the last one are kept."""
@@ -54,12 +58,13 @@ class Inflation:
         return self._areas
 
     def lost(self, points: FloatArray) -> float:
-        """Missing part of the volume of all closed components."""
-        volumes = self._volumes(points, self.areas(points))
-        lacking = np.maximum(0.0, (self._wanted - volumes) * np.sign(self._wanted))
+        """The part by which the volume of closed components is too small or too large."""
+        volumes = self._sign * self._volumes(points, self.areas(points))
+        missing = np.maximum(0.0, LEAST * self._given - volumes)
+        excess = np.maximum(0.0, volumes - LARGEST * self._given)
         closed = self._highest > 0
-        total = np.abs(self._wanted[closed]).sum()
-        return float(lacking[closed].sum() / total) if total > 0 else 0.0
+        total = self._given[closed].sum()
+        return float((missing + excess)[closed].sum() / total) if total > 0 else 0.0
 
     def _volumes(self, points: FloatArray, areas: FloatArray) -> FloatArray:
         """Signed volume of each component (divergence theorem)."""

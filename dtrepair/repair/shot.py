@@ -31,7 +31,9 @@ MEND_STEP = 0.004
 # From this pass on frames may start from the displacements of clean frames around them.
 LENDING = 4
 # Frames with a larger root mean square second difference (units of the size) are steadied.
-ROUGH, STEADY_ROUNDS, STEADY_STEP = 1.5e-3, 4, 0.002
+ROUGH, STEADY_ROUNDS, STEADY_STEP = 1.5e-3, 6, 0.002
+# As long as a round lowers their roughness to this part.
+STEADY_GAIN = 0.97
 # The same after a cycle of tightening, of at most this part of the frames.
 TIGHT_MENDING, TIGHT_MEND_STEP, TIGHT_DIRTY = (1.0, 0.7, 0.0), 0.002, 0.2
 # Tightening: part of the displacement that is taken back, its decay on failure, the push's step.
@@ -170,19 +172,24 @@ def steady_frames(state: SpaceTime) -> None:
     if len(state.frames) < 3:
         return
     weights, differences = steady_weights(state.frames), second_differences(state.frames)
+
+    def roughness() -> FloatArray:
+        second = apply_in_time(differences, state.poses - state.original)
+        return np.sqrt((second**2).sum(axis=2).mean(axis=1))
+
+    now = roughness()
     for _ in range(STEADY_ROUNDS):
-        moved = 0
+        before = np.linalg.norm(now)
         for colour in range(3):
             rough = np.zeros(len(state.frames), dtype=bool)
-            second = apply_in_time(differences, state.poses - state.original)
-            rough[1:-1] = np.sqrt((second**2).sum(axis=2).mean(axis=1)) > ROUGH
+            rough[1:-1] = now > ROUGH
             rough[:-1] |= rough[1:]
             rough[1:] |= rough[:-1]
             frames = np.flatnonzero(rough)
             frames = frames[frames % 3 == colour]
-            if len(frames):
-                moved += state.steady(frames.tolist(), weights, STEADY_STEP)
-        if not moved:
+            if len(frames) and state.steady(frames.tolist(), weights, STEADY_STEP):
+                now = roughness()
+        if np.linalg.norm(now) > STEADY_GAIN * before:
             break
 
 

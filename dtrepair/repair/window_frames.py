@@ -41,7 +41,7 @@ BLOCK = 1024
 WARM = 0.9
 
 # Steadying: parts of the way that are tried, and what the distance has to fall to.
-STEADY_PARTS, STEADIER = (1.0, 0.5), 0.9
+STEADY_PARTS, STEADIER = (1.0, 0.5, 0.25), 0.95
 
 Alone = Callable[[Surface, FloatArray], FloatArray]
 

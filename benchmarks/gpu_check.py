@@ -207,12 +207,16 @@ def timings(case: Case, frames: int) -> Iterator[tuple[str, float]]:
         room.iterate()
         points, found = room.points, room.detection
         gradient = loop.forces(points, found, room.alive)
+        factor = case.descent.diffusion
+        assert isinstance(factor, Diffusion)
+        dense = factor.dense(device=case.queue.device)
         stages: dict[str, Callable[[], object]] = {
             "an iteration, launch by launch": room.iterate,
             "its detection": found.run,
             "its forces": lambda: loop.forces(points, found, room.alive),
             "its shape term": lambda: loop.descent.laplacian(points),
-            "its two solves": lambda: loop.descent.diffusion(gradient),
+            "its two solves, by blocks": lambda: loop.descent.diffusion(gradient),
+            "the same by a dense matrix": lambda: dense(gradient),
         }
         for name, work in stages.items():
             yield name, 1e3 * clocked(case.queue, work, warm=2, repeats=10)

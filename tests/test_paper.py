@@ -53,3 +53,14 @@ def test_the_loop_of_a_device_cleans_as_well(monkeypatch, bodies: int) -> None:
         if bodies == 2:
             assert np.array_equal(solved.points[:half], pose[:half])
             assert not np.array_equal(solved.points[half:], pose[half:])
+
+
+def test_an_operator_that_does_not_fit_on_the_device_is_a_clear_error(monkeypatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise RuntimeError("CUDA error: out of memory")
+
+    surface, _ = tube()
+    monkeypatch.setattr(paper, "DEVICE_LOOP", ("cpu", "cuda"))
+    monkeypatch.setattr(paper.Diffusion, "on", full)
+    with pytest.raises(MemoryError, match=r"the diffusion operator of \d+ triangles .* 'cpu'"):
+        PaperMethod(surface, OPTIONS)

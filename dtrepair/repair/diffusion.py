@@ -16,8 +16,9 @@ from dtrepair.repair.dense_product import product
 
 # Right-hand sides of one solve while a dense operator is built: what cholespy handles well.
 BLOCK = 96
-# Vertices of the largest mesh whose operator on a device is one dense matrix (1.8 GB in float64).
-DENSE = 15000
+# Vertices of the largest mesh whose operator on a device is one dense matrix: blocks need less
+# memory and traffic from some hundred vertices on, but more launches.
+DENSE = 1000
 
 
 class Diffuser(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time as clock
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TypeVar
 
 import click
@@ -19,6 +19,7 @@ class Console:
         """Choose what is printed: `quiet` nothing but errors, `verbosity` 1 each frame, 2 all."""
         self.quiet = quiet
         self.verbosity = verbosity
+        self._advance: Callable[[float], None] | None = None
 
     def result(self, text: str) -> None:
         """Print a result on stdout, unless quiet."""
@@ -47,6 +48,11 @@ class Console:
             for text in texts:
                 click.echo(f"dtrepair: warning: {text}", err=True)
 
+    def expect(self, ahead: float) -> None:
+        """Move the progress bar: so many items' worth of work is done beyond those yielded."""
+        if self._advance is not None:
+            self._advance(ahead)
+
     def progress(self, items: Iterable[Item], *, total: int, what: str) -> Iterator[Item]:
         """Yield `items` behind a progress bar, where one is wanted."""
         if self.quiet or total < 2 or not sys.stderr.isatty():
@@ -65,8 +71,19 @@ class Console:
         )
         with Progress(*columns, console=RichConsole(stderr=True), transient=True) as bar:
             task = bar.add_task(what, total=total, rate="")
-            start = clock.monotonic()
-            for done, item in enumerate(items, 1):
-                yield item
-                rate = done / (clock.monotonic() - start)
-                bar.update(task, advance=1, rate=f"{rate:.1f}/s")
+            start, yielded, shown = clock.monotonic(), 0, 0.0
+
+            def advance(ahead: float) -> None:
+                nonlocal shown
+                shown = max(shown, min(yielded + ahead, total))
+                rate = shown / max(clock.monotonic() - start, 1e-9)
+                bar.update(task, completed=shown, rate=f"{rate:.1f}/s")
+
+            self._advance = advance
+            try:
+                for item in items:
+                    yield item
+                    yielded += 1
+                    advance(0.0)
+            finally:
+                self._advance = None

@@ -78,6 +78,7 @@ def repair_here(
 ) -> Report:
     """Repair all frames into the sink, commit it, and return the report."""
     repairer, rest_counts = make_repairer(run, source, rests, bodies, journal)
+    repairer.progress = console.expect
     run.lap("factor")
     console.warn(rest_warnings(source, rests, rest_counts))
     records: list[FrameRecord] = []

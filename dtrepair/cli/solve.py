@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from itertools import chain, islice
@@ -79,6 +79,8 @@ class FrameRepairer:
         self.record = FrameRecorder(source, repairer.bodies)
         self.free = [_free(body) for body in repairer.bodies]
         self.warnings: list[str] = []
+        # Called with how many frames' worth of work is done beyond the frames handed out.
+        self.progress: Callable[[float], None] | None = None
         self._again = Lock()
 
     def solve(self, poses: Iterable[Pose]) -> Iterator[Solution]:
@@ -94,8 +96,10 @@ class FrameRepairer:
                     fed.append(pose)
                     yield pose
 
+            animator = self._animator()
+            animator.progress = self.progress
             try:
-                for repaired in self._animator().stream(feed(), jobs=self.jobs):
+                for repaired in animator.stream(feed(), jobs=self.jobs):
                     fed.popleft()
                     yield repaired.results
                 return

@@ -65,6 +65,8 @@ class AnimationRepairer:
             raise ValueError(f"window should be at least 2 x {overlap} frames, got {window}")
         self.scene = scene
         self.window, self.overlap = window, overlap
+        # Called now and then with how many frames' worth of the present window is done.
+        self.progress: Callable[[float], None] | None = None
         self._methods: dict[int, ShotMethod] = {}
 
     def stream(
@@ -241,6 +243,7 @@ class _Stream:
         unit = np.stack([reduced(system, start) for start in starts])
         jobs = worthwhile_jobs(self.jobs, len(starts), len(system.surface.faces))
         with make_crew(system.surface, jobs) as crew:
+            crew.progress = self.animator.progress
             found = self.animator.method(system)(unit, times, crew, unless=unless)
         if found is None:
             return None

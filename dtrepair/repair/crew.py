@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import mmap
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from multiprocessing import Pipe
@@ -39,6 +39,9 @@ class Crew:
     Arrays of `array` are the same for all workers; all else that a method changes is known to the
     worker that did it, which is always the same one for a frame, and here only by its answers.
     """
+
+    # Called now and then, here only, with how many frames' worth of work is done.
+    progress: Callable[[float], None] | None = None
 
     def array(self, shape: Sequence[int], kind: DTypeLike = np.float64) -> NDArray[Any]:
         """A new array of zeros that all workers share, if it is made before `start`."""

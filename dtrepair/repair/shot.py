@@ -49,6 +49,8 @@ PULL_GAIN, JITTER_WEIGHT, EDGE_WEIGHT = 0.995, 6.0, 0.25
 # Displacements below this (units of the size) are left out; up to twice this they fade in. Around
 # what that would close they come back, fading out over these rings, try by try.
 STILL, EASE_RINGS = 1e-4, (3, 6)
+# Parts of the usual work on a window that are done after pushing, and before tightening.
+PUSHED, MENDED = 0.4, 0.55
 
 
 class Phase(NamedTuple):
@@ -61,6 +63,7 @@ class Phase(NamedTuple):
 
 # Frames that stay dirty in the wide kernel get a narrower one: their neighbours stay clean.
 PHASES = (Phase(0.01, 20, WIDTH), Phase(0.006, 8, 0.5 * WIDTH))
+SWEEPS = sum(phase.sweeps for phase in PHASES)
 
 
 class ShotMethod:
@@ -126,6 +129,7 @@ def push(state: SpaceTime) -> None:
     """
     best = (state.remaining, state.snapshot())
     fewest = np.array([len(pairs) for pairs in state.pairs])
+    swept = 0
     for phase in PHASES:
         stalled = 0
         kernel = gaussian_kernel(state.frames, phase.width)
@@ -133,6 +137,8 @@ def push(state: SpaceTime) -> None:
             if not state.dirty:
                 return
             state.sweep(kernel, phase.step)
+            swept += 1
+            state.tell_progress(PUSHED * swept / SWEEPS)
             if index % BLOCK != BLOCK - 1:
                 continue
             counts = np.array([len(pairs) for pairs in state.pairs])
@@ -199,7 +205,8 @@ def tighten_frames(state: SpaceTime, cycles: int) -> None:
     best, value = state.snapshot(), _cost(state)
     needed = np.zeros(state.original.shape[:2])
     fraction, current = PULL_BACK, True
-    for _ in range(cycles):
+    for cycle in range(cycles):
+        state.tell_progress(MENDED + (1.0 - MENDED) * cycle / cycles)
         kept = 1.0 - fraction * (1.0 - HELD * needed)[:, :, None]
         added = _pulled(state, best, kept, fraction / PULL_BACK, kernel)
         if 0 < len(state.dirty) <= max(2, TIGHT_DIRTY * len(state.original)):

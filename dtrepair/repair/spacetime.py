@@ -88,6 +88,11 @@ class SpaceTime:
         """Pairs left in the dirty frames."""
         return sum(len(self.pairs[frame]) for frame in self.dirty)
 
+    def tell_progress(self, part: float) -> None:
+        """Tell who wants to know that this part of the work on the window is done."""
+        if self.crew.progress is not None:
+            self.crew.progress(part * len(self.original))
+
     def forget_clearance(self) -> None:
         """From now on only intersecting pairs count."""
         if self.work.clearance > 0.0:

@@ -197,6 +197,17 @@ def write_skeleton(
     stage.Save()
 
 
+def motion(
+    dancer: Dancer, clip: str, frames: int, *, speed: float, depth: float, samples: str
+) -> tuple[Floats, Floats]:
+    """Time codes (T,) and transforms (T, J, 4, 4) of the joints of a clip."""
+    codes, parts, places = sampled(samples, frames)
+    parts = np.where(parts < 1.0, (parts * speed) % 1.0, 1.0)
+    moved = np.stack([dancer.transforms(dancer.turns(clip, part, depth)) for part in parts])
+    moved[:, :, :3, 3] += places[:, None]
+    return codes, moved
+
+
 def main() -> None:
     """Make a clip and write it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -208,21 +219,17 @@ def main() -> None:
     parser.add_argument("--depth", type=float, default=1.0)
     parser.add_argument("--samples", choices=("even", "sparse", "cut"), default="even")
     parser.add_argument("--skeleton", action="store_true")
-    arguments = parser.parse_args()
-    mesh = read_mesh(arguments.rest)
+    asked = parser.parse_args()
+    mesh = read_mesh(asked.rest)
     dancer = Dancer(mesh.points, mesh.faces())
-    codes, parts, places = sampled(arguments.samples, arguments.frames)
-    parts = np.where(parts < 1.0, (parts * arguments.speed) % 1.0, 1.0)
-    moved = np.stack(
-        [dancer.transforms(dancer.turns(arguments.clip, p, arguments.depth)) for p in parts]
-    )
-    moved[:, :, :3, 3] += places[:, None]
-    if arguments.skeleton:
-        write_skeleton(arguments.output, dancer, mesh.faces(), codes, moved)
+    options = {"speed": asked.speed, "depth": asked.depth, "samples": asked.samples}
+    codes, moved = motion(dancer, asked.clip, asked.frames, **options)
+    if asked.skeleton:
+        write_skeleton(asked.output, dancer, mesh.faces(), codes, moved)
         return
     poses = [dancer.pose(transforms) for transforms in moved]
     body = AuthoredMesh("/Character/Body", faces=mesh.faces(), points=poses, rest=mesh.points)
-    write_animation(arguments.output, body, times=codes)
+    write_animation(asked.output, body, times=codes)
 
 
 if __name__ == "__main__":

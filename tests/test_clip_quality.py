@@ -46,6 +46,26 @@ def test_forearms_through_the_body_come_out_clean_and_steady(embrace) -> None:
     assert far.sum() > 500 and (repaired[:, far] == frames[:, far]).all()
 
 
+def test_frames_far_in_time_keep_every_bit_in_a_clip_of_several_windows() -> None:
+    rest, faces, middle = swing()
+    # The arms swing through each other in the middle third; before and after only they move.
+    sway = 0.3 * np.sin(np.linspace(0.0, 3.0, 30))
+    before, after = (
+        np.stack([pincers(0.4 + part)[0] for part in parts]) for parts in (sway, sway[::-1])
+    )
+    frames = np.concatenate([before[:-1], middle, after[1:]])
+    assert len(frames) > 60  # more than a window
+    repaired = results_of(Repairer(rest, faces), frames)
+    dirty = np.flatnonzero(crossings(rest, faces, frames))
+    assert len(dirty) >= 5 and 29 < dirty[0] and dirty[-1] < 59
+    assert sum(crossings(rest, faces, repaired)) == 0
+    away = np.abs(np.arange(len(frames))[:, None] - dirty).min(axis=1)
+    kept = (repaired == frames).all(axis=2)
+    # The kernel ends at 3 sigma = 10.5 frames.
+    assert (away > 10).sum() > 50 and kept[away > 10].all()
+    assert not kept[dirty].all(axis=1).any()
+
+
 def test_taken_out_displacements_come_back_where_they_are_needed(monkeypatch) -> None:
     rest, faces, frames = swing()
     monkeypatch.setattr(shot, "STILL", 0.02)

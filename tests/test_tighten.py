@@ -97,12 +97,11 @@ def test_reach_fades_over_rings_from_what_moved() -> None:
 
 
 def test_motions_too_small_to_matter_are_left_out() -> None:
-    current = np.zeros((5, 3))
-    trial = np.zeros((5, 3))
-    trial[:, 1] = [0.0, 0.5 * STILL, 1.5 * STILL, 3 * STILL, 3 * STILL]
-    reach = np.array([1.0, 1.0, 1.0, 1.0, 0.0])
-    kept = without_still(current, trial, reach)
-    assert (kept[[0, 1, 4]] == 0).all()
+    current = np.zeros((4, 3))
+    trial = np.zeros((4, 3))
+    trial[:, 1] = [0.0, 0.5 * STILL, 1.5 * STILL, 3 * STILL]
+    kept = without_still(current, trial)
+    assert (kept[[0, 1]] == 0).all()
     assert kept[2, 1] == pytest.approx(0.75 * STILL, rel=1e-9)
     assert kept[3, 1] == 3 * STILL
 
@@ -131,7 +130,7 @@ def test_rolling_back_keeps_what_does_not_collide() -> None:
     known = find_defects(surface, current)
     defects = find_defects(surface, trial)
     assert known.rank == (0, 0) and defects.rank[1] > 0
-    rolled = roll_back(surface, current, trial, known, defects, folds=0)
+    rolled = roll_back(surface, current, trial, defects, folds=0)
     assert rolled is not None
     assert rolled.defects.rank == (0, 0) == find_defects(surface, rolled.points).rank
     assert np.array_equal(rolled.points[: 12 * 20], trial[: 12 * 20])
@@ -143,4 +142,4 @@ def test_rolling_back_a_step_from_a_dirty_pose_is_refused() -> None:
     surface = Surface(rest, faces)
     pose = points / surface.size
     known = find_defects(surface, pose)
-    assert roll_back(surface, pose, pose + 0.01, known, known, folds=0, tries=1) is None
+    assert roll_back(surface, pose, pose + 0.01, known, folds=0, tries=1) is None

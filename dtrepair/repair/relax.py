@@ -141,12 +141,14 @@ class _Relaxation:
         """The clean pose of the step, with what still collides rolled back, or None."""
         surface, current = self.surface, self.points
         pose, previous = current, (0, 0)
+        trial, defects = current, self.known
         rounds = ROUNDS
         for _ in range(TRIES):
             self.gaps.linearise(current)
             pose = step_with_gaps(self.rigidity, right, self.gaps, pose, rounds=rounds)
-            trial = self._shortened(pose)
-            defects = changed_defects(surface, self.known, current, trial)
+            # New gaps move few vertices by much: the rest stays where the last try had it.
+            last, trial = trial, without_still(trial, self._shortened(pose))
+            defects = changed_defects(surface, defects, last, trial)
             if acceptable(defects, self.folds):
                 return Filled(trial, defects)
             if defects.rank == previous:
@@ -156,14 +158,14 @@ class _Relaxation:
             changed = self.gaps.add_defects(defects)
             few = changed <= FEW * np.count_nonzero(self.gaps.forces)
             rounds = 1 if few else ROUNDS
-        return roll_back(surface, current, trial, self.known, defects, folds=self.folds)
+        return roll_back(surface, current, trial, defects, folds=self.folds)
 
     def _shortened(self, pose: FloatArray) -> FloatArray:
         """Contacts may throw a vertex farther than the step: the whole motion is shortened."""
         motion = pose - self.points
         farthest = lengths(motion).max()
         part = min(1.0, self.step / max(farthest, 1e-300))
-        return without_still(self.points, self.points + part * motion, self.reach)
+        return self.points + (part * self.reach)[:, None] * motion
 
 
 def step_with_gaps(

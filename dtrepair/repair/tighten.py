@@ -73,23 +73,20 @@ def roll_back(
     surface: Surface,
     current: FloatArray,
     trial: FloatArray,
-    known: Defects,
     defects: Defects,
     *,
     folds: int,
     tries: int = 4,
 ) -> Filled | None:
-    """The step from `current` to `trial` undone around what collides, fading over some rings.
-
-    known: defects of `current`; defects: those of `trial`.
-    """
+    """The step from `current` to `trial` undone around its `defects`, fading over some rings."""
     bad = np.zeros(surface.count, dtype=bool)
+    known = defects
     for attempt in range(tries):
         bad |= surface.vertices_of(defects.triangles)
         rings = surface.rings_from(bad, ROLLBACK_RINGS + 2)
         kept = np.clip((rings - 1 - attempt) / ROLLBACK_RINGS, 0.0, 1.0)
         pose = current + kept[:, None] * (trial - current)
-        defects = changed_defects(surface, known, current, pose)
+        defects = changed_defects(surface, known, trial, pose)
         if acceptable(defects, folds):
             return Filled(pose, defects)
     return None
@@ -102,9 +99,9 @@ def reach_of(surface: Surface, displacement: FloatArray) -> FloatArray:
     return np.where(surface.stiff, 0.0, np.clip(2.0 - 2.0 * rings / REACH_RINGS, 0.0, 1.0))
 
 
-def without_still(current: FloatArray, trial: FloatArray, reach: FloatArray) -> FloatArray:
-    """The motion to `trial` scaled by `reach` (V,), and left out where it is below STILL."""
-    motion = reach[:, None] * (trial - current)
+def without_still(current: FloatArray, trial: FloatArray) -> FloatArray:
+    """The trial with its motion left out where that is below STILL."""
+    motion = trial - current
     length = lengths(motion)
     kept = np.clip(length / STILL - 1.0, 0.0, 1.0)
     return np.where(kept[:, None] > 0, current + kept[:, None] * motion, current)

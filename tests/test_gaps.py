@@ -166,9 +166,8 @@ def test_a_step_without_gaps_is_the_free_step() -> None:
     rigidity = Rigidity(surface, surface.rest)
     pose = surface.rest + 0.01 * np.random.default_rng(0).normal(size=surface.rest.shape)
     right = rigidity.target(pose)
-    assert np.array_equal(
-        step_with_gaps(rigidity, right, gaps_of(surface), pose), rigidity.solve(right)
-    )
+    step = step_with_gaps(rigidity, right, gaps_of(surface), pose)
+    assert np.abs(step - rigidity.solve(right)).max() < 1e-12
 
 
 def test_a_clearance_asks_narrow_gaps_to_open() -> None:

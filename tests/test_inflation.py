@@ -20,8 +20,8 @@ def test_what_has_its_volume_is_not_inflated() -> None:
     surface = Surface(*icosphere(2))
     inflation = inflation_of(surface)
     assert inflation.lost(surface.rest) == 0.0
-    assert not inflation.force(surface.rest, 1.0).any()
-    assert not inflation.force(1.004 * surface.rest, 1.0).any()
+    assert not inflation.force(surface.rest, 1.0, inflation.surface.rigidity_factor).any()
+    assert not inflation.force(1.004 * surface.rest, 1.0, inflation.surface.rigidity_factor).any()
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -31,12 +31,12 @@ def test_what_lacks_volume_is_pushed_outwards(turned: bool) -> None:
     inflation = inflation_of(surface)
     small = 0.9 * surface.rest
     assert inflation.lost(small) == pytest.approx(LEAST - 0.9**3, rel=1e-9)
-    force = inflation.force(small, 1.0)
+    force = inflation.force(small, 1.0, inflation.surface.rigidity_factor)
     assert ((force * small).sum(axis=1) > 0).all()
     assert np.abs(inflation.pressure).max() <= HIGHEST
     # Once it is large enough the pressure falls again.
     before = np.abs(inflation.pressure).max()
-    inflation.force(1.05 * surface.rest, 1.0)
+    inflation.force(1.05 * surface.rest, 1.0, inflation.surface.rigidity_factor)
     assert np.abs(inflation.pressure).max() < before
 
 
@@ -47,11 +47,11 @@ def test_what_has_too_much_volume_is_pulled_inwards(turned: bool) -> None:
     inflation = inflation_of(surface)
     large = 1.1 * surface.rest
     assert inflation.lost(large) == pytest.approx(1.1**3 - LARGEST, rel=1e-9)
-    force = inflation.force(large, 1.0)
+    force = inflation.force(large, 1.0, inflation.surface.rigidity_factor)
     assert ((force * large).sum(axis=1) < 0).all()
     # Once it is small enough the pull eases.
     before = np.abs(inflation.pressure).max()
-    inflation.force(surface.rest, 1.0)
+    inflation.force(surface.rest, 1.0, inflation.surface.rigidity_factor)
     assert np.abs(inflation.pressure).max() < before
 
 
@@ -66,7 +66,7 @@ def test_each_component_has_its_own_pressure_and_open_ones_have_none() -> None:
     centre = pose[:count].mean(axis=0)
     pose[:count] = centre + 0.9 * (pose[:count] - centre)
     pose[2 * count :] *= 0.9
-    force = inflation.force(pose, 1.0)
+    force = inflation.force(pose, 1.0, inflation.surface.rigidity_factor)
     assert force[:count].any() and not force[count:].any()
 
 

@@ -56,6 +56,13 @@ def test_nothing_moves_beyond_the_reach_or_farther_than_the_step() -> None:
     assert moved.max() <= 0.003 * (1 + 1e-9)
 
 
+def test_nothing_in_reach_stays() -> None:
+    surface, original, clean = loosely_solved("spheres")
+    reach = np.zeros(surface.count)
+    relaxed, cycles = relax(surface, original, clean, cycles=3, folds=0, reach=reach)
+    assert relaxed is clean and cycles == 0
+
+
 def test_surfaces_come_to_rest_against_each_other() -> None:
     surface, original, clean = loosely_solved("spheres")
     reach = np.ones(surface.count)

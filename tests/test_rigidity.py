@@ -8,7 +8,7 @@ import pytest
 from dtrepair.geometry import FloatArray
 from dtrepair.metrics import edge_log_ratio
 from dtrepair.operators import Factor
-from dtrepair.repair.rigidity import Rigidity
+from dtrepair.repair.rigidity import SMALL, Rigidity
 from dtrepair.repair.surface import ANCHOR, Surface
 from tests.meshes import Mesh, elbow, grid, icosphere, torus
 
@@ -135,3 +135,21 @@ def test_collapsed_surroundings_stay_finite() -> None:
     pose[:40] = pose[0]
     rigidity = Rigidity(surface, surface.rest)
     assert np.isfinite(rigidity.solve(rigidity.target(pose))).all()
+
+
+def test_a_small_region_has_its_own_system_within_surroundings_that_stay() -> None:
+    surface = Surface(*torus(40, 16))
+    region = surface.dilate(np.arange(surface.count) == 100, 4)
+    assert region.mean() < SMALL
+    random = np.random.default_rng(0)
+    pose = surface.rest + 0.01 * region[:, None] * random.normal(size=surface.rest.shape)
+    before = Factor.count
+    whole, own = Rigidity(surface, surface.rest), Rigidity(surface, surface.rest, region=region)
+    right = own.target(pose)
+    assert np.abs(right - whole.target(pose))[region].max() < 1e-15
+    motion = own.solve(right - own.image(pose))
+    assert motion.any() and not motion[~region].any() and not right[~region].any()
+    # At the end of the step the equations hold in the region.
+    residual = whole.target(pose) - whole.image(pose + motion)
+    assert np.abs(residual[region]).max() < 1e-12 < np.abs(residual).max()
+    assert Factor.count == before + 1

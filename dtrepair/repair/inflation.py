@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from dtrepair.geometry import FloatArray, dots, lengths
@@ -15,6 +17,9 @@ LEAST, LARGEST = 0.985, 1.015
 GAIN, LEAST_PULL = 0.5, 0.3
 # A closed surface has vector areas that sum to this part of its area at most.
 CLOSED = 1e-2
+
+# The motion (V, 3) that forces (V, 3) lead to.
+Solve = Callable[[FloatArray], FloatArray]
 
 
 class Inflation:
@@ -35,12 +40,18 @@ class Inflation:
         self._highest = np.where(closed, HIGHEST, 0.0)
         self.pressure = np.zeros(len(total))
 
-    def force(self, points: FloatArray, pull: float) -> FloatArray:
-        """Forces (V, 3) at a pose, after changing the pressures of what has too little or much."""
+    def force(self, points: FloatArray, pull: float, solve: Solve) -> FloatArray:
+        """Forces (V, 3) at a pose, after changing the pressures of what has too little or much.
+
+        `solve` gives the motion (V, 3) that forces lead to.
+        """
         areas = self.areas(points)
         volumes = self._sign * self._volumes(points, areas)
+        right = (volumes >= LEAST * self._given) & (volumes <= LARGEST * self._given)
+        if (right & (self.pressure == 0) | (self._highest == 0)).all():
+            return np.zeros_like(points)
         field = self.reach[:, None] * areas
-        response = self.surface.rigidity_factor(field)
+        response = solve(field)
         gain = self._sum(dots(areas, response))
         answer = np.divide(1.0, gain, out=np.zeros_like(gain), where=gain > 0)
         answer *= GAIN * max(pull, LEAST_PULL)

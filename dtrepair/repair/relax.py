@@ -57,6 +57,8 @@ def relax(
     locally. Cycles may double to bring volume back. `reach` (V,) scales the motion of each vertex;
     `folds` are allowed.
     """
+    if not reach.any():
+        return points, 0
     state = _Relaxation(surface, original, points, folds, reach, step)
     history = [state.best[0]]
     for cycle in range(MORE * cycles):
@@ -88,7 +90,7 @@ class _Relaxation:
         self.surface, self.original = surface, original
         self.points, self.known = points, find_defects(surface, points)
         self.folds, self.reach, self.step = folds, reach, step
-        self.rigidity = Rigidity(surface, original, moving=surface.dilate(reach > 0))
+        self.rigidity = Rigidity(surface, original, region=reach > 0)
         self.gaps = Gaps(surface, reach)
         self.inflation = Inflation(surface, original, reach)
         self.best = self._value(), points
@@ -117,10 +119,12 @@ class _Relaxation:
     def _right_hand_side(self) -> FloatArray:
         """That of the step, shortened such that no vertex moves too far without contacts."""
         points = self.points
-        full = self.rigidity.target(points) + self.inflation.force(points, self._pull)
+        full = self.rigidity.target(points) + self.inflation.force(
+            points, self._pull, self.rigidity.solve
+        )
         present = self.rigidity.image(points)
-        free = self.rigidity.solve(full)
-        farthest = lengths(self.reach[:, None] * (free - points)).max()
+        free = self.rigidity.solve(full - present)
+        farthest = lengths(self.reach[:, None] * free).max()
         pull = min(1.0, self.step / max(farthest, 1e-300))
         if self._pull:
             self.gaps.forces *= pull / self._pull
@@ -182,9 +186,9 @@ def step_with_gaps(
     Rounds of an augmented Lagrangian; each one solves with the stiff gaps that are active, by
     conjugate gradients from `start` with the factor of the bare system as preconditioner.
     """
-    if len(gaps) == 0:
-        return rigidity.solve(right)
     solution, image = start, rigidity.image(start)
+    if len(gaps) == 0:
+        return solution + rigidity.solve(right - image)
     for _ in range(rounds):
         lacking = gaps.least - gaps.width(solution)
         active = gaps.forces + gaps.stiffness * lacking > 0

@@ -2,29 +2,37 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from dtrepair.device import start_warp
 from dtrepair.geometry import FloatArray
+from dtrepair.operators import Factor
 from dtrepair.repair.surface import ANCHOR, BoolArray, Surface
+
+# A region of less than this part of the vertices has a factor of its own.
+SMALL = 1 / 3
 
 
 class Rigidity:
     """Pulls poses of a surface towards the edges of one original pose (V, 3).
 
     The system L + ANCHOR M is factored once per topology; only the rotations follow the pose
-    (Sorkine & Alexa 2007).
+    (Sorkine & Alexa 2007). Where only a small region moves, its part of the system is factored
+    instead, and what surrounds it stays as it is.
     """
 
     def __init__(
-        self, surface: Surface, original: FloatArray, *, moving: BoolArray | None = None
+        self, surface: Surface, original: FloatArray, *, region: BoolArray | None = None
     ) -> None:
         """Use the operators of `surface` and the edges of `original`.
 
-        The surroundings of vertices outside of `moving` (V,) are taken for unturned.
+        Vertices outside of the region (V,) need not move: beyond its neighbours, surroundings are
+        taken for unturned.
         """
         from dtrepair.repair import rigidity_kernels
 
@@ -32,7 +40,10 @@ class Rigidity:
         self._warp = start_warp()
         self._surface = surface
         self._original = np.ascontiguousarray(original)
-        self._moving = np.ones(surface.count, dtype=bool) if moving is None else moving
+        if region is None:
+            region = np.ones(surface.count, dtype=bool)
+        self._turning = np.flatnonzero(surface.dilate(region))
+        self._inner = np.flatnonzero(region) if region.mean() < SMALL else None
         laplacian = surface.laplacian
         self._matrix = [
             self._array(laplacian.indptr.astype(np.int32), self._warp.int32),
@@ -41,26 +52,48 @@ class Rigidity:
         ]
 
     def target(self, points: FloatArray) -> FloatArray:
-        """Right-hand side (V, 3) of a step from `points`."""
+        """Right-hand side (V, 3) of a step from `points`, zero outside of a small region."""
         warp, count = self._warp, self._surface.count
         original = self._array(self._original, warp.vec3d)
-        rotations = warp.empty(count, dtype=warp.mat33d, device="cpu")
-        edges = warp.empty(count, dtype=warp.vec3d, device="cpu")
-        inputs = [*self._matrix, original, self._array(points, warp.vec3d)]
-        inputs += [self._array(self._moving.view(np.uint8), warp.uint8), rotations]
-        warp.launch(self._kernels.fit_rotations, dim=count, inputs=inputs, device="cpu")
-        inputs = [*self._matrix, original, rotations, edges]
-        warp.launch(self._kernels.rotated_edges, dim=count, inputs=inputs, device="cpu")
-        return edges.numpy() + ANCHOR * self._surface.mass[:, None] * self._original
+        rotations = self._array(np.tile(np.eye(3), (count, 1, 1)), warp.mat33d)
+        edges = warp.zeros(count, dtype=warp.vec3d, device="cpu")
+        turning = self._array(self._turning, warp.int32)
+        inputs = [turning, *self._matrix, original, self._array(points, warp.vec3d), rotations]
+        warp.launch(self._kernels.fit_rotations, dim=len(turning), inputs=inputs, device="cpu")
+        rows = np.arange(count) if self._inner is None else self._inner
+        inputs = [self._array(rows, warp.int32), *self._matrix, original, rotations, edges]
+        warp.launch(self._kernels.rotated_edges, dim=len(rows), inputs=inputs, device="cpu")
+        return edges.numpy() + self._anchored(self._original)
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """The pose (V, 3) of a right-hand side."""
-        return self._surface.rigidity_factor(right)
+        """The pose (V, 3) of a right-hand side, or the motion of its change."""
+        if self._inner is None:
+            return self._surface.rigidity_factor(right)
+        result = np.zeros_like(right)
+        result[self._inner] = self._own[1](right[self._inner])
+        return result
 
     def image(self, points: FloatArray) -> FloatArray:
         """The system applied to a pose (V, 3): the right-hand side that would give it."""
-        surface = self._surface
-        return surface.laplacian @ points + ANCHOR * surface.mass[:, None] * points
+        if self._inner is None:
+            return self._surface.laplacian @ points + self._anchored(points)
+        result = self._anchored(points)
+        result[self._inner] += self._own[0] @ points
+        return result
+
+    @cached_property
+    def _own(self) -> tuple[sparse.csr_matrix, Factor]:
+        """Rows of the Laplacian of a small region, and the factor of its part of the system."""
+        rows = self._surface.laplacian[self._inner]
+        anchor = sparse.diags(ANCHOR * self._surface.mass[self._inner])
+        return rows, Factor(rows[:, self._inner] + anchor)
+
+    def _anchored(self, points: FloatArray) -> FloatArray:
+        if self._inner is None:
+            return ANCHOR * self._surface.mass[:, None] * points
+        result = np.zeros_like(points)
+        result[self._inner] = ANCHOR * self._surface.mass[self._inner, None] * points[self._inner]
+        return result
 
     def _array(self, values: NDArray[Any], dtype: Any) -> Any:
         return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")

@@ -63,19 +63,16 @@ def followed_rotation(matrix: wp.mat33d) -> wp.mat33d:
 
 @wp.kernel
 def fit_rotations(
+    vertices: wp.array(dtype=wp.int32),
     indptr: wp.array(dtype=wp.int32),
     indices: wp.array(dtype=wp.int32),
     laplacian: wp.array(dtype=wp.float64),
     original: wp.array(dtype=wp.vec3d),
     points: wp.array(dtype=wp.vec3d),
-    moving: wp.array(dtype=wp.uint8),
     rotations: wp.array(dtype=wp.mat33d),
 ):
-    """Rotation of each vertex that best turns its original edges into the present ones (eq. 6)."""
-    i = wp.tid()
-    if moving[i] == wp.uint8(0):
-        rotations[i] = wp.identity(n=3, dtype=wp.float64)
-        return
+    """Rotation of some vertices that best turns their original edges into the present (eq. 6)."""
+    i = vertices[wp.tid()]
     covariance = wp.mat33d()
     for k in range(indptr[i], indptr[i + 1]):
         j = indices[k]
@@ -89,6 +86,7 @@ def fit_rotations(
 
 @wp.kernel
 def rotated_edges(
+    vertices: wp.array(dtype=wp.int32),
     indptr: wp.array(dtype=wp.int32),
     indices: wp.array(dtype=wp.int32),
     laplacian: wp.array(dtype=wp.float64),
@@ -97,7 +95,7 @@ def rotated_edges(
     result: wp.array(dtype=wp.vec3d),
 ):
     """Right-hand side of the global step (eq. 9): weighted edges under the mean rotations."""
-    i = wp.tid()
+    i = vertices[wp.tid()]
     total = wp.vec3d()
     for k in range(indptr[i], indptr[i + 1]):
         j = indices[k]

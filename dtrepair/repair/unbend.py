@@ -47,6 +47,8 @@ def unbend(
             return points, done
         seeds = surface.vertices_of(surface.hinges[(current < SHARP) & (current < given)])
         seeds &= ~surface.stiff
+        if not seeds.any():
+            return points, done
         rings = surface.rings_from(seeds, FADED_RINGS)
         fade = np.clip((FADED_RINGS - rings) / (FADED_RINGS - FULL_RINGS), 0.0, 1.0)
         trial, _ = relax(
@@ -78,7 +80,7 @@ def _smooth(surface: Surface, points: FloatArray, seeds: BoolArray, strength: fl
     rows = (rows + strength * (bending[:, inner].T @ bending)).tocsr()
     known = rows @ np.where(mask[:, None], 0.0, points)
     system = rows[:, inner]
-    rigidity = Rigidity(surface, points, moving=surface.dilate(mask))
+    rigidity = Rigidity(surface, points, region=mask)
     result = points
     for _ in range(ITERATIONS):
         right = rigidity.target(result)[inner] - known

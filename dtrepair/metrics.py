@@ -16,7 +16,8 @@ def edge_log_ratio(before: FloatArray, after: FloatArray, edges: IntArray) -> fl
     """Root mean square of the logarithm of the edges' length ratios: 0 for a rigid motion."""
     if len(edges) == 0:
         return 0.0
-    old, new = (lengths(points[edges[:, 0]] - points[edges[:, 1]]) for points in (before, after))
+    first, second = edges.T
+    old, new = (lengths(p.take(first, axis=0) - p.take(second, axis=0)) for p in (before, after))
     floor = 1e-12 * (diagonal(before) or 1.0)
     return float(np.sqrt(np.mean(np.log(np.maximum(new, floor) / np.maximum(old, floor)) ** 2)))
 

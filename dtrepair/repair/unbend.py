@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from dtrepair.geometry import FloatArray, triangle_normals
+from dtrepair.geometry import FloatArray, dots, triangle_normals
 from dtrepair.repair.crease import solve_patch
 from dtrepair.repair.relax import STEP, relax
 from dtrepair.repair.rigidity import Rigidity
@@ -99,4 +99,4 @@ def _cosines(surface: Surface, points: FloatArray) -> FloatArray:
     """Cosine of the angle between the normals at each hinge (H,)."""
     normals = triangle_normals(points, surface.faces)
     first, second = surface.hinges.T
-    return np.einsum("ij,ij->i", normals[first], normals[second])
+    return dots(normals.take(first, axis=0), normals.take(second, axis=0))

@@ -8,7 +8,7 @@ import pytest
 from dtrepair.geometry import adjacency, extent, unique_edges, vector_areas
 from dtrepair.intersect.detector import find_intersections
 from dtrepair.operators import Factor
-from dtrepair.repair.surface import BodyRange, Surface, link_labels
+from dtrepair.repair.surface import BodyRange, Surface
 from tests.meshes import (
     Mesh,
     crossing_tubes,
@@ -140,10 +140,6 @@ def test_masks_and_components() -> None:
     mask = surface.vertices_of(np.array([[0, 3]]))
     assert set(np.flatnonzero(mask)) == set(faces[[0, 3]].ravel())
     assert np.array_equal(surface.triangles_at(mask), np.isin(faces, faces[[0, 3]]).any(axis=1))
-
-
-def test_link_labels_without_links() -> None:
-    assert len(np.unique(link_labels(np.zeros((0, 2), np.int32), 5))) == 5
 
 
 def test_vector_areas_of_vertices_sum_to_those_of_triangles() -> None:

@@ -199,3 +199,20 @@ def one_vertex_pairs(faces: IntArray, count: int) -> IntArray:
     first, second = first[shared == 1], second[shared == 1]
     rows = np.stack([first // 3, first % 3, second // 3, second % 3], axis=1).astype(np.int32)
     return rows[np.argsort(faces.ravel()[first], kind="stable")]
+
+
+def link_labels(links: NDArray[np.integer], count: int) -> IntArray:
+    """Connected component (count,) of each of `count` items under undirected links (K, 2).
+
+    Components are numbered by their first items.
+    """
+    from dtrepair.device import start_warp
+    from dtrepair.intersect import query_kernels
+
+    warp, items = start_warp(), np.arange(count, dtype=np.int32)
+    roots = warp.array(items, dtype=warp.int32, device="cpu")
+    pairs = np.ascontiguousarray(links, dtype=np.int32).reshape(-1, 2)
+    inputs = [warp.array(pairs, dtype=warp.vec2i, device="cpu"), roots]
+    warp.launch(query_kernels.link_roots, dim=1, inputs=inputs, device="cpu")
+    root = roots.numpy()
+    return (np.cumsum(root == items, dtype=np.int32) - 1)[root]

@@ -199,6 +199,24 @@ def ring_distances(
 
 
 @wp.kernel
+def link_roots(links: wp.array(dtype=wp.vec2i), root: wp.array(dtype=wp.int32)):
+    """The least item that each item is linked to, from each item itself; one thread does all."""
+    for k in range(links.shape[0]):
+        i = links[k][0]
+        j = links[k][1]
+        while root[i] != i:
+            root[i] = root[root[i]]
+            i = root[i]
+        while root[j] != j:
+            root[j] = root[root[j]]
+            j = root[j]
+        root[wp.max(i, j)] = wp.min(i, j)
+    # A root comes before what hangs on it.
+    for item in range(root.shape[0]):
+        root[item] = root[root[item]]
+
+
+@wp.kernel
 def cast_rays(
     points: wp.array2d(dtype=wp.vec3f),
     faces: wp.array(dtype=wp.vec3i),

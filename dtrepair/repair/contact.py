@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dtrepair.geometry import FloatArray, IntArray, extent
-from dtrepair.repair.surface import BoolArray, Surface, link_labels
+from dtrepair.intersect.queries import link_labels
+from dtrepair.repair.surface import BoolArray, Surface
 
 
 class Defects(NamedTuple):

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from dtrepair.geometry import FloatArray, dots, lengths
-from dtrepair.repair.surface import Surface, link_labels
+from dtrepair.intersect.queries import link_labels
+from dtrepair.repair.surface import Surface
 
 # Highest pressure, next to edges of weight about 1 and units of the size.
 HIGHEST = 5.0

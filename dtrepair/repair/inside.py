@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dtrepair.geometry import FloatArray, IntArray, dots, lengths, triangle_normals
-from dtrepair.repair.surface import BoolArray, Surface, link_labels, pair_keys
+from dtrepair.intersect.queries import link_labels
+from dtrepair.repair.surface import BoolArray, Surface, pair_keys
 
 # Rays a component; odd, so that the median is a vote.
 RAYS = 7

@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse import csgraph
 
 from dtrepair.geometry import (
     FloatArray,
@@ -23,7 +22,7 @@ from dtrepair.geometry import (
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs, of_ignored_bodies
 from dtrepair.intersect.proximity import close_pairs
-from dtrepair.intersect.queries import Queries
+from dtrepair.intersect.queries import Queries, link_labels
 from dtrepair.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
 from dtrepair.repair.covering import covered_vertices
 from dtrepair.repair.rigid import RigidBodies
@@ -315,11 +314,3 @@ def _united(first: IntArray, second: IntArray) -> IntArray:
 def _unit(vectors: FloatArray) -> FloatArray:
     length = lengths(vectors)[:, None]
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
-
-
-def link_labels(links: NDArray[np.integer], count: int) -> IntArray:
-    """Connected component (count,) of each of `count` items under undirected links (K, 2)."""
-    graph = sparse.coo_matrix(
-        (np.ones(len(links), dtype=np.int8), (links[:, 0], links[:, 1])), shape=(count, count)
-    )
-    return csgraph.connected_components(graph, directed=False)[1].astype(np.int32)

@@ -76,7 +76,7 @@ class Case:
             optimizer=optimizer or self.descent.optimizer,
         )
         detector = Detector(self.rest, self.faces, device=device)
-        return DeviceDescent(there, detector, queue=self.queue, capacity=capacity)
+        return DeviceDescent(there, detector, self.queue, capacity=capacity)
 
 
 def coil(triangles: int, climb: float) -> tuple[Points, Faces]:
@@ -120,7 +120,7 @@ def checks(case: Case) -> Iterator[tuple[str, bool, str]]:
     exact = Detector(case.rest, case.faces)(poses)
     same = np.array_equal(exact, detector(poses))
     yield "pairs of the detector, exact", same, f"{len(exact)} pairs"
-    detection = FixedDetection(detector, len(poses), queue=case.queue)
+    detection = FixedDetection(detector, len(poses), case.queue)
     with case.queue.active():
         detection.points.copy_(poses)
         detection.run()
@@ -137,7 +137,7 @@ def checks(case: Case) -> Iterator[tuple[str, bool, str]]:
             there = poses.to(case.queue.device)
             everyone = torch.ones(len(poses), dtype=torch.bool, device=there.device)
             method = replace(method, faces=method.faces.to(there.device))
-            forces = Forces(method, detector, case.queue)
+            forces = Forces(method)
             received = forces(there, detection, everyone).cpu()
         yield _close(f"forces, {name}", received, wanted, 1e-6)
     factor = case.descent.diffusion

@@ -94,9 +94,12 @@ class DeviceQueue:
         import torch
 
         self._torch_stream.wait_stream(torch.cuda.current_stream(self.device))
-        with torch.cuda.stream(self._torch_stream):
-            yield
-        torch.cuda.current_stream(self.device).wait_stream(self._torch_stream)
+        try:
+            with torch.cuda.stream(self._torch_stream):
+                yield
+        finally:
+            # After an error too: what the launches use may be freed from here on.
+            torch.cuda.current_stream(self.device).wait_stream(self._torch_stream)
 
     def wait(self) -> None:
         """Wait until the device is done with all that anybody asked for."""
@@ -107,15 +110,15 @@ class DeviceQueue:
         """A function that does `work` so many times: one CUDA graph, or plain calls on the CPU.
 
         On CUDA `work` must have run once before, allocate by PyTorch only, and ask for no value.
-        Where a driver refuses the graph, calls are plain as well, which is slower and all the same
-        otherwise; `refusal` tells why.
+        Where a driver refuses the graph, calls are plain from then on, which is slower; `refusal`
+        tells why. It is not asked twice: PyTorch may keep the memory of a capture that failed.
         """
 
         def calls() -> None:
             for _ in range(times):
                 work()
 
-        if self._torch_stream is None:
+        if self._torch_stream is None or self.refusal:
             return calls
         try:
             return self._captured(calls)

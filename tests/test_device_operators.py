@@ -19,6 +19,7 @@ from dtrepair.repair.fixed_detection import FixedDetection
 from tests.meshes import bent_tube, icosphere, overlapping_spheres
 from tests.test_energy import KERNEL_CASES
 
+QUEUE = DeviceQueue("cpu")
 POINTS, FACES = overlapping_spheres()
 LAPLACIAN = cotangent_laplacian(POINTS, FACES)
 
@@ -35,7 +36,7 @@ def setup(kernel: Kernel, **options) -> tuple[Descent, FixedDetection, torch.Ten
         kernel=kernel,
         **options,
     )
-    detection = FixedDetection(detector, 2)
+    detection = FixedDetection(detector, 2, QUEUE)
     detection.points.copy_(torch.from_numpy(poses))
     detection.run()
     pairs = detection.pairs[: int(detection.count)].long()
@@ -54,7 +55,7 @@ def test_gradient_is_that_of_pair_energy(kernel: Kernel, directed: bool) -> None
         points, descent.faces, pairs, kernel=kernel, direction=descent.direction
     )
     everyone = torch.ones(2, dtype=torch.bool)
-    forces = Forces(descent, detection.detector)
+    forces = Forces(descent)
     received = forces(points, detection, everyone)
     assert expected.abs().max() > 1e-6
     # A sum of some fifty forces, each rounded to 2^-41; powers differ in the last digits.
@@ -66,7 +67,7 @@ def test_gradient_is_that_of_pair_energy(kernel: Kernel, directed: bool) -> None
 def test_forces_do_not_depend_on_the_order_of_the_pairs() -> None:
     descent, detection, points, pairs = setup(KERNEL_CASES[0])
     everyone = torch.ones(2, dtype=torch.bool)
-    forces = Forces(descent, detection.detector)
+    forces = Forces(descent)
     expected = forces(points, detection, everyone)
     order = torch.from_numpy(np.random.default_rng(0).permutation(len(pairs)))
     detection.pairs[: len(pairs)] = pairs[order].int()
@@ -83,11 +84,11 @@ def test_a_large_force_is_cut_and_a_triangle_without_area_is_harmless() -> None:
         diffusion=SparseOperator(LAPLACIAN),
         laplacian=SparseOperator(LAPLACIAN),
     )
-    detection = FixedDetection(detector, 1)
+    detection = FixedDetection(detector, 1, QUEUE)
     detection.pairs[:2] = torch.tensor([[0, 5, 60], [0, 5, 61]], dtype=torch.int32)
     detection.count.fill_(2)
     poses = torch.from_numpy(points)[None]
-    forces = Forces(descent, detector)
+    forces = Forces(descent)
     assert forces(poses, detection, torch.ones(1, dtype=torch.bool)).isfinite().all()
     huge = forces(poses * 1e12, detection, torch.ones(1, dtype=torch.bool))
     assert huge.isfinite().all() and huge.abs().max() <= 16 * 2.0**18
@@ -96,9 +97,9 @@ def test_a_large_force_is_cut_and_a_triangle_without_area_is_harmless() -> None:
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_rows_are_multiplied_in_double(dtype: torch.dtype) -> None:
     field = torch.from_numpy(np.random.default_rng(1).normal(size=(3, len(POINTS), 3)))
-    received = RowOperator(LAPLACIAN, DeviceQueue("cpu"))(field.to(dtype))
+    received = RowOperator(LAPLACIAN, QUEUE)(field.to(dtype))
     expected = torch.from_numpy(LAPLACIAN.toarray()) @ field.to(dtype).double()
     assert received.dtype == dtype
     assert (received - expected).abs().max() < (1e-12 if dtype == torch.float64 else 1e-6) * 10
     small = cotangent_laplacian(*icosphere(0))
-    assert RowOperator(small, DeviceQueue("cpu"))(torch.ones(1, 12, 3)).abs().max() < 1e-6
+    assert RowOperator(small, QUEUE)(torch.ones(1, 12, 3)).abs().max() < 1e-6

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 import torch
 
+from dtrepair.device import DeviceQueue
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs
 from dtrepair.repair.fixed_detection import FixedDetection
 from dtrepair.repair.surface import BodyRange, Surface
 from tests.meshes import bent_tube, icosphere, joined, overlapping_spheres
+
+QUEUE = DeviceQueue("cpu")
 
 
 def found(detection: FixedDetection, poses: np.ndarray) -> np.ndarray:
@@ -19,6 +22,11 @@ def found(detection: FixedDetection, poses: np.ndarray) -> np.ndarray:
     detection.run()
     rows = detection.pairs[: int(detection.count)].numpy()
     return rows[np.lexsort(rows.T[::-1])]
+
+
+def overflow(detection: FixedDetection) -> tuple[int, int] | None:
+    """A capacity that would have done, if that of the detection did not."""
+    return detection.larger_than(detection.needed.tolist())
 
 
 def tubes() -> tuple[np.ndarray, np.ndarray]:
@@ -31,14 +39,14 @@ def test_pairs_are_those_of_the_detector_for_every_pose_of_a_batch() -> None:
     poses, faces = tubes()
     detector = Detector(poses[0], faces)
     expected = detector(poses, exact=False)
-    detection = FixedDetection(detector, 3)
+    detection = FixedDetection(detector, 3, QUEUE)
     assert len(expected) > 50 and len(set(expected[:, 0])) == 2
     for batch in (poses, poses[::-1].copy(), poses):  # nothing is left over from a run before
         expected = detector(batch, exact=False)
         assert np.array_equal(found(detection, batch), expected)
         counts = [len(np.unique(expected[expected[:, 0] == k, 1:])) for k in range(3)]
         assert detection.triangles.tolist() == counts
-    assert detection.overflow() is None
+    assert overflow(detection) is None
 
 
 @pytest.mark.parametrize(
@@ -47,16 +55,16 @@ def test_pairs_are_those_of_the_detector_for_every_pose_of_a_batch() -> None:
 def test_too_little_room_is_told_with_what_would_do(capacity: tuple[int, int], roomy: bool) -> None:
     poses, faces = tubes()
     detector = Detector(poses[0], faces)
-    detection = FixedDetection(detector, 3, capacity=capacity)
+    detection = FixedDetection(detector, 3, QUEUE, capacity=capacity)
     rows = found(detection, poses)
     if roomy:
-        assert detection.overflow() is None
+        assert overflow(detection) is None
         return
-    wanted = detection.overflow()
+    wanted = overflow(detection)
     assert wanted is not None and len(rows) < 1000
     # Pairs beyond the buffer of candidates are not known: it may take two rounds.
-    while (more := detection.overflow()) is not None:
-        detection = FixedDetection(detector, 3, capacity=more)
+    while (more := overflow(detection)) is not None:
+        detection = FixedDetection(detector, 3, QUEUE, capacity=more)
         rows = found(detection, poses)
     assert np.array_equal(rows, detector(poses, exact=False))
 
@@ -80,7 +88,7 @@ def test_what_counts_is_what_counts_for_the_surface() -> None:
         {"leave_rest": True},
     ):
         surface = Surface(points, faces, bodies=ranges, **options)
-        detection = FixedDetection(surface.detector, 2, counted=surface.counted_pairs)
+        detection = FixedDetection(surface.detector, 2, QUEUE, counted=surface.counted_pairs)
         rows = found(detection, surface.written(poses / surface.size))
         assert np.array_equal(rows, surface.batch_pairs(poses / surface.size))
         results.append(len(rows))
@@ -92,9 +100,9 @@ def test_a_pair_can_be_left_out_by_number_and_a_mesh_may_have_no_triangles() -> 
     detector = Detector(poses[0], faces)
     pairs = detector(poses[1], exact=False)
     group, counted = np.zeros(len(faces), dtype=np.int32), np.ones((1, 1), dtype=bool)
-    detection = FixedDetection(detector, 1, counted=CountedPairs(group, counted, pairs[::2]))
+    detection = FixedDetection(detector, 1, QUEUE, counted=CountedPairs(group, counted, pairs[::2]))
     assert np.array_equal(found(detection, poses[1:2])[:, 1:], pairs[1::2])
-    empty = FixedDetection(Detector(icosphere(0)[0], np.zeros((0, 3), dtype=np.int32)), 2)
+    empty = FixedDetection(Detector(icosphere(0)[0], np.zeros((0, 3), dtype=np.int32)), 2, QUEUE)
     empty.run()
     assert int(empty.count) == 0 and empty.triangles.tolist() == [0, 0]
 
@@ -102,9 +110,9 @@ def test_a_pair_can_be_left_out_by_number_and_a_mesh_may_have_no_triangles() -> 
 def test_poses_of_nan_have_no_pairs_and_cost_nothing() -> None:
     poses, faces = tubes()
     detector = Detector(poses[0], faces)
-    alone = FixedDetection(detector, 1)
+    alone = FixedDetection(detector, 1, QUEUE)
     rows = found(alone, poses[1:2])
-    both = FixedDetection(detector, 2)
+    both = FixedDetection(detector, 2, QUEUE)
     with_nan = found(both, np.stack([np.full_like(poses[0], np.nan), poses[1]]))
     assert np.array_equal(with_nan[:, 1:], rows[:, 1:]) and (with_nan[:, 0] == 1).all()
     # Not even boxes overlap.

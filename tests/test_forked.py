@@ -92,6 +92,25 @@ def test_a_signal_during_the_fork_is_not_lost(monkeypatch):
         os.kill(forked[0], 0)
 
 
+def test_a_signal_before_the_fork_stays_out_of_the_process(monkeypatch, tmp_path):
+    fork = os.fork
+
+    def interrupted_fork():
+        signal.raise_signal(signal.SIGINT)
+        return fork()
+
+    monkeypatch.setattr(os, "fork", interrupted_fork)
+    here, escaped = os.getpid(), tmp_path / "escaped"
+    with pytest.raises(KeyboardInterrupt):
+        try:
+            list(forked_map(lambda number: number, range(3), jobs=2))
+        finally:
+            if os.getpid() != here:
+                escaped.touch()
+                os._exit(1)
+    assert not escaped.exists()
+
+
 def test_no_process_outlives_the_iterator(tmp_path):
     def wait(number):
         (tmp_path / str(number)).write_text(str(os.getpid()))

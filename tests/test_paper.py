@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dtrepair.device import DeviceQueue
 from dtrepair.repair import paper
 from dtrepair.repair.device_descent import DeviceDescent
 from dtrepair.repair.options import RepairOptions
@@ -46,7 +47,7 @@ def test_the_loop_of_a_device_cleans_as_well(monkeypatch, bodies: int) -> None:
         surface = Surface(points, faces, bodies=ranges, mobility=mobility)
         poses = [points / surface.size]
     monkeypatch.setattr(paper, "DEVICE_LOOP", ("cpu", "cuda"))
-    method = PaperMethod(surface, OPTIONS)
+    method = PaperMethod(surface, OPTIONS, queue=DeviceQueue("cpu"))
     assert isinstance(method.descent, DeviceDescent)
     for pose, solved in zip(poses, method.batch(poses), strict=True):
         assert 10 * len(surface.pairs(solved.points)) < len(surface.pairs(pose))
@@ -63,4 +64,4 @@ def test_an_operator_that_does_not_fit_on_the_device_is_a_clear_error(monkeypatc
     monkeypatch.setattr(paper, "DEVICE_LOOP", ("cpu", "cuda"))
     monkeypatch.setattr(paper.Diffusion, "on", full)
     with pytest.raises(MemoryError, match=r"the diffusion operator of \d+ triangles .* 'cpu'"):
-        PaperMethod(surface, OPTIONS)
+        PaperMethod(surface, OPTIONS, queue=DeviceQueue("cpu"))

@@ -52,35 +52,32 @@ def as_failure(error: Exception) -> Failure:
     if isinstance(error, MeshFileError):
         return Failure(str(error), INPUT)
     if isinstance(error, MemoryError):
-        return Failure("out of memory; choose fewer frames or prims", INTERNAL)
+        return Failure(str(error) or "out of memory; choose fewer frames or prims", INTERNAL)
     return Failure(
         f"internal error: {type(error).__name__}: {error}; please report it with the output of -vv",
         INTERNAL,
     )
 
 
-def use_device(name: str, *, method: str = "paper") -> str:
-    """Return the device that a --device option names; a usage error if it is not there.
-
-    `auto` is the CPU for a method that does not run on others.
-    """
+def use_device(name: str) -> str:
+    """Return the device that a --device option names; a usage error if it is not there."""
     from dtrepair.device import resolve_device
 
-    if name == "auto" and method == "full":
-        return "cpu"
     try:
         return resolve_device(name)
     except ValueError as error:
         raise Failure(f"--device: {error}", USAGE) from None
 
 
-def device_warnings(device: str, method: str) -> list[str]:
-    """What does not run on a device that was asked for."""
-    if device == "cpu" or method != "full":
-        return []
-    return [
-        f"{device} counts intersections only; the method itself runs on the CPU "
-        "(--method paper runs on the GPU)"
+def device_of_method(name: str, method: str) -> tuple[str, list[str]]:
+    """Return where a method runs if --device names this device, and warnings."""
+    if method != "full":
+        return use_device(name), []
+    if name == "auto" or use_device(name) == "cpu":
+        return "cpu", []
+    # Only counting there would cost the processes that the frames are shared out to.
+    return "cpu", [
+        f"--device {name}: the default method runs on the CPU (--method paper runs on the GPU)"
     ]
 
 

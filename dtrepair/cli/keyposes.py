@@ -16,10 +16,9 @@ from dtrepair.cli.failures import (
     USAGE,
     Failure,
     check_writable,
-    device_warnings,
+    device_of_method,
     one_line_errors,
     refuse_overwriting,
-    use_device,
     writing,
 )
 from dtrepair.cli.frames import prim_records
@@ -142,8 +141,8 @@ def command(
     if report_path is not None:
         refuse_overwriting(report_path, source_path, output)
         check_writable(report_path)
-    there = use_device(device, method=options.method)
-    console.warn(device_warnings(there, options.method))
+    there, warnings = device_of_method(device, options.method)
+    console.warn(warnings)
     run = Run(source_path, output or "", there, options, jobs, alone=True)
     search = KeyOptions(
         samples=samples,

@@ -23,10 +23,9 @@ from dtrepair.cli.failures import (
     USAGE,
     Failure,
     check_writable,
-    device_warnings,
+    device_of_method,
     one_line_errors,
     refuse_overwriting,
-    use_device,
     writing,
 )
 from dtrepair.cli.method import method_options
@@ -130,8 +129,8 @@ def command(
         raise Failure("--distributed: not with --chunk or --resume; leave one out", USAGE)
     # The published method knows single poses only.
     alone = alone or options.method == "paper"
-    there = use_device(device, method=options.method)
-    console.warn(device_warnings(there, options.method))
+    there, warnings = device_of_method(device, options.method)
+    console.warn(warnings)
     run = Run(source_path, output, there, options, jobs, alone)
     source = open_source(source_path, selection, collider=objects.collider)
     console.warn(source.warnings)

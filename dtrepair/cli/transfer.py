@@ -13,10 +13,9 @@ from dtrepair.cli.failures import (
     USAGE,
     Failure,
     check_writable,
-    device_warnings,
+    device_of_method,
     one_line_errors,
     refuse_overwriting,
-    use_device,
     writing,
 )
 from dtrepair.cli.method import METHOD_NAMES, method_options
@@ -151,8 +150,8 @@ def command(
     wanted = TransferOptions(repair=options if repair else None, picture=picture, **given)
     _check_options(wanted)
     _check_outputs(wanted, output, report_path)
-    there = use_device(device, method=options.method)
-    console.warn(device_warnings(there, options.method))
+    there, warnings = device_of_method(device, options.method)
+    console.warn(warnings)
     inputs = Inputs(wanted, selection, there, jobs)
     code, report = run_transfer(inputs, output, console)
     if report is not None and report_path is not None:

@@ -211,7 +211,8 @@ def find_candidates(
                     row = row & other_active
                 while row != 0:
                     slot = wp.atomic_add(count, 0, 1)
-                    if slot < candidates.shape[0]:
+                    # The count of poses that collapsed may wrap around.
+                    if slot >= 0 and slot < candidates.shape[0]:
                         j = leaf_start[other] + lowest_bit(row)
                         candidates[slot] = wp.vec3i(frame, i, j)
                     row = row & (row - 1)

@@ -11,11 +11,11 @@ from scipy import sparse
 from torch import Tensor
 
 from dtrepair.geometry import FloatArray
-from dtrepair.repair.dense_product import product
 
 Index = NDArray[np.int64]
 
-# Vertices of a part. Smaller parts have more between them, whose block is square in their number.
+# Least number of vertices of a part. Smaller parts have more between them, whose block is square in
+# their number: about sqrt(7 V) vertices each balance both.
 PART = 256
 
 
@@ -25,15 +25,14 @@ class BlockDiffusion:
     The vertices are cut into parts that only meet in separators; with inner vertices i and
     separators s, A^-1 b is x_s = S^-1 (b_s - A_si A_ii^-1 b_i), x_i = A_ii^-1 (b_i - A_is x_s).
     All inverses are built once, in double, and are dense blocks: a few batched products a solve,
-    no host, the same sums in the same order every time. Memory is about V x PART numbers and the
-    square of the separators (some percent of V), where a dense operator has V^2.
+    no host, the same sums in the same order every time. Memory is about V x `part` numbers and the
+    square of the separators (a sixth of V or less), where a dense operator has V^2.
 
     Args:
         matrix: A (V, V), symmetric and positive definite.
         points: Positions (V, 3) that the parts are cut by.
         mass: Lumped masses (V,); None is the identity.
         device: Where the blocks are kept.
-        dtype: Of the blocks and of the products.
     """
 
     def __init__(
@@ -43,12 +42,11 @@ class BlockDiffusion:
         *,
         mass: FloatArray | None = None,
         device: str | torch.device = "cpu",
-        dtype: torch.dtype = torch.float64,
-        part: int = PART,
+        part: int | None = None,
     ) -> None:
         """Cut, invert and upload; see the class."""
         matrix = sparse.csr_matrix(matrix)
-        parts, separators = cut(matrix, points, part)
+        parts, separators = cut(matrix, points, part or max(PART, round((7 * len(points)) ** 0.5)))
         inner = np.full((len(parts), max(map(len, parts))), len(points))
         for row, own in zip(inner, parts, strict=True):
             row[: len(own)] = own
@@ -57,13 +55,12 @@ class BlockDiffusion:
         inverses, couplings, near, schur = _blocks(matrix, parts, separators, place)
 
         def upload(values: NDArray[Any]) -> Tensor:
-            kind = dtype if np.issubdtype(values.dtype, np.floating) else torch.int64
-            return torch.from_numpy(np.ascontiguousarray(values)).to(device, kind)
+            return torch.from_numpy(np.ascontiguousarray(values)).to(device)
 
         self._inner, self._separators = upload(inner), upload(separators)
         self._near, self._inverses = upload(near), upload(inverses)
         self._couplings = upload(couplings)
-        self._schur = upload(np.linalg.inv(schur))
+        self._schur = torch.linalg.inv(upload(schur)) if len(schur) else upload(schur)
         self._terms = upload(_terms(near, len(separators)))
         self._place = upload(_places(inner, separators, len(points)))
         self.mass = None if mass is None else upload(mass)
@@ -73,12 +70,12 @@ class BlockDiffusion:
         frames, count, columns = field.shape
         flat = field.permute(1, 0, 2).reshape(count, frames * columns)
         padded = _padded(flat)
-        inside = product(self._inverses, padded[self._inner])
+        inside = self._inverses @ padded[self._inner]
         # A_si A_ii^-1 b_i of each part; those of a separator are added in a fixed order.
-        owed = product(self._couplings.transpose(1, 2), padded[self._inner])
+        owed = self._couplings.transpose(1, 2) @ padded[self._inner]
         owed = _padded(owed.reshape(-1, frames * columns))[self._terms].sum(dim=1)
-        between = product(self._schur, flat[self._separators] - owed)
-        inside = inside - product(self._couplings, _padded(between)[self._near])
+        between = self._schur @ (flat[self._separators] - owed)
+        inside = inside - self._couplings @ _padded(between)[self._near]
         found = torch.cat([inside.reshape(-1, frames * columns), between])[self._place]
         return found.reshape(count, frames, columns).permute(1, 0, 2)
 

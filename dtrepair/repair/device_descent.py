@@ -25,7 +25,7 @@ BATCH = 64
 class DeviceDescent:
     """`Descent` with every iteration on the device of its detector; call it with poses.
 
-    Frames of a batch that are clean, or have diverged, wait, at no cost, until all are. On CUDA
+    Frames of a batch that are clean, or have diverged, are neither searched nor pushed. On CUDA
     `STEPS` iterations are one graph. Buffers that overflow are made larger, and a batch that does
     not fit into memory is halved; either starts the batch again, so that no pair is ever missed.
     Pairs are those of `Descent` and points agree to 1e-5 of the size, as all is in double: in
@@ -38,7 +38,7 @@ class DeviceDescent:
         detector: Detector of the same mesh on the device.
         size: What one unit of the poses is in the coordinates that are written and counted.
         counted: Which pairs count; default: all.
-        queue: Where to work; that of the operators of `descent`.
+        queue: Where to work: the queue of the operators of `descent`.
         batch: At most so many poses are worked on at once.
         capacity: Candidates and pairs that the first buffers hold; default: a guess.
 
@@ -50,17 +50,17 @@ class DeviceDescent:
         self,
         descent: Descent,
         detector: Detector,
+        queue: DeviceQueue,
         *,
         size: float = 1.0,
         counted: CountedPairs | None = None,
-        queue: DeviceQueue | None = None,
         batch: int = BATCH,
         capacity: tuple[int, int] | None = None,
     ) -> None:
         self.descent, self.detector, self.counted = descent, detector, counted
         self.size, self.batch, self.capacity = size, batch, capacity
-        self.queue = queue or DeviceQueue(detector.device)
-        self.forces = Forces(descent, detector, self.queue)
+        self.queue = queue
+        self.forces = Forces(descent)
         self._loop: _Loop | None = None
 
     def __call__(self, points: Tensor) -> DescentResult:
@@ -69,15 +69,19 @@ class DeviceDescent:
         first = 0
         while first < len(points):
             own = points[first : first + self.batch]
+            shortage = None
             try:
                 parts.append(self._solved(own))
                 first += len(own)
             except RuntimeError as error:
-                self._loop = None
+                self._drop_loop()
                 if not out_of_memory(error):
                     raise
+                # The traceback holds tensors, whose memory is to be freed.
+                shortage = error.with_traceback(None)
+            if shortage is not None:
                 if len(own) == 1:
-                    raise too_large("a single pose", self.detector) from error
+                    raise too_large("a single pose", self.detector) from shortage
                 self.batch = len(own) // 2
                 with suppress(RuntimeError):  # a build without CUDA has no cache
                     torch.cuda.empty_cache()
@@ -86,7 +90,9 @@ class DeviceDescent:
     def _solved(self, points: Tensor) -> DescentResult:
         """A batch, again with larger buffers until they do."""
         while True:
-            if self._loop is None or self._loop.frames < len(points):
+            # Never a wider one: its products would round differently.
+            if self._loop is None or self._loop.frames != len(points):
+                self._drop_loop()
                 self._loop = _Loop(self, len(points), self.capacity)
             loop = self._loop
             with self.queue.active():
@@ -97,7 +103,13 @@ class DeviceDescent:
                     return loop.result(points)
             self.capacity = loop.larger
             del loop
-            self._loop = None  # its memory is free before the next one is made
+            self._drop_loop()
+
+    def _drop_loop(self) -> None:
+        """Free the memory of the loop, before another one takes some."""
+        if self._loop is not None:
+            self._loop.graph = None  # it refers to the loop
+            self._loop = None
 
 
 class _Loop:
@@ -108,7 +120,7 @@ class _Loop:
     ) -> None:
         descent, self.method, self.frames = method.descent, method, frames
         self.detection = FixedDetection(
-            method.detector, frames, counted=method.counted, capacity=capacity, queue=method.queue
+            method.detector, frames, method.queue, counted=method.counted, capacity=capacity
         )
         self.device = torch.device(method.detector.device)
         shape = (frames, method.detector.vertex_count, 3)
@@ -125,7 +137,7 @@ class _Loop:
             (descent.iterations + 2, frames), dtype=torch.int64, device=self.device
         )
         self.larger: tuple[int, int] | None = None
-        self._graph: Callable[[], None] | None = None
+        self.graph: Callable[[], None] | None = None
         # What was uploaded is there before a queue of its own asks for it.
         method.queue.wait()
 
@@ -141,7 +153,6 @@ class _Loop:
         self.alive.zero_()
         self.alive[:count] = True
         self.diverged.zero_()
-        self.detection.needed.zero_()
         self.fewest.fill_(len(descent.faces) + 1)
         self.history.fill_(NOT_MEASURED)
         self.done = False
@@ -151,10 +162,10 @@ class _Loop:
 
         done: no frame goes on; larger: the capacity that it takes, where buffers were too small.
         """
-        if self._graph is None:
+        if self.graph is None:
             self.iterate()  # readies all that a graph calls
-            self._graph = self.method.queue.repeated(self.iterate, STEPS)
-        self._graph()
+            self.graph = self.method.queue.repeated(self.iterate, STEPS)
+        self.graph()
         alive, *needed = torch.cat([self.alive.any()[None].int(), self.detection.needed]).tolist()
         self.larger = self.detection.larger_than(needed)
         self.done = not alive

@@ -10,7 +10,6 @@ from scipy import sparse
 from torch import Tensor
 
 from dtrepair.device import DeviceQueue, start_warp
-from dtrepair.intersect.detector import Detector
 from dtrepair.repair import descent_kernels as kernels
 from dtrepair.repair.descent import Descent
 from dtrepair.repair.energy import (
@@ -36,11 +35,8 @@ class Forces:
     One launch, which sums in integers (see `SCALE`).
     """
 
-    def __init__(
-        self, descent: Descent, detector: Detector, queue: DeviceQueue | None = None
-    ) -> None:
+    def __init__(self, descent: Descent) -> None:
         """Take energy, triangles and directions from `descent`."""
-        self.queue = queue or DeviceQueue(detector.device)
         warp = start_warp()
         faces = descent.faces.to(torch.int32).contiguous()
         direction = descent.direction
@@ -66,7 +62,7 @@ class Forces:
             self._energy,
             warp.from_torch(forces, dtype=warp.int64),
         ]
-        self.queue.launch(kernels.push_pairs, found.capacity[1:], inputs)
+        found.queue.launch(kernels.push_pairs, found.capacity[1:], inputs)
         return (forces.double() / self._energy.scale).to(points.dtype)
 
 

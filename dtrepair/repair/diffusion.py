@@ -12,7 +12,6 @@ from torch import Tensor
 
 from dtrepair.geometry import FloatArray
 from dtrepair.operators import Factor
-from dtrepair.repair.dense_product import product
 
 # Right-hand sides of one solve while a dense operator is built: what cholespy handles well.
 BLOCK = 96
@@ -99,27 +98,24 @@ class Diffusion:
         points: FloatArray,
         *,
         device: str | torch.device,
-        dtype: torch.dtype = torch.float64,
     ) -> Diffuser:
         """The same operator for tensors on a device; points: positions (V, 3) of the mesh."""
         if self.count <= DENSE:
-            return self.dense(device=device, dtype=dtype)
+            return self.dense(device=device)
         from dtrepair.repair.block_diffusion import BlockDiffusion
 
         matrix = sparse.csr_matrix(self.matrix)
-        return BlockDiffusion(matrix, points, mass=self.mass, device=device, dtype=dtype)
+        return BlockDiffusion(matrix, points, mass=self.mass, device=device)
 
-    def dense(
-        self, *, device: str | torch.device, dtype: torch.dtype = torch.float64
-    ) -> DenseDiffusion:
+    def dense(self, *, device: str | torch.device) -> DenseDiffusion:
         """The same operator as a matrix (V, V) on a device; V solves, 8 V^2 bytes in float64."""
-        inverse = torch.empty((self.count, self.count), dtype=dtype)
+        inverse = torch.empty((self.count, self.count), dtype=torch.float64)
         for first in range(0, self.count, BLOCK):
             columns = np.arange(first, min(first + BLOCK, self.count))
             identity = np.zeros((self.count, len(columns)))
             identity[columns, columns - first] = 1.0
             inverse[:, first : first + BLOCK] = torch.from_numpy(self.factor(identity))
-        mass = None if self.mass is None else torch.from_numpy(self.mass).to(device, dtype)
+        mass = None if self.mass is None else torch.from_numpy(self.mass).to(device)
         return DenseDiffusion(inverse.to(device), mass)
 
 
@@ -203,5 +199,5 @@ class SparseOperator:
 def _product(matrix: Tensor, field: Tensor) -> Tensor:
     """matrix @ field of every frame in one product."""
     frames, count, columns = field.shape
-    flat = product(matrix, field.permute(1, 0, 2).reshape(count, frames * columns))
+    flat = matrix @ field.permute(1, 0, 2).reshape(count, frames * columns)
     return flat.reshape(count, frames, columns).permute(1, 0, 2)

@@ -30,13 +30,13 @@ class FixedDetection:
         self,
         detector: Detector,
         frames: int,
+        queue: DeviceQueue,
         *,
         counted: CountedPairs | None = None,
         capacity: tuple[int, int] | None = None,
-        queue: DeviceQueue | None = None,
     ) -> None:
         """Make buffers of `capacity` candidates and pairs (default: a guess)."""
-        self.queue = queue or DeviceQueue(detector.device)
+        self.queue = queue
         warp, device = start_warp(), detector.device
         faces = len(detector.faces)
         self.detector, self.frames = detector, frames
@@ -72,7 +72,10 @@ class FixedDetection:
         self._boxes = detector.box_arrays(frames) if faces else []
 
     def run(self) -> None:
-        """Find the pairs of `points` (B, V, 3), float32; poses of NaN have none, at no cost."""
+        """Find the pairs of `points` (B, V, 3), float32; poses of NaN have none, at no cost.
+
+        Call it inside `queue.active()`.
+        """
         self._near_count.zero_()
         self.count.zero_()
         self._marks.zero_()
@@ -95,10 +98,6 @@ class FixedDetection:
     def triangles(self) -> Tensor:
         """Number of distinct intersecting triangles of each pose (B,), int64."""
         return self._marks.sum(dim=1)
-
-    def overflow(self) -> tuple[int, int] | None:
-        """A capacity that would have done, if this one did not; waits for the device."""
-        return self.larger_than(self.needed.tolist())
 
     def larger_than(self, needed: Sequence[int]) -> tuple[int, int] | None:
         """A capacity with room for so many candidates and pairs; None: there is room."""

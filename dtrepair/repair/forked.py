@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -48,12 +48,16 @@ def fork(work: Callable[[], None]) -> int:
             # Python warns of locks that other threads hold; the child touches nothing of theirs.
             warnings.simplefilter("ignore", DeprecationWarning)
             number = os.fork()
+            if not number:  # signals that were held are the parent's
+                _work_and_exit(work, parent, prctl)
     except BaseException:
         if number:
             end(number)
         raise
-    if number:
-        return number
+    return number
+
+
+def _work_and_exit(work: Callable[[], None], parent: int, prctl: Any) -> NoReturn:
     try:
         prctl(_DEATH_SIGNAL, signal.SIGKILL)
         if os.getppid() == parent:

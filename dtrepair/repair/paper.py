@@ -35,8 +35,10 @@ class PaperMethod:
     On a CUDA device the loop runs there, for many poses at a time.
     """
 
-    def __init__(self, surface: Surface, options: RepairOptions, *, device: str = "cpu") -> None:
-        """Factor the diffusion of each body of `surface`."""
+    def __init__(
+        self, surface: Surface, options: RepairOptions, *, queue: DeviceQueue | None = None
+    ) -> None:
+        """Factor the diffusion of each body of `surface`; work in `queue`, or on the CPU."""
         self.surface = surface
         laplacian = cotangent_laplacian(surface.rest, surface.faces)
         faces = torch.from_numpy(surface.faces.astype(np.int64))
@@ -57,8 +59,8 @@ class PaperMethod:
             regularization=options.regularization,
         )
         self.descent: Callable[[torch.Tensor], DescentResult] = descent
-        if device.partition(":")[0] in DEVICE_LOOP:
-            self.descent = _on_device(descent, bodies, laplacian, surface, device)
+        if queue is not None and queue.device.partition(":")[0] in DEVICE_LOOP:
+            self.descent = _on_device(descent, bodies, laplacian, surface, queue)
 
     def __call__(self, original: FloatArray) -> Solved:
         """Repair a pose (V, 3) in units of the surface's size."""
@@ -87,11 +89,11 @@ def _on_device(
     bodies: Sequence[tuple[int, int, Diffusion]],
     laplacian: sparse.csr_matrix,
     surface: Surface,
-    device: str,
+    queue: DeviceQueue,
 ) -> DeviceDescent:
     """The loop of a surface on a device, with operators that are made for it."""
+    device = queue.device
     detector = Detector(surface.written(surface.rest), surface.faces, device=device)
-    queue = DeviceQueue(device)
     try:
         there = [
             (first, stop, diffusion.on(surface.rest[first:stop], device=device))
@@ -111,9 +113,9 @@ def _on_device(
             direction=None if descent.direction is None else descent.direction.to(device),
         ),
         detector,
+        queue,
         size=surface.size,
         counted=surface.counted_pairs,
-        queue=queue,
     )
 
 

@@ -49,10 +49,11 @@ def repair_poses(scene: SceneRepairer, poses: Sequence[Sequence[Any]]) -> list[l
         if len(pose.pairs) + len(pose.caught) or scene.options.clearance > 0.0
     ]
     found = dict(zip(wanted, _solved(scene, [opened[k] for k in wanted]), strict=True))
-    seconds = (time.perf_counter() - start) / max(len(poses), 1)
+    seconds = (time.perf_counter() - start) / max(len(wanted), 1)
     unsolved = [(pose.centred, Solved(pose.centred)) for pose in opened]
     return [
-        _closed(scene, pose, *found.get(k, unsolved[k]), seconds) for k, pose in enumerate(opened)
+        _closed(scene, pose, *found.get(k, unsolved[k]), seconds if k in found else 0.0)
+        for k, pose in enumerate(opened)
     ]
 
 

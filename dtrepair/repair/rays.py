@@ -80,6 +80,8 @@ def frame_along(direction: FloatArray) -> FloatArray:
     """A rotation (3, 3): points @ it have their part along the unit direction first."""
     # The other axes are skew, so that rays from regular meshes do not meet edges exactly.
     helper = np.roll(direction, 1) * [0.3, -0.7, 0.5] + [0.12, 0.93, -0.41]
+    if np.linalg.norm(np.cross(direction, helper)) < 0.1 * np.linalg.norm(helper):
+        helper = np.roll(helper, 1)
     second = np.cross(direction, helper)
     second /= np.linalg.norm(second)
     return np.stack([direction, second, np.cross(direction, second)], axis=1)

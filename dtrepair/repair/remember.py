@@ -11,7 +11,6 @@ import hashlib
 import json
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Protocol
@@ -113,8 +112,10 @@ def repair_each(
             yield arrays, None if kept is None else _results(kept)
 
     def solved(batch: list[_Item]) -> list[list[RepairResult] | Exception]:
-        found = iter(_solved([arrays for arrays, known in batch if known is None], scene))
-        return [known or next(found) for _, known in batch]
+        if all(known is not None for _, known in batch):
+            return [known or [] for _, known in batch]
+        # Always the whole batch: products of another width round differently on a GPU.
+        return _solved([arrays for arrays, _ in batch], scene)
 
     batches = in_batches(items(), scene.poses_at_once)
     for results in chain.from_iterable(forked_map(solved, batches, jobs=jobs)):
@@ -129,8 +130,12 @@ def _solved(
 ) -> list[list[RepairResult] | Exception]:
     """The results of each pose, or what it raises: then the others are solved without it."""
     if len(poses) > 1:
-        with suppress(Exception):
+        try:
             return [*scene.batch(poses)]
+        except ValueError:
+            pass  # of one of the poses
+        except Exception as error:
+            return [error] * len(poses)
     found: list[list[RepairResult] | Exception] = []
     for pose in poses:
         try:

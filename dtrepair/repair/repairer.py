@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dtrepair.device import resolve_device
+from dtrepair.device import DeviceQueue, resolve_device
 from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, weld_map
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import of_ignored_bodies
@@ -63,6 +63,8 @@ class SceneRepairer:
                 )
         self.options = options or RepairOptions()
         self.device = resolve_device(device)
+        # One for all systems: PyTorch has few streams, and gives them out again.
+        self.queue = None if self.device == "cpu" else DeviceQueue(self.device)
         self.bodies = tuple(bodies)
         self.ignored = checked_ignored(ignore, len(bodies))
         meshes = [as_mesh(body.rest, body.faces) for body in bodies]

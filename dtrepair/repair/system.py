@@ -47,7 +47,7 @@ class System:
         if options.method == "paper":
             from dtrepair.repair.paper import PaperMethod
 
-            self.method: Any = PaperMethod(self.surface, options, device=scene.device)
+            self.method: Any = PaperMethod(self.surface, options, queue=scene.queue)
         else:
             limit = options.maximum_displacement
             self.method = FullMethod(

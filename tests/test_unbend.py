@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from dtrepair.geometry import FloatArray
+from dtrepair.repair import unbend as module
 from dtrepair.repair.contact import find_defects
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.surface import Surface
@@ -38,6 +40,42 @@ def test_a_sharp_fold_opens_and_the_rest_stays() -> None:
 def test_what_was_bent_before_may_stay() -> None:
     surface, pose = folded_sheet(2.4)
     same, rounds = unbend(surface, pose, pose, folds=0)
+    assert rounds == 0 and same is pose
+
+
+def zigzag(angles: dict[int, float]) -> tuple[Surface, FloatArray]:
+    """A strip of 60 x 12 squares and its pose folded by an angle at each of some columns."""
+    points, faces = grid(60, 12)
+    surface = Surface(points * (1.0, 0.2, 1.0), faces)
+    columns = np.rint((surface.rest[:, 0] - surface.rest[:, 0].min()) * 60).astype(int)
+    turned = np.cumsum([angles.get(column, 0.0) for column in range(60)])
+    steps = np.stack([np.cos(turned), np.sin(turned)], axis=1) / 60
+    profile = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    pose = surface.rest.copy()
+    pose[:, [0, 2]] = profile[columns]
+    # Detection errs on the safe side where corners are coplanar.
+    pose += 1e-4 * np.random.default_rng(0).normal(size=pose.shape)
+    return surface, pose
+
+
+def test_one_crease_too_many_the_cheaper_one_opens(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "SPARE", 1.0)
+    monkeypatch.setattr(module, "ROUNDS", 1)
+    surface, pose = zigzag({15: 2.2, 45: 2.4})
+    _, original = zigzag({30: 2.4})
+    sharp = bent_edges(surface, pose)
+    assert sharp.sum() == 2 * bent_edges(surface, original).sum() == 24
+    opened, rounds = unbend(surface, original, pose, folds=0)
+    assert rounds == 1
+    assert bent_edges(surface, opened).sum() < 24
+    moved = 60 * surface.rest[(opened != pose).any(axis=1), 0]
+    assert moved.min() > 0 and moved.max() < 32
+
+
+def test_a_crease_that_costs_too_much_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    surface, pose = folded_sheet(2.4)
+    monkeypatch.setattr(module, "DEAREST", 1e-3)
+    same, rounds = unbend(surface, surface.rest, pose, folds=0)
     assert rounds == 0 and same is pose
 
 

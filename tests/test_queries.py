@@ -117,6 +117,15 @@ def test_smooth_surfaces_have_no_folds(mesh: Mesh) -> None:
     assert queries_of(mesh).folds(rounded(mesh[0])).shape == (0, 2)
 
 
+def test_vertices_without_triangles_after_the_last_have_no_folds() -> None:
+    points, faces = icosphere(1)
+    # Far more than what lies behind the arrays of a small mesh by chance.
+    unused = np.zeros((4000, 3))
+    for corners in (faces, faces[:0]):
+        every = np.concatenate([points, unused]).astype(np.float32)
+        assert len(Queries(Detector(every, corners)).folds(every)) == 0
+
+
 def test_active_folds_are_those_around_the_active_vertices() -> None:
     points, faces = crumpled(icosphere(2), 0.1)
     queries = queries_of((points, faces))

@@ -50,10 +50,10 @@ def find_bent(
     """
     v = wp.tid()
     bent[v] = wp.uint8(0)
-    if active[v] == wp.uint8(0):
-        return
     first = indptr[v]
     last = indptr[v + 1]
+    if active[v] == wp.uint8(0) or first == last:
+        return
     mean = wp.vec3f()
     longest = float(0.0)
     for k in range(first, last):

@@ -1,4 +1,4 @@
-"""The stages of a window of frames: space-time push, mending, tightening, easing out."""
+"""The stages of a window of frames: push, mend, tighten, steady, ease out."""
 
 from __future__ import annotations
 
@@ -9,48 +9,30 @@ import numpy as np
 
 from dtrepair.geometry import FloatArray
 from dtrepair.repair.crew import Crew
-from dtrepair.repair.spacetime import Snapshot, SpaceTime
-from dtrepair.repair.stiffen import stiffen_frames, stretch
+from dtrepair.repair.shot_mending import mend_frames
+from dtrepair.repair.shot_tightening import WIDTH, tighten_frames
+from dtrepair.repair.spacetime import SpaceTime
+from dtrepair.repair.stiffen import stiffen_frames
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.timeline import (
     apply_in_time,
     gaussian_kernel,
     second_differences,
-    spread_in_time,
     steady_weights,
 )
-from dtrepair.repair.window_frames import Alone, Chain
+from dtrepair.repair.window_frames import Alone
 
-# Width of the kernel of the displacement, in frames.
-WIDTH = 3.5
 # Sweeps are judged in blocks of this many; after so many blocks without progress a phase ends.
 BLOCK, PATIENCE = 2, 3
-# Widths in frames over which the corrections of single frames are spread, pass by pass.
-MENDING = (2.0, 2.0, 1.5, 1.5, 1.2, 1.2, 1.0, 1.0, 0.8, 0.8, 0.6, 0.0, 0.0)
-MEND_STEP = 0.004
-# From this pass on frames may start from the displacements of clean frames around them.
-LENDING = 4
 # Frames with a larger root mean square second difference (units of the size) are steadied.
 ROUGH, STEADY_ROUNDS, STEADY_STEP = 1.5e-3, 6, 0.002
 # As long as a round lowers their roughness to this part.
 STEADY_GAIN = 0.97
-# The same after a cycle of tightening, of at most this part of the frames.
-TIGHT_MENDING, TIGHT_MEND_STEP, TIGHT_DIRTY = (1.0, 0.7, 0.0), 0.002, 0.2
-# Tightening: part of the displacement that is taken back, its decay on failure, the push's step.
-PULL_BACK, PULL_DECAY, PULL_STEP, PULL_SWEEPS = 0.2, 0.6, 0.003, 5
-# What had to be pushed in the last cycle is taken back by this part less.
-HELD = 0.85
-# Frames that tightening leaves dirty take their neighbours back with them, as bells of this width.
-BACK_WIDTH, BACK_TRIES = 2.0, 4
-# Levels of folds fall by this in a cycle.
-LEVEL_FALL = 0.8
-# A cycle must lower the cost to this part; the cost counts jitter so many times the displacement.
-PULL_GAIN, JITTER_WEIGHT, EDGE_WEIGHT = 0.995, 6.0, 0.25
+# Part of the usual work on a window that pushing is.
+PUSHED = 0.4
 # Displacements below this (units of the size) are left out; up to twice this they fade in. Around
 # what that would close they come back, fading out over these rings, try by try.
 STILL, EASE_RINGS = 1e-4, (3, 6)
-# Parts of the usual work on a window that are done after pushing, and before tightening.
-PUSHED, MENDED = 0.4, 0.55
 
 
 class Phase(NamedTuple):
@@ -113,11 +95,12 @@ class ShotMethod:
             return None
         state.forget_clearance()
         mend_frames(state)
-        steady_frames(state)
         state.given_up = frozenset(state.dirty)
         # Tightening would close a clearance again.
         if self.clearance == 0.0:
             tighten_frames(state, self.tighten)
+        steady_frames(state)
+        if self.clearance == 0.0:
             stiffen_frames(state)
         return eased(state)
 
@@ -152,27 +135,6 @@ def push(state: SpaceTime) -> None:
             state.restore(best[1])
 
 
-def mend_frames(
-    state: SpaceTime,
-    *,
-    widths: tuple[float, ...] = MENDING,
-    step: float = MEND_STEP,
-    alone: bool = True,
-) -> None:
-    """Frames still dirty: the solver of single frames from this state, spread in time.
-
-    Neighbouring frames are solved one after the other, forwards and backwards in turn. After some
-    passes they may take the displacements of clean frames around them; those that even then stay
-    dirty are solved alone.
-    """
-    for index, width in enumerate(widths):
-        if not state.dirty:
-            return
-        chains = _chains(state, backwards=index % 2 == 1, lend=index >= LENDING)
-        last = alone and index == len(widths) - 1
-        state.mend(chains, gaussian_kernel(state.frames, width), step, last=last)
-
-
 def steady_frames(state: SpaceTime) -> None:
     """Frames that stand out from their neighbours go where these ask them to be, if still clean."""
     if len(state.frames) < 3:
@@ -197,84 +159,6 @@ def steady_frames(state: SpaceTime) -> None:
                 now = roughness()
         if np.linalg.norm(now) > STEADY_GAIN * before:
             break
-
-
-def tighten_frames(state: SpaceTime, cycles: int) -> None:
-    """Take back displacement, less where the last cycle had to push; keep what is better."""
-    kernel = gaussian_kernel(state.frames, WIDTH)
-    best, value = state.snapshot(), _cost(state)
-    needed = np.zeros(state.original.shape[:2])
-    fraction, current = PULL_BACK, True
-    for cycle in range(cycles):
-        state.tell_progress(MENDED + (1.0 - MENDED) * cycle / cycles)
-        kept = 1.0 - fraction * (1.0 - HELD * needed)[:, :, None]
-        added = _pulled(state, best, kept, fraction / PULL_BACK, kernel)
-        if 0 < len(state.dirty) <= max(2, TIGHT_DIRTY * len(state.original)):
-            mend_frames(state, widths=TIGHT_MENDING, step=TIGHT_MEND_STEP, alone=False)
-        if state.dirty:
-            _blend_back(state, best)
-        taken = np.linalg.norm(best.smooth * (1.0 - kept), axis=2)
-        floor = 1e-3 * taken.max(initial=0.0) + 1e-30
-        pushed = np.linalg.norm(added, axis=2) / np.maximum(taken, floor)
-        pushed = apply_in_time(kernel, np.clip(pushed, 0.0, 1.0))
-        cost = _cost(state)
-        current = not state.dirty and cost < PULL_GAIN * value
-        if current:
-            best, value = state.snapshot(), cost
-            needed = np.maximum(0.7 * needed, pushed)
-        else:
-            fraction *= PULL_DECAY
-            needed = np.maximum(needed, pushed)
-    if not current:
-        state.restore(best)
-
-
-def _pulled(
-    state: SpaceTime, best: Snapshot, kept: FloatArray, fall: float, kernel: FloatArray
-) -> FloatArray:
-    """Start from a part of the best state and push what collides; what the push added (T, V, 3)."""
-    fallen = np.maximum(best.fold_hits - np.float32(LEVEL_FALL * fall), np.float32(0.0))
-    start = best._replace(smooth=best.smooth * kept, extra=best.extra * kept, fold_hits=fallen)
-    state.restore(start)
-    added = np.zeros_like(state.original)
-    for _ in range(PULL_SWEEPS):
-        if not state.dirty:
-            break
-        added += state.sweep(kernel, PULL_STEP)
-    return added
-
-
-def _blend_back(state: SpaceTime, best: Snapshot) -> None:
-    """Go back to the best state in dirty frames, smoothly in time; all the way if that fails."""
-    now = state.snapshot()
-    back = np.zeros((len(state.frames), 1), dtype=np.float32)
-    for _ in range(BACK_TRIES):
-        back[state.dirty] = 1.0
-        back = np.maximum(back, spread_in_time(state.frames, back, BACK_WIDTH))
-        part = back[:, :, None].astype(np.float64)
-        mixed = Snapshot(
-            now.smooth + part * (best.smooth - now.smooth),
-            now.extra + part * (best.extra - now.extra),
-            now.fold_hits + back * (best.fold_hits - now.fold_hits),
-            now.close_hits + back * (best.close_hits - now.close_hits),
-            now.springs,
-        )
-        state.restore(mixed)
-        if not state.dirty:
-            return
-    state.restore(best)
-
-
-def _cost(state: SpaceTime) -> float:
-    """What tightening lowers: mean displacement and rms second difference, weighted; and edges."""
-    moved = state.poses - state.original
-    second = np.diff(moved, 2, axis=0)
-    jitter = float(np.sqrt((second**2).sum(axis=2).mean())) if len(second) else 0.0
-    cost = float(np.linalg.norm(moved, axis=2).mean()) + JITTER_WEIGHT * jitter
-    if len(state.surface.bodies) > 1:
-        # Of several bodies one may move much and another be stretched thin.
-        cost += EDGE_WEIGHT * stretch(state, state.surface.edges)
-    return cost
 
 
 def eased(state: SpaceTime) -> FloatArray:
@@ -305,21 +189,3 @@ def eased(state: SpaceTime) -> FloatArray:
                 kept[frame, body] = kept[frame, body].max()
     result[asked] = state.poses[asked]
     return result
-
-
-def _chains(state: SpaceTime, *, backwards: bool, lend: bool) -> list[Chain]:
-    """Dirty frames split where they are not neighbours: each chain is mended in order."""
-    runs: list[list[int]] = []
-    for frame in state.dirty:
-        if runs and frame == runs[-1][-1] + 1:
-            runs[-1].append(frame)
-        else:
-            runs.append([frame])
-    clean = [frame for frame, pairs in enumerate(state.pairs) if not len(pairs)]
-    chains = []
-    for run in runs:
-        around = [max((f for f in clean if f < run[0]), default=None)]
-        around.append(min((f for f in clean if f > run[-1]), default=None))
-        lenders = [frame for frame in around if frame is not None] if lend else []
-        chains.append(Chain(run[::-1] if backwards else run, lenders))
-    return chains

@@ -1,0 +1,52 @@
+"""Frames of a window that pushing left dirty, one by one."""
+
+from __future__ import annotations
+
+from dtrepair.repair.spacetime import SpaceTime
+from dtrepair.repair.timeline import gaussian_kernel
+from dtrepair.repair.window_frames import Chain
+
+# Widths in frames over which the corrections of single frames are spread, pass by pass.
+MENDING = (2.0, 2.0, 1.5, 1.5, 1.2, 1.2, 1.0, 1.0, 0.8, 0.8, 0.6, 0.0, 0.0)
+MEND_STEP = 0.004
+# From this pass on frames may start from the displacements of clean frames around them.
+LENDING = 4
+
+
+def mend_frames(
+    state: SpaceTime,
+    *,
+    widths: tuple[float, ...] = MENDING,
+    step: float = MEND_STEP,
+    alone: bool = True,
+) -> None:
+    """Frames still dirty: the solver of single frames from this state, spread in time.
+
+    Neighbouring frames are solved one after the other, forwards and backwards in turn. After some
+    passes they may take the displacements of clean frames around them; those that even then stay
+    dirty are solved alone.
+    """
+    for index, width in enumerate(widths):
+        if not state.dirty:
+            return
+        chains = _chains(state, backwards=index % 2 == 1, lend=index >= LENDING)
+        last = alone and index == len(widths) - 1
+        state.mend(chains, gaussian_kernel(state.frames, width), step, last=last)
+
+
+def _chains(state: SpaceTime, *, backwards: bool, lend: bool) -> list[Chain]:
+    """Dirty frames split where they are not neighbours: each chain is mended in order."""
+    runs: list[list[int]] = []
+    for frame in state.dirty:
+        if runs and frame == runs[-1][-1] + 1:
+            runs[-1].append(frame)
+        else:
+            runs.append([frame])
+    clean = [frame for frame, pairs in enumerate(state.pairs) if not len(pairs)]
+    chains = []
+    for run in runs:
+        around = [max((f for f in clean if f < run[0]), default=None)]
+        around.append(min((f for f in clean if f > run[-1]), default=None))
+        lenders = [frame for frame in around if frame is not None] if lend else []
+        chains.append(Chain(run[::-1] if backwards else run, lenders))
+    return chains

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray, dots, lengths, triangle_normals
+from dtrepair.device import start_warp
+from dtrepair.geometry import FloatArray, IntArray, lengths
 from dtrepair.intersect.queries import link_labels
 from dtrepair.repair.surface import BoolArray, Surface, pair_keys
 
@@ -14,9 +15,8 @@ RAYS = 7
 RAY_NOISE = 0.25
 # Rings around the contacts in which folds are cut open too.
 FOLD_RINGS = 3
-# An edge that meets an edge must be cut by one triangle at least: triangles are wider by this part
-# of their edges. One edge too many does no harm, one too few joins the inside with the outside.
-EDGE_MARGIN = 1e-9
+# The corner after each of the six of two triangles.
+NEXT = np.array([1, 2, 0, 4, 5, 3])
 
 
 def winding_numbers(surface: Surface, points: FloatArray, pairs: IntArray) -> IntArray:
@@ -68,32 +68,12 @@ def _shared_vertices(surface: Surface, folds: IntArray) -> BoolArray:
 
 def crossing_edges(points: FloatArray, faces: IntArray, pairs: IntArray) -> IntArray:
     """Edges (E, 2), i < j, of one triangle of a pair that cross the other; may repeat."""
-    edges = []
-    for mine, other in ((0, 1), (1, 0)):
-        triangle = points[faces[pairs[:, other]]]
-        normal = triangle_normals(triangle.reshape(-1, 3), _own_faces(len(pairs)))
-        for corner in range(3):
-            ends = faces[pairs[:, mine]][:, [corner, (corner + 1) % 3]]
-            p, q = points[ends[:, 0]], points[ends[:, 1]]
-            s = dots(normal, p - triangle[:, 0])
-            t = dots(normal, q - triangle[:, 0])
-            crosses = np.flatnonzero((s > 0) != (t > 0))
-            weight = (s[crosses] / (s[crosses] - t[crosses]))[:, None]
-            hit = p[crosses] + weight * (q[crosses] - p[crosses])
-            within = _within(hit, triangle[crosses], normal[crosses])
-            edges.append(np.sort(ends[crosses[within]], axis=1))
-    return np.concatenate(edges)
+    from dtrepair.repair import inside_kernels
 
-
-def _within(hit: FloatArray, triangle: FloatArray, normal: FloatArray) -> BoolArray:
-    """Whether points of the triangles' planes (K, 3) lie in the triangles (K, 3, 3)."""
-    inside = np.ones(len(hit), dtype=bool)
-    for k in range(3):
-        edge = triangle[:, (k + 1) % 3] - triangle[:, k]
-        height = dots(normal, np.cross(edge, hit - triangle[:, k]))
-        inside &= height >= -EDGE_MARGIN * dots(edge, edge)
-    return inside
-
-
-def _own_faces(count: int) -> IntArray:
-    return np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+    warp, vertices = start_warp(), faces[pairs].reshape(-1, 6)
+    corners = warp.array(points.take(vertices, axis=0), dtype=warp.vec3d, device="cpu")
+    cut = warp.empty(vertices.shape, dtype=warp.uint8, device="cpu")
+    warp.launch(inside_kernels.find_cut, dim=len(pairs), inputs=[corners, cut], device="cpu")
+    pair, start = np.nonzero(cut.numpy())
+    edges = vertices[pair[:, None], np.stack([start, NEXT[start]], axis=1)]
+    return np.sort(edges, axis=1)

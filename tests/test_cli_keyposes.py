@@ -100,6 +100,18 @@ def test_verify_only_counts_and_writes_nothing(swing, tmp_path):
     assert cubic.code == 1
 
 
+def test_verify_only_tells_the_keys_that_intersect(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
+    done = run("keyposes", path, "--verify-only")
+    assert done.code == 1 and "1 of 2 keys clean" in done.out
+    header, row = done.out.splitlines()[:2]
+    count = run("check", path, "--json", "-").json["frames"][1]["before"]
+    assert header.split() == ["key", "triangles", "pairs"]
+    assert row.split() == ["2", str(count["triangles"]), str(count["pairs"])]
+    plan = run("keyposes", path, "--verify-only", "--dry-run")
+    assert plan.code == 0 and "2 frames (1 to 2) would be counted" in plan.out
+
+
 def test_dirty_keys_are_repaired_and_clean_ones_stay(tmp_path):
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN), times=(-1, 0.5, 20))
     assert run("keyposes", path, "-o", tmp_path / "b.usdc").code == 0

@@ -66,6 +66,14 @@ def test_errors(tmp_path, monkeypatch):
     assert_fails(run("view", mesh, *picture), 2, "pip install pillow")
 
 
+def test_pictures_are_png_or_jpg(tmp_path):
+    mesh = tube_obj(tmp_path / "a.obj", CLOSED)
+    assert run("view", mesh, "--screenshot", tmp_path / "p.JPG").code == 0
+    for name in ("v.txt", "v"):
+        assert_fails(run("view", mesh, "--screenshot", tmp_path / name), 2, name, ".png")
+        assert not (tmp_path / name).exists()
+
+
 def test_an_unusable_frame_is_told(tmp_path):
     from pxr import Usd
 

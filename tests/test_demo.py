@@ -63,6 +63,11 @@ def test_without_pillow_the_rest_works(tmp_path, monkeypatch):
     assert not (tmp_path / "before_after.png").exists()
 
 
+def test_a_device_that_is_not_there_leaves_nothing(tmp_path):
+    assert_fails(run("demo", tmp_path / "new", "--device", "cuda:64"), 2, "--device")
+    assert not (tmp_path / "new").exists()
+
+
 def test_directory_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("")
     assert_fails(run("demo", tmp_path / "file" / "below"), 5, "cannot be made")

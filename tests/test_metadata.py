@@ -1,10 +1,11 @@
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Sdf, Usd
+from pxr import Sdf, Usd, Vt
 
 from tests.usd_stages import cube_file
 from usd_io.metadata import copy_stage_metadata, get_record, set_record, usd_dictionary
@@ -59,6 +60,33 @@ def test_layers_without_a_record() -> None:
     assert get_record(layer) == {}
     layer.customLayerData = {"dtrepair": "not ours"}
     assert get_record(layer) == {}
+
+
+@pytest.mark.parametrize("extension", ["usda", "usdc"])
+def test_a_record_that_a_layer_gave_is_stored_as_it_was(tmp_path: Path, extension: str) -> None:
+    given = {"ignore": [], "counts": [1, 2], "flags": [True], "times": [0.5], "names": ["a"]}
+    for name in ("first", "second"):
+        layer = Sdf.Layer.CreateNew(str(tmp_path / f"{name}.{extension}"))
+        set_record(layer, {"settings": given})
+        layer.Save()
+        given = get_record(layer)["settings"]
+    assert {key: list(value) for key, value in given.items()} == {
+        "ignore": [],
+        "counts": [1, 2],
+        "flags": [True],
+        "times": [0.5],
+        "names": ["a"],
+    }
+
+
+def test_dictionaries_in_a_list_are_json() -> None:
+    contacts = [{"first": "/A'b", "before": 3, "after": None}, {}]
+    stored = usd_dictionary({"contacts": contacts})["contacts"]
+    assert [json.loads(text) for text in stored] == contacts
+
+
+def test_an_empty_array_of_numbers_keeps_its_type() -> None:
+    assert isinstance(usd_dictionary({"frames": np.zeros(0)})["frames"], Vt.DoubleArray)
 
 
 def test_unknown_values_become_text() -> None:

@@ -221,7 +221,7 @@ def _joined_record(chunks: Sequence[_Chunk], sources: Sequence[str]) -> dict[str
         "version": first.get("version"),
         "input": sources[0] if sources else None,
         "settings": first.get("settings"),
-        "frames": sorted(set().union(*written.values())),
+        "frames": np.array(sorted(set().union(*written.values())), dtype=np.float64),
         "written": {prim: sorted(times) for prim, times in written.items()},
         "written_default": sorted(defaults),
         "chunks": {f"chunk{number}": record for number, record in enumerate(rest) if record},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -24,6 +25,7 @@ NOT_COPIED = {
 }
 
 RECORD = "dtrepair"
+_ARRAYS = Vt.BoolArray | Vt.IntArray | Vt.DoubleArray | Vt.StringArray
 
 
 def copy_stage_metadata(stage: Usd.Stage, layer: Sdf.Layer, directory: str) -> None:
@@ -59,7 +61,8 @@ def get_record(layer: Sdf.Layer) -> dict[str, Any]:
 def usd_dictionary(values: Mapping[str, Any]) -> dict[str, Any]:
     """Nested plain Python and numpy values as a dictionary that a layer can store.
 
-    None is left out; lists become typed arrays; anything unknown becomes its text.
+    None is left out; lists become typed arrays, with dictionaries in them as JSON; what a layer
+    gave stays as it is; anything unknown becomes its text.
     """
     stored = {str(key): _usd_value(value) for key, value in values.items() if value is not None}
     return {key: value for key, value in stored.items() if value is not None}
@@ -70,11 +73,13 @@ def _usd_value(value: Any) -> Any:
         return usd_dictionary(value)
     if isinstance(value, np.generic):
         value = value.item()
-    if isinstance(value, bool | str | float):
+    if isinstance(value, bool | str | float | _ARRAYS):
         return value
     if isinstance(value, int):
         return value if abs(value) < 2**31 else float(value)
     if isinstance(value, np.ndarray):
+        if not value.size and value.dtype.kind == "f":
+            return Vt.DoubleArray()
         value = value.reshape(-1).tolist()
     if isinstance(value, list | tuple | set | frozenset):
         items = sorted(value) if isinstance(value, set | frozenset) else list(value)
@@ -90,4 +95,10 @@ def _usd_array(items: list[Any]) -> Any:
         return Vt.IntArray(items)
     if items and numbers:
         return Vt.DoubleArray([float(item) for item in items])
-    return Vt.StringArray([str(item) for item in items])
+    return Vt.StringArray([_text(item) for item in items])
+
+
+def _text(item: Any) -> str:
+    if not isinstance(item, Mapping):
+        return str(item)
+    return json.dumps(dict(item), default=str, ensure_ascii=False)

@@ -56,10 +56,8 @@ def open_stage(
             f"{path}: cannot be opened as USD ({one_line(error)}); export it again"
         ) from None
     if broken and strict:
-        raise StageError(
-            f"{path}: {len(broken)} composition errors, first: {broken[0]}; mend the reference "
-            "or leave out strict"
-        )
+        many = f"{len(broken)} composition errors, first" if broken[1:] else "composition error"
+        raise StageError(f"{path}: {many}: {broken[0]}; mend the reference or leave out strict")
     warnings = [f"{path}: {text}" for text in broken]
     unloaded = len(set(stage.FindLoadable()) - set(stage.GetLoadSet())) if not load_payloads else 0
     if unloaded:

@@ -122,6 +122,7 @@ def _parse_part(spec: str, part: str) -> FrameRange:
 
 def _none_in_range(text: str, times: NDArray[np.float64]) -> str:
     if not len(times):
-        return f"frames {text!r}: the stage has no time samples; leave the frames out"
+        none = "the selected meshes have no time samples of their own; leave the frames out"
+        return f"frames {text!r}: {none}"
     first, last = times.min(), times.max()
     return f"frames {text!r}: none of the samples, {first:.15g} to {last:.15g}, is among them"

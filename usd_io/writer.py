@@ -283,7 +283,7 @@ class OverrideWriter:
             for path, output in self._meshes.items()
         }
         return {
-            "frames": sorted({time for times in written.values() for time in times}),
+            "frames": np.array(sorted(set().union(*written.values())), dtype=np.float64),
             "written": {path: times for path, times in written.items() if times},
             "written_default": [p for p, output in self._meshes.items() if output.default],
         }

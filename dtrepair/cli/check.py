@@ -48,6 +48,7 @@ from dtrepair.record import (
     render_report,
     write_report,
 )
+from dtrepair.wording import counted
 
 if TYPE_CHECKING:
     from dtrepair.counts import SceneCounter
@@ -185,12 +186,11 @@ def _conclusion(records: tuple[FrameRecord, ...]) -> str:
     triangles = sum(count.triangles for count in counts)
     pairs = sum(count.pairs for count in counts)
     failed = sum(record.status == "failed" for record in records)
-    ending = f"; {failed} frames could not be read" if failed else ""
+    ending = f"; {counted(failed, 'frame')} could not be read" if failed else ""
     if not hit:
-        return f"no intersections in {_frames(len(counts))}{ending}"
+        return f"no intersections in {counted(len(counts), 'frame')}{ending}"
     verb = "intersects" if hit == 1 else "intersect"
-    return f"{hit} of {_frames(len(counts))} {verb}: {triangles} triangles, {pairs} pairs{ending}"
-
-
-def _frames(count: int) -> str:
-    return f"{count} frame" if count == 1 else f"{count} frames"
+    return (
+        f"{hit} of {counted(len(counts), 'frame')} {verb}: {counted(triangles, 'triangle')}, "
+        f"{counted(pairs, 'pair')}{ending}"
+    )

@@ -22,7 +22,7 @@ from dtrepair.cli.failures import (
     writing,
 )
 from dtrepair.cli.frames import prim_records
-from dtrepair.cli.keyposes_report import exit_code, in_betweens, print_spans
+from dtrepair.cli.keyposes_report import exit_code, in_betweens, print_keys, print_spans
 from dtrepair.cli.keyposes_solve import StageKeys
 from dtrepair.cli.method import method_options
 from dtrepair.cli.object_settings import recorded
@@ -169,7 +169,7 @@ def command(
         run.lap("read")
         rests = choose_rests(source, rest, device=run.device)
         if dry_run:
-            print_plan(console, source, rests, output or "nothing", controls.settings)
+            print_plan(console, source, rests, output, controls.settings)
             return CLEAN
         bodies = make_bodies(source, rests, controls, console, mode=options.mode)
         repairer, rest_counts = make_repairer(run, source, rests, bodies)
@@ -187,6 +187,8 @@ def command(
             write_report(report, report_path)
     if output is not None:
         print_table(console, report.frames, output)
+    else:
+        print_keys(console, report.frames)
     print_spans(console, report)
     return exit_code(report)
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 from dtrepair.cli.console import Console
 from dtrepair.cli.failures import CLEAN, FRAMES, REMAINING
 from dtrepair.cli.sources import time_label
-from dtrepair.record import Report
+from dtrepair.record import FrameRecord, Report
+from dtrepair.wording import counted
 
 if TYPE_CHECKING:
     from dtrepair.repair.key_spans import KeyPoses, Sample
@@ -35,6 +36,21 @@ def in_betweens(found: KeyPoses, interpolation: str, skipped: int) -> dict[str, 
         for span in found.spans
     ]
     return {"interpolation": interpolation, "skipped": skipped, "spans": spans}
+
+
+def print_keys(console: Console, records: tuple[FrameRecord, ...]) -> None:
+    """Print the keys that intersect, or could not be read, where they are only counted."""
+    rows = []
+    for record in records:
+        label = time_label(record.time)
+        if record.before is None:
+            rows.append([label, record.status, ""])
+        elif record.before.pairs:
+            rows.append([label, str(record.before.triangles), str(record.before.pairs)])
+    if rows:
+        console.table(["key", "triangles", "pairs"], rows)
+    clean = sum(record.status == "clean" for record in records)
+    console.result(f"{clean} of {counted(len(records), 'key')} clean")
 
 
 def print_spans(console: Console, report: Report) -> None:

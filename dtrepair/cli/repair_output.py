@@ -11,6 +11,7 @@ from dtrepair.cli.rest import Rest
 from dtrepair.cli.solve import Repaired
 from dtrepair.cli.sources import Source, time_label
 from dtrepair.record import FrameRecord, MotionRecord, summarize
+from dtrepair.wording import counted
 
 
 def rest_warnings(source: Source, rests: list[Rest], counts: list[int | None]) -> Iterator[str]:
@@ -51,10 +52,10 @@ def print_plan(
     console: Console,
     source: Source,
     rests: list[Rest],
-    output: str,
+    output: str | None,
     settings: Sequence[ObjectSettings],
 ) -> None:
-    """Print what a run would do."""
+    """Print what a run would do; without an output it only counts."""
     rows = []
     for mesh, rest, own in zip(source.meshes, rests, settings, strict=True):
         role = described(own, collider=mesh.collider)
@@ -62,7 +63,8 @@ def print_plan(
     console.table(["mesh", "vertices", "triangles", "role", "rest pose"], rows)
     labels = [time_label(float(time)) for time in source.times]
     frames = labels[0] if len(labels) == 1 else f"{labels[0]} to {labels[-1]}"
-    console.result(f"{len(labels)} frames ({frames}) would be written to {output}")
+    end = "counted" if output is None else f"written to {output}"
+    console.result(f"{counted(len(labels), 'frame')} ({frames}) would be {end}")
 
 
 def _print_contacts(

@@ -20,6 +20,8 @@ from dtrepair.cli.options import Selection, console_options, selection_options
 from dtrepair.cli.scenes import WorldScene
 from dtrepair.cli.sources import open_source, time_label
 
+_PICTURES = (".png", ".jpg", ".jpeg")
+
 
 @click.command("view")
 @click.argument("source_path", metavar="STAGE|MESH")
@@ -51,6 +53,8 @@ def command(
 
     if screenshot is not None:
         refuse_overwriting(screenshot, source_path, before)
+        if not screenshot.lower().endswith(_PICTURES):
+            raise Failure(f"{screenshot}: name the picture .png, .jpg or .jpeg", USAGE)
         check_writable(screenshot)
     elif not has_polyscope():
         raise Failure(

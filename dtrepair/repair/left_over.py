@@ -8,6 +8,7 @@ import numpy as np
 
 from dtrepair.geometry import IntArray
 from dtrepair.repair.release import bodies_of_parts
+from dtrepair.wording import counted
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer
@@ -41,7 +42,7 @@ def contacts_left(scene: SceneRepairer, pairs: IntArray) -> str:
         if held[index]:
             share = "all" if held[index] == counts[index] else str(held[index])
             where = f", {share} of them where nothing may move"
-        parts.append(f"{who} ({counts[index]} pairs{where})")
+        parts.append(f"{who} ({counted(int(counts[index]), 'pair')}{where})")
     more = f" and {len(counts) - NAMED} more" if len(counts) > NAMED else ""
     return "; ".join(parts) + more
 

@@ -8,6 +8,7 @@ both bodies, takes it out; the repair of contacts takes over where it ends.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -123,10 +124,9 @@ class _Parting:
             [inside[index] for index in samples],
         )
         worst = samples.index(int(np.argmax(deepest)))
-        for way in some.ways()[:TRIES]:
-            length = some.length(worst, way)
-            if length > REACH * max(deepest):
-                return
+        known = ((some.length(worst, way), way) for way in some.ways())
+        short = ((length, way) for length, way in known if length <= REACH * max(deepest))
+        for length, way in islice(short, TRIES):
             if self._frees(contact, contact.frames[samples[worst]], BEYOND * length * way):
                 poses = [self.poses[frame] for frame in contact.frames]
                 every = Piercing(first, second, poses, inside)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from dtrepair.geometry import FloatArray, IntArray, differing
+from dtrepair.metrics import displacements, edge_log_ratio
 from dtrepair.repair.bodies import about_centre
 from dtrepair.repair.frames import system_of
 from dtrepair.repair.options import RepairResult, Solved
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
     from dtrepair.repair.system import System
 
 Item = TypeVar("Item")
+
+# A body whose edges changed by more (rms of the logarithms of their ratios) is torn.
+TORN = 0.1
 
 
 class Opened(NamedTuple):
@@ -107,16 +111,34 @@ def _freed(
     start: FloatArray,
     pose: Opened,
 ) -> tuple[FloatArray, Solved]:
-    """What was found from `parted`; where it has pairs, from the start with sheets led apart."""
-    left = scene._pairs(found[0], scene._weld(found[0]))
-    if len(left) == 0:
+    """What was found from `parted`; where it is torn or has pairs, with sheets led apart too."""
+    left, stretched, cost = _rank(scene, system, found[0], start)
+    if left == 0 and stretched < TORN:
         return found
     other = _parted(scene, system, start, pose, sheets=True)
     if np.array_equal(other, parted):
         return found
     again = system.solve([other])[0]
-    better = len(scene._pairs(again[0], scene._weld(again[0]))) < len(left)
-    return again if better else found
+    fewer, _, cheaper = _rank(scene, system, again[0], start)
+    return again if (fewer, cheaper) < (left, cost) else found
+
+
+def _rank(
+    scene: SceneRepairer, system: System, points: FloatArray, start: FloatArray
+) -> tuple[int, float, float]:
+    """Pairs of a pose (V, 3), the change of the edges of any body, and that plus its mean motion.
+
+    Of the bodies the worst one.
+    """
+    surface = system.surface
+    stretched, cost = 0.0, 0.0
+    for body in range(len(scene.bodies)):
+        own = slice(*scene._vertices[body : body + 2])
+        edges = surface.edges[surface.body_of_vertex[surface.edges[:, 0]] == body]
+        change = edge_log_ratio(start[system.kept], points[system.kept], edges)
+        stretched = max(stretched, change)
+        cost = max(cost, change + float(displacements(start[own], points[own]).mean()))
+    return len(scene._pairs(points, scene._weld(points))), stretched, cost
 
 
 def _closed(

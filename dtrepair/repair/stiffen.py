@@ -52,6 +52,10 @@ def stiffen_frames(state: SpaceTime) -> None:
         if not state.dirty and found < GAIN * value:
             best, value = state.snapshot(), found
             continue
+        if not stiff and found >= GAIN * value:
+            # What is pushed again stretches soft bodies as much as what was taken back.
+            state.restore(best)
+            return
         # Frames that stayed dirty, and those around them, ask for less; others may go on.
         failed = np.zeros((len(state.frames), 1), dtype=np.float32)
         failed[state.dirty or slice(None)] = 1.0

@@ -36,7 +36,7 @@ def bending(diffusion: float, mobility: float = 0.0) -> float:
 @pytest.fixture(autouse=True)
 def contacts_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """No body is led out of another as a whole."""
-    monkeypatch.setattr(animation, "parted_frames", lambda scene, system, poses, *rest: poses)
+    monkeypatch.setattr(animation, "parted_frames", lambda scene, system, poses, *_, **__: poses)
 
 
 @pytest.mark.parametrize("mobility", [0.0, 1.0])

@@ -26,6 +26,7 @@ from dtrepair.repair.rigid import RigidBodies, allowed
 from dtrepair.repair.shot import ShotMethod
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.timeline import frame_units
+from dtrepair.repair.unhooking import contact_counts, hooked_contacts
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer
@@ -224,11 +225,18 @@ class _Stream:
             starts = list(released_frames(self.scene, np.stack(starts), caught, times))
         pairs = [frame.pairs for frame in frames]
         part = partial(parted_frames, self.scene, system, np.stack(starts), pairs, times)
-        led = part()
-        # Contacts of sheets are led apart only where pushing did not solve them.
-        found = self._shot(system, led, times, unless=lambda: not np.array_equal(part(True), led))
+        led, otherwise = part(), []
+
+        def unless(left: list[IntArray]) -> bool:
+            """Whether sheets, and what pushing left as it was, can be led apart instead."""
+            met = [contact_counts(self.scene._body_of, found) for found in pairs]
+            still = [contact_counts(system.surface.body_of, found) for found in left]
+            otherwise.append(part(sheets=True, hooked=hooked_contacts(met, still)))
+            return not np.array_equal(otherwise[0], led)
+
+        found = self._shot(system, led, times, unless=unless)
         if found is None:
-            found = self._shot(system, part(True), times)
+            found = self._shot(system, otherwise[0], times)
         assert found is not None
         return found
 
@@ -237,7 +245,7 @@ class _Stream:
         system: System,
         starts: FloatArray,
         times: FloatArray,
-        unless: Callable[[], bool] | None = None,
+        unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> list[FloatArray] | None:
         """Repaired poses (V, 3) of starts (T, V, 3); None where `unless` ended it."""
         unit = np.stack([reduced(system, start) for start in starts])

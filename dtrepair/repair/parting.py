@@ -8,15 +8,17 @@ both bodies, takes it out; the repair of contacts takes over where it ends.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.geometry import FloatArray, IntArray, diagonal
 from dtrepair.repair.piercing import Inside, Piercing, Shape, find_inside
 from dtrepair.repair.stiffen import STIFF
 from dtrepair.repair.timeline import eased_in_time
+from dtrepair.repair.unhooking import FARTHEST, length_along, shortest_way, ways_around
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer
@@ -54,20 +56,23 @@ def parted_frames(
     pairs: Sequence[IntArray],
     frames: FloatArray,
     sheets: bool = False,
+    hooked: frozenset[tuple[int, int]] = frozenset(),
 ) -> FloatArray:
     """Poses (T, V, 3) at `frames` (T,) with bodies that pierce each other led apart, steadily.
 
     All frames of a contact leave along one way, as far as each needs; before and after, the shift
     comes and goes smoothly. `pairs` (K, 2) of triangles of each frame tell who meets. What has a
     preferred direction, or a largest displacement, is left to the contacts, and so are soft sheets,
-    which are better dented, unless `sheets` asks for them.
+    which are better dented, unless `sheets` asks for them. Bodies that are `hooked` into each other
+    are led apart whatever they are.
     """
     limited = scene.options.maximum_displacement is not None
     if len(scene.bodies) == 1 or limited or scene.options.method == "paper":
         return poses
     parting = _Parting(scene, system, poses, frames, sheets)
     for contact in parting.contacts(pairs):
-        parting.part(contact)
+        if not parting.part(contact) and (contact.first, contact.second) in hooked:
+            parting.unhook(contact)
     return parting.poses
 
 
@@ -107,13 +112,13 @@ class _Parting:
                 run.append(frame)
             yield Contact(first, second, run, shares)
 
-    def part(self, contact: Contact) -> None:
-        """Lead the bodies of a contact apart in its frames, if one pierces the other."""
+    def part(self, contact: Contact) -> bool:
+        """Lead the bodies of a contact apart in its frames, if one pierces the other: whether."""
         first, second = self._shape(contact.first), self._shape(contact.second)
         inside = [self._inside(self.poses[frame], contact) for frame in contact.frames]
         deepest = [max(mine.depth, theirs.depth) for mine, theirs in inside]
         if not any(self._pierced(contact, *found) for found in inside):
-            return
+            return False
         count = len(contact.frames)
         chosen = {*np.linspace(0, count - 1, SAMPLES).astype(int), int(np.argmax(deepest))}
         samples = sorted(int(index) for index in chosen)
@@ -131,7 +136,30 @@ class _Parting:
                 poses = [self.poses[frame] for frame in contact.frames]
                 every = Piercing(first, second, poses, inside)
                 self._shift(contact, way, [every.length(index, way) for index in range(count)])
-                return
+                return True
+        return False
+
+    def unhook(self, contact: Contact) -> None:
+        """Lead the bodies of a contact apart along the shortest way that frees most of its pairs.
+
+        That of the frame with most pairs serves all of them.
+        """
+        poses = [self.poses[frame] for frame in contact.frames]
+        worst = int(np.argmax([self._met(contact, pose)[0] for pose in poses]))
+        bodies = [poses[worst][self._shape(b).vertices] for b in (contact.first, contact.second)]
+        farthest = FARTHEST * min(diagonal(points) for points in bodies)
+        frees = partial(self._frees, contact, contact.frames[worst])
+        way = shortest_way(frees, ways_around(*bodies), farthest)
+        if way is None:
+            return
+        lengths = []
+        for frame in contact.frames:
+
+            def far_enough(length: float, frame: int = frame) -> bool:
+                return self._frees(contact, frame, length * way)
+
+            lengths.append(length_along(far_enough, farthest))
+        self._shift(contact, way, lengths)
 
     def _shift(self, contact: Contact, way: FloatArray, lengths: list[float]) -> None:
         needed = np.zeros(len(self.frames))
@@ -154,15 +182,17 @@ class _Parting:
 
     def _frees(self, contact: Contact, frame: int, shift: FloatArray) -> bool:
         """Whether a shift clears most of a contact in a frame, and makes no other ones."""
-        counts = []
-        for pose in (self.poses[frame], self._moved(self.poses[frame], contact, shift)):
-            bodies = self.scene._body_of[self.scene._pairs(pose, self.scene._weld(pose))]
-            wanted = (contact.first, contact.second)
-            between = (np.sort(bodies, axis=1) == wanted).all(axis=1)
-            counts.append((int(between.sum()), len(bodies)))
-        (before, all_before), (after, all_after) = counts
+        pose = self.poses[frame]
+        before, all_before = self._met(contact, pose)
+        after, all_after = self._met(contact, self._moved(pose, contact, shift))
         gone = before - after
         return after <= LEFT * before and all_after <= all_before - (1.0 - LEFT) * gone
+
+    def _met(self, contact: Contact, pose: FloatArray) -> tuple[int, int]:
+        """Pairs of a contact, and of all bodies, in a pose."""
+        bodies = self.scene._body_of[self.scene._pairs(pose, self.scene._weld(pose))]
+        between = (np.sort(bodies, axis=1) == (contact.first, contact.second)).all(axis=1)
+        return int(between.sum()), len(bodies)
 
     def _inside(self, pose: FloatArray, contact: Contact) -> tuple[Inside, Inside]:
         first, second = self._shape(contact.first), self._shape(contact.second)

@@ -16,6 +16,7 @@ from dtrepair.repair.frames import system_of
 from dtrepair.repair.options import RepairResult, Solved
 from dtrepair.repair.parting import parted_frames
 from dtrepair.repair.release import caught_parts, released
+from dtrepair.repair.unhooking import contact_counts, hooked_contacts
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer
@@ -89,18 +90,14 @@ def _solved(scene: SceneRepairer, opened: list[Opened]) -> list[tuple[FloatArray
     found: dict[int, tuple[FloatArray, Solved]] = {}
     for system in {id(system): system for system in systems}.values():
         own = [k for k, other in enumerate(systems) if other is system]
-        parted = [_parted(scene, system, starts[k], opened[k]) for k in own]
+        parted = [
+            parted_frames(scene, system, starts[k][None], [opened[k].pairs], np.zeros(1))[0]
+            for k in own
+        ]
         found.update(zip(own, system.solve(parted), strict=True))
         for k, start in zip(own, parted, strict=True) if len(scene.bodies) > 1 else ():
             found[k] = _freed(scene, system, found[k], start, starts[k], opened[k])
     return [found[k] for k in range(len(opened))]
-
-
-def _parted(
-    scene: SceneRepairer, system: System, start: FloatArray, pose: Opened, *, sheets: bool = False
-) -> FloatArray:
-    """The start (V, 3) with bodies that pierce each other led apart."""
-    return parted_frames(scene, system, start[None], [pose.pairs], np.zeros(1), sheets)[0]
 
 
 def _freed(
@@ -115,7 +112,12 @@ def _freed(
     left, stretched, cost = _rank(scene, system, found[0], start)
     if left == 0 and stretched < TORN:
         return found
-    other = _parted(scene, system, start, pose, sheets=True)
+    met, still = contact_counts(scene._body_of, pose.pairs), pose.pairs
+    if stretched < TORN:
+        still = scene._pairs(found[0], scene._weld(found[0]))
+    hooked = hooked_contacts([met], [contact_counts(scene._body_of, still)])
+    times = np.zeros(1)
+    other = parted_frames(scene, system, start[None], [pose.pairs], times, True, hooked)[0]
     if np.array_equal(other, parted):
         return found
     again = system.solve([other])[0]

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray
+from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.repair.animation import OVERLAP, WINDOW, AnimationRepairer
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.forked import forked_map
@@ -78,7 +78,7 @@ class _RememberingShot(ShotMethod):
         frames: FloatArray,
         crew: Crew,
         *,
-        unless: Callable[[], bool] | None = None,
+        unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
         """Repaired poses (T, V, 3) of poses at times in frame units; None if `unless` says so."""
         key = hash_of(original, frames, self.surface.faces, self.surface.rest)

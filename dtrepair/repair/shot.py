@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray
+from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.shot_mending import mend_frames
 from dtrepair.repair.shot_tightening import WIDTH, tighten_frames
@@ -73,11 +73,11 @@ class ShotMethod:
         frames: FloatArray,
         crew: Crew,
         *,
-        unless: Callable[[], bool] | None = None,
+        unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
         """Repaired poses (T, V, 3) of poses at times in frame units; dirty where none was found.
 
-        unless: asked where pushing leaves frames dirty; None is returned if it says so.
+        unless: asked with the pairs that pushing leaves; None is returned if it says so.
         """
         state = SpaceTime(
             self.surface,
@@ -91,7 +91,7 @@ class ShotMethod:
         if not state.dirty:
             return original
         push(state)
-        if state.dirty and unless is not None and unless():
+        if state.dirty and unless is not None and unless(state.pairs):
             return None
         state.forget_clearance()
         mend_frames(state)

@@ -1,0 +1,83 @@
+"""Bodies that hook into each other, as a rod through a plate: which they are, and the way out.
+
+Of a body that passes through a thin wall nearly nothing is inside, so that no depth tells the way:
+what pushing leaves as it was is hooked, and ways and lengths are tried until the contact is gone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.geometry import FloatArray, IntArray
+
+# A contact is hooked where pushing leaves this part of its pairs, and at least so many.
+STUCK, SEVERAL = 0.5, 10
+# Ways are tried in so many steps up to this part of the smaller body, then halved so many times.
+STEPS, FARTHEST, HALVINGS = 12, 0.8, 3
+
+# Whether a shift of so far along the way that it is asked for frees a contact.
+Frees = Callable[[float], bool]
+
+
+def hooked_contacts(
+    before: Sequence[tuple[IntArray, IntArray]], left: Sequence[tuple[IntArray, IntArray]]
+) -> frozenset[tuple[int, int]]:
+    """Bodies (first < second) whose contact pushing left as it was in any frame.
+
+    before, left: for each frame bodies of contacts (K, 2), first < second, and their numbers of
+    pairs (K,), as of `contact_counts`.
+    """
+    hooked = set()
+    for (old, old_counts), (new, new_counts) in zip(before, left, strict=True):
+        had = dict(zip(map(tuple, old.tolist()), old_counts.tolist(), strict=True))
+        for pair, count in zip(map(tuple, new.tolist()), new_counts.tolist(), strict=True):
+            if count >= max(SEVERAL, STUCK * had.get(pair, 0)):
+                hooked.add((int(pair[0]), int(pair[1])))
+    return frozenset(hooked)
+
+
+def contact_counts(body_of: NDArray[np.integer], pairs: IntArray) -> tuple[IntArray, IntArray]:
+    """Contacts between bodies (K, 2), first < second, and their pairs (K,), of pairs (P, 2).
+
+    body_of: the body of each triangle (F,).
+    """
+    bodies = np.sort(body_of[pairs], axis=1)
+    found, counts = np.unique(bodies[bodies[:, 0] != bodies[:, 1]], axis=0, return_counts=True)
+    return found.astype(np.int32), counts.astype(np.int32)
+
+
+def ways_around(*bodies: FloatArray) -> list[FloatArray]:
+    """Unit directions (3,): 26 around, and the axes of bodies (V, 3) both ways."""
+    ways = [np.array(way, dtype=np.float64) for way in product((-1, 0, 1), repeat=3) if any(way)]
+    for points in bodies:
+        axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+        ways += [*axes, *-axes]
+    return [way / np.linalg.norm(way) for way in ways]
+
+
+def shortest_way(
+    frees: Callable[[FloatArray], bool], ways: Sequence[FloatArray], farthest: float
+) -> FloatArray | None:
+    """The way (3,) along which the shortest shift frees a contact; None where none does."""
+    for step in range(1, STEPS + 1):
+        for way in ways:
+            if frees(step / STEPS * farthest * way):
+                return way
+    return None
+
+
+def length_along(frees: Frees, farthest: float) -> float:
+    """How far a body has to go until its contact is free; `farthest` where it never is."""
+    for step in range(1, STEPS + 1):
+        if frees(step / STEPS * farthest):
+            high = step / STEPS * farthest
+            low = high - farthest / STEPS
+            for _ in range(HALVINGS):
+                middle = 0.5 * (low + high)
+                low, high = (low, middle) if frees(middle) else (middle, high)
+            return high
+    return farthest

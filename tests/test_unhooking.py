@@ -1,0 +1,79 @@
+"""Bodies that hook into each other are led apart as wholes, in clips and in single poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair import Body, SceneRepairer, Status
+from dtrepair.geometry import unique_edges
+from dtrepair.metrics import edge_log_ratio
+from dtrepair.repair.unhooking import (
+    SEVERAL,
+    STEPS,
+    contact_counts,
+    hooked_contacts,
+    length_along,
+    shortest_way,
+    ways_around,
+)
+from tests.exact_reference import exact_pairs
+from tests.meshes import icosphere, joined
+
+# A thin plate, and a rod that goes through it: nearly nothing of either is inside the other.
+PLATE, PLATE_FACES = icosphere(3)
+PLATE = PLATE * np.array([1.0, 1.0, 0.04])
+ROD, ROD_FACES = icosphere(3)
+ROD = ROD * np.array([0.1, 0.1, 0.8])
+THROUGH = ROD + np.array([0.15, 0.1, 0.3])
+
+
+def edge_change(before: np.ndarray, after: np.ndarray, faces: np.ndarray) -> float:
+    return edge_log_ratio(before, np.asarray(after, np.float64), unique_edges(faces))
+
+
+@pytest.mark.parametrize("alone", [False, True])
+@pytest.mark.parametrize("mobility", [0.0, 1.0])
+def test_a_rod_through_a_plate_is_drawn_out_of_it(mobility: float, alone: bool) -> None:
+    scene = SceneRepairer([Body(PLATE, PLATE_FACES, mobility=mobility), Body(ROD, ROD_FACES)])
+    frames = [[PLATE, THROUGH + np.array([0.0, 0.0, 0.05 * k])] for k in range(1 if alone else 2)]
+    if alone:
+        found = [scene(pose) for pose in frames]
+    else:
+        found = [one.results for one in scene.animator.stream(enumerate(frames), jobs=1)]
+    for poses, results in zip(frames, found, strict=True):
+        after = [(results[0].points, PLATE_FACES), (results[1].points, ROD_FACES)]
+        assert len(exact_pairs(*joined(*after))) == 0
+        assert {result.status for result in results} == {Status.CLEAN}
+        assert mobility or np.array_equal(results[0].points, PLATE)
+        # Drawn out, not torn; 0.5 of it are beyond the plate at first.
+        assert edge_change(poses[1], results[1].points, ROD_FACES) < 0.05
+        assert np.linalg.norm(results[1].points - poses[1], axis=1).max() < 0.8
+
+
+def test_what_pushing_left_as_it_was_is_hooked() -> None:
+    body_of = np.array([0, 0, 1, 1, 2], dtype=np.int32)
+    many, few = np.array([[0, 2]] * SEVERAL), np.array([[3, 0]] * (SEVERAL - 1))
+    own = np.array([[0, 1]] * 40)
+    met = contact_counts(body_of, np.concatenate([many, own]).astype(np.int32))
+    assert met[0].tolist() == [[0, 1]]
+    assert met[1].tolist() == [SEVERAL]
+    left = contact_counts(body_of, few.astype(np.int32))
+    assert hooked_contacts([met], [met]) == {(0, 1)}
+    assert hooked_contacts([met], [left]) == frozenset()
+    # Half of a large contact is gone: pushing works.
+    large = (met[0], met[1] * 3)
+    assert hooked_contacts([large], [met]) == frozenset()
+
+
+def test_the_shortest_way_is_found_and_measured() -> None:
+    ways = ways_around(ROD)
+    assert np.allclose(np.linalg.norm(ways, axis=1), 1.0)
+    aim = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    way = shortest_way(lambda shift: float(shift @ aim) > 0.5, ways, 1.0)
+    assert way is not None
+    assert np.allclose(way, aim)
+    assert shortest_way(lambda shift: False, ways, 1.0) is None
+    assert length_along(lambda length: length > 0.5, 1.0) == pytest.approx(0.5, abs=1.0 / STEPS)
+    assert length_along(lambda length: length > 0.5, 1.0) > 0.5
+    assert length_along(lambda length: False, 1.0) == 1.0

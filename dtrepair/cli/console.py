@@ -19,15 +19,16 @@ class Console:
         """Choose what is printed: `quiet` nothing but errors, `verbosity` 1 each frame, 2 all."""
         self.quiet = quiet
         self.verbosity = verbosity
+        self.results_on_stderr = False  # where stdout is kept for a report
         self._advance: Callable[[float], None] | None = None
 
     def result(self, text: str) -> None:
-        """Print a result on stdout, unless quiet."""
+        """Print a result on stdout, or stderr where a report goes there, unless quiet."""
         if not self.quiet:
-            click.echo(text)
+            click.echo(text, err=self.results_on_stderr)
 
     def table(self, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-        """Print aligned columns on stdout: the first to the left, the others to the right."""
+        """Print aligned columns as results: the first to the left, the others to the right."""
         if self.quiet:
             return
         lines = [tuple(header), *(tuple(row) for row in rows)]
@@ -35,7 +36,7 @@ class Console:
         for line in lines:
             cells = [line[0].ljust(widths[0])]
             cells += [cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True)]
-            click.echo("  ".join(cells).rstrip())
+            click.echo("  ".join(cells).rstrip(), err=self.results_on_stderr)
 
     def remark(self, text: str) -> None:
         """Print a line on stderr with -v."""

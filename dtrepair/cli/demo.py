@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from dtrepair.cli.console import Console
-from dtrepair.cli.failures import OUTPUT, Failure, one_line_errors, use_device, writing
+from dtrepair.cli.failures import OUTPUT, Failure, device_of_method, one_line_errors, writing
 from dtrepair.cli.options import console_options, run_options
 
 PRIM = "/Character/Body"
@@ -40,7 +40,7 @@ def command(*, directory: str, frame_count: int, device: str, console: Console) 
         dtrepair demo
         dtrepair demo /tmp/look
     """
-    use_device(device, method="full")  # refused before anything is written
+    device_of_method(device, "full")  # refused before anything is written
     folder = Path(directory)
     try:
         folder.mkdir(parents=True, exist_ok=True)

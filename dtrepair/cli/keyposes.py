@@ -15,11 +15,8 @@ from dtrepair.cli.failures import (
     CLEAN,
     USAGE,
     Failure,
-    check_writable,
     device_of_method,
     one_line_errors,
-    refuse_overwriting,
-    writing,
 )
 from dtrepair.cli.frames import prim_records
 from dtrepair.cli.keyposes_report import exit_code, in_betweens, print_keys, print_spans
@@ -38,10 +35,11 @@ from dtrepair.cli.options import (
 from dtrepair.cli.repair import settings_of
 from dtrepair.cli.repair_output import print_plan, print_table, rest_warnings, say
 from dtrepair.cli.repair_run import Run, make_repairer
+from dtrepair.cli.report_place import check_report_place, put_report
 from dtrepair.cli.rest import choose_rests
 from dtrepair.cli.sinks import Sink, existing, open_sink
 from dtrepair.cli.sources import StageSource, is_stage, open_source
-from dtrepair.record import FrameRecord, Report, summarize, write_report
+from dtrepair.record import FrameRecord, Report, summarize
 
 if TYPE_CHECKING:
     from dtrepair.repair.key_spans import KeyOptions
@@ -87,7 +85,7 @@ if TYPE_CHECKING:
     help="Rest pose; default: the default-time points, else the key with fewest intersections.",
 )
 @object_options
-@click.option("--report", "report_path", metavar="F.json", help="Write a JSON report.")
+@click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @selection_options
@@ -135,12 +133,10 @@ def command(
         raise Failure("name an output with -o OUT, or --verify-only, which writes nothing", USAGE)
     if not is_stage(source_path):
         raise Failure(f"{source_path}: is not a USD stage: only stages have keys", USAGE)
+    check_report_place(report_path, console, source_path, output)
     if output is not None and skip_existing and existing(output):
         console.result(f"{output}: exists; skipped")
         return CLEAN
-    if report_path is not None:
-        refuse_overwriting(report_path, source_path, output)
-        check_writable(report_path)
     there, warnings = device_of_method(device, options.method)
     console.warn(warnings)
     run = Run(source_path, output or "", there, options, jobs, alone=True)
@@ -182,9 +178,7 @@ def command(
             sink.abort()
     prims = prim_records(source, rest_counts)
     report = replace(report, prims=prims, warnings=(*source.warnings, *report.warnings))
-    if report_path is not None:
-        with writing(report_path):
-            write_report(report, report_path)
+    put_report(report, report_path)
     if output is not None:
         print_table(console, report.frames, output)
     else:

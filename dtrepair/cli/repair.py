@@ -22,11 +22,8 @@ from dtrepair.cli.failures import (
     REMAINING,
     USAGE,
     Failure,
-    check_writable,
     device_of_method,
     one_line_errors,
-    refuse_overwriting,
-    writing,
 )
 from dtrepair.cli.method import method_options
 from dtrepair.cli.object_settings import recorded
@@ -41,10 +38,11 @@ from dtrepair.cli.options import (
 )
 from dtrepair.cli.repair_output import print_plan, print_table
 from dtrepair.cli.repair_run import Run, open_journal, repair_here
+from dtrepair.cli.report_place import check_report_place, put_report
 from dtrepair.cli.rest import choose_rests
 from dtrepair.cli.sinks import existing, open_sink
 from dtrepair.cli.sources import open_source
-from dtrepair.record import FrameRecord, write_report
+from dtrepair.record import FrameRecord
 
 if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions
@@ -64,7 +62,7 @@ if TYPE_CHECKING:
     help="Rest pose; default: the default-time points, else the frame with fewest intersections.",
 )
 @object_options
-@click.option("--report", "report_path", metavar="F.json", help="Write a JSON report.")
+@click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
 @click.option("--resume", is_flag=True, help="Go on with an interrupted run of the same command.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
@@ -118,12 +116,10 @@ def command(
         dtrepair repair shot.usd --prim "/Hero//" -o shot_repaired.usdc --report report.json
         dtrepair repair body.obj -o body_repaired.obj
     """
+    check_report_place(report_path, console, source_path, output)
     if skip_existing and existing(output):
         console.result(f"{output}: exists; skipped")
         return CLEAN
-    if report_path is not None:
-        refuse_overwriting(report_path, source_path, output)
-        check_writable(report_path)
     part = parse_chunk(chunk)
     if distributed is not None and (part is not None or resume):
         raise Failure("--distributed: not with --chunk or --resume; leave one out", USAGE)
@@ -166,9 +162,7 @@ def command(
             report = repair_here(run, source, rests, bodies, sink, console, journal)
     finally:
         sink.abort()
-    if report_path is not None:
-        with writing(report_path):
-            write_report(report, report_path)
+    put_report(report, report_path)
     print_table(console, report.frames, output)
     return _exit_code(report.frames)
 

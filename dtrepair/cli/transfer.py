@@ -16,7 +16,6 @@ from dtrepair.cli.failures import (
     device_of_method,
     one_line_errors,
     refuse_overwriting,
-    writing,
 )
 from dtrepair.cli.method import METHOD_NAMES, method_options
 from dtrepair.cli.options import (
@@ -26,10 +25,10 @@ from dtrepair.cli.options import (
     run_options,
     selection_options,
 )
+from dtrepair.cli.report_place import check_report_place, put_report
 from dtrepair.cli.sinks import existing
 from dtrepair.cli.transfer_options import Inputs, TransferOptions
 from dtrepair.cli.transfer_run import run_transfer
-from dtrepair.record import write_report
 
 if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions
@@ -108,7 +107,7 @@ _UP = click.Choice(["Y", "Z"], case_sensitive=False)
     help="Take --poses, or the blend shapes of SOURCE, as shapes; write UsdSkel blend shapes.",
 )
 @click.option("--picture", metavar="F.png", help="Draw the registered source over the target.")
-@click.option("--report", "report_path", metavar="F.json", help="Write a JSON report.")
+@click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @selection_options
@@ -149,14 +148,13 @@ def command(
         return CLEAN
     wanted = TransferOptions(repair=options if repair else None, picture=picture, **given)
     _check_options(wanted)
-    _check_outputs(wanted, output, report_path)
+    _check_outputs(wanted, output, report_path, console)
     there, warnings = device_of_method(device, options.method)
     console.warn(warnings)
     inputs = Inputs(wanted, selection, there, jobs)
     code, report = run_transfer(inputs, output, console)
-    if report is not None and report_path is not None:
-        with writing(report_path):
-            write_report(report, report_path)
+    if report is not None:
+        put_report(report, report_path)
     return code
 
 
@@ -178,14 +176,17 @@ def _check_options(wanted: TransferOptions) -> None:
             raise Failure(f"--{option}: has no effect without --repair", USAGE)
 
 
-def _check_outputs(wanted: TransferOptions, output: str, report: str | None) -> None:
+def _check_outputs(
+    wanted: TransferOptions, output: str, report: str | None, console: Console
+) -> None:
     """Refuse outputs that are inputs, each other, or not writable, before any computing."""
     inputs = [wanted.source_path, wanted.target_path, *wanted.poses]
     inputs += [path for path in (wanted.markers, wanted.correspondence, wanted.pin) if path]
     files = [output]
     refuse_overwriting(output, *inputs)
-    for path in (wanted.save_correspondence, wanted.picture, report):
+    for path in (wanted.save_correspondence, wanted.picture):
         if path is not None:
             refuse_overwriting(path, *inputs, *files)
             check_writable(path)
             files.append(path)
+    check_report_place(report, console, *inputs, *files)

@@ -1,0 +1,29 @@
+"""Where `--report` goes: a file, or - for standard output, where then nothing else goes."""
+
+from __future__ import annotations
+
+import click
+
+from dtrepair.cli.console import Console
+from dtrepair.cli.failures import check_writable, refuse_overwriting, writing
+from dtrepair.record import Report, render_report, write_report
+
+STDOUT = "-"
+
+
+def check_report_place(path: str | None, console: Console, *others: str | None) -> None:
+    """Refuse a file that cannot be written or is one of `others`; keep stdout for a report."""
+    if path == STDOUT:
+        console.results_on_stderr = True
+    elif path is not None:
+        refuse_overwriting(path, *others)
+        check_writable(path)
+
+
+def put_report(report: Report, path: str | None) -> None:
+    """Write a report where it was asked for; nothing for None."""
+    if path == STDOUT:
+        click.echo(render_report(report), nl=False)
+    elif path is not None:
+        with writing(path):
+            write_report(report, path)

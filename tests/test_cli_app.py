@@ -5,7 +5,7 @@ import sys
 import time
 
 import pytest
-from command_line import assert_fails, run, tube_obj
+from command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
 
 from dtrepair import __version__
 from dtrepair.cli import app
@@ -106,3 +106,44 @@ def test_bad_configs_are_refused(tmp_path):
     assert_fails(run("check", path, "--config", config), 2, "has no option 'moode'")
     config.write_text('mode = "all"')
     assert_fails(run("check", path, "--config", config), 2, "--mode")
+    config.write_text("[check]\nalone = true")
+    assert_fails(run("check", path, "--config", config), 2, "check has no option 'alone'")
+    config.write_text("[repar]\nalone = true")
+    assert_fails(run("check", path, "--config", config), 2, "[repar] is no command", "[repair]")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('alone = "yes"', ["alone should be true or false, got 'yes'"]),
+        ("jobs = true", ["jobs should be a whole number, got True"]),
+        ("jobs = 1.5", ["jobs should be a whole number, got 1.5"]),
+        ('diffusion = "high"', ["diffusion should be a number, got 'high'"]),
+        ("mode = true", ["mode should be text, got True"]),
+        ("ignore = [3, true]", ["ignore should be text, got True"]),
+    ],
+)
+def test_values_of_wrong_types_are_refused(tmp_path, text, words):
+    config = tmp_path / "c.toml"
+    config.write_text(text)
+    output = ("-o", tmp_path / "b.obj")
+    path = tube_obj(tmp_path / "a.obj")
+    assert_fails(run("repair", path, *output, "--config", config), 2, "c.toml", *words)
+
+
+def test_one_config_serves_every_command(tmp_path):
+    config = tmp_path / "c.toml"
+    config.write_text(
+        'rest = 1\ndiffusion = 50\nextra-keys = 3\nalone = true\n[[prim]]\npath = "/Root"\n'
+        "mobility = 1\n[transfer]\nground = true\n"
+    )
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
+    own = ("--config", config)
+    assert run("check", path, *own).code == 1
+    repaired = run("repair", path, "-o", tmp_path / "b.usdc", "--report", "-", *own)
+    assert repaired.json["settings"]["diffusion"] == 50 and repaired.code == 0
+    assert repaired.json["settings"]["rest"] == ["frame 1"]
+    assert run("keyposes", path, "-o", tmp_path / "c.usdc", *own).code == 0
+    clean = tube_stage(tmp_path / "clean.usda", (OPEN, OPEN))
+    moved = run("transfer", clean, clean, "-o", tmp_path / "d.usdc", "--report", "-", *own)
+    assert moved.json["settings"]["ground"] is True

@@ -16,37 +16,97 @@ _TABLES = "dtrepair.prim_tables"
 
 
 def read_config(context: click.Context, parameter: click.Parameter, path: str | None) -> None:
-    """Take defaults from the top of a TOML file and from the table named as the command."""
+    """Take defaults from the top of a TOML file and from the table named as the command.
+
+    The top may hold what other commands know; the command's own table may not.
+    """
     if path is None:
         return
+    content = _read(context, path)
+    command = context.info_name or ""
+    own = content[command] if isinstance(content.get(command), dict) else {}
+    for part in (content, own):
+        if isinstance(part.get("prim"), dict | list):
+            _keep_tables(context, part.pop("prim"), path)
+    tables = {name for name, value in content.items() if isinstance(value, dict)}
+    others = tables - {command}
+    if others and (unknown := sorted(others - _commands().keys())):
+        known = ", ".join(f"[{name}]" for name in _commands())
+        raise click.BadParameter(
+            f"{path}: [{unknown[0]}] is no command that has --config; known are {known} and "
+            "[[prim]]",
+            context,
+        )
+    top = {name: value for name, value in content.items() if name not in tables}
+    options = _options_of(context.command)
+    found = {}
+    for key, value in {**top, **own}.items():
+        option = options.get(key.replace("_", "-"))
+        if option is not None:
+            found[option.name] = _checked(context, f"{path}: {key}", option, value)
+        elif key in own or not _known_elsewhere(key):
+            more = "" if key in own else ", nor has another command"
+            raise click.BadParameter(f"{path}: {command} has no option {key!r}{more}", context)
+    context.default_map = {**(context.default_map or {}), **found}
+
+
+def _read(context: click.Context, path: str) -> dict[str, Any]:
     import tomllib
 
     try:
         with open(path, "rb") as file:
-            content = tomllib.load(file)
+            return tomllib.load(file)
     except OSError as error:
         raise click.BadParameter(f"{path}: cannot be read: {error.strerror}", context) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise click.BadParameter(f"{path}: is not TOML: {error}", context) from None
-    command = context.info_name or ""
-    values = {key: value for key, value in content.items() if not isinstance(value, dict)}
-    own = content[command] if isinstance(content.get(command), dict) else {}
-    for part in (values, own):
-        if isinstance(part.get("prim"), dict | list):
-            _keep_tables(context, part.pop("prim"), path)
-    values |= own
-    known = {_option_name(p): p for p in context.command.params if isinstance(p, click.Option)}
-    found = {}
-    for key, value in values.items():
-        option = known.get(key.replace("_", "-"))
-        if option is None or key == "config":
-            raise click.BadParameter(f"{path}: {command} has no option {key!r}", context)
-        found[option.name] = [value] if option.multiple and isinstance(value, str) else value
-    context.default_map = {**(context.default_map or {}), **found}
 
 
-def _option_name(option: click.Option) -> str:
-    return max(option.opts, key=len).lstrip("-")
+def _commands() -> dict[str, click.Command]:
+    """The commands that have --config."""
+    from dtrepair.cli.app import COMMANDS, group
+
+    context = click.Context(group)
+    every = {name: group.get_command(context, name) for name in COMMANDS}
+    return {
+        name: command
+        for name, command in every.items()
+        if command is not None and any(own.name == "config" for own in command.params)
+    }
+
+
+def _options_of(command: click.Command) -> dict[str, click.Option]:
+    """Options that a file may hold, by their long name without dashes."""
+    options = [own for own in command.params if isinstance(own, click.Option)]
+    named = {max(option.opts, key=len).lstrip("-"): option for option in options}
+    return {name: option for name, option in named.items() if name != "config"}
+
+
+def _known_elsewhere(key: str) -> bool:
+    return any(key.replace("_", "-") in _options_of(command) for command in _commands().values())
+
+
+def _checked(context: click.Context, where: str, option: click.Option, value: Any) -> Any:
+    """A value of the type that an option takes; several options of one name are a list."""
+    if option.multiple:
+        items = value if isinstance(value, list) else [value]
+        return [_single(context, where, option, item) for item in items]
+    return _single(context, where, option, value)
+
+
+def _single(context: click.Context, where: str, option: click.Option, value: Any) -> Any:
+    kind: Any
+    if option.is_flag and not option.count:
+        kind, expected = bool, "true or false"
+    elif isinstance(option.type, click.types.IntParamType):
+        kind, expected = int, "a whole number"
+    elif isinstance(option.type, click.types.FloatParamType):
+        kind, expected = int | float, "a number"
+    else:
+        kind, expected = str | int | float, "text"
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        raise click.BadParameter(f"{where} should be {expected}, got {value!r}", context)
+    return str(value) if expected == "text" else value
 
 
 def _keep_tables(context: click.Context, tables: object, path: str) -> None:

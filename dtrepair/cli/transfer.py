@@ -171,7 +171,8 @@ def _check_options(wanted: TransferOptions) -> None:
         return
     context = click.get_current_context()
     for name in (*METHOD_NAMES, "alone"):
-        if context.get_parameter_source(name) != ParameterSource.DEFAULT:
+        # A file of --config may serve `repair` as well.
+        if context.get_parameter_source(name) == ParameterSource.COMMANDLINE:
             option = name.replace("_", "-")
             raise Failure(f"--{option}: has no effect without --repair", USAGE)
 

@@ -31,7 +31,8 @@ def join_reports(documents: Sequence[Document]) -> Report:
     names = list(dict.fromkeys(name for document in documents for name in document["seconds"]))
     warnings = dict.fromkeys(text for document in documents for text in document["warnings"])
     return Report(
-        **{name: first[name] for name in ("command", "version", "input", "device", "settings")},
+        **{name: first[name] for name in ("command", "version", "input", "device")},
+        settings={name: value for name, value in first["settings"].items() if name != "chunk"},
         seconds={name: sum(d["seconds"].get(name, 0.0) for d in documents) for name in names},
         prims=tuple(PrimRecord(**prim) for prim in first["prims"]),
         frames=tuple(sorted(frames, key=lambda frame: frame.time or 0.0)),

@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dtrepair import RepairOptions, repair
+from dtrepair.intersect.detector import Detector
+from dtrepair.intersect.proximity import close_pairs, face_each_other
 from dtrepair.repair.clearance import open_contacts
 from dtrepair.repair.contact import find_defects
 from dtrepair.repair.relax import relax
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface import NEIGHBOUR_RINGS, Surface
+from tests.meshes import knot
 from tests.test_tighten import loosely_solved
 
 
@@ -40,3 +44,24 @@ def test_an_open_pose_stays() -> None:
     surface = Surface(points, faces)
     opened, left = open_contacts(surface, surface.rest, 1e-4)
     assert left == 0 and np.array_equal(opened, surface.rest)
+
+
+def test_a_mesh_without_a_rest_pose_opens_its_contacts_as_well() -> None:
+    points, faces = knot()
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    wanted = 0.01 * size
+    rings = Surface(points, faces).queries
+    near = []
+    for clearance in (0.0, wanted):
+        result = repair(points, faces, options=RepairOptions(clearance=clearance))
+        assert result.status == "clean" and not result.message
+        pairs = close_pairs(Detector(points, faces), result.points.astype(np.float32), wanted)
+        across = pairs[face_each_other(result.points, faces, pairs)]
+        near.append(int((rings.ring_distance(across) > NEIGHBOUR_RINGS).sum()))
+    assert near[0] > 10 and near[1] == 0
+
+
+def test_a_clearance_beyond_all_reason_is_refused() -> None:
+    points, faces = knot()
+    with pytest.raises(ValueError, match=r"clearance should be at most .*, 5% of the diagonal"):
+        repair(points, faces, options=RepairOptions(clearance=100.0))

@@ -99,3 +99,36 @@ def test_bad_chunks_are_refused(tmp_path, chunk):
     path = tube_stage(tmp_path / "a.usda")
     done = run("repair", path, "-o", tmp_path / "b.usdc", "--chunk", chunk)
     assert_fails(done, 2, "--chunk", "K/N")
+
+
+def test_a_missing_chunk_is_told_when_joining(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (CLOSED, OPEN, CLOSED))
+    parts = [tmp_path / f"part{number}.usdc" for number in (1, 2, 3)]
+    for number, part in enumerate(parts, 1):
+        assert run("repair", path, "-o", part, "--alone", "--chunk", f"{number}/3").code == 0
+    done = run("join", parts[0], parts[2], "-o", tmp_path / "joined.usdc")
+    assert done.code == 3 and "chunk 2/3 is missing" in done.err
+    assert not (tmp_path / "joined.usdc").exists()
+    assert run("join", *parts, "-o", tmp_path / "joined.usdc").code == 0
+
+
+def test_empty_chunks_and_plans_of_chunks_are_told(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (CLOSED, OPEN, CLOSED))
+    done = run("repair", path, "-o", tmp_path / "b.usdc", "--chunk", "1/2")
+    assert done.code == 0 and "--chunk 1/2: has no frames" in done.err
+    done = run("repair", path, "-o", tmp_path / "b.usdc", "--chunk", "1/2", "--alone", "--dry-run")
+    assert "1 frame (1) would be written" in done.out and "no frames" not in done.err
+
+
+def test_mesh_files_have_no_chunks(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    done = run("repair", tmp_path / "a.obj", "-o", tmp_path / "b.obj", "--chunk", "1/2")
+    assert done.code == 2 and "--chunk: only for USD stages" in done.err
+
+
+@pytest.mark.parametrize("command", [("check",), ("repair", "-o", "b.usdc", "--dry-run")])
+def test_a_mode_that_counts_nothing_is_told(tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    path = tube_stage(tmp_path / "a.usda", (CLOSED,))
+    done = run(*command[:1], path, "--mode", "inter", *command[1:])
+    assert "--mode inter: only one mesh" in done.err

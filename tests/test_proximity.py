@@ -7,7 +7,7 @@ import pytest
 
 from dtrepair.geometry import FloatArray
 from dtrepair.intersect.detector import Detector
-from dtrepair.intersect.proximity import close_pairs
+from dtrepair.intersect.proximity import close_pairs, face_each_other
 from tests.meshes import Mesh, armed_body, icosphere, joined
 
 
@@ -89,3 +89,12 @@ def test_no_distance_and_no_triangles_have_no_pairs() -> None:
     assert close_pairs(Detector(points, faces), points.astype(np.float32), 0.0).shape == (0, 2)
     empty = Detector(points, faces[:0])
     assert close_pairs(empty, points.astype(np.float32), 0.1).shape == (0, 2)
+
+
+def test_sides_of_a_gap_face_each_other_and_sides_of_a_wall_do_not() -> None:
+    # Squares at heights 0, 1 and 2, normals up, down, up: a gap between the first two.
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    points = np.concatenate([square + np.array([0, 0, height]) for height in range(3)])
+    faces = np.array([[0, 1, 2], [3, 5, 4], [6, 7, 8]], dtype=np.int32)
+    pairs = np.array([[0, 1], [1, 2], [0, 2]], dtype=np.int32)
+    assert face_each_other(points, faces, pairs).tolist() == [True, False, False]

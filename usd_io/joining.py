@@ -53,7 +53,7 @@ def join_layers(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLi
 
     Raises:
         StageError: a chunk cannot be read, the chunks lie over different inputs, or two chunks
-            disagree about a sample.
+            disagree about a sample; a chunk K/N of the N is missing.
         UsageError: no chunks, or the output is one of them or their input.
         OutputError: the output cannot be written.
     """
@@ -62,6 +62,7 @@ def join_layers(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLi
     target = check_output_path(output)
     chunks = sorted((_open_chunk(os.fspath(path)) for path in paths), key=_order)
     _check_chunks(chunks, target)
+    _check_complete(chunks)
     with AtomicLayer(target) as file:
         assert file.layer is not None
         first = chunks[0]
@@ -110,6 +111,22 @@ def _check_chunks(chunks: Sequence[_Chunk], target: str) -> None:
         if chunk.layer.timeCodesPerSecond != first.layer.timeCodesPerSecond:
             raise StageError(
                 f"{chunk.path} and {first.path} differ in time codes per second; write them again"
+            )
+
+
+def _check_complete(chunks: Sequence[_Chunk]) -> None:
+    """StageError if the layers say that they are parts K/N, and one of the N is not there."""
+    parts = [str(chunk.record.get("settings", {}).get("chunk", "")) for chunk in chunks]
+    numbers: dict[int, set[int]] = {}
+    for index, slash, count in (part.partition("/") for part in parts):
+        if slash:
+            numbers.setdefault(int(count), set()).add(int(index))
+    for of, found in numbers.items():
+        missing = [f"{k}/{of}" for k in range(1, of + 1) if k not in found]
+        if missing:
+            raise StageError(
+                f"chunk {', '.join(missing[:8])}{' ...' * (len(missing) > 8)} is missing: name the "
+                "layers of all chunks of one split"
             )
 
 
@@ -220,7 +237,7 @@ def _joined_record(chunks: Sequence[_Chunk], sources: Sequence[str]) -> dict[str
     return {
         "version": first.get("version"),
         "input": sources[0] if sources else None,
-        "settings": first.get("settings"),
+        "settings": {k: v for k, v in first.get("settings", {}).items() if k != "chunk"},
         "frames": np.array(sorted(set().union(*written.values())), dtype=np.float64),
         "written": {prim: sorted(times) for prim, times in written.items()},
         "written_default": sorted(defaults),

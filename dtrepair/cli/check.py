@@ -26,6 +26,7 @@ from dtrepair.cli.frames import (
     Frame,
     frame_time,
     make_counter,
+    mode_warnings,
     prim_records,
     read_frames,
     side_by_side,
@@ -103,7 +104,7 @@ def command(
         check_writable(json_path)
     device = use_device(device)
     source = open_source(source_path, selection)
-    console.warn(source.warnings)
+    console.warn([*source.warnings, *mode_warnings(source, mode)])
     opened = clock.perf_counter()
     ignored = ignored_pairs(source, ignore)
     counter = make_counter(source, mode=mode, ignored=ignored, device=device)

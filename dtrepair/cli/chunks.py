@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dtrepair.cli.failures import USAGE, Failure
 from dtrepair.cli.frames import read_frame
-from dtrepair.cli.sources import Source
+from dtrepair.cli.sources import Source, StageSource
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,8 @@ def choose_chunk(source: Source, chunk: tuple[int, int] | None, *, alone: bool) 
     Frames that are repaired together are split between windows, and solved from one window before
     the chunk on: that one fades into its first frames.
     """
+    if chunk is not None and not isinstance(source, StageSource):
+        raise Failure("--chunk: only for USD stages; leave it out", USAGE)
     from dtrepair.repair import animation
     from dtrepair.repair.windows import frames_to_solve, motions_of, window_layout
 
@@ -70,6 +72,16 @@ def choose_chunk(source: Source, chunk: tuple[int, int] | None, *, alone: bool) 
     solved = (every >= low) & (every < high)
     chosen = every[solved]
     return Chunk(chosen, (chosen >= ends[first]) & (chosen < ends[stop]))
+
+
+def empty_chunk_warnings(chunk: Chunk, text: str | None) -> list[str]:
+    """A warning where a chunk has nothing to do."""
+    if chunk.written.any():
+        return []
+    return [
+        f"--chunk {text}: has no frames: there are more chunks than windows of frames that are "
+        "solved together (60 frames, and ended by cuts); fewer chunks do as well"
+    ]
 
 
 def _share(count: int, number: int, of: int) -> tuple[int, int]:

@@ -96,6 +96,13 @@ def prim_records(
     )
 
 
+def mode_warnings(source: Source, mode: str) -> list[str]:
+    """A warning where a mode leaves nothing to count."""
+    if mode != "inter" or len(source.meshes) > 1:
+        return []
+    return ["--mode inter: only one mesh is selected, so that no contact counts"]
+
+
 def make_counter(
     source: Source, *, mode: str, device: str, ignored: Sequence[tuple[int, int]] = ()
 ) -> SceneCounter:

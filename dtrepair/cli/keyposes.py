@@ -18,7 +18,7 @@ from dtrepair.cli.failures import (
     device_of_method,
     one_line_errors,
 )
-from dtrepair.cli.frames import prim_records
+from dtrepair.cli.frames import mode_warnings, prim_records
 from dtrepair.cli.keyposes_report import exit_code, in_betweens, print_keys, print_spans
 from dtrepair.cli.keyposes_solve import StageKeys
 from dtrepair.cli.method import method_options
@@ -151,7 +151,7 @@ def command(
     assert isinstance(source, StageSource)
     if math.isnan(source.times[0]):
         raise Failure(f"{source_path}: no mesh has time samples; use dtrepair repair", USAGE)
-    console.warn(source.warnings)
+    console.warn([*source.warnings, *mode_warnings(source, options.mode)])
     controls = read_controls(source, objects)
     console.warn(controls.warnings)
     run.ignored = controls.ignored
@@ -165,7 +165,7 @@ def command(
         run.lap("read")
         rests = choose_rests(source, rest, device=run.device)
         if dry_run:
-            print_plan(console, source, rests, output, controls.settings)
+            print_plan(console, source, rests, output, controls.settings, source.times)
             return CLEAN
         bodies = make_bodies(source, rests, controls, console, mode=options.mode)
         repairer, rest_counts = make_repairer(run, source, rests, bodies)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dtrepair.cli.bodies import make_bodies, read_controls
-from dtrepair.cli.chunks import choose_chunk, parse_chunk
+from dtrepair.cli.chunks import choose_chunk, empty_chunk_warnings, parse_chunk
 from dtrepair.cli.console import Console
 from dtrepair.cli.distributed import (
     ChunkedCommand,
@@ -25,6 +25,7 @@ from dtrepair.cli.failures import (
     device_of_method,
     one_line_errors,
 )
+from dtrepair.cli.frames import mode_warnings
 from dtrepair.cli.method import method_options
 from dtrepair.cli.object_settings import recorded
 from dtrepair.cli.options import (
@@ -129,12 +130,12 @@ def command(
     console.warn(warnings)
     run = Run(source_path, output, there, options, jobs, alone)
     source = open_source(source_path, selection, collider=objects.collider)
-    console.warn(source.warnings)
+    console.warn([*source.warnings, *mode_warnings(source, options.mode)])
     _refuse_without_effect(run, directed=objects.direction is not None)
     controls = read_controls(source, objects)
     console.warn(controls.warnings)
     run.ignored = controls.ignored
-    more = {"rest": rest, "objects": recorded(source, controls.settings)}
+    more = {"rest": rest, "objects": recorded(source, controls.settings), "chunk": chunk}
     run.settings = settings_of(selection, objects, options, more)
     _refuse_without_effect(run, directed=any(way is not None for way in controls.directions))
     if options.method == "paper" and any(own.rigid for own in controls.settings):
@@ -143,8 +144,11 @@ def command(
     try:
         run.lap("read")
         rests = choose_rests(source, rest, device=run.device)
+        run.chunk = choose_chunk(source, part, alone=alone)
+        console.warn(empty_chunk_warnings(run.chunk, chunk))
         if dry_run:
-            print_plan(console, source, rests, output, controls.settings)
+            written = run.chunk.times[run.chunk.written]
+            print_plan(console, source, rests, output, controls.settings, written)
             return CLEAN
         bodies = make_bodies(source, rests, controls, console, mode=options.mode)
         if distributed is not None and len(source.times) > 1:
@@ -156,7 +160,6 @@ def command(
             jitter = measured_jitter(source, result)
             report = replace(report, output=output, seconds=seconds, jitter=jitter)
         else:
-            run.chunk = choose_chunk(source, part, alone=alone)
             journal = open_journal(run, bodies, resume=resume)
             console.warn(journal.warnings if journal is not None else ())
             report = repair_here(run, source, rests, bodies, sink, console, journal)

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dtrepair.cli.console import Console
 from dtrepair.cli.object_settings import ObjectSettings, described
 from dtrepair.cli.rest import Rest
@@ -54,17 +57,18 @@ def print_plan(
     rests: list[Rest],
     output: str | None,
     settings: Sequence[ObjectSettings],
+    times: NDArray[np.float64],
 ) -> None:
-    """Print what a run would do; without an output it only counts."""
+    """Print what a run would do with the frames at `times` (T,); without an output it counts."""
     rows = []
     for mesh, rest, own in zip(source.meshes, rests, settings, strict=True):
         role = described(own, collider=mesh.collider)
         rows.append([mesh.path, str(len(mesh.rest)), str(len(mesh.faces)), role, rest.origin])
     console.table(["mesh", "vertices", "triangles", "role", "rest pose"], rows)
-    labels = [time_label(float(time)) for time in source.times]
+    labels = [time_label(float(time)) for time in times] or ["none"]
     frames = labels[0] if len(labels) == 1 else f"{labels[0]} to {labels[-1]}"
     end = "counted" if output is None else f"written to {output}"
-    console.result(f"{counted(len(labels), 'frame')} ({frames}) would be {end}")
+    console.result(f"{counted(len(times), 'frame')} ({frames}) would be {end}")
 
 
 def _print_contacts(

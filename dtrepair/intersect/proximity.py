@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import IntArray
+from dtrepair.geometry import FloatArray, IntArray, vector_areas
 from dtrepair.intersect.detector import Detector
 
 
@@ -51,3 +51,15 @@ def close_pairs(
             rows = pairs.numpy()[:found]
             return rows[np.lexsort((rows[:, 1], rows[:, 0]))]
         capacity = 2 * found
+
+
+def face_each_other(points: FloatArray, faces: IntArray, pairs: IntArray) -> NDArray[np.bool_]:
+    """Which pairs (K, 2) of triangles each have the other one in front (K,): outside lies between.
+
+    points: (V, 3); faces: (F, 3), normals outwards; told at the centres.
+    """
+    centres = points[faces[pairs]].mean(axis=2)
+    across = centres[:, 1] - centres[:, 0]
+    normals = vector_areas(points, faces[pairs].reshape(-1, 3)).reshape(-1, 2, 3)
+    ahead = np.einsum("ij,ij->i", normals[:, 0], across) > 0.0
+    return ahead & (np.einsum("ij,ij->i", normals[:, 1], across) < 0.0)

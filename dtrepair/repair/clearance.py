@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from dtrepair.geometry import FloatArray
+from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.repair.contact import Defects, find_defects
 from dtrepair.repair.gaps import Gaps
 from dtrepair.repair.push import Limit, push
@@ -22,15 +24,24 @@ ATTEMPTS = 3
 
 
 def open_contacts(
-    surface: Surface, points: FloatArray, clearance: float, *, limit: Limit = None
+    surface: Surface,
+    points: FloatArray,
+    clearance: float,
+    *,
+    limit: Limit = None,
+    facing: bool = False,
 ) -> tuple[FloatArray, int]:
     """The pose with its contacts pushed `clearance` apart (units of the size), and what is left.
 
-    Returns the number of pairs that are still closer. A pose that is not clean, or not better, is
-    never taken: the input may not have the room.
+    Returns the number of pairs that are still closer; `facing`: see `Surface.close_pairs`. A pose
+    that is not clean, or not better, is never taken: the input may not have the room.
     """
+
+    def close(pose: FloatArray) -> IntArray:
+        return surface.close_pairs(pose, clearance, facing=facing)
+
     folds = len(find_defects(surface, points).folds)
-    points, left = _opened(surface, points, clearance, folds, limit)
+    points, left = _opened(surface, points, clearance, close, folds, limit)
     for attempt in range(ATTEMPTS):
         if left == 0:
             break
@@ -42,7 +53,7 @@ def open_contacts(
             iterations=ITERATIONS,
             patience=PATIENCE,
             limit=limit,
-            detect=lambda pose: surface.close_pairs(pose, clearance),
+            detect=close,
         )
         defects = find_defects(surface, opened.points)
         if len(defects.crossings) == 0 and len(defects.folds) <= folds:
@@ -52,10 +63,15 @@ def open_contacts(
 
 
 def _opened(
-    surface: Surface, points: FloatArray, clearance: float, folds: int, limit: Limit
+    surface: Surface,
+    points: FloatArray,
+    clearance: float,
+    close: Callable[[FloatArray], IntArray],
+    folds: int,
+    limit: Limit,
 ) -> tuple[FloatArray, int]:
     """The best of some steps that keep the shape as rigid as possible and open narrow gaps."""
-    pairs = surface.close_pairs(points, clearance)
+    pairs = close(points)
     best, left, idle = points, len(pairs), 0
     rigidity = Rigidity(surface, points)
     gaps = Gaps(surface, np.where(surface.stiff, 0.0, 1.0))
@@ -74,7 +90,7 @@ def _opened(
             gaps.add_defects(defects)
             idle += 1
             continue
-        pose, pairs = trial, surface.close_pairs(trial, clearance)
+        pose, pairs = trial, close(trial)
         idle = 0 if len(pairs) < left else idle + 1
         if len(pairs) < left:
             best, left = pose, len(pairs)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dtrepair.device import DeviceQueue, resolve_device
-from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, weld_map
+from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, diagonal, weld_map
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import of_ignored_bodies
 from dtrepair.metrics import displacements
@@ -31,6 +31,9 @@ from dtrepair.repair.release import bodies_of_parts
 from dtrepair.repair.rigid import RigidBodies
 from dtrepair.repair.surface import pair_keys
 from dtrepair.repair.system import System
+
+# Largest clearance, part of the diagonal: with a larger one everything is close to everything.
+WIDEST = 0.05
 
 
 class SceneRepairer:
@@ -71,6 +74,12 @@ class SceneRepairer:
         self._vertices = np.cumsum([0, *(len(points) for points, _ in meshes)])
         self._triangles = np.cumsum([0, *(len(faces) for _, faces in meshes)])
         self._rest = np.concatenate([points for points, _ in meshes])
+        most = WIDEST * diagonal(self._rest)
+        if self.options.clearance > most > 0.0:
+            raise ValueError(
+                f"clearance should be at most {most:.4g}, {WIDEST:.0%} of the diagonal of the rest "
+                f"poses, got {self.options.clearance:.4g}"
+            )
         shifted = [faces + start for (_, faces), start in zip(meshes, self._vertices, strict=False)]
         self._faces = np.concatenate(shifted).astype(np.int32)
         self._body_of = np.repeat(np.arange(len(bodies)), np.diff(self._triangles))

@@ -21,7 +21,7 @@ from dtrepair.geometry import (
 )
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs, of_ignored_bodies
-from dtrepair.intersect.proximity import close_pairs
+from dtrepair.intersect.proximity import close_pairs, face_each_other
 from dtrepair.intersect.queries import Queries, link_labels
 from dtrepair.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
 from dtrepair.repair.covering import covered_vertices
@@ -186,18 +186,25 @@ class Surface:
         """
         return self._counted(self.detector(self.written(points), exact=False, active=active))
 
-    def close_pairs(self, points: FloatArray, clearance: float) -> IntArray:
+    def close_pairs(
+        self, points: FloatArray, clearance: float, *, facing: bool = False
+    ) -> IntArray:
         """Pairs (K, 2) closer than a clearance, units of the size, that are not neighbours.
 
-        Neighbours are triangles as close in the rest pose or at most NEIGHBOUR_RINGS apart: the
-        sides of a crease. Intersecting pairs count as close whatever they are.
+        Neighbours are triangles at most NEIGHBOUR_RINGS apart, the sides of a crease, and those as
+        close in the rest pose; or, with `facing`, for a rest pose that has the contacts itself,
+        those that do not face each other, as the sides of a limb. Intersecting pairs count as close
+        whatever they are.
         """
-        near = 1.1 * clearance * self.size
-        if near not in self._close_at_rest:
-            rest = close_pairs(self.detector, self.written(self.rest), near)
-            self._close_at_rest[near] = pair_keys(rest)
         found = close_pairs(self.detector, self.written(points), clearance * self.size)
-        found = found[~np.isin(pair_keys(found), self._close_at_rest[near])]
+        if facing:
+            found = found[face_each_other(points, self.faces, found)]
+        else:
+            near = 1.1 * clearance * self.size
+            if near not in self._close_at_rest:
+                rest = close_pairs(self.detector, self.written(self.rest), near)
+                self._close_at_rest[near] = pair_keys(rest)
+            found = found[~np.isin(pair_keys(found), self._close_at_rest[near])]
         found = found[self.queries.ring_distance(found) > NEIGHBOUR_RINGS]
         crossing = self.detector(self.written(points), exact=False)
         return self._counted(_united(crossing, found))

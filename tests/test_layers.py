@@ -17,6 +17,7 @@ MAY_IMPORT = {
     "dtrepair.device": (),
     "dtrepair.operators": ("dtrepair.geometry",),
     "dtrepair.metrics": ("dtrepair.geometry",),
+    "dtrepair.wording": (),
     "dtrepair.intersect": ("dtrepair.geometry", "dtrepair.device", "dtrepair.intersect"),
     "dtrepair.transfer": (
         "dtrepair.geometry",
@@ -29,6 +30,7 @@ MAY_IMPORT = {
         "dtrepair.operators",
         "dtrepair.device",
         "dtrepair.metrics",
+        "dtrepair.wording",
         "dtrepair.intersect",
         "dtrepair.repair",
     ),

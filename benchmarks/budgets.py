@@ -111,7 +111,7 @@ def set_up_row() -> Row:
 
 
 def growth_rows(plot: Path | None) -> Iterator[Row]:
-    """How detection, an iteration and the whole default method grow with the mesh."""
+    """How detection and an iteration grow with the mesh."""
     sizes: list[int] = []
     times: dict[str, list[float]] = {"detection": [], "iteration": []}
     for size in GROWTH_SIZES:

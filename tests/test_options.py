@@ -1,4 +1,4 @@
-"""Options are checked, frozen and named; every outcome has its advice."""
+"""Options are checked, frozen and named; every outcome has its meaning."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_every_outcome_that_leaves_something_to_do_says_what() -> None:
     ]
     for status in Status:
         silent = status in (Status.CLEAN, Status.SKIPPED)
-        assert (status.advice == "") == silent
+        assert (status.meaning == "") == silent
         assert f"{status}" == status.value
 
 

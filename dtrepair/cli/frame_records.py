@@ -104,8 +104,9 @@ def contact_records(
 
 
 def _message(results: Sequence[RepairResult]) -> str:
-    """What the solver says of a frame; of several objects each sentence once."""
-    return next((result.message for result in results if result.message), "")
+    """What the solver says of a frame, of the first object that it says something of."""
+    message = next((result.message for result in results if result.message), "")
+    return message.replace("maximum_displacement", "--maximum-displacement")
 
 
 def _status(before: SceneCount, after: SceneCount, results: Sequence[RepairResult]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -15,6 +17,11 @@ from dtrepair.cli.solve import Repaired
 from dtrepair.cli.sources import Source, time_label
 from dtrepair.record import FrameRecord, MotionRecord, summarize
 from dtrepair.wording import counted
+
+# What differs from frame to frame in what a solver says of contacts that are left.
+_NUMBERS = re.compile(r" \(\d+ pairs?[^()]*\)| and \d+ more$")
+# So many contacts are named in a line of advice.
+_NAMED = 3
 
 
 def rest_warnings(source: Source, rests: list[Rest], counts: list[int | None]) -> Iterator[str]:
@@ -118,7 +125,23 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
         f"{totals['clean']} of {totals['frames']} frames clean: "
         f"{totals['triangles_before']} -> {totals['triangles_after']} intersecting triangles"
     )
-    advice = {r.message for r in records if r.status in ("improved", "unchanged") and r.message}
-    for text in sorted(advice):
-        console.result(f"advice: {text}")
+    for line in advice_lines(records):
+        console.result(line)
     console.result(f"written: {output}")
+
+
+def advice_lines(records: Sequence[FrameRecord]) -> Iterator[str]:
+    """What is left and what to do about it: one line for each kind, with its number of frames."""
+    frames: Counter[str] = Counter()
+    contacts: dict[str, Counter[str]] = {}
+    for record in records:
+        if record.status in ("improved", "unchanged") and record.message:
+            found, _, advice = record.message.partition(": ")
+            frames[advice] += 1
+            contacts.setdefault(advice, Counter()).update(_NUMBERS.sub("", found).split("; "))
+    for advice, number in frames.most_common():
+        told = [text for text, _ in contacts[advice].most_common()]
+        more = f" and {len(told) - _NAMED} more" if told[_NAMED:] else ""
+        where = f"in {counted(number, 'frame')} " if len(records) > 1 else ""
+        end = f": {advice}" if advice else ""
+        yield f"advice: {where}{'; '.join(told[:_NAMED])}{more}{end}"

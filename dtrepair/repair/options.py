@@ -102,17 +102,15 @@ class Status(StrEnum):
     SKIPPED = "skipped"
 
     @property
-    def advice(self) -> str:
-        """What a user may do about it; empty where nothing needs to be done."""
-        return _ADVICE[self]
+    def meaning(self) -> str:
+        """What it means for the pose; empty where nothing needs to be done."""
+        return _MEANING[self]
 
 
-_ADVICE = {
+_MEANING = {
     Status.CLEAN: "",
-    Status.IMPROVED: "fewer intersections, but not none: "
-    "raise the diffusion, free pinned vertices, allow a larger displacement, or give a rest pose",
-    Status.UNCHANGED: "no pose with fewer intersections was found; the input is kept: "
-    "free pinned vertices, raise the diffusion, or give a rest pose",
+    Status.IMPROVED: "fewer intersections, but not none",
+    Status.UNCHANGED: "no pose with fewer intersections was found; the input is kept",
     Status.FAILED: "the pose could not be used; the input is kept",
     Status.SKIPPED: "",
 }

@@ -24,7 +24,7 @@ from dtrepair.repair.bodies import (
     mobility_of,
 )
 from dtrepair.repair.enclosed import Enclosures
-from dtrepair.repair.left_over import contacts_left, enclosed_left
+from dtrepair.repair.left_over import contacts_left, cures, enclosed_left
 from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
 from dtrepair.repair.poses import repair_poses
 from dtrepair.repair.release import bodies_of_parts
@@ -219,11 +219,11 @@ class SceneRepairer:
         if len(after) and self.options.rest_contacts == "leave":
             at_rest = int(np.isin(pair_keys(after), self._rest_keys).sum())
             if at_rest == len(after):
-                return f"all {at_rest} pairs that are left intersect in the rest pose as well"
+                return f"what is left intersects in the rest pose as well ({at_rest} pairs)"
         if status in (Status.IMPROVED, Status.UNCHANGED):
             own = (self._body_of[after] == index).any(axis=1)
-            return f"{contacts_left(self, after[own])}: {status.advice}"
-        return status.advice
+            return f"{contacts_left(self, after[own])}: {status.meaning}: {cures(self, after[own])}"
+        return status.meaning
 
     @cached_property
     def _rest_keys(self) -> NDArray[np.int64]:

@@ -1,0 +1,66 @@
+"""Advice speaks of what was chosen: limits, pins, rests, what is rigid or held."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair import Body, RepairOptions, SceneRepairer
+from dtrepair.repair.left_over import contacts_left, cures
+from tests.meshes import icosphere, joined
+
+BALL, FACES = icosphere(1)
+NEAR, AWAY = np.array([0.7, 0.0, 0.0]), np.array([3.0, 0.0, 0.0])
+HELD = "what is rigid cannot be resolved within itself"
+TWO_APART, TWO_FACES = joined((BALL, FACES), (BALL + AWAY, FACES))
+TWO_CROSSING = joined((BALL, FACES), (BALL + NEAR, FACES))[0]
+
+
+def left(
+    rest: np.ndarray = TWO_APART, *, options: RepairOptions | None = None, **given: object
+) -> tuple[str, str]:
+    """What is said of a body of two balls that cross: what is left, and the cures."""
+    scene = SceneRepairer([Body(rest, TWO_FACES, **given)], options=options)
+    pairs = scene.detector(TWO_CROSSING)
+    assert len(pairs)
+    return contacts_left(scene, pairs), cures(scene, pairs)
+
+
+def test_a_free_body_has_the_diffusion_only() -> None:
+    assert left()[1] == "raise the diffusion"
+    assert left(pin=np.zeros(len(TWO_APART)))[1] == "raise the diffusion"
+
+
+@pytest.mark.parametrize(
+    ("chosen", "text"),
+    [
+        ({"maximum_displacement": 0.1}, "raise maximum_displacement, or raise the diffusion"),
+        ({"method": "paper"}, "take the method full, or raise the diffusion"),
+    ],
+)
+def test_what_was_chosen_comes_first(chosen: dict, text: str) -> None:
+    assert left(options=RepairOptions(**chosen))[1] == text
+
+
+def test_pins_and_rests_are_named_where_they_matter() -> None:
+    pin = np.zeros(len(TWO_APART))
+    pin[0] = 0.5
+    assert left(pin=pin)[1] == "raise the diffusion, or free pinned vertices"
+    assert left(TWO_CROSSING)[1] == (
+        "raise the diffusion, or give a rest pose that does not intersect itself"
+    )
+
+
+def test_what_is_held_has_no_cure() -> None:
+    found, advice = left(rigid=True)
+    assert "the mesh, which is rigid, still intersects itself" in found and advice == HELD
+    found, advice = left(mobility=0.0)
+    assert "all of them where nothing may move" in found
+    assert advice == "where nothing may move, nothing can be resolved"
+
+
+def test_some_that_are_held_leave_cures_for_the_others() -> None:
+    bodies = [Body(TWO_APART, TWO_FACES, rigid=True), Body(BALL + 2 * AWAY, FACES)]
+    scene = SceneRepairer(bodies)
+    pairs = scene.detector(np.concatenate([TWO_CROSSING, BALL + np.array([0.0, 0.7, 0.0])]))
+    assert cures(scene, pairs) == f"raise the diffusion; {HELD}"

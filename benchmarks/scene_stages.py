@@ -86,6 +86,19 @@ def rod_through_ball() -> Stage:
     )
 
 
+def rod_through_plate() -> Stage:
+    """A rod goes through a thin plate: nearly nothing of either is ever inside the other."""
+    path = [turned(x=100) @ moved(0.1, 1.1 - 1.0 * s, 0.05) for s in eased(12)]
+    return Stage(
+        (
+            Part("Plate", *sheet(24, 24, 1.4, 1.4, 0.06), (moved(0, 0, -0.7),)),
+            Part("Rod", *capsule(0.08, 1.6, 20), (np.stack(path),), times(1, 12)),
+        ),
+        stiff="Rod",
+        up="Z",
+    )
+
+
 def box_in_box() -> Stage:
     """A box tumbles into an open one, through its floor and into a wall."""
     outer = lathe([(0, 0), (1, 0), (1, 1.2), (0.9, 1.2), (0.9, 0.12), (0, 0.12)], 64, power=8.0)
@@ -268,6 +281,7 @@ STAGES: dict[str, Callable[[], Stage]] = {
     for make in (
         ring_on_finger,
         rod_through_ball,
+        rod_through_plate,
         box_in_box,
         cape_on_body,
         belt_on_waist,

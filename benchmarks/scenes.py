@@ -4,11 +4,12 @@
 
 Each stage is repaired by the command line in every way that makes sense: all objects moving, each
 as --collider, stiff ones with diffusion 999 or --rigid, each frame --alone. What is printed is read
-back from the layer by pxr, in world space, and counted anew: frames that still intersect, whether
-colliders kept every bit, the largest displacement of any object (over its diagonal), the rms
-log-ratio of the edges of the stiff (else the most changed) object, jitter, and processor seconds of
-the whole command over the frames. --data adds the two shared scenes; --exact counts with libigl and
-CGAL. An exit code that does not fit what was counted is printed.
+back from the layer by pxr, in world space, and counted anew: frames that still intersect (a
+collider with itself does not count), whether colliders kept every bit, the largest displacement of
+any object (over its diagonal), the rms log-ratio of the edges of the stiff (else the most changed)
+object, jitter, and processor seconds of the whole command over the frames. --data adds the two
+shared scenes; --exact counts with libigl and CGAL. An exit code that does not fit what was counted
+is printed.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ SHARED = {
 }
 COLUMNS = "stage | way | not clean | still | moved: mean / max | edges: mean / max | jitter | s"
 
-# Counts the pairs of a mesh (V, 3), (F, 3) with a weld map (V,).
-Counter = Callable[[FloatArray, IntArray, IntArray], int]
+# Finds the pairs (K, 2) of a mesh (V, 3), (F, 3) with a weld map (V,).
+Finder = Callable[[FloatArray, IntArray, IntArray], IntArray]
 
 
 @dataclass(frozen=True)
@@ -62,12 +63,12 @@ class Way:
     stiff: bool = False
 
 
-def count_pairs(points: FloatArray, faces: IntArray, weld: IntArray) -> int:
-    """Intersecting pairs, by this package."""
-    return len(Detector(points, faces)(points, weld=weld))
+def find_pairs(points: FloatArray, faces: IntArray, weld: IntArray) -> IntArray:
+    """Intersecting pairs (K, 2), by this package."""
+    return Detector(points, faces)(points, weld=weld)
 
 
-def count_by_cgal(points: FloatArray, faces: IntArray, weld: IntArray) -> int:
+def find_by_cgal(points: FloatArray, faces: IntArray, weld: IntArray) -> IntArray:
     """The same by libigl with CGAL; pairs that share a vertex or a position left out."""
     from igl.copyleft.cgal import remesh_self_intersections
 
@@ -75,7 +76,15 @@ def count_by_cgal(points: FloatArray, faces: IntArray, weld: IntArray) -> int:
     pairs = remesh_self_intersections(single, faces.astype(np.int64), detect_only=True)[2]
     own = weld[faces[pairs]] if len(pairs) else np.zeros((0, 2, 3), dtype=np.int64)
     share = (own[:, 0, :, None] == own[:, 1, None, :]).any(axis=(1, 2))
-    return int((~share).sum())
+    return pairs.reshape(-1, 2)[~share]
+
+
+def count_dirty(world: World, weld: IntArray, still: str, find: Finder) -> int:
+    """Frames with pairs; what a collider has with itself is not asked for."""
+    held = [bool(still) and path.startswith(still) for path in world.paths]
+    of_face = np.repeat(held, [len(faces) for faces in world.faces])
+    frames = range(len(world.points[0]))
+    return sum(not of_face[find(*world.joined(k), weld)].all(axis=1).all() for k in frames)
 
 
 def sources(only: list[str] | None, folder: Path, data: Path | None) -> Iterator[Source]:
@@ -124,7 +133,7 @@ def _short(path: str) -> str:
     return path.rpartition("/")[2]
 
 
-def measure(source: Source, way: Way, out: Path, count: Counter) -> str:
+def measure(source: Source, way: Way, out: Path, find: Finder) -> str:
     """Run the command line on a stage and look at what it wrote: a row of the table."""
     spent = resource.getrusage(resource.RUSAGE_CHILDREN)
     command = [sys.executable, "-m", "dtrepair", "repair", str(source.path), "-o", str(out), "-q"]
@@ -133,7 +142,7 @@ def measure(source: Source, way: Way, out: Path, count: Counter) -> str:
     seconds = now.ru_utime + now.ru_stime - spent.ru_utime - spent.ru_stime
     before, after = source.world, read_world(out)
     frames, weld = len(before.points[0]), before.weld()
-    dirty = sum(count(*after.joined(frame), weld) > 0 for frame in range(frames))
+    dirty = count_dirty(after, weld, way.still, find)
     kept, mean, farthest, shaken, edges = "", 0.0, 0.0, 0.0, (0.0, 0.0)
     for index, path in enumerate(before.paths):
         old, new = before.points[index], after.points[index]
@@ -172,8 +181,8 @@ def main() -> None:
         for index, way in enumerate(ways(source, folder / f"{source.name}.toml")):
             if given.ways is None or way.label in given.ways:
                 out = folder / f"{source.name}_{index}.usdc"
-                counter = count_by_cgal if given.exact else count_pairs
-                print(measure(source, way, out, counter), flush=True)
+                finder = find_by_cgal if given.exact else find_pairs
+                print(measure(source, way, out, finder), flush=True)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.scene_files import read_world, write_stage
 from benchmarks.scene_stages import STAGES
-from benchmarks.scenes import SHARED, count_pairs
+from benchmarks.scenes import SHARED, count_dirty, find_pairs
 from dtrepair.metrics import volume
 
 
@@ -18,10 +18,10 @@ def test_objects_of_a_stage_meet_and_are_clean_for_themselves(name, tmp_path):
     assert [own.split("/")[2] for own in world.paths] == [part.name for part in stage.parts]
     assert set(stage.stiff.split()) <= {part.name for part in stage.parts}
     for points, faces in zip(world.points, world.faces, strict=True):
-        assert count_pairs(points[0], faces, np.arange(len(points[0]), dtype=np.int32)) == 0
+        assert len(find_pairs(points[0], faces, np.arange(len(points[0]), dtype=np.int32))) == 0
         # Outside is out, under mirroring parents as well; the floor is open.
         assert name == "ball_on_floor" or volume(points[0], faces) > 0.0
-    assert any(count_pairs(*world.joined(k), world.weld()) for k in range(len(world.points[0])))
+    assert count_dirty(world, world.weld(), "", find_pairs) > 0
 
 
 def test_what_the_shared_scenes_hold_is_named(shared_data):

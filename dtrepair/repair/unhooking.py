@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from dtrepair.geometry import FloatArray, IntArray
 
-# A contact is hooked where pushing leaves this part of its pairs, and at least so many.
+# A contact is hooked if pushing leaves this part of its pairs in half of the frames that have so
+# many: a ring that is too narrow for a part of its way stays on its finger.
 STUCK, SEVERAL = 0.5, 10
 # Ways are tried in so many steps up to this part of the smaller body, then halved so many times.
 STEPS, FARTHEST, HALVINGS = 12, 0.8, 3
@@ -26,18 +27,19 @@ Frees = Callable[[float], bool]
 def hooked_contacts(
     before: Sequence[tuple[IntArray, IntArray]], left: Sequence[tuple[IntArray, IntArray]]
 ) -> frozenset[tuple[int, int]]:
-    """Bodies (first < second) whose contact pushing left as it was in any frame.
+    """Bodies (first < second) whose contact pushing left as it was in half of its frames or more.
 
     before, left: for each frame bodies of contacts (K, 2), first < second, and their numbers of
     pairs (K,), as of `contact_counts`.
     """
-    hooked = set()
+    met: dict[tuple[int, int], list[bool]] = {}
     for (old, old_counts), (new, new_counts) in zip(before, left, strict=True):
-        had = dict(zip(map(tuple, old.tolist()), old_counts.tolist(), strict=True))
-        for pair, count in zip(map(tuple, new.tolist()), new_counts.tolist(), strict=True):
-            if count >= max(SEVERAL, STUCK * had.get(pair, 0)):
-                hooked.add((int(pair[0]), int(pair[1])))
-    return frozenset(hooked)
+        now = dict(zip(map(tuple, new.tolist()), new_counts.tolist(), strict=True))
+        for (first, second), count in zip(old.tolist(), old_counts.tolist(), strict=True):
+            if count >= SEVERAL:
+                stuck = now.get((first, second), 0) >= STUCK * count
+                met.setdefault((first, second), []).append(stuck)
+    return frozenset(pair for pair, stuck in met.items() if 2 * sum(stuck) >= len(stuck))
 
 
 def contact_counts(body_of: NDArray[np.integer], pairs: IntArray) -> tuple[IntArray, IntArray]:

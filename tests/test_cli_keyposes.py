@@ -209,7 +209,7 @@ def test_selected_keys_and_unusable_ones(tmp_path):
     points.Set([(float("nan"), 0, 0)] * len(arm_pose(1.0)), 11)
     stage.Save()
     done = run("keyposes", path, "-o", tmp_path / "b.usdc")
-    assert done.code == 4 and "2 spans have an unusable key" in done.err
+    assert done.code == 4 and "2 spans with an unusable key" in done.err
     del points, stage
 
 

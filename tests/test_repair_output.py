@@ -35,6 +35,7 @@ def test_a_single_frame_needs_no_number() -> None:
         "advice: pea lies wholly inside head"
     ]
     assert list(advice_lines(records("it is fine", status="clean"))) == []
+    assert list(advice_lines(records("added key", ""))) == []
 
 
 def test_a_clip_that_cannot_be_solved_has_one_line_of_advice(tmp_path):

@@ -15,6 +15,7 @@ from dtrepair.cli.object_settings import ObjectSettings, read_settings
 from dtrepair.cli.options import ObjectOptions
 from dtrepair.cli.rest import Rest
 from dtrepair.cli.sources import Source, SourceMesh, StageSource
+from dtrepair.wording import counted
 
 if TYPE_CHECKING:
     from dtrepair.repair.bodies import Body
@@ -184,7 +185,7 @@ def _unclear_sides(
     if not pairs:
         return []
     first, second = (source.meshes[index].path for index in pairs[0])
-    more = f" (and {len(pairs) - 1} more pairs)" if len(pairs) > 1 else ""
+    more = f" (and {counted(len(pairs) - 1, 'more pair')})" if len(pairs) > 1 else ""
     return [
         f"{first} and {second}{more} intersect in every frame in which their rest poses were "
         "placed: if one is a layer over the other, nothing tells which side is out; a frame, or "

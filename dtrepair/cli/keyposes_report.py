@@ -69,8 +69,8 @@ def print_spans(console: Console, report: Report) -> None:
     left = [time for span in spans for time in span["left"]]
     total = sum(span["after"]["samples"] for span in spans)
     console.result(f"{total - len(left)} of {total} in-betweens clean")
-    if report.keyposes["skipped"]:
-        console.warn([f"{report.keyposes['skipped']} spans have an unusable key; not looked at"])
+    if skipped := report.keyposes["skipped"]:
+        console.warn([f"{counted(skipped, 'span')} with an unusable key: not looked at"])
     if left:
         times = ", ".join(time_label(time) for time in left[:8]) + (" ..." if left[8:] else "")
         console.result(f"still intersecting at {times}")

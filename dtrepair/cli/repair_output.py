@@ -20,6 +20,8 @@ from dtrepair.wording import counted
 
 # What differs from frame to frame in what a solver says of contacts that are left.
 _NUMBERS = re.compile(r" \(\d+ pairs?[^()]*\)| and \d+ more$")
+# Of a key that `keyposes` added: nothing to do about it.
+_NO_ADVICE = ("", "added key")
 # So many contacts are named in a line of advice.
 _NAMED = 3
 
@@ -135,7 +137,7 @@ def advice_lines(records: Sequence[FrameRecord]) -> Iterator[str]:
     frames: Counter[str] = Counter()
     contacts: dict[str, Counter[str]] = {}
     for record in records:
-        if record.status in ("improved", "unchanged") and record.message:
+        if record.status in ("improved", "unchanged") and record.message not in _NO_ADVICE:
             found, _, advice = record.message.partition(": ")
             frames[advice] += 1
             contacts.setdefault(advice, Counter()).update(_NUMBERS.sub("", found).split("; "))

@@ -33,6 +33,7 @@ from dtrepair.cli.transfer_sinks import open_clip
 from dtrepair.cli.transfer_solve import FrameTransfer, PinSet, counted_frames, read_pin_set
 from dtrepair.jitter_meter import JitterMeter
 from dtrepair.record import FrameRecord, Report, summarize
+from dtrepair.wording import counted
 
 if TYPE_CHECKING:
     from dtrepair.counts import SceneCounter
@@ -239,7 +240,7 @@ def _print_plan(console: Console, pair: Pair, output: str) -> None:
     console.table(["mesh", "vertices", "triangles", "rest pose"], rows)
     labels = [time_label(float(time)) for time in pair.source.times]
     frames = labels[0] if len(labels) == 1 else f"{labels[0]} to {labels[-1]}"
-    console.result(f"{len(labels)} frames ({frames}) would be written to {output}")
+    console.result(f"{counted(len(labels), 'frame')} ({frames}) would be written to {output}")
 
 
 def _exit_code(records: tuple[FrameRecord, ...]) -> int:

@@ -31,6 +31,7 @@ from dtrepair.repair.release import bodies_of_parts
 from dtrepair.repair.rigid import RigidBodies
 from dtrepair.repair.surface import pair_keys
 from dtrepair.repair.system import System
+from dtrepair.wording import counted
 
 # Largest clearance, part of the diagonal: with a larger one everything is close to everything.
 WIDEST = 0.05
@@ -215,11 +216,13 @@ class SceneRepairer:
 
     def _message(self, index: int, status: Status, after: IntArray, solved: Solved) -> str:
         if status is Status.CLEAN and solved.left:
-            return f"{solved.left} pairs are closer than the clearance"
+            return f"{counted(solved.left, 'pair')} closer than the clearance"
         if len(after) and self.options.rest_contacts == "leave":
             at_rest = int(np.isin(pair_keys(after), self._rest_keys).sum())
             if at_rest == len(after):
-                return f"what is left intersects in the rest pose as well ({at_rest} pairs)"
+                return (
+                    f"what is left intersects in the rest pose as well ({counted(at_rest, 'pair')})"
+                )
         if status in (Status.IMPROVED, Status.UNCHANGED):
             own = (self._body_of[after] == index).any(axis=1)
             return f"{contacts_left(self, after[own])}: {status.meaning}: {cures(self, after[own])}"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom, Vt
 
 from tests.usd_stages import (
     CUBE,
@@ -72,6 +72,15 @@ def test_four_chunks_make_one_layer(tmp_path: Path) -> None:
     assert {record["chunks"][f"chunk{n}"]["note"] for n in range(4)} == {
         f"part{n}" for n in range(4)
     }
+
+
+def test_frames_are_numbers_even_where_there_are_none(tmp_path: Path) -> None:
+    path = cube_file(tmp_path / "in.usdc", times=range(4))
+    part = chunk(path, tmp_path / "part.usda", [])
+    join_layers([part], tmp_path / "all.usda")
+    for file in (part, tmp_path / "all.usda"):
+        frames = Sdf.Layer.FindOrOpen(str(file)).customLayerData["dtrepair"]["frames"]
+        assert isinstance(frames, Vt.DoubleArray) and len(frames) == 0
 
 
 def test_frames_of_no_chunk_are_those_of_the_input(tmp_path: Path) -> None:

@@ -47,3 +47,9 @@ def test_a_clip_that_cannot_be_solved_has_one_line_of_advice(tmp_path):
     advice = [line for line in done.out.splitlines() if line.startswith("advice: ")]
     assert len(advice) == 1 and "in 4 frames /Root/Tube still intersects itself: " in advice[0]
     assert advice[0].endswith(": raise --maximum-displacement, or raise the diffusion")
+
+
+def test_a_plan_of_one_frame(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (), rest=CLOSED)
+    plan = run("repair", path, "-o", tmp_path / "b.usda", "--dry-run")
+    assert "1 frame (default) would be written to " in plan.out

@@ -1,9 +1,11 @@
 """Advice of many frames: one line for each kind."""
 
+import trimesh
 from command_line import CLOSED, OPEN, run, tube_stage
 
 from dtrepair.cli.repair_output import advice_lines
 from dtrepair.record import FrameRecord
+from tests.meshes import knot
 
 
 def records(*messages: str, status: str = "improved") -> list[FrameRecord]:
@@ -53,3 +55,12 @@ def test_a_plan_of_one_frame(tmp_path):
     path = tube_stage(tmp_path / "a.usda", (), rest=CLOSED)
     plan = run("repair", path, "-o", tmp_path / "b.usda", "--dry-run")
     assert "1 frame (default) would be written to " in plan.out
+
+
+def test_pairs_closer_than_the_clearance_are_told(tmp_path):
+    points, faces = knot()
+    trimesh.Trimesh(points, faces, process=False).export(tmp_path / "a.obj")
+    # The strands move out of contact, and no farther.
+    options = ["--clearance", "0.3", "--maximum-displacement", "0.2"]
+    done = run("repair", tmp_path / "a.obj", "-o", tmp_path / "b.obj", *options)
+    assert done.code == 0 and "in 1 frame pairs stay closer than --clearance" in done.out

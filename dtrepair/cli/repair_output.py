@@ -127,6 +127,10 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
         f"{totals['clean']} of {totals['frames']} frames clean: "
         f"{totals['triangles_before']} -> {totals['triangles_after']} intersecting triangles"
     )
+    close = sum(record.status == "clean" and "clearance" in record.message for record in records)
+    if close:
+        where = f"in {counted(close, 'frame')}"
+        console.result(f"{where} pairs stay closer than --clearance: the report has their numbers")
     for line in advice_lines(records):
         console.result(line)
     console.result(f"written: {output}")

@@ -56,7 +56,12 @@ PARTS = {
     "USD": [("reader.py", "read_points"), ("writer.py", "write"), ("writer.py", "commit")],
 }
 # The stages of a clip; each holds parts of the above.
-PHASES = [("shot.py", "push"), ("shot.py", "mend_frames"), ("shot.py", "tighten_frames")]
+PHASES = [
+    ("shot.py", "push"),
+    ("shot_mending.py", "mend_frames"),
+    ("shot_tightening.py", "tighten_frames"),
+    ("shot.py", "steady_frames"),
+]
 
 
 def print_stages(clip: Path, rest_file: Path) -> None:

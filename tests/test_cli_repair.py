@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 
 import numpy as np
 import pytest
@@ -158,6 +159,10 @@ def test_bad_rests_are_refused(tmp_path):
     assert_fails(run("repair", path, *out, "--rest", wrong), 3, "w.obj", "expected the topology")
     assert_fails(run("repair", path, *out, "--rest", tmp_path / "no.obj"), 3, "no.obj")
     assert_fails(run("repair", path, *out, "--rest", "inf"), 2, "--rest inf")
+    still = tube_stage(tmp_path / "still.usda", ())
+    assert_fails(run("repair", still, *out, "--rest", "2"), 2, "--rest 2", "changes over time")
+    mesh, moved = tube_obj(tmp_path / "m.obj"), ["-o", tmp_path / "b.obj"]
+    assert_fails(run("repair", mesh, *moved, "--rest", "2"), 2, "--rest 2", "no file has that")
     shuffled = write_obj(tmp_path / "s.obj", tube_pose(OPEN), tube_polygons()[::-1])
     assert_fails(run("repair", path, *out, "--rest", shuffled), 3, "expected the topology")
     assert not (tmp_path / "b.usdc").exists()
@@ -254,6 +259,10 @@ def test_verbose_tells_each_frame_on_stderr(tmp_path):
     done = run("repair", path, "-o", tmp_path / "b.usdc", "-v")
     lines = done.err.splitlines()
     assert lines[0].startswith("frame 1: 0 -> 0") and lines[1].startswith("frame 2: ")
+    assert "iteration" not in done.err  # frames that are solved together have none of their own
+    alone = run("repair", path, "-o", tmp_path / "b.usdc", "-v", "--alone").err.splitlines()
+    assert "iteration" not in alone[0]
+    assert re.search(r" triangles, [1-9]\d* iterations?, ", alone[1])
 
 
 def test_an_error_in_the_middle_leaves_the_old_output(tmp_path, monkeypatch):
@@ -288,7 +297,7 @@ def test_an_error_in_the_middle_leaves_the_old_output(tmp_path, monkeypatch):
         (["{usd}", "-o", "{dir}/b.usdc", "--collider", "/No"], 2, ["/No"]),
         (["{usd}", "-o", "{dir}/b.usdc", "--diffusion", "0"], 2, ["--diffusion", "positive"]),
         (["{usd}", "-o", "{dir}/b.usdc", "--energy", "tpe"], 2, ["--energy", "--method full"]),
-        (["{usd}", "-o", "{dir}/b.usdc", "--report", "{dir}/b.usdc"], 2, ["input of this run"]),
+        (["{usd}", "-o", "{dir}/b.usdc", "--report", "{dir}/b.usdc"], 2, ["another output"]),
         (["{usd}", "-o", "{dir}/b.usdc", "--report", "{dir}/none/r"], 5, ["cannot be written"]),
         (["{dir}/none.usd", "-o", "{dir}/b.usdc"], 3, ["no such file"]),
     ],

@@ -287,7 +287,7 @@ def test_usage_errors(stages, tmp_path):
     wrong = ("transfer", source, mesh, "-o", output, "--target-prim", "/X")
     assert_fails(run(*wrong), 2, "only for USD stages")
     report = ("--report", output)
-    assert_fails(run("transfer", source, target, "-o", output, *report), 2, "is an input")
+    assert_fails(run("transfer", source, target, "-o", output, *report), 2, "another output")
 
 
 def test_one_of_several_meshes_is_chosen(stages, tmp_path):

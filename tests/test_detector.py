@@ -151,6 +151,18 @@ def test_threads_may_share_a_detector() -> None:
     assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
 
 
+def test_a_buffer_that_another_thread_enlarges_is_not_overrun() -> None:
+    class Disturbed(Detector):
+        def search(self, *arguments: Any, **options: Any) -> None:
+            super().search(*arguments, **options)
+            self._capacity = 1 << 20
+
+    points, faces = MESHES["random soup"]
+    detector = Disturbed(points, faces)
+    detector._capacity = 1
+    assert np.array_equal(detector(points), Detector(points, faces)(points))
+
+
 def test_the_rest_pose_decides_nothing_but_speed() -> None:
     points, faces = MESHES["bent tube"]
     straight = meshes.bent_tube(0.0, 10, 30)[0]

@@ -65,6 +65,23 @@ def test_an_exception_is_raised_here():
         next(answers)
 
 
+def test_an_exception_tells_where_it_was_raised():
+    def deep_inside(number):
+        raise ValueError(f"no {number}")
+
+    def answered(number):
+        try:
+            deep_inside(number)
+        except ValueError as error:
+            return error
+
+    with pytest.raises(ValueError, match="no 0") as raised:
+        list(forked_map(deep_inside, range(2), jobs=2))
+    for error in (raised.value, *forked_map(answered, range(2), jobs=2)):
+        (note,) = error.__notes__
+        assert "in deep_inside" in note
+
+
 def test_a_killed_process_is_told():
     def killed(_):
         os.kill(os.getpid(), signal.SIGKILL)

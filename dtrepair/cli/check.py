@@ -29,6 +29,7 @@ from dtrepair.cli.frames import (
     mode_warnings,
     prim_records,
     read_frames,
+    refuse_if_none_usable,
     side_by_side,
     unusable,
 )
@@ -111,6 +112,7 @@ def command(
     enclosed = EnclosedParts(source, mode=mode, ignored=ignored)
     found = _records(source, counter, enclosed, jobs)
     records = tuple(console.progress(found, total=len(source.times), what="checking"))
+    refuse_if_none_usable(source, records)
     end = clock.perf_counter()
     report = Report(
         command="check",

@@ -43,6 +43,13 @@ class Console:
         if self.verbosity and not self.quiet:
             click.echo(text, err=True)
 
+    def trace(self, error: BaseException | None) -> None:
+        """Print on stderr where an error comes from, with -vv."""
+        if error is not None and self.verbosity > 1:
+            import traceback
+
+            self.remark("".join(traceback.format_exception(error)).rstrip())
+
     def warn(self, texts: Iterable[str]) -> None:
         """Print warnings on stderr, unless quiet."""
         if not self.quiet:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
@@ -31,7 +31,7 @@ def one_line_errors(function: Callable[..., int]) -> Callable[..., int]:
     def wrapper(**options: Any) -> int:
         try:
             return function(**options)
-        except click.ClickException:
+        except (click.ClickException, click.Abort, click.exceptions.Exit):
             raise
         except Exception as error:
             console = options.get("console")
@@ -112,8 +112,12 @@ class _TrialDone(Exception):
     """Ends the trial of `check_writable`."""
 
 
-def refuse_overwriting(output: str | os.PathLike[str], *inputs: str | None) -> None:
-    """Refuse an output that is one of the inputs."""
-    for name in inputs:
-        if name and os.path.realpath(name) == os.path.realpath(output):
-            raise Failure(f"{output}: is an input of this run; choose another output", USAGE)
+def refuse_overwriting(
+    output: str | os.PathLike[str],
+    *inputs: str | None,
+    others: Iterable[str | None] = (),
+) -> None:
+    """Refuse an output that is one of the inputs, or of the `others`, outputs as well."""
+    for what, names in (("an input", inputs), ("another output", others)):
+        if any(name and os.path.realpath(name) == os.path.realpath(output) for name in names):
+            raise Failure(f"{output}: is {what} of this run; choose another output", USAGE)

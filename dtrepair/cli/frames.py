@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dtrepair.cli.failures import INPUT, Failure
 from dtrepair.cli.sources import Source
 from dtrepair.record import FrameRecord, PrimRecord
 
@@ -78,6 +79,12 @@ def unusable(frame: Frame) -> FrameRecord:
         return FrameRecord(time=frame_time(frame), status="failed", message=frame.failure)
     message = f"{frame.blocked}: the sample is blocked"
     return FrameRecord(time=frame_time(frame), status="skipped", message=message)
+
+
+def refuse_if_none_usable(source: Source, records: Sequence[FrameRecord]) -> None:
+    """Refuse an input of which no frame could be used: then nothing is to be written."""
+    if records and all(record.before is None for record in records):
+        raise Failure(f"{source.name}: no frame could be used: {records[0].message}", INPUT)
 
 
 def prim_records(

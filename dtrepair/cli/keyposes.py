@@ -18,7 +18,7 @@ from dtrepair.cli.failures import (
     device_of_method,
     one_line_errors,
 )
-from dtrepair.cli.frames import mode_warnings, prim_records
+from dtrepair.cli.frames import mode_warnings, prim_records, refuse_if_none_usable
 from dtrepair.cli.keyposes_report import exit_code, in_betweens, print_keys, print_spans
 from dtrepair.cli.keyposes_solve import StageKeys
 from dtrepair.cli.method import method_options
@@ -133,7 +133,7 @@ def command(
         raise Failure("name an output with -o OUT, or --verify-only, which writes nothing", USAGE)
     if not is_stage(source_path):
         raise Failure(f"{source_path}: is not a USD stage: only stages have keys", USAGE)
-    check_report_place(report_path, console, source_path, output)
+    check_report_place(report_path, console, source_path, others=[output])
     if output is not None and skip_existing and existing(output):
         console.result(f"{output}: exists; skipped")
         return CLEAN
@@ -198,6 +198,7 @@ def _solve(
         done = keys.check_key(time) if sink is None else keys.repair_key(time)
         records[time] = done.record
         say(console, done)
+    refuse_if_none_usable(keys.source, list(records.values()))
     run.lap("solve")
     if sink is None:
         found = verify_in_betweens(keys.tracks, keys.spans, keys, options=search)

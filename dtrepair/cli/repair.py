@@ -117,7 +117,7 @@ def command(
         dtrepair repair shot.usd --prim "/Hero//" -o shot_repaired.usdc --report report.json
         dtrepair repair body.obj -o body_repaired.obj
     """
-    check_report_place(report_path, console, source_path, output)
+    check_report_place(report_path, console, source_path, others=[output])
     if skip_existing and existing(output):
         console.result(f"{output}: exists; skipped")
         return CLEAN

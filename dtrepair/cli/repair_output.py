@@ -47,16 +47,15 @@ def say(console: Console, repaired: Repaired) -> None:
     """Tell about one frame: with -v all of them, otherwise those without a result."""
     record = repaired.record
     label = f"frame {time_label(record.time)}"
-    if repaired.error is not None and console.verbosity > 1:
-        import traceback
-
-        console.remark("".join(traceback.format_exception(repaired.error)))
+    console.trace(repaired.error)
     if record.before is None or record.after is None:
         console.warn([f"{label}: {record.status}: {record.message}"])
         return
+    # A frame of a clip is solved together with others: no iterations are its own.
+    own = f"{counted(record.iterations, 'iteration')}, " if record.iterations else ""
     console.remark(
         f"{label}: {record.before.triangles} -> {record.after.triangles} triangles, "
-        f"{record.iterations} iterations, {record.seconds:.2f} s, {record.status}"
+        f"{own}{record.seconds:.2f} s, {record.status}"
     )
 
 

@@ -10,7 +10,12 @@ from dtrepair import __version__
 from dtrepair.cli.bodies import in_units_of_frames
 from dtrepair.cli.chunks import Chunk
 from dtrepair.cli.console import Console
-from dtrepair.cli.frames import make_counter, prim_records, read_frames
+from dtrepair.cli.frames import (
+    make_counter,
+    prim_records,
+    read_frames,
+    refuse_if_none_usable,
+)
 from dtrepair.cli.interrupts import current_interrupts
 from dtrepair.cli.journal import Journal, hash_of_run
 from dtrepair.cli.repair_output import rest_warnings, say
@@ -96,7 +101,10 @@ def repair_here(
         for name, value in repaired.seconds.items():
             run.seconds[name] = run.seconds.get(name, 0.0) + value
         say(console, repaired)
+    console.trace(repairer.error)
     run.last = clock.perf_counter()
+    if "chunk" not in run.settings:  # of a farm the other chunks may be fine, and want this one
+        refuse_if_none_usable(source, records)
     summary = summarize(records)
     warnings = (*repairer.warnings, *sink.commit({"counts": summary}))
     if journal is not None:

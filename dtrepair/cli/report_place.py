@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import click
 
 from dtrepair.cli.console import Console
@@ -11,12 +13,17 @@ from dtrepair.record import Report, render_report, write_report
 STDOUT = "-"
 
 
-def check_report_place(path: str | None, console: Console, *others: str | None) -> None:
-    """Refuse a file that cannot be written or is one of `others`; keep stdout for a report."""
+def check_report_place(
+    path: str | None, console: Console, *inputs: str | None, others: Iterable[str | None] = ()
+) -> None:
+    """Refuse a file that cannot be written, an input, or one of the `others`, outputs as well.
+
+    Standard output is kept for a report that goes there.
+    """
     if path == STDOUT:
         console.results_on_stderr = True
     elif path is not None:
-        refuse_overwriting(path, *others)
+        refuse_overwriting(path, *inputs, others=others)
         check_writable(path)
 
 

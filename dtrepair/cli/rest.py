@@ -34,6 +34,12 @@ def choose_rests(source: Source, option: str | None, *, device: str) -> list[Res
         return _default_rests(source, device)
     time = _as_time(option)
     if time is not None:
+        if not math.isnan(time) and all(not _times(mesh) for mesh in source.meshes):
+            raise Failure(
+                f"--rest {option}: nothing in {source.name} changes over time, and no file has "
+                "that name; name a file, or leave it out",
+                USAGE,
+            )
         return [_rest_at(source, mesh, time) for mesh in source.meshes]
     other = open_source(option, Selection())
     return [_rest_from(other, mesh, only=len(source.meshes) == 1) for mesh in source.meshes]
@@ -81,9 +87,16 @@ def _as_time(option: str) -> float | None:
     return time
 
 
+def _times(mesh: SourceMesh) -> list[float]:
+    """The times of a mesh's own samples; none for a mesh that does not change."""
+    return [] if mesh.handle is None else [t for t in mesh.handle.times if not math.isnan(t)]
+
+
 def _rest_at(source: Source, mesh: SourceMesh, time: float) -> Rest:
-    times = [] if mesh.handle is None else [t for t in mesh.handle.times if not math.isnan(t)]
-    if times and not math.isnan(time) and not min(times) <= time <= max(times):
+    times = _times(mesh)
+    if not times:  # among meshes that have that time: it is as it always is
+        return Rest(mesh.rest, "default time")
+    if not math.isnan(time) and not min(times) <= time <= max(times):
         raise Failure(
             f"--rest {time_label(time)}: {mesh.path} has samples from {time_label(min(times))} to "
             f"{time_label(max(times))}; name a time among them",

@@ -79,6 +79,7 @@ class FrameRepairer:
         self.record = FrameRecorder(source, repairer.bodies)
         self.free = [_free(body) for body in repairer.bodies]
         self.warnings: list[str] = []
+        self.error: Exception | None = None  # why frames could not be repaired together
         # Called with how many frames' worth of work is done beyond the frames handed out.
         self.progress: Callable[[float], None] | None = None
         self._again = Lock()
@@ -106,7 +107,9 @@ class FrameRepairer:
             except Exception as error:
                 # One window that cannot be solved together must not lose a long run.
                 reason = f"{type(error).__name__}: {error}"
-                self.warnings.append(f"frames from {fed[0][0]:g} are repaired alone: {reason}")
+                frames = f"frames from {fed[0][0]:g}" if fed else "the frames"
+                self.warnings.append(f"{frames} are repaired alone: {reason}")
+                self.error = error
             iterator = chain(list(fed), iterator)
         from dtrepair.repair.remember import repair_each
 
@@ -132,7 +135,9 @@ class FrameRepairer:
                 raise solution
             return self._verified(frame, solution)
         except Exception as error:
-            message = f"{type(error).__name__}: {error}"
+            # What usd_io says is meant for users; the rest is told with its kind.
+            told = hasattr(error, "exit_code")
+            message = str(error) if told else f"{type(error).__name__}: {error}"
             record = FrameRecord(time=frame_time(frame), status="failed", message=message)
             return Repaired(frame, unchanged, frame.spaces, record, {}, error)
 

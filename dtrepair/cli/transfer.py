@@ -187,7 +187,7 @@ def _check_outputs(
     refuse_overwriting(output, *inputs)
     for path in (wanted.save_correspondence, wanted.picture):
         if path is not None:
-            refuse_overwriting(path, *inputs, *files)
+            refuse_overwriting(path, *inputs, others=files)
             check_writable(path)
             files.append(path)
-    check_report_place(report, console, *inputs, *files)
+    check_report_place(report, console, *inputs, others=files)

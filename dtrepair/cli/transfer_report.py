@@ -60,6 +60,7 @@ def say(console: Console, done: Repaired) -> None:
     """Say how a frame went: with -v, or where it failed."""
     record = done.record
     label = f"frame {time_label(record.time)}"
+    console.trace(done.error)
     if record.before is None or record.after is None:
         console.warn([f"{label}: {record.status}: {record.message}"])
         return

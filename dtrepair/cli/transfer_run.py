@@ -11,8 +11,8 @@ from dtrepair import __version__
 from dtrepair.cli.bodies import in_units_of_frames
 from dtrepair.cli.console import Console
 from dtrepair.cli.correspondence import Correspondence, find_correspondence
-from dtrepair.cli.failures import CLEAN, FRAMES, INPUT, REMAINING, Failure, writing
-from dtrepair.cli.frames import make_counter, prim_records
+from dtrepair.cli.failures import CLEAN, FRAMES, REMAINING, writing
+from dtrepair.cli.frames import make_counter, prim_records, refuse_if_none_usable
 from dtrepair.cli.rest import Rest, choose_rests
 from dtrepair.cli.sinks import Sink
 from dtrepair.cli.solve import FrameRepairer, Repaired, repair_frames
@@ -148,8 +148,7 @@ def _transfer(
     moves = FrameTransfer(_make_transfer(run, pair, found), pair.source, pair.axes, pins)
     run.lap("factor")
     records, jitter, rest_count = _move_frames(run, pair, moves, sink, console)
-    if all(record.before is None for record in records):
-        raise Failure(f"{pair.source.name}: no frame could be used: {records[0].message}", INPUT)
+    refuse_if_none_usable(pair.source, records)
     section, late = describe(found, moves, pair.meshes, pair.target.meshes[0].path)
     late = [*run.late, *found.warnings, *late]
     if rest_count:
@@ -185,7 +184,7 @@ def _move_frames(
     counter = make_counter(pair.target, mode="both", device=run.device)
     rest_count = counter([pair.target_rest.points]).total.triangles
     records, meter = [], JitterMeter()
-    outcomes = _outcomes(run, pair, moves, counter)
+    outcomes = _outcomes(run, pair, moves, counter, console)
     for done in console.progress(outcomes, total=len(pair.source.times), what="transferring"):
         records.append(done.record)
         say(console, done)
@@ -201,7 +200,7 @@ def _move_frames(
 
 
 def _outcomes(
-    run: Inputs, pair: Pair, moves: FrameTransfer, counter: SceneCounter
+    run: Inputs, pair: Pair, moves: FrameTransfer, counter: SceneCounter, console: Console
 ) -> Iterator[Repaired]:
     """Frames transferred, and repaired where asked; all of them counted."""
     options = run.options.repair
@@ -218,6 +217,7 @@ def _outcomes(
     repairer = FrameRepairer(pair.target, scene, counter, jobs=run.jobs, alone=_alone(run, pair))
     yield from repair_frames(moves.frames(), repairer)
     run.late += repairer.warnings
+    console.trace(repairer.error)
 
 
 def _alone(run: Inputs, pair: Pair) -> bool:

@@ -116,13 +116,14 @@ class Detector:
         warp = self._warp
         boxes = self.boxes(positions)
         while True:
-            near = warp.empty(self._capacity, dtype=warp.vec3i, device=self.device)
+            capacity = self._capacity  # another thread may raise it meanwhile
+            near = warp.empty(capacity, dtype=warp.vec3i, device=self.device)
             count = warp.zeros(1, dtype=warp.int32, device=self.device)
             self.search(boxes, near, count, self._launch, active=active)
             found = int(count.numpy()[0])
-            if found <= self._capacity:
+            if found <= capacity:
                 return near[:found]
-            self._capacity = 2 * found
+            self._capacity = max(self._capacity, 2 * found)
 
     def _active(self, active: NDArray[np.bool_]) -> Any:
         assert self.tree is not None

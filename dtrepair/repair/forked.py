@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import io
 import os
 import pickle
 import signal
 import sys
 import threading
+import traceback
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -102,12 +104,29 @@ def end(number: int) -> None:
         os.waitpid(number, 0)
 
 
+class _Pickler(pickle.Pickler):
+    """Gives exceptions a note of where they were raised, which pickles leave out."""
+
+    def reducer_override(self, value: object) -> Any:
+        if isinstance(value, Exception) and value.__traceback__ is not None:
+            trace = "".join(traceback.format_tb(value.__traceback__))
+            value.add_note(f"Raised in a worker process:\n{trace}".rstrip())
+            value.__traceback__ = None
+        return NotImplemented
+
+
 def packed(call: Callable[[], Any]) -> bytes:
     """The answer of a call, or its exception, for `unpacked` in another process."""
     try:
-        return pickle.dumps((None, call()), protocol=5)
+        return _pickled((None, call()))
     except Exception as error:
-        return pickle.dumps((error, None))
+        return _pickled((error, None))
+
+
+def _pickled(value: object) -> bytes:
+    stream = io.BytesIO()
+    _Pickler(stream, protocol=5).dump(value)
+    return stream.getvalue()
 
 
 def unpacked(content: bytes) -> Any:

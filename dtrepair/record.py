@@ -120,12 +120,16 @@ class FrameRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """A whole run; `document()` is what is written."""
+    """A whole run; `document()` is what is written.
+
+    folder: where the run stood: what `input` and `output` are relative to.
+    """
 
     command: str
     version: str
     input: str
     output: str | None = None
+    folder: str = field(default_factory=os.getcwd)
     device: str = "cpu"
     settings: Mapping[str, Any] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
@@ -147,6 +151,7 @@ class Report:
             "command": self.command,
             "input": self.input,
             "output": self.output,
+            "folder": self.folder,
             "device": self.device,
             "settings": dict(self.settings),
             "seconds": dict(self.seconds),

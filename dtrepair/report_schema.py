@@ -142,6 +142,7 @@ SCHEMA: dict[str, Any] = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",
     "title": SCHEMA_NAME,
     **_object(
+        "folder",
         "transfer",
         "keyposes",
         schema={"type": "string", "enum": [SCHEMA_NAME]},
@@ -149,6 +150,7 @@ SCHEMA: dict[str, Any] = {
         command=_TEXT,
         input=_TEXT,
         output={"type": ["string", "null"]},
+        folder=_TEXT,
         device=_TEXT,
         settings={"type": "object"},
         seconds={"type": "object", "additionalProperties": _AMOUNT},

@@ -31,6 +31,25 @@ def test_pictures_of_a_check_and_of_a_mesh_file(tmp_path):
     assert (tmp_path / "c.html").read_text().count("data:image/png") == 1
 
 
+def test_pictures_are_drawn_wherever_the_report_is(tmp_path, monkeypatch):
+    made, moved = tmp_path / "made", tmp_path / "moved"
+    made.mkdir()
+    monkeypatch.chdir(made)
+    tube_stage(made / "a.usda", (OPEN, CLOSED))
+    (made / "out").mkdir()
+    arguments = ("repair", "a.usda", "-o", "out/b.usda", "--report", "out/r.json")
+    assert run(*arguments).code == 0
+    monkeypatch.chdir(tmp_path)
+    assert run("report", "made/out/r.json", "-o", "elsewhere.html").err == ""
+    made.rename(moved)  # then the files beside the report are taken
+    (moved / "a.usda").rename(moved / "out" / "a.usda")
+    layer = moved / "out" / "b.usda"
+    layer.write_text(layer.read_text().replace("@../a.usda@", "@./a.usda@"))
+    assert run("report", "moved/out/r.json", "-o", "moved.html").err == ""
+    for page in ("elsewhere.html", "moved.html"):
+        assert (tmp_path / page).read_text().count("data:image/png") == 2
+
+
 def test_missing_input_leaves_out_the_pictures(finished):
     folder, report = finished
     (folder / "b.usdc").unlink()

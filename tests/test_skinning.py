@@ -142,6 +142,7 @@ def test_written_meshes_are_unbound_and_others_are_not(tmp_path: Path) -> None:
     with OverrideWriter(opened, tmp_path / "out.usda", settings={}) as writer:
         writer.write(mesh, 10.0, bent(30.0) + 1.0)
         writer.commit()
+        assert [text.partition(":")[0] for text in writer.warnings] == ["/Root/A"]
     assert authored_properties(tmp_path / "out.usda") == {"/Root/A.points", "/Root/A.extent"}
     out = Usd.Stage.Open(str(tmp_path / "out.usda"))
     cache = UsdSkel.Cache()

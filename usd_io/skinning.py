@@ -177,6 +177,17 @@ def unbind(layer: Sdf.Layer, path: Sdf.Path) -> None:
     Sdf.CreatePrimInLayer(layer, path).SetInfo("apiSchemas", removed)
 
 
+def unbinding_told(paths: list[str]) -> list[str]:
+    """A warning about the meshes that a layer unbinds; none without any."""
+    if not paths:
+        return []
+    more = f" and {len(paths) - 1} more" if paths[1:] else ""
+    return [
+        f"{paths[0]}{more}: posed by a skeleton or blend shapes; the layer holds the posed points, "
+        "and unbinds them"
+    ]
+
+
 def _check_own_binding(prim: Usd.Prim) -> None:
     """Removing the schema from the mesh only helps if nothing above it has influences."""
     above = prim.GetParent()

@@ -27,7 +27,7 @@ from usd_io.mesh import AnimatedMesh
 from usd_io.metadata import copy_stage_metadata, set_record
 from usd_io.rates import author_rates
 from usd_io.reader import raw_points
-from usd_io.skinning import unbind
+from usd_io.skinning import unbind, unbinding_told
 from usd_io.stages import OpenedStage, as_stage, check_not_an_input
 from usd_io.times import time_code
 from usd_io.transforms import transform_times
@@ -168,6 +168,8 @@ class OverrideWriter:
             for output in self._meshes.values():
                 if output.times or output.default:
                     self._author_rates(output)
+            skinned = [path for path, output in self._meshes.items() if output.mesh.skinned]
+            self.warnings += unbinding_told(skinned)
             set_record(self._layer, {**self._record, **self._frames(), **(record or {})})
             self._file.commit()
         finally:

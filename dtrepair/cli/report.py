@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
@@ -44,8 +45,8 @@ if TYPE_CHECKING:
 def command(*, report_path: str, output: str, count: int, console: Console) -> int:
     """Make an HTML page of a report: charts per frame, pictures before and after, a table.
 
-    The page needs no network and no other file. Pictures need the input and the output of the run
-    where the report names them.
+    The page needs no network and no other file. Pictures need the input and the output of the run:
+    where the report names them, or beside the report.
 
     \b
     Example:
@@ -66,13 +67,27 @@ def command(*, report_path: str, output: str, count: int, console: Console) -> i
         raise Failure(f"{report_path}: cannot be read: {error.strerror}", INPUT) from None
     pictures: list[Picture] = []
     try:
-        pictures.extend(_draw(report, count))
+        pictures.extend(_draw(_with_found_files(report, report_path), count))
     except Exception as error:  # a page without pictures is better than none
         console.warn([f"{output}: without pictures: {error}"])
     with writing(output):
         write_atomically(output, make_page(report, pictures))
     console.result(f"written: {output}")
     return CLEAN
+
+
+def _with_found_files(report: Mapping[str, Any], report_path: str) -> dict[str, Any]:
+    """The report with its input and output as they are found from here."""
+    beside = os.path.dirname(report_path)
+
+    def found(path: str) -> str:
+        places = [report.get("folder", ""), "", beside]
+        paths = [os.path.join(place, path) for place in places]
+        paths.append(os.path.join(beside, os.path.basename(path)))
+        return next((there for there in paths if os.path.exists(there)), path)
+
+    files = {name: report[name] and found(report[name]) for name in ("input", "output")}
+    return {**report, **files}
 
 
 def _draw(report: Mapping[str, Any], count: int) -> Iterator[Picture]:

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 USD_EXTENSIONS = (".usd", ".usda", ".usdc", ".usdz")
 Points = NDArray[Any]
 
+# World coordinates whose float32 steps are a larger part of the scene are taken from its middle.
+COARSE = 1e-5
+
 
 @dataclass(frozen=True)
 class SourceMesh:
@@ -120,6 +123,9 @@ class StageSource:
         self.times = self.all_times = self._times()
         if spec is not None:
             self.times = self.times[spec.select(self.times, require=True)]
+        self._origin = np.zeros(3)
+        if len(self.meshes) > 1:
+            self._leave_coarse_coordinates()
 
     def _read(self, selection: Selection, prim: str | None) -> MeshSelection:
         import usd_io
@@ -145,6 +151,31 @@ class StageSource:
         known = together[~np.isnan(together)]
         return known if len(known) else together[:1]
 
+    def _leave_coarse_coordinates(self) -> None:
+        """Take world points from the middle of a scene that lies far from the world's origin.
+
+        Looks at the whole clip, so that the parts of a farm agree.
+        """
+        times = self.all_times[[0, len(self.all_times) // 2, -1]].tolist()
+        boxes = [np.stack([mesh.rest.min(axis=0), mesh.rest.max(axis=0)]) for mesh in self.meshes]
+        corners = [
+            self.to_world(mesh, time, box[which, range(3)])
+            for mesh, box in zip(self.meshes, boxes, strict=True)
+            for which in np.ndindex(2, 2, 2)
+            for time in times
+        ]
+        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            step = float(np.spacing(np.float32(np.abs([low, high]).max())))
+        if not step > COARSE * float((high - low).max()):
+            return
+        self._origin = np.round((low + high) / 2.0)
+        where = ", ".join(f"{value:.10g}" for value in self._origin)
+        self.warnings += (
+            f"{self.name}: far from the world's origin, where float32 steps are {step:.3g} units; "
+            f"world coordinates are taken relative to ({where})",
+        )
+
     def read(self, mesh: SourceMesh, time: float) -> Points | None:
         """Local points (V, 3) float32; None for a blocked sample. Raises FrameError."""
         import usd_io
@@ -152,16 +183,18 @@ class StageSource:
         return usd_io.read_frame(mesh.handle, time)
 
     def to_world(self, mesh: SourceMesh, time: float, points: Points) -> Points:
-        """World points, float64."""
+        """World points, float64; from the middle of a scene that is far from the origin."""
         import usd_io
 
-        return usd_io.transform_points(points, usd_io.world_matrix(mesh.handle, time))
+        matrix = usd_io.world_matrix(mesh.handle, time)
+        matrix[3, :3] -= self._origin
+        return usd_io.transform_points(points, matrix)
 
     def to_local(self, mesh: SourceMesh, time: float, points: Points) -> Points:
         """Local points, float64. Raises FrameError where the transform flattens space."""
         import usd_io
 
-        return usd_io.local_points(mesh.handle, time, points)
+        return usd_io.local_points(mesh.handle, time, points + self._origin)
 
 
 class MeshSource:

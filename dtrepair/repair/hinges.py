@@ -1,0 +1,145 @@
+"""Edges between two triangles, how far they are bent, and the smallest motion that opens them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import linalg
+
+from dtrepair.geometry import FloatArray, IntArray, dots, lengths, triangle_normals
+from dtrepair.repair.surface import ANCHOR, BoolArray, Surface
+
+# Cosine of the angle between its triangles' normals, 120 degrees, beyond which an edge counts as
+# bent, and the angle to which bent edges are opened.
+SHARP, OPEN = -0.5, np.radians(110.0)
+# Steps of opening; of each, the largest turn, the largest motion (mean edge lengths), and how many
+# edges are opened, the sharpest ones.
+STEPS, TURN, FARTHEST, MOST = 8, 0.35, 0.5, 64
+# What a step aims at beyond OPEN.
+BEYOND = 0.02
+
+
+class Hinges:
+    """The inner edges of a surface and how far an original pose (V, 3) bends them."""
+
+    def __init__(self, surface: Surface, original: FloatArray) -> None:
+        """Bent edges of the original may stay bent; the others, and their number, are to hold."""
+        self.surface = surface
+        self.corners = _corners(surface.faces, surface.hinges)
+        self.given = bent_edges(surface, original)
+        self.allowed = int(self.given.sum())
+
+    def sharpness(self, points: FloatArray) -> tuple[int, float]:
+        """Number of bent edges, and by how much they are bent too far: smaller is better."""
+        cosines = _cosines(self.surface, points)
+        excess = SHARP - cosines[cosines < SHARP]
+        return len(excess), float(excess.sum())
+
+    def clusters(self, points: FloatArray) -> list[NDArray[np.intp]]:
+        """The edges that are bent and were not in the original, those that meet together.
+
+        Small clusters come first.
+        """
+        surface = self.surface
+        new = np.flatnonzero(bent_edges(surface, points) & ~self.given)
+        new = new[~surface.stiff[self.corners[new]].all(axis=1)]
+        touched = surface.vertices_of(surface.hinges[new])
+        labels = surface.components(touched)[self.corners[new, 0]]
+        return sorted((new[labels == label] for label in np.unique(labels)), key=len)
+
+    def opened(self, points: FloatArray, chosen: NDArray[np.integer], rings: int) -> FloatArray:
+        """The pose (V, 3) with the `chosen` edges opened, contacts ignored.
+
+        Only what is within so many rings of them moves. Each step is the motion x of least
+        tr(x^T (L + ANCHOR M) x) that turns all edges there to OPEN which are bent beyond it and
+        were not in the original: Gauss-Newton on their angles.
+        """
+        surface = self.surface
+        seeds = surface.vertices_of(surface.hinges[chosen])
+        inner = np.flatnonzero(surface.dilate(seeds, rings) & ~surface.stiff)
+        place = np.full(surface.count, -1)
+        place[inner] = np.arange(len(inner))
+        near = self.corners[(place >= 0)[self.corners].any(axis=1) & ~self.given]
+        anchor = sparse.diags(ANCHOR * surface.mass[inner])
+        solve = linalg.splu((surface.laplacian[inner][:, inner] + anchor).tocsc()).solve
+        for _ in range(STEPS):
+            angles, gradients = angles_and_gradients(points, near)
+            sharpest = np.argsort(-np.abs(angles), kind="stable")[:MOST]
+            bent = sharpest[np.abs(angles[sharpest]) > OPEN]
+            if len(bent) == 0:
+                break
+            turns = np.sign(angles[bent]) * (OPEN - BEYOND) - angles[bent]
+            turns = np.clip(turns, -TURN, TURN)
+            motion = _least_motion(solve, place[near[bent]], gradients[bent], turns, len(inner))
+            motion *= min(1.0, FARTHEST * surface.edge_length / max(lengths(motion).max(), 1e-300))
+            points = points.copy()
+            points[inner] += motion
+        return points
+
+
+def bent_edges(surface: Surface, points: FloatArray) -> BoolArray:
+    """Which hinges (H,) of the surface are bent by more than 120 degrees."""
+    return _cosines(surface, points) < SHARP
+
+
+def angles_and_gradients(points: FloatArray, corners: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Signed angle (H,) between the normals at each edge, radians, and its gradient (H, 4, 3).
+
+    corners: both ends of each edge and the third corners of its triangles (H, 4); the first
+    triangle goes around from end to end to its corner (Wardetzky et al. 2007, section 4).
+    """
+    start, end, first, second = (points[corners[:, k]] for k in range(4))
+    edge = end - start
+    normals = np.cross(edge, first - start), np.cross(second - start, edge)
+    length = np.maximum(lengths(edge), 1e-300)
+    squares = [np.maximum(dots(normal, normal), 1e-300) for normal in normals]
+    sine = dots(np.cross(*normals), edge) / length
+    angles = np.arctan2(sine, dots(*normals))
+    gradients = np.zeros((len(corners), 4, 3))
+    for number, (normal, square, corner) in enumerate(
+        zip(normals, squares, (first, second), strict=True)
+    ):
+        slope = normal / square[:, None]
+        gradients[:, 0] -= (dots(corner - end, edge) / length)[:, None] * slope
+        gradients[:, 1] += (dots(corner - start, edge) / length)[:, None] * slope
+        gradients[:, 2 + number] = -length[:, None] * slope
+    return angles, gradients
+
+
+def _least_motion(
+    solve: Callable[[FloatArray], FloatArray],
+    place: NDArray[np.integer],
+    gradients: FloatArray,
+    turns: FloatArray,
+    count: int,
+) -> FloatArray:
+    """The motion (count, 3) of least energy that turns edges, vertices at `place` (-1: fixed)."""
+    columns = np.zeros((count + 1, len(turns), 3))
+    numbers = np.arange(len(turns))
+    for corner in range(4):
+        columns[place[:, corner], numbers] += gradients[:, corner]
+    columns = columns[:count]
+    answers = solve(columns.reshape(count, -1)).reshape(columns.shape)
+    system = np.einsum("vid,vjd->ij", columns, answers)
+    system += (1e-6 * np.trace(system) / len(turns) + 1e-30) * np.eye(len(turns))
+    return np.einsum("vid,i->vd", answers, np.linalg.solve(system, turns))
+
+
+def _corners(faces: IntArray, hinges: NDArray[np.int64]) -> IntArray:
+    """Ends of each hinge as its first triangle goes around, and both third corners (H, 4)."""
+    first, second = faces[hinges[:, 0]], faces[hinges[:, 1]]
+    same = first[:, :, None] == second[:, None, :]
+    own, other = (np.argmin(same.any(axis=axis), axis=1) for axis in (2, 1))
+    row = np.arange(len(hinges))
+    ends = [first[row, (own + step) % 3] for step in (1, 2)]
+    return np.stack([*ends, first[row, own], second[row, other]], axis=1)
+
+
+def _cosines(surface: Surface, points: FloatArray) -> FloatArray:
+    """Cosine of the angle between the normals at each hinge (H,)."""
+    normals = triangle_normals(points, surface.faces)
+    first, second = surface.hinges.T
+    return dots(normals.take(first, axis=0), normals.take(second, axis=0))

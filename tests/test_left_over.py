@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dtrepair import Body, RepairOptions, SceneRepairer
-from dtrepair.repair.left_over import contacts_left, cures
+from dtrepair.repair.left_over import contacts_left, cures, deformed
 from tests.meshes import icosphere, joined
 
 BALL, FACES = icosphere(1)
@@ -64,3 +64,24 @@ def test_some_that_are_held_leave_cures_for_the_others() -> None:
     scene = SceneRepairer(bodies)
     pairs = scene.detector(np.concatenate([TWO_CROSSING, BALL + np.array([0.0, 0.7, 0.0])]))
     assert cures(scene, pairs) == f"raise the diffusion; {HELD}"
+
+
+def test_what_is_much_deformed_is_told() -> None:
+    flat, fine = BALL * (1.0, 1.0, 0.4), BALL * (1.0, 1.0, 0.97)
+    scene = SceneRepairer([Body(BALL, FACES), Body(BALL + AWAY, FACES, name="pea")])
+    assert deformed(scene, 0, BALL, BALL) == deformed(scene, 0, BALL, fine) == ""
+    told = deformed(scene, 1, BALL + AWAY, flat + AWAY)
+    assert told.startswith("pea is clean but much deformed (lengths by a factor of 1.")
+    assert "volume to 40%)" in told
+    # Turned and moved nothing is deformed.
+    assert deformed(scene, 0, BALL, BALL[:, [1, 2, 0]] + AWAY) == ""
+    # Thinner by an eighth: the edges hardly change.
+    thinner = deformed(scene, 0, BALL, BALL * (1.0, 1.0, 0.87))
+    assert "volume to 87%" in thinner
+
+
+def test_an_open_surface_has_no_volume_to_lose() -> None:
+    half = FACES[BALL[FACES].mean(axis=1)[:, 2] > 0.0]
+    scene = SceneRepairer([Body(BALL, half)])
+    assert deformed(scene, 0, BALL, BALL * (1.0, 1.0, 0.87)) == ""
+    assert "(lengths by a factor of 2.00)" in deformed(scene, 0, BALL, 2.0 * BALL)

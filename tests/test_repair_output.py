@@ -32,6 +32,17 @@ def test_few_contacts_are_named() -> None:
     assert line.endswith("; /A2 still intersects itself and 2 more: x") and "in 5 frames" in line
 
 
+def test_clean_frames_that_are_much_deformed_are_told() -> None:
+    found = records(
+        "/A is clean but much deformed (lengths by a factor of 1.30): look at it",
+        "/A is clean but much deformed (lengths by a factor of 2.10, volume to 49%): look at it",
+        status="clean",
+    )
+    assert list(advice_lines(found)) == [
+        "advice: in 2 frames /A is clean but much deformed: look at it"
+    ]
+
+
 def test_a_single_frame_needs_no_number() -> None:
     assert list(advice_lines(records("pea lies wholly inside head"))) == [
         "advice: pea lies wholly inside head"

@@ -18,8 +18,8 @@ from dtrepair.cli.sources import Source, time_label
 from dtrepair.record import FrameRecord, MotionRecord, summarize
 from dtrepair.wording import counted
 
-# What differs from frame to frame in what a solver says of contacts that are left.
-_NUMBERS = re.compile(r" \(\d+ pairs?[^()]*\)| and \d+ more$")
+# What differs from frame to frame in what a solver says of a result.
+_NUMBERS = re.compile(r" \((\d+ pair|lengths )[^()]*\)| and \d+ more$")
 # Of a key that `keyposes` added: nothing to do about it.
 _NO_ADVICE = ("", "added key")
 # So many contacts are named in a line of advice.
@@ -140,7 +140,8 @@ def advice_lines(records: Sequence[FrameRecord]) -> Iterator[str]:
     frames: Counter[str] = Counter()
     contacts: dict[str, Counter[str]] = {}
     for record in records:
-        if record.status in ("improved", "unchanged") and record.message not in _NO_ADVICE:
+        left = record.status in ("improved", "unchanged") and record.message not in _NO_ADVICE
+        if left or "much deformed" in record.message:
             found, _, advice = record.message.partition(": ")
             frames[advice] += 1
             contacts.setdefault(advice, Counter()).update(_NUMBERS.sub("", found).split("; "))

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import IntArray
+from dtrepair.geometry import FloatArray, IntArray, lengths, vector_areas
+from dtrepair.metrics import edge_log_ratio, volume
 from dtrepair.repair.release import bodies_of_parts
 from dtrepair.wording import counted
 
@@ -16,6 +17,12 @@ if TYPE_CHECKING:
 
 # So many pairs of bodies are named.
 NAMED = 3
+# A clean result is told to be deformed if its edges' lengths changed by more (rms of the logarithms
+# of their ratios), or the volume of a closed body by more than this part; volumes are compared
+# where the edges changed by more than a little.
+DEFORMED, LOST, LITTLE = 0.2, 0.1, 0.05
+# The vector areas of a closed surface sum to this part of its area at most.
+CLOSED = 1e-2
 
 
 def name_of(scene: SceneRepairer, body: int) -> str:
@@ -91,3 +98,25 @@ def enclosed_left(scene: SceneRepairer, parts: IntArray) -> str:
         told[f"{who} lies wholly inside {where}"] = None
     named = list(told)[:NAMED]
     return "; ".join(named) + (f" and {len(told) - NAMED} more" if len(told) > NAMED else "")
+
+
+def deformed(scene: SceneRepairer, body: int, before: FloatArray, after: FloatArray) -> str:
+    """By how much a repair deformed a body, poses (V, 3), where that is much; else empty."""
+    change = edge_log_ratio(before, after, scene.edges_of_bodies[body])
+    if change < LITTLE:
+        return ""
+    start, stop = scene._triangles[body : body + 2]
+    faces = scene._faces[start:stop] - scene._vertices[body]
+    areas = vector_areas(before, faces)
+    closed = lengths(areas.sum(axis=0)[None])[0] <= CLOSED * lengths(areas).sum()
+    given = volume(before, faces) if closed else 0.0
+    part = volume(after, faces) / given if given else 1.0
+    if change < DEFORMED and abs(part - 1.0) < LOST:
+        return ""
+    told = f"lengths by a factor of {np.exp(change):.2f}"
+    if abs(part - 1.0) >= LOST:
+        told += f", volume to {part:.0%}"
+    return (
+        f"{name_of(scene, body)} is clean but much deformed ({told}): "
+        "look at it, and ease the pose where it is deepest"
+    )

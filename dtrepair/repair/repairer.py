@@ -11,7 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dtrepair.device import DeviceQueue, resolve_device
-from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, diagonal, weld_map
+from dtrepair.geometry import (
+    FloatArray,
+    IntArray,
+    as_mesh,
+    as_points,
+    diagonal,
+    unique_edges,
+    weld_map,
+)
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import of_ignored_bodies
 from dtrepair.metrics import displacements
@@ -24,7 +32,7 @@ from dtrepair.repair.bodies import (
     mobility_of,
 )
 from dtrepair.repair.enclosed import Enclosures
-from dtrepair.repair.left_over import contacts_left, cures, enclosed_left
+from dtrepair.repair.left_over import contacts_left, cures, deformed, enclosed_left
 from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
 from dtrepair.repair.poses import repair_poses
 from dtrepair.repair.release import bodies_of_parts
@@ -106,6 +114,12 @@ class SceneRepairer:
     def body_of_vertex(self) -> IntArray:
         """The body of each vertex (V,)."""
         return np.repeat(np.arange(len(self.bodies)), np.diff(self._vertices)).astype(np.int32)
+
+    @cached_property
+    def edges_of_bodies(self) -> list[IntArray]:
+        """Edges (E, 2) of each body, numbered within it."""
+        ends = zip(pairwise(self._triangles), self._vertices, strict=False)
+        return [unique_edges(self._faces[a:b] - start) for (a, b), start in ends]
 
     @cached_property
     def enclosures(self) -> Enclosures:
@@ -203,7 +217,9 @@ class SceneRepairer:
             after=counts[1],
             iterations=solved.iterations,
             status=status,
-            message=inside or self._message(index, status, after, solved),
+            message=inside
+            or self._message(index, status, after, solved)
+            or deformed(self, index, original[own], repaired[own]),
             displacement_max=float(moved.max(initial=0.0)),
             displacement_mean=float(moved.mean()) if len(moved) else 0.0,
             stages=tuple(solved.stages),

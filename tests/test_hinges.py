@@ -83,3 +83,13 @@ def test_triangles_without_area_are_no_trouble() -> None:
     (cluster,) = hinges.clusters(pose)
     pose[hinges.corners[cluster[0]]] = pose[hinges.corners[cluster[0], 0]]
     assert np.isfinite(hinges.opened(pose, cluster, 2)).all()
+
+
+def test_edges_that_the_original_bends_less_keep_their_angle() -> None:
+    surface, original = folded(1.9)
+    hinges = Hinges(surface, original)
+    assert hinges.allowed == 0
+    (cluster,) = hinges.clusters(folded(2.4)[1])
+    opened = hinges.opened(folded(2.4)[1], cluster, 2)
+    angles, _ = angles_and_gradients(opened, hinges.corners[cluster])
+    assert np.all((np.abs(angles) <= 1.9) & (np.abs(angles) > 1.6))

@@ -14,11 +14,11 @@ from dtrepair.repair.surface import ANCHOR, BoolArray, Surface
 
 # Cosine of the angle between its triangles' normals, 120 degrees, beyond which an edge counts as
 # bent, and the angle to which bent edges are opened.
-SHARP, OPEN = -0.5, np.radians(110.0)
+SHARP, OPEN = -0.5, np.radians(90.0)
 # Steps of opening; of each, the largest turn, the largest motion (mean edge lengths), and how many
 # edges are opened, the sharpest ones.
 STEPS, TURN, FARTHEST, MOST = 8, 0.35, 0.5, 64
-# What a step aims at beyond OPEN.
+# How much farther than that a step aims.
 BEYOND = 0.02
 
 
@@ -29,8 +29,10 @@ class Hinges:
         """Bent edges of the original may stay bent; the others, and their number, are to hold."""
         self.surface = surface
         self.corners = _corners(surface.faces, surface.hinges)
-        self.given = bent_edges(surface, original)
+        cosines = _cosines(surface, original)
+        self.given = cosines < SHARP
         self.allowed = int(self.given.sum())
+        self._limits = np.maximum(OPEN, np.arccos(np.clip(cosines, -1.0, 1.0)))
 
     def sharpness(self, points: FloatArray) -> tuple[int, float]:
         """Number of bent edges, and by how much they are bent too far: smaller is better."""
@@ -54,25 +56,26 @@ class Hinges:
         """The pose (V, 3) with the `chosen` edges opened, contacts ignored.
 
         Only what is within so many rings of them moves. Each step is the motion x of least
-        tr(x^T (L + ANCHOR M) x) that turns all edges there to OPEN which are bent beyond it and
-        were not in the original: Gauss-Newton on their angles.
+        tr(x^T (L + ANCHOR M) x) that turns all edges there to OPEN, or as far as the original has
+        them, which are bent beyond that and were not bent edges: Gauss-Newton on their angles.
         """
         surface = self.surface
         seeds = surface.vertices_of(surface.hinges[chosen])
         inner = np.flatnonzero(surface.dilate(seeds, rings) & ~surface.stiff)
         place = np.full(surface.count, -1)
         place[inner] = np.arange(len(inner))
-        near = self.corners[(place >= 0)[self.corners].any(axis=1) & ~self.given]
+        nearby = (place >= 0)[self.corners].any(axis=1) & ~self.given
+        limits, near = self._limits[nearby], self.corners[nearby]
         anchor = sparse.diags(ANCHOR * surface.mass[inner])
         solve = linalg.splu((surface.laplacian[inner][:, inner] + anchor).tocsc()).solve
         for _ in range(STEPS):
             angles, gradients = angles_and_gradients(points, near)
-            sharpest = np.argsort(-np.abs(angles), kind="stable")[:MOST]
-            bent = sharpest[np.abs(angles[sharpest]) > OPEN]
+            excess = np.abs(angles) - limits
+            bent = np.argsort(-excess, kind="stable")[:MOST]
+            bent = bent[excess[bent] > 0.0]
             if len(bent) == 0:
                 break
-            turns = np.sign(angles[bent]) * (OPEN - BEYOND) - angles[bent]
-            turns = np.clip(turns, -TURN, TURN)
+            turns = np.sign(angles[bent]) * -np.minimum(excess[bent] + BEYOND, TURN)
             motion = _least_motion(solve, place[near[bent]], gradients[bent], turns, len(inner))
             motion *= min(1.0, FARTHEST * surface.edge_length / max(lengths(motion).max(), 1e-300))
             points = points.copy()

@@ -12,8 +12,8 @@ from dtrepair.repair.relax import STEP, relax
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.tighten import acceptable, changed_defects
 
-# Rings around bent edges that move with them, from few to many.
-RINGS = (2, 4)
+# Rings around bent edges that move with them, from few to many; so many clusters are tried alone.
+RINGS, MANY = (2, 4), 64
 # Rounds; contacts make room within so many rings of bent edges, fading from FULL_RINGS on.
 ROUNDS, FULL_RINGS, FADED_RINGS = 6, 4, 12
 # A bent edge less may cost so much: the sum of squared logarithms of the edges' length ratios.
@@ -66,7 +66,7 @@ def _opened_alone(
         return points, 0
     known = find_defects(surface, points)
     for rings in RINGS:
-        for cluster in hinges.clusters(points):
+        for cluster in hinges.clusters(points)[:MANY]:
             trial = hinges.opened(points, cluster, rings)
             found = hinges.sharpness(trial)
             price = DEAREST * (sharpness[0] - found[0])

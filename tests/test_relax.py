@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
+from dtrepair.geometry import FloatArray
 from dtrepair.metrics import displacements
+from dtrepair.repair import relax as module
 from dtrepair.repair.contact import find_defects
+from dtrepair.repair.crease import Filled
 from dtrepair.repair.relax import MORE, relax
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.tighten import distortion
@@ -43,6 +48,26 @@ def test_a_pose_with_nothing_in_the_way_returns() -> None:
     before = displacements(original, bent).max()
     assert displacements(original, relaxed).max() < 0.5 * before
     assert distortion(surface, original, relaxed) < 0.2 * distortion(surface, original, bent)
+
+
+@pytest.mark.parametrize(("works", "expected"), [(lambda k: k % 2, 8), (lambda k: k < 2, 5)])
+def test_relaxing_ends_when_cycles_fail_in_a_row(
+    works: Callable[[int], bool], expected: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    surface, original, clean = loosely_solved("spheres")
+    calls: list[int] = []
+    solved = module._Relaxation._solved
+
+    def sometimes(state: module._Relaxation, right: FloatArray) -> Filled | None:
+        calls.append(len(calls))
+        return solved(state, right) if works(calls[-1]) else None
+
+    monkeypatch.setattr(module._Relaxation, "_solved", sometimes)
+    monkeypatch.setattr(module, "ENOUGH", -1.0)
+    monkeypatch.setattr(module, "MISSING", 1.0)
+    reach = np.ones(surface.count)
+    _, cycles = relax(surface, original, clean, cycles=8, folds=0, reach=reach)
+    assert cycles == len(calls) == expected
 
 
 def test_nothing_moves_beyond_the_reach_or_farther_than_the_step() -> None:

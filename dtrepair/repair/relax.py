@@ -33,6 +33,7 @@ FEW = 0.1
 CONCERN = 6e-4
 # Relaxing ends when the distortion fell by less than this over so many cycles.
 ENOUGH, STALLED = 0.002, 3
+# It also ends when so many cycles in a row could not be made clean.
 FAILURES = 3
 # What missing volume counts next to the distortion; as long as more than this part is missing,
 # relaxing goes on for up to so many times its cycles.
@@ -107,6 +108,7 @@ class _Relaxation:
             self.gaps.forces *= 0.5
             return
         self.points, self.known = found
+        self.failures = 0
         value = self._value()
         if value < self.best[0]:
             self.best = value, self.points

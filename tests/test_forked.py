@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from dtrepair.repair.forked import AHEAD, can_fork, forked_map
 
@@ -153,3 +154,14 @@ def test_a_process_that_works_on_a_gpu_is_not_forked(monkeypatch, who):
     devices[0].has_context = False
     cuda.is_initialized = lambda: False
     assert can_fork()
+
+
+def test_processes_do_not_share_the_cores_with_threads_of_linear_algebra():
+    def threads(_):
+        return max(library["num_threads"] for library in threadpool_info())
+
+    with threadpool_limits(2):
+        if threads(None) < 2:
+            pytest.skip("linear algebra has a single thread here")
+        assert list(forked_map(threads, range(2), jobs=2)) == [1, 1]
+        assert threads(None) == 2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from quadruped import Quadruped
@@ -9,6 +11,7 @@ from quadruped import Quadruped
 from dtrepair.geometry import FloatArray
 from dtrepair.metrics import volume
 from dtrepair.operators import Factor
+from dtrepair.repair import full
 from dtrepair.repair.contact import find_defects
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.surface import Surface
@@ -70,7 +73,13 @@ def test_closed_surfaces_keep_their_volume(kind: str) -> None:
     )
 
 
-def test_tangles_that_the_phases_leave_are_solved_by_insisting() -> None:
+@pytest.mark.parametrize("without", [{}, {"INSIST_STEPS": ()}, {"INSIST_RINGS": 0}])
+def test_tangles_that_the_phases_leave_are_solved_by_insisting(
+    monkeypatch: pytest.MonkeyPatch, without: dict[str, Any]
+) -> None:
+    # Pushing them by short steps does it, and so do patches that grow.
+    for name, value in without.items():
+        monkeypatch.setattr(full, name, value)
     # Legs swung by 92 degrees, hind legs against front legs: through each other and the belly.
     animal = Quadruped(cells=9)
     rest, faces = animal.mesh()

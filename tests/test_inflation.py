@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dtrepair.geometry import FloatArray
 from dtrepair.metrics import volume
 from dtrepair.repair.inflation import HIGHEST, LARGEST, LEAST, Inflation
 from dtrepair.repair.relax import relax
@@ -16,12 +17,17 @@ def inflation_of(surface: Surface) -> Inflation:
     return Inflation(surface, surface.rest, np.ones(surface.count))
 
 
+def force_at(inflation: Inflation, pose: FloatArray) -> FloatArray:
+    surface = inflation.surface
+    return inflation.force(pose, np.ones(surface.count), surface.rigidity_factor)
+
+
 def test_what_has_its_volume_is_not_inflated() -> None:
     surface = Surface(*icosphere(2))
     inflation = inflation_of(surface)
     assert inflation.lost(surface.rest) == 0.0
-    assert not inflation.force(surface.rest, 1.0, inflation.surface.rigidity_factor).any()
-    assert not inflation.force(1.004 * surface.rest, 1.0, inflation.surface.rigidity_factor).any()
+    assert not force_at(inflation, surface.rest).any()
+    assert not force_at(inflation, 1.004 * surface.rest).any()
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -31,12 +37,12 @@ def test_what_lacks_volume_is_pushed_outwards(turned: bool) -> None:
     inflation = inflation_of(surface)
     small = 0.9 * surface.rest
     assert inflation.lost(small) == pytest.approx(LEAST - 0.9**3, rel=1e-9)
-    force = inflation.force(small, 1.0, inflation.surface.rigidity_factor)
+    force = force_at(inflation, small)
     assert ((force * small).sum(axis=1) > 0).all()
     assert np.abs(inflation.pressure).max() <= HIGHEST
     # Once it is large enough the pressure falls again.
     before = np.abs(inflation.pressure).max()
-    inflation.force(1.05 * surface.rest, 1.0, inflation.surface.rigidity_factor)
+    force_at(inflation, 1.05 * surface.rest)
     assert np.abs(inflation.pressure).max() < before
 
 
@@ -47,11 +53,11 @@ def test_what_has_too_much_volume_is_pulled_inwards(turned: bool) -> None:
     inflation = inflation_of(surface)
     large = 1.1 * surface.rest
     assert inflation.lost(large) == pytest.approx(1.1**3 - LARGEST, rel=1e-9)
-    force = inflation.force(large, 1.0, inflation.surface.rigidity_factor)
+    force = force_at(inflation, large)
     assert ((force * large).sum(axis=1) < 0).all()
     # Once it is small enough the pull eases.
     before = np.abs(inflation.pressure).max()
-    inflation.force(surface.rest, 1.0, inflation.surface.rigidity_factor)
+    force_at(inflation, surface.rest)
     assert np.abs(inflation.pressure).max() < before
 
 
@@ -66,7 +72,7 @@ def test_each_component_has_its_own_pressure_and_open_ones_have_none() -> None:
     centre = pose[:count].mean(axis=0)
     pose[:count] = centre + 0.9 * (pose[:count] - centre)
     pose[2 * count :] *= 0.9
-    force = inflation.force(pose, 1.0, inflation.surface.rigidity_factor)
+    force = force_at(inflation, pose)
     assert force[:count].any() and not force[count:].any()
 
 

@@ -95,14 +95,27 @@ def test_a_ring_stays_on_its_finger() -> None:
     assert np.array_equal(parted(scene, pose)[0], np.concatenate(pose))
 
 
-def test_a_layer_stays_on_what_it_covers() -> None:
+def test_a_stiff_ring_that_is_too_narrow_is_not_drawn_off() -> None:
+    """Deep in its finger all around; off over the tip is far longer than that is deep."""
+    ring, ring_faces = torus(32, 8, 1.0, 0.06)
+    finger = BALL * np.array([1.05, 1.05, 3.0])
+    apart = Body(ring + np.array([9.0, 0.0, 0.0]), ring_faces, diffusion=999.0)
+    scene = SceneRepairer([Body(finger, BALL_FACES), apart])
+    pose = [finger, ring]
+    deep = find_inside(np.concatenate(pose), Shape(scene, 1), Shape(scene, 0)).depth
+    assert deep > Shape(scene, 1).thickness
+    assert np.array_equal(parted(scene, pose)[0], np.concatenate(pose))
+
+
+@pytest.mark.parametrize("diffusion", [99.0, 999.0])
+def test_a_layer_stays_on_what_it_covers(diffusion: float) -> None:
     def sheet(scale: float) -> Mesh:
         outer, inner = BALL * scale, BALL * (scale - 0.02)
         upper = BALL_FACES[(BALL[BALL_FACES][:, :, 2] > 0.3).all(axis=1)]
         return joined((outer, upper), (inner, upper[:, ::-1]))
 
     points, faces = sheet(1.05)
-    scene = SceneRepairer([Body(BALL, BALL_FACES), Body(points, faces)])
+    scene = SceneRepairer([Body(BALL, BALL_FACES), Body(points, faces, diffusion=diffusion)])
     sunk = [BALL, points - np.array([0.0, 0.0, 0.3])]
     assert len(scene._pairs(np.concatenate(sunk), scene._weld(np.concatenate(sunk))))
     assert np.array_equal(parted(scene, sunk)[0], np.concatenate(sunk))

@@ -7,7 +7,10 @@ import pytest
 
 from dtrepair import Body, SceneRepairer, Status
 from dtrepair.geometry import unique_edges
+from dtrepair.repair.frames import system_of
+from dtrepair.repair.poses import _squeezed
 from dtrepair.repair.push import _of_length
+from dtrepair.repair.relax import LONGER, relax
 from dtrepair.repair.surface import BodyRange, Surface
 from tests.exact_reference import exact_pairs
 from tests.meshes import Mesh, icosphere, joined, torus
@@ -62,3 +65,34 @@ def test_one_contact_does_not_make_the_others_wait() -> None:
     assert moved is not None
     assert np.allclose(moved[[0, starts[1]], 0], [0.01, 0.001])
     assert _of_length(pair, np.full((starts[2], 3), np.nan), 0.01) is None
+
+
+def test_a_body_that_has_far_to_go_does_not_hold_up_the_return_of_others() -> None:
+    """Relaxing by one cycle: in a pile each body may go as far as a step, else all share one."""
+    for count, alone in ((4, True), (2, False)):
+        points, faces = joined(
+            *[(icosphere(2, 0.5)[0] + 3.0 * k, icosphere(2)[1]) for k in range(count)]
+        )
+        size = len(points) // count
+        bodies = [BodyRange(k * size, (k + 1) * size, 99.0) for k in range(count)]
+        surface = Surface(points, faces, bodies=bodies)
+        shifts = np.repeat([10.0, *[0.5] * (count - 1)], size)[:, None] * [0.0, 0.0, 0.002]
+        reach, step = np.ones(len(points)), 0.001
+        pose = surface.rest + shifts
+        back, _ = relax(surface, surface.rest, pose, cycles=1, folds=0, reach=reach, step=step)
+        moved = np.linalg.norm(back - pose, axis=1)[[0, size]]
+        assert moved[0] == pytest.approx((LONGER if alone else 1.0) * step, rel=0.05)
+        assert (moved[1] > 0.9 * 0.001) == alone
+
+
+def test_what_is_pressed_from_many_sides_is_not_led_out() -> None:
+    ball, faces = icosphere(2, 0.5)
+    sides = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, 0, 1)])
+    for count, squeezed in ((2, False), (4, True)):
+        meshes = [(ball, faces), *((ball + 1.004 * way, faces) for way in sides[:count])]
+        scene = SceneRepairer([Body(*mesh) for mesh in meshes])
+        points = np.concatenate([mesh[0] for mesh in meshes])
+        system = system_of(scene, [scene._weld(points)])
+        torn = np.arange(count + 1) == 0
+        assert _squeezed(system, points, torn)[0] == squeezed
+        assert not _squeezed(system, points, torn)[1:].any()

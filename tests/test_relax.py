@@ -96,3 +96,13 @@ def test_surfaces_come_to_rest_against_each_other() -> None:
     # What is left between them is a few margins, not the distance the push left.
     assert len(surface.close_pairs(relaxed, 0.005)) > 2 * len(surface.close_pairs(clean, 0.005))
     assert displacements(original, relaxed).mean() < 0.8 * displacements(original, clean).mean()
+
+
+def test_cycles_double_for_missing_volume_only() -> None:
+    surface = Surface(*torus())
+    reach = np.ones(surface.count)
+    # Steps so short that no volume comes back, and so short that little does.
+    for shrunk, spent in ((0.9, MORE * 2), (0.999, 2)):
+        pose = shrunk * surface.rest
+        _, cycles = relax(surface, surface.rest, pose, cycles=2, folds=0, reach=reach, step=1e-5)
+        assert cycles == spent

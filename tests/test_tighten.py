@@ -10,7 +10,7 @@ from dtrepair.metrics import displacements
 from dtrepair.repair.contact import find_defects
 from dtrepair.repair.crease import fill_creases
 from dtrepair.repair.push import push
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface import BodyRange, Surface
 from dtrepair.repair.tighten import (
     REACH_RINGS,
     STILL,
@@ -21,7 +21,16 @@ from dtrepair.repair.tighten import (
     roll_back,
     without_still,
 )
-from tests.meshes import Mesh, armed_body, elbow, knot, overlapping_spheres, torus
+from tests.meshes import (
+    Mesh,
+    armed_body,
+    elbow,
+    icosphere,
+    joined,
+    knot,
+    overlapping_spheres,
+    torus,
+)
 
 POSES: dict[str, tuple[Mesh, Mesh]] = {
     "spheres": (overlapping_spheres(2, 1.6), overlapping_spheres(2, 1.6)),
@@ -143,3 +152,30 @@ def test_rolling_back_a_step_from_a_dirty_pose_is_refused() -> None:
     pose = points / surface.size
     known = find_defects(surface, pose)
     assert roll_back(surface, pose, pose + 0.01, known, folds=0, tries=1) is None
+
+
+def test_of_several_bodies_those_that_cross_all_the_same_stay_out() -> None:
+    """A ball comes back freely, while another one has no room between two that are held."""
+    ball, faces = icosphere(2, 0.5)
+    places = [(-0.8, 0, 0), (0, 0, 0), (0.8, 0, 0), (5, 0, 0), (5.8, 0, 0)]
+    points, all_faces = joined(*[(ball + place, faces) for place in places])
+    count = len(ball)
+    bodies = [BodyRange(k * count, (k + 1) * count, 99.0) for k in range(5)]
+    own = [slice(body.start, body.stop) for body in bodies]
+    mobility = np.ones(len(points))
+    for still in (0, 2, 3):
+        mobility[own[still]] = 0.0
+    surface = Surface(points, all_faces, bodies=bodies, mobility=mobility)
+    original, clean = surface.rest.copy(), surface.rest.copy()
+    clean[own[1]] += np.array([0.0, 1.05, 0.0]) / surface.size
+    clean[own[4]] += np.array([0.6, 0.0, 0.0]) / surface.size
+    assert crossings_and_folds(surface, clean) == (0, 0)
+    options = {"near": 0, "fraction": 1.0, "folds": 0, "step": 1e-9}
+    pulled = pull_back(surface, original, clean, **options)
+    # Pushing by nothing leaves all in each other: all are back, where they were.
+    assert np.array_equal(pulled, clean)
+    original[own[4]] += np.array([0.25, 0.0, 0.0]) / surface.size
+    pulled = pull_back(surface, original, clean, **options)
+    assert crossings_and_folds(surface, pulled) == (0, 0)
+    assert np.array_equal(pulled[own[1]], clean[own[1]])
+    assert np.array_equal(pulled[own[4]], original[own[4]])

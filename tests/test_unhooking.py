@@ -77,6 +77,6 @@ def test_the_shortest_way_is_found_and_measured() -> None:
     assert way is not None
     assert np.allclose(way, aim)
     assert shortest_way(lambda shift: False, ways, 1.0) is None
-    assert length_along(lambda length: length > 0.5, 1.0) == pytest.approx(0.5, abs=1.0 / STEPS)
-    assert length_along(lambda length: length > 0.5, 1.0) > 0.5
-    assert length_along(lambda length: False, 1.0) == 1.0
+    length = length_along(lambda shift: float(shift @ aim) > 0.5, aim, 1.0)
+    assert 0.5 < length == pytest.approx(0.5, abs=1.0 / STEPS)
+    assert length_along(lambda shift: False, aim, 1.0) == 1.0

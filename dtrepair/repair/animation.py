@@ -231,7 +231,8 @@ class _Stream:
             """Whether sheets, and what pushing left as it was, can be led apart instead."""
             met = [contact_counts(self.scene._body_of, found) for found in pairs]
             still = [contact_counts(system.surface.body_of, found) for found in left]
-            otherwise.append(part(sheets=True, hooked=hooked_contacts(met, still)))
+            hooked = hooked_contacts(met, still)
+            otherwise.append(part(sheets=range(len(self.scene.bodies)), hooked=hooked))
             return not np.array_equal(otherwise[0], led)
 
         found = self._shot(system, led, times, unless=unless)

@@ -52,7 +52,9 @@ def update_defects(
 
 def near_contacts(surface: Surface, pairs: IntArray, near: int) -> BoolArray:
     """Which pairs (K,) join triangles at most `near` edge rings apart: the sides of a crease."""
-    return surface.queries.ring_distance(pairs) <= near
+    result = surface.body_of[pairs[:, 0]] == surface.body_of[pairs[:, 1]]
+    result[result] = surface.queries.ring_distance(pairs[result]) <= near
+    return result
 
 
 def contact_regions(surface: Surface, pairs: IntArray, buried: BoolArray) -> tuple[int, IntArray]:

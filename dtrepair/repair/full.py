@@ -122,12 +122,18 @@ class _Run:
         for step in FIRST_STEPS:
             found = self.phases(step)
             best = found if best is None or found.rank < best.rank else best
+            if len(best.defects.crossings) and self._concerns_few(best):
+                best = self.insist(best)
             if len(best.defects.crossings) == 0 and best.distortion < self.good_enough:
-                break
+                return best
         assert best is not None
-        if len(best.defects.crossings) and "insist" not in self.skip:
-            return self.insist(best)
-        return best
+        return self.insist(best) if len(best.defects.crossings) else best
+
+    def _concerns_few(self, best: Candidate) -> bool:
+        """Whether what still crosses does not meet all bodies that are in contact."""
+        body_of = self.surface.body_of
+        met, crossing = body_of[self.known.crossings], body_of[best.defects.crossings]
+        return not np.isin(met, crossing).any(axis=1).all()
 
     def insist(self, best: Candidate) -> Candidate:
         """What no phase solved, tried again from all poses that the phases left, best first.
@@ -135,6 +141,8 @@ class _Run:
         A fill leaves a few tangles that are no longer tied to what made them: pushing them all by
         short steps and filling anew solves most. Then patches grow until they swallow the rest.
         """
+        if "insist" in self.skip:
+            return best
         candidates = sorted(self.candidates, key=lambda found: found.rank)
         for candidate in candidates:
             for step in INSIST_STEPS:

@@ -92,6 +92,10 @@ class Gaps:
         """Let stiff gaps go back towards the common stiffness."""
         self._harder = np.maximum(1.0, self._harder / STIFFER)
 
+    def scale(self, factor: FloatArray) -> None:
+        """Scale each force by the largest factor (V,) of its corners."""
+        self.forces *= factor[self.corners].max(axis=1)
+
     def linearise(self, points: FloatArray, *, clearance: float = 0.0) -> None:
         """Take directions, weights and least gaps from a clean pose (V, 3).
 

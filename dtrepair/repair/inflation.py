@@ -29,8 +29,8 @@ class Inflation:
     def __init__(self, surface: Surface, original: FloatArray, reach: FloatArray) -> None:
         """Components of `surface`; `reach` (V,) scales the pressure at each vertex."""
         self.surface, self.reach = surface, reach
-        _, self._component = np.unique(
-            link_labels(surface.edges, surface.count), return_inverse=True
+        _, self._first, self._component = np.unique(
+            link_labels(surface.edges, surface.count), return_index=True, return_inverse=True
         )
         self._of = original
         self._areas = areas = surface.vector_areas(original)
@@ -41,10 +41,11 @@ class Inflation:
         self._highest = np.where(closed, HIGHEST, 0.0)
         self.pressure = np.zeros(len(total))
 
-    def force(self, points: FloatArray, pull: float, solve: Solve) -> FloatArray:
+    def force(self, points: FloatArray, pull: FloatArray, solve: Solve) -> FloatArray:
         """Forces (V, 3) at a pose, after changing the pressures of what has too little or much.
 
-        `solve` gives the motion (V, 3) that forces lead to.
+        `pull` (V,) is that of the last step, one number for each component; `solve` gives the
+        motion (V, 3) that forces lead to.
         """
         areas = self.areas(points)
         volumes = self._sign * self._volumes(points, areas)
@@ -55,7 +56,7 @@ class Inflation:
         response = solve(field)
         gain = self._sum(dots(areas, response))
         answer = np.divide(1.0, gain, out=np.zeros_like(gain), where=gain > 0)
-        answer *= GAIN * max(pull, LEAST_PULL)
+        answer *= GAIN * np.maximum(pull[self._first], LEAST_PULL)
         # Towards the least volume from below, towards the largest from above, else back to none.
         pushing = self.pressure + answer * (LEAST * self._given - volumes)
         pulling = self.pressure + answer * (LARGEST * self._given - volumes)

@@ -7,7 +7,7 @@ both bodies, takes it out; the repair of contacts takes over where it ends.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
@@ -55,7 +55,7 @@ def parted_frames(
     poses: FloatArray,
     pairs: Sequence[IntArray],
     frames: FloatArray,
-    sheets: bool = False,
+    sheets: Collection[int] = (),
     hooked: frozenset[tuple[int, int]] = frozenset(),
 ) -> FloatArray:
     """Poses (T, V, 3) at `frames` (T,) with bodies that pierce each other led apart, steadily.
@@ -63,8 +63,8 @@ def parted_frames(
     All frames of a contact leave along one way, as far as each needs; before and after, the shift
     comes and goes smoothly. `pairs` (K, 2) of triangles of each frame tell who meets. What has a
     preferred direction, or a largest displacement, is left to the contacts, and so are soft sheets,
-    which are better dented, unless `sheets` asks for them. Bodies that are `hooked` into each other
-    are led apart whatever they are.
+    which are better dented, unless `sheets` names one of the two bodies. Bodies that are `hooked`
+    into each other are led apart whatever they are.
     """
     limited = scene.options.maximum_displacement is not None
     if len(scene.bodies) == 1 or limited or scene.options.method == "paper":
@@ -85,7 +85,7 @@ class _Parting:
         system: System,
         poses: FloatArray,
         frames: FloatArray,
-        sheets: bool,
+        sheets: Collection[int],
     ) -> None:
         self.scene, self.system, self.frames, self.sheets = scene, system, frames, sheets
         self.poses = poses
@@ -131,8 +131,10 @@ class _Parting:
         worst = samples.index(int(np.argmax(deepest)))
         known = ((some.length(worst, way), way) for way in some.ways())
         short = ((length, way) for length, way in known if length <= REACH * max(deepest))
+        pose = some.poses[worst]
+        met = self._met(contact, pose)
         for length, way in islice(short, TRIES):
-            if self._frees(contact, contact.frames[samples[worst]], BEYOND * length * way):
+            if self._frees(contact, pose, met, BEYOND * length * way):
                 poses = [self.poses[frame] for frame in contact.frames]
                 every = Piercing(first, second, poses, inside)
                 self._shift(contact, way, [every.length(index, way) for index in range(count)])
@@ -145,20 +147,18 @@ class _Parting:
         That of the frame with most pairs serves all of them.
         """
         poses = [self.poses[frame] for frame in contact.frames]
-        worst = int(np.argmax([self._met(contact, pose)[0] for pose in poses]))
+        met = [self._met(contact, pose) for pose in poses]
+        worst = int(np.argmax([between for between, _ in met]))
         bodies = [poses[worst][self._shape(b).vertices] for b in (contact.first, contact.second)]
         farthest = FARTHEST * min(diagonal(points) for points in bodies)
-        frees = partial(self._frees, contact, contact.frames[worst])
+        frees = partial(self._frees, contact, poses[worst], met[worst])
         way = shortest_way(frees, ways_around(*bodies), farthest)
         if way is None:
             return
         lengths = []
-        for frame in contact.frames:
-
-            def far_enough(length: float, frame: int = frame) -> bool:
-                return self._frees(contact, frame, length * way)
-
-            lengths.append(length_along(far_enough, farthest))
+        for pose, before in zip(poses, met, strict=True):
+            frees = partial(self._frees, contact, pose, before)
+            lengths.append(length_along(frees, way, farthest))
         self._shift(contact, way, lengths)
 
     def _shift(self, contact: Contact, way: FloatArray, lengths: list[float]) -> None:
@@ -180,19 +180,23 @@ class _Parting:
                 result[self._shape(body).vertices] += sign * share * shift
         return result
 
-    def _frees(self, contact: Contact, frame: int, shift: FloatArray) -> bool:
-        """Whether a shift clears most of a contact in a frame, and makes no other ones."""
-        pose = self.poses[frame]
-        before, all_before = self._met(contact, pose)
+    def _frees(
+        self, contact: Contact, pose: FloatArray, met: tuple[int, int], shift: FloatArray
+    ) -> bool:
+        """Whether a shift clears most of a contact of a pose, `met` there, and makes no others."""
+        before, all_before = met
         after, all_after = self._met(contact, self._moved(pose, contact, shift))
         gone = before - after
         return after <= LEFT * before and all_after <= all_before - (1.0 - LEFT) * gone
 
     def _met(self, contact: Contact, pose: FloatArray) -> tuple[int, int]:
-        """Pairs of a contact, and of all bodies, in a pose."""
-        bodies = self.scene._body_of[self.scene._pairs(pose, self.scene._weld(pose))]
-        between = (np.sort(bodies, axis=1) == (contact.first, contact.second)).all(axis=1)
-        return int(between.sum()), len(bodies)
+        """Pairs between the bodies of a contact, and all pairs of either, in a pose."""
+        surface, both = self.system.surface, (contact.first, contact.second)
+        pairs = surface.pairs(
+            pose[self.system.kept] / surface.size, active=np.isin(surface.body_of, both)
+        )
+        bodies = np.sort(surface.body_of[pairs], axis=1)
+        return int((bodies == both).all(axis=1).sum()), len(bodies)
 
     def _inside(self, pose: FloatArray, contact: Contact) -> tuple[Inside, Inside]:
         first, second = self._shape(contact.first), self._shape(contact.second)
@@ -201,6 +205,7 @@ class _Parting:
     def _pierced(self, contact: Contact, mine: Inside, theirs: Inside) -> bool:
         """Whether one of the bodies is deep in the other, and neither covers the other."""
         deep, large = False, max(mine.part, theirs.part) >= PART
+        sheets = contact.first in self.sheets or contact.second in self.sheets
         sides = ((contact.first, contact.second, mine), (contact.second, contact.first, theirs))
         for inner, outer, found in sides:
             if len(found.vertices) == 0:
@@ -212,7 +217,7 @@ class _Parting:
                 return False
             stiff = body.rigid or (body.diffusion or self.scene.options.diffusion) >= STIFF
             thick = DEEP * self._shape(inner).thickness
-            moved = stiff or (large and (self.sheets or found.depth > SLENDER * found.width))
+            moved = stiff or (large and (sheets or found.depth > SLENDER * found.width))
             deep |= found.depth > thick and moved
         return deep
 

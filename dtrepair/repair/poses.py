@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import islice
+from itertools import islice, pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray, differing
+from dtrepair.geometry import FloatArray, IntArray, differing, extent
+from dtrepair.intersect.proximity import close_pairs
 from dtrepair.metrics import displacements, edge_log_ratio
 from dtrepair.repair.bodies import about_centre
 from dtrepair.repair.frames import system_of
 from dtrepair.repair.options import RepairResult, Solved
-from dtrepair.repair.parting import parted_frames
+from dtrepair.repair.parting import PART, parted_frames
+from dtrepair.repair.piercing import Shape, find_inside
 from dtrepair.repair.release import caught_parts, released
+from dtrepair.repair.surface import BoolArray
 from dtrepair.repair.unhooking import contact_counts, hooked_contacts
 
 if TYPE_CHECKING:
@@ -26,6 +29,8 @@ Item = TypeVar("Item")
 
 # A body whose edges changed by more (rms of the logarithms of their ratios) is torn.
 TORN = 0.1
+# What is pressed from so many sides has no way out; sides are bodies nearer than this part of it.
+SIDES, PRESSED = 3, 0.01
 
 
 class Opened(NamedTuple):
@@ -108,39 +113,77 @@ def _freed(
     start: FloatArray,
     pose: Opened,
 ) -> tuple[FloatArray, Solved]:
-    """What was found from `parted`; where it is torn or has pairs, with sheets led apart too."""
-    left, stretched, cost = _rank(scene, system, found[0], start)
-    if left == 0 and stretched < TORN:
-        return found
-    met, still = contact_counts(scene._body_of, pose.pairs), pose.pairs
-    if stretched < TORN:
-        still = scene._pairs(found[0], scene._weld(found[0]))
-    hooked = hooked_contacts([met], [contact_counts(scene._body_of, still)])
-    times = np.zeros(1)
-    other = parted_frames(scene, system, start[None], [pose.pairs], times, True, hooked)[0]
-    if np.array_equal(other, parted):
-        return found
-    again = system.solve([other])[0]
-    fewer, _, cheaper = _rank(scene, system, again[0], start)
-    return again if (fewer, cheaper) < (left, cost) else found
+    """What was found from `parted`; where it is torn or has pairs, with sheets led apart too.
 
-
-def _rank(
-    scene: SceneRepairer, system: System, points: FloatArray, start: FloatArray
-) -> tuple[int, float, float]:
-    """Pairs of a pose (V, 3), the change of the edges of any body, and that plus its mean motion.
-
-    Of the bodies the worst one.
+    Bodies that are not concerned, nor meet those that are, stay where they were found.
     """
+    judged = _judged(scene, system, found[0], start)
+    torn = judged.stretched >= TORN
+    if torn.any():
+        torn &= ~_squeezed(system, found[0], torn)
+    troubled = {*np.flatnonzero(torn).tolist(), *scene._body_of[judged.pairs].ravel().tolist()}
+    if not troubled:
+        return found
+    met, counts = contact_counts(scene._body_of, pose.pairs)
+    still = contact_counts(scene._body_of, pose.pairs if torn.any() else judged.pairs)
+    concerned = np.isin(met, list(troubled)).any(axis=1)
+    stuck = hooked_contacts([(met[concerned], counts[concerned])], [still])
+    # What was torn but came apart is hooked only where next to nothing is inside of the other.
+    left = len(judged.pairs) > 0
+    hooked = frozenset(both for both in stuck if left or _through(scene, start, *both))
+    fresh = [*troubled, *met[concerned].ravel()]
+    again = np.isin(scene.body_of_vertex, fresh)
+    mixed = np.where(again[:, None], start, found[0])
+    pairs = pose.pairs[np.isin(scene._body_of[pose.pairs], fresh).any(axis=1)]
+    other = parted_frames(scene, system, mixed[None], [pairs], np.zeros(1), troubled, hooked)[0]
+    if np.array_equal(other[again], parted[again]):
+        return found
+    solved = system.solve([other])[0]
+    return solved if _judged(scene, system, solved[0], start).rank < judged.rank else found
+
+
+def _squeezed(system: System, points: FloatArray, torn: BoolArray) -> BoolArray:
+    """Which bodies (B,) are pressed from many sides in a pose (V, 3), by the size of the `torn`."""
     surface = system.surface
-    stretched, cost = 0.0, 0.0
-    for body in range(len(scene.bodies)):
-        own = slice(*scene._vertices[body : body + 2])
-        edges = surface.edges[surface.body_of_vertex[surface.edges[:, 0]] == body]
-        change = edge_log_ratio(start[system.kept], points[system.kept], edges)
-        stretched = max(stretched, change)
-        cost = max(cost, change + float(displacements(start[own], points[own]).mean()))
-    return len(scene._pairs(points, scene._weld(points))), stretched, cost
+    bodies = [surface.bodies[body] for body in np.flatnonzero(torn)]
+    near = PRESSED * min(extent(points[system.kept[own.start : own.stop]]) for own in bodies)
+    close = close_pairs(surface.detector, points[system.kept].astype(np.float32), near)
+    sides = contact_counts(surface.body_of, close)[0].ravel()
+    return np.bincount(sides, minlength=len(torn)) >= SIDES
+
+
+def _through(scene: SceneRepairer, points: FloatArray, first: int, second: int) -> bool:
+    """Whether at most a small part of either body of a pose (V, 3) is inside of the other."""
+    one, other = Shape(scene, first), Shape(scene, second)
+    inside = find_inside(points, one, other), find_inside(points, other, one)
+    return max(found.part for found in inside) < PART
+
+
+class Judged(NamedTuple):
+    """Pairs (K, 2) of a pose; change of the edges, and mean motion, of each body (B,)."""
+
+    pairs: IntArray
+    stretched: FloatArray
+    moved: FloatArray
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Pairs first, then what the worst body changed and moved: smaller is better."""
+        return len(self.pairs), float((self.stretched + self.moved).max())
+
+
+def _judged(scene: SceneRepairer, system: System, points: FloatArray, start: FloatArray) -> Judged:
+    """A pose (V, 3) beside the one that it started from."""
+    surface = system.surface
+    old, new = start[system.kept], points[system.kept]
+    body_of_edge = surface.body_of_vertex[surface.edges[:, 0]]
+    parts = np.split(surface.edges, np.searchsorted(body_of_edge, range(1, len(scene.bodies))))
+    own = [slice(*ends) for ends in pairwise(scene._vertices)]
+    return Judged(
+        scene._pairs(points, scene._weld(points)),
+        np.array([edge_log_ratio(old, new, edges) for edges in parts]),
+        np.array([displacements(start[part], points[part]).mean() for part in own]),
+    )
 
 
 def _closed(

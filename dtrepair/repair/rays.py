@@ -21,7 +21,9 @@ def crossings(
     The ray (K,) of each crossing, its distance, and 1 for exits, -1 for entries: the sum of a ray
     is the winding number of its start.
     """
-    low, high = corners.min(axis=1), corners.max(axis=1)
+    first, second, third = corners[:, 0], corners[:, 1], corners[:, 2]
+    low = np.minimum(np.minimum(first, second), third)
+    high = np.maximum(np.maximum(first, second), third)
     if len(corners):
         # A ray of a regular mesh could run exactly through an edge, and miss both triangles.
         starts = starts + ASIDE * float((high.max(axis=0) - low.min(axis=0)).max())
@@ -52,7 +54,7 @@ def crossings(
 
 def windings(points: FloatArray, corners: FloatArray) -> NDArray[np.integer]:
     """Winding numbers (P,) of triangles (F, 3, 3) at points (P, 3)."""
-    rays, _, signs = crossings(points @ SKEW, corners @ SKEW)
+    rays, _, signs = crossings(points @ SKEW, _turned(corners, SKEW))
     return np.bincount(rays, signs, minlength=len(points)).astype(np.int64)
 
 
@@ -62,7 +64,7 @@ def exits_along(direction: FloatArray, points: FloatArray, corners: FloatArray) 
     0 for those that are outside.
     """
     frame = frame_along(direction)
-    rays, ahead, signs = crossings(points @ frame, corners @ frame)
+    rays, ahead, signs = crossings(points @ frame, _turned(corners, frame))
     result = np.zeros(len(points))
     order = np.lexsort((ahead, rays))
     rays, ahead, signs = rays[order], ahead[order], signs[order]
@@ -80,11 +82,16 @@ def frame_along(direction: FloatArray) -> FloatArray:
     """A rotation (3, 3): points @ it have their part along the unit direction first."""
     # The other axes are skew, so that rays from regular meshes do not meet edges exactly.
     helper = np.roll(direction, 1) * [0.3, -0.7, 0.5] + [0.12, 0.93, -0.41]
-    if np.linalg.norm(np.cross(direction, helper)) < 0.1 * np.linalg.norm(helper):
-        helper = np.roll(helper, 1)
     second = np.cross(direction, helper)
+    if np.linalg.norm(second) < 0.1 * np.linalg.norm(helper):
+        second = np.cross(direction, np.roll(helper, 1))
     second /= np.linalg.norm(second)
     return np.stack([direction, second, np.cross(direction, second)], axis=1)
+
+
+def _turned(corners: FloatArray, frame: FloatArray) -> FloatArray:
+    """Corners (F, 3, 3) @ frame, as one product of many rows."""
+    return (corners.reshape(-1, 3) @ frame).reshape(-1, 3, 3)
 
 
 # A direction that regular meshes do not have.

@@ -9,6 +9,7 @@ from dtrepair.repair.contact import find_defects
 from dtrepair.repair.crease import Filled
 from dtrepair.repair.gaps import Gaps
 from dtrepair.repair.inflation import Inflation
+from dtrepair.repair.push import PILE
 from dtrepair.repair.rigidity import Rigidity
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.tighten import (
@@ -21,6 +22,8 @@ from dtrepair.repair.tighten import (
 
 # No vertex moves farther in a cycle (units of the size); gaps are sought within twice that.
 STEP = 0.01
+# Bodies of a pile go as a whole rather than bend: they take steps that are longer by this factor.
+LONGER = 2.0
 # A cycle that could not be made clean shortens the following ones.
 SHORTER = 0.7
 # Solves of a cycle, each with the gaps that the one before closed.
@@ -90,12 +93,15 @@ class _Relaxation:
     ) -> None:
         self.surface, self.original = surface, original
         self.points, self.known = points, find_defects(surface, points)
-        self.folds, self.reach, self.step = folds, reach, step
+        self.folds, self.reach = folds, reach
+        self._starts = [body.start for body in surface.bodies]
+        self.pile = np.count_nonzero(np.maximum.reduceat(reach, self._starts)) >= PILE
+        self.step = LONGER * step if self.pile else step
         self.rigidity = Rigidity(surface, original, region=reach > 0)
         self.gaps = Gaps(surface, reach)
         self.inflation = Inflation(surface, original, reach)
         self.best = self._value(), points
-        self.failures, self._pull = 0, 0.0
+        self.failures, self._pull = 0, np.zeros(surface.count)
 
     def cycle(self) -> None:
         """One step; the pose stays where it is if it cannot be made clean."""
@@ -126,12 +132,11 @@ class _Relaxation:
         )
         present = self.rigidity.image(points)
         free = self.rigidity.solve(full - present)
-        farthest = lengths(self.reach[:, None] * free).max()
-        pull = min(1.0, self.step / max(farthest, 1e-300))
-        if self._pull:
-            self.gaps.forces *= pull / self._pull
+        pull = self._part_of(self.reach[:, None] * free)
+        if self._pull.any():
+            self.gaps.scale(pull / self._pull)
         self._pull = pull
-        return present + pull * (full - present)
+        return present + pull[:, None] * (full - present)
 
     def _find_gaps(self, right: FloatArray) -> None:
         """Gaps that matter to the step: those with forces and those it would close."""
@@ -169,9 +174,18 @@ class _Relaxation:
     def _shortened(self, pose: FloatArray) -> FloatArray:
         """Contacts may throw a vertex farther than the step: the whole motion is shortened."""
         motion = pose - self.points
-        farthest = lengths(motion).max()
-        part = min(1.0, self.step / max(farthest, 1e-300))
-        return self.points + (part * self.reach)[:, None] * motion
+        return self.points + (self._part_of(motion) * self.reach)[:, None] * motion
+
+    def _part_of(self, motion: FloatArray) -> FloatArray:
+        """The part (V,) of a motion (V, 3) by which no vertex passes the step.
+
+        In a pile each body has its own: one that has far to go does not make the others wait.
+        """
+        farthest = np.maximum.reduceat(lengths(motion), self._starts)
+        if not self.pile:
+            farthest[:] = farthest.max()
+        part = np.minimum(1.0, self.step / np.maximum(farthest, 1e-300))
+        return part[self.surface.body_of_vertex]
 
 
 def step_with_gaps(

@@ -10,6 +10,8 @@ from dtrepair.geometry import FloatArray
 
 # Moments of inertia below this part of the largest count as none: a rod does not spin.
 FLAT = 1e-6
+# What differs from a rigid motion by less than this part of its coordinates is one.
+ROUNDING = 1e-12
 # A rigid motion is shortened by this factor until no vertex goes too far.
 SHORTER, TRIES = 0.97, 60
 
@@ -52,8 +54,8 @@ class RigidBodies:
     def fitted(self, reference: FloatArray, points: FloatArray) -> FloatArray:
         """The pose (V, 3) with each rigid body replaced by the nearest rigid motion of `reference`.
 
-        The least sum of squares, weighted by mass (Kabsch 1976). A body that did not move keeps
-        every bit.
+        The least sum of squares, weighted by mass (Kabsch 1976). A body that did not move, or
+        moved as a whole already, keeps every bit.
         """
         if not self.slices:
             return points
@@ -66,7 +68,9 @@ class RigidBodies:
             spread = (mass[:, None] * (before - first)).T @ (after - second)
             left, _, right = np.linalg.svd(spread)
             left[:, 2] *= np.sign(np.linalg.det(left @ right))
-            result[own] = (before - first) @ (left @ right) + second
+            nearest = (before - first) @ (left @ right) + second
+            if np.abs(nearest - after).max() > ROUNDING * np.abs(after).max():
+                result[own] = nearest
         return result
 
     def shortened(self, original: FloatArray, points: FloatArray, farthest: float) -> FloatArray:

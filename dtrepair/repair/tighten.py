@@ -9,7 +9,7 @@ from dtrepair.metrics import displacements, edge_log_ratio
 from dtrepair.repair.contact import Defects, find_defects, update_defects
 from dtrepair.repair.crease import Filled, fill_creases
 from dtrepair.repair.push import push
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface import BoolArray, Surface
 
 # Rings over which a step is rolled back around what it would make collide.
 ROLLBACK_RINGS = 8
@@ -37,12 +37,16 @@ def pull_back(
     cycles: int = 1,
     step: float = 0.004,
 ) -> FloatArray:
-    """Undo a fraction of the displacement, then push and fill what collides again."""
+    """Undo a fraction of the displacement, then push and fill what collides again.
+
+    Of several bodies those that cross all the same stay where they were, and try half of it next.
+    """
     known = find_defects(surface, points)
     current, best = points, distortion(surface, original, points)
-    failures = 0
+    failures, part = 0, np.full(len(surface.bodies), fraction)
     for _ in range(cycles):
-        trial = original + (1.0 - fraction) * (current - original)
+        kept = 1.0 - part[surface.body_of_vertex]
+        trial = original + kept[:, None] * (current - original)
         trial = surface.rigid.fitted(original, trial)
         defects = changed_defects(surface, known, current, trial)
         if len(defects.crossings):
@@ -58,15 +62,34 @@ def pull_back(
             trial = pushed.points
             moved = changed_defects(surface, known, current, trial)
             trial, defects = fill_creases(surface, trial, rounds=5, known=moved)
+        trial, defects, back = _put_back(surface, known, current, trial, defects)
         value = distortion(surface, original, trial)
         if acceptable(defects, folds) and value < 0.995 * best:
             current, best, known = trial, value, defects
+            part[back] *= 0.5
         else:
             failures += 1
-            fraction, step = 0.5 * fraction, 0.6 * step
+            part, step = 0.5 * part, 0.6 * step
             if failures == 3:
                 break
     return current
+
+
+def _put_back(
+    surface: Surface, known: Defects, current: FloatArray, trial: FloatArray, defects: Defects
+) -> tuple[FloatArray, Defects, BoolArray]:
+    """The trial with each body that crosses one back at the clean `current`; which are back (B,).
+
+    A single body stays where it is.
+    """
+    back = np.zeros(len(surface.bodies), dtype=bool)
+    pose = trial
+    while len(defects.crossings) and len(back) > 1:
+        # Bodies that are back do not cross each other: each round puts another one back.
+        back[surface.body_of[defects.crossings]] = True
+        pose = np.where(back[surface.body_of_vertex][:, None], current, trial)
+        defects = changed_defects(surface, known, current, pose)
+    return pose, defects, back
 
 
 def roll_back(

@@ -20,8 +20,8 @@ STUCK, SEVERAL = 0.5, 10
 # Ways are tried in so many steps up to this part of the smaller body, then halved so many times.
 STEPS, FARTHEST, HALVINGS = 12, 0.8, 3
 
-# Whether a shift of so far along the way that it is asked for frees a contact.
-Frees = Callable[[float], bool]
+# Whether a shift (3,) frees a contact.
+Frees = Callable[[FloatArray], bool]
 
 
 def hooked_contacts(
@@ -61,9 +61,7 @@ def ways_around(*bodies: FloatArray) -> list[FloatArray]:
     return [way / np.linalg.norm(way) for way in ways]
 
 
-def shortest_way(
-    frees: Callable[[FloatArray], bool], ways: Sequence[FloatArray], farthest: float
-) -> FloatArray | None:
+def shortest_way(frees: Frees, ways: Sequence[FloatArray], farthest: float) -> FloatArray | None:
     """The way (3,) along which the shortest shift frees a contact; None where none does."""
     for step in range(1, STEPS + 1):
         for way in ways:
@@ -72,14 +70,14 @@ def shortest_way(
     return None
 
 
-def length_along(frees: Frees, farthest: float) -> float:
+def length_along(frees: Frees, way: FloatArray, farthest: float) -> float:
     """How far a body has to go until its contact is free; `farthest` where it never is."""
     for step in range(1, STEPS + 1):
-        if frees(step / STEPS * farthest):
+        if frees(step / STEPS * farthest * way):
             high = step / STEPS * farthest
             low = high - farthest / STEPS
             for _ in range(HALVINGS):
                 middle = 0.5 * (low + high)
-                low, high = (low, middle) if frees(middle) else (middle, high)
+                low, high = (low, middle) if frees(middle * way) else (middle, high)
             return high
     return farthest

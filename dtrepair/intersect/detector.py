@@ -16,6 +16,8 @@ from dtrepair.intersect.tree import build_tree
 # Levels of the tree that one launch fits.
 LEVELS = 3
 
+# Of poses (B, V, 3) and rows of their candidates (K, 4), which ones (K,) to keep.
+Settle = Callable[[NDArray[np.float32], NDArray[np.int32]], NDArray[np.bool_]]
 # Launches a Warp kernel: kernel, dimensions, inputs.
 Launch = Callable[[Any, tuple[int, ...], list[Any]], None]
 
@@ -73,19 +75,22 @@ class Detector:
         points: Any,
         *,
         weld: ArrayLike | None = None,
-        exact: bool = True,
+        exact: bool | Settle = True,
         active: NDArray[np.bool_] | None = None,
     ) -> NDArray[np.int32]:
         """Intersecting pairs of a pose (V, 3) as (K, 2), or of poses (B, V, 3) as (K, 3).
 
         Columns are (i, j) or (frame, i, j) with i < j; rows are sorted. `weld` replaces the weld
         map for this call. With `exact=False` pairs that floating point cannot settle count as
-        intersecting: never fewer pairs, and no host arithmetic in an inner loop. `active` (F,)
-        leaves out the pairs of which neither triangle is active.
+        intersecting: never fewer pairs, and no host arithmetic in an inner loop; a function
+        says which rows of `candidates` to keep. `active` (F,) leaves out the pairs of which neither
+        triangle is active.
         """
         rounded = self._rounded(points)
         pairs = self.candidates(rounded, weld=weld, active=active)
-        if exact:
+        if callable(exact):
+            pairs = pairs[exact(rounded, pairs)]
+        elif exact:
             pairs = self._settled(rounded, pairs)
         pairs = pairs[np.lexsort((pairs[:, 2], pairs[:, 1], pairs[:, 0])), :3]
         return np.ascontiguousarray(pairs[:, 1:] if np.ndim(points) == 2 else pairs)

@@ -25,6 +25,7 @@ from dtrepair.intersect.proximity import close_pairs, face_each_other
 from dtrepair.intersect.queries import Queries, link_labels
 from dtrepair.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
 from dtrepair.repair.covering import covered_vertices
+from dtrepair.repair.doubts import Doubts
 from dtrepair.repair.rigid import RigidBodies
 
 BoolArray = NDArray[np.bool_]
@@ -108,6 +109,7 @@ class Surface:
         )
         self.detector = Detector(rest, faces, device=device)
         self.queries = Queries(self.detector)
+        self._doubts = Doubts(self.written(self.rest), faces, self.edges)
         self.leave_rest = leave_rest
         self._close_at_rest: dict[float, NDArray[np.int64]] = {}
         self.direction = direction
@@ -182,9 +184,13 @@ class Surface:
     def pairs(self, points: FloatArray, *, active: BoolArray | None = None) -> IntArray:
         """Intersecting pairs (K, 2); with `active` (F,) those with at least one active triangle.
 
-        Pairs that floating point cannot settle count as intersecting here.
+        Pairs that floating point cannot settle count as intersecting where others do, too.
         """
-        return self._counted(self.detector(self.written(points), exact=False, active=active))
+        found = self.detector(self.written(points), exact=self._settle, active=active)
+        return self._counted(found)
+
+    def _settle(self, points: NDArray[np.float32], rows: IntArray) -> BoolArray:
+        return self._doubts(points, rows, self.counts)
 
     def close_pairs(
         self, points: FloatArray, clearance: float, *, facing: bool = False
@@ -206,7 +212,7 @@ class Surface:
                 self._close_at_rest[near] = pair_keys(rest)
             found = found[~np.isin(pair_keys(found), self._close_at_rest[near])]
         found = found[self.queries.ring_distance(found) > NEIGHBOUR_RINGS]
-        crossing = self.detector(self.written(points), exact=False)
+        crossing = self.detector(self.written(points), exact=self._settle)
         return self._counted(_united(crossing, found))
 
     def folds(self, points: FloatArray, *, active: BoolArray | None = None) -> IntArray:
@@ -220,7 +226,7 @@ class Surface:
 
     def batch_pairs(self, points: FloatArray) -> IntArray:
         """Intersecting pairs (K, 3) of poses (B, V, 3): frame, triangle, triangle."""
-        return self._counted(self.detector(self.written(points), exact=False))
+        return self._counted(self.detector(self.written(points), exact=self._settle))
 
     @cached_property
     def counted_pairs(self) -> CountedPairs:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from meshes import bent_tube
 
-from dtrepair.geometry import unique_edges
 from dtrepair.intersect.detector import Detector
 from dtrepair.repair import doubts
 from dtrepair.repair.bodies import Body
@@ -68,24 +67,26 @@ def test_what_is_flattened_does_not_pass_for_clean():
     surface = Surface(points, faces)
     flat = points / surface.size * ALONG
     assert len(Detector(points, faces)(flat)) == 0 < len(surface.pairs(flat))
-    given = Surface(flat, faces)  # what is flat from the start is no fault of a repair
-    assert len(given.pairs(given.rest)) == 0
+
+
+def test_the_answer_does_not_depend_on_what_else_is_asked():
+    points, faces = capped_cylinder()
+    surface = Surface(points, faces)
+    bent = points / surface.size + 0.1 * np.sin(7.0 * points)[:, [1, 2, 0]]
+    active = np.arange(len(faces)) < 40
+    every, some = surface.pairs(bent), surface.pairs(bent, active=active)
+    assert np.array_equal(some, every[active[every].any(axis=1)])
 
 
 def test_verdicts_are_kept_and_the_memory_is_bounded(monkeypatch):
     points, faces = capped_cylinder()
-    asked = []
-    settle = doubts.intersect
+    asked, settle = [], doubts.intersect
     monkeypatch.setattr(doubts, "intersect", lambda a, b: asked.append(len(a)) or settle(a, b))
     detector = Detector(points, faces)
-    own = Doubts(points.astype(np.float32), faces, unique_edges(faces))
-
-    def pairs(pose):
-        every = lambda rows: np.ones(len(rows), dtype=bool)  # noqa: E731
-        return detector(pose, exact=lambda at, rows: own(at, rows, every))
-
-    assert len(pairs(points)) == len(pairs(points)) == 0
-    assert len(asked) == 1
+    own = Doubts(detector, points.astype(np.float32))
+    moved = points + ALONG
+    assert len(detector(moved, exact=own)) == len(detector(moved, exact=own)) == 0
+    assert len(asked) == 2  # of the rest, and once of this pose
     monkeypatch.setattr(doubts, "MOST_KEPT", 1)
-    assert len(pairs(points + ALONG)) == len(pairs(points)) == 0
-    assert len(asked) == 3 and len(own._known) == asked[0]
+    assert len(detector(points, exact=own)) == len(detector(moved, exact=own)) == 0
+    assert len(asked) == 4 and len(own._known) == asked[1]

@@ -213,7 +213,9 @@ def _rest(
         if not len(default):
             raise _Skip(f"{path}: the mesh is empty")
         if not np.isfinite(default).all():
-            raise StageError(f"{path}: points are NaN or infinite; export the mesh again")
+            raise StageError(
+                f"{path}: points are NaN or infinite; export the mesh again or exclude it"
+            )
         return np.asarray(default), np.nan
     used = _highest_index(geometry) + 1
     for time in samples:
@@ -230,7 +232,7 @@ def _rest(
         raise _Skip(f"{path}: the mesh is empty")
     raise StageError(
         f"{path}: no sample has finite points for all indices (expected at least {used} points); "
-        "export the mesh again"
+        "export the mesh again or exclude it"
     )
 
 

@@ -1,16 +1,15 @@
-"""Doubtful contacts of what touches nothing: settled exactly, so that it is left alone."""
+"""Contacts in doubt that the rest pose tells to be none: settled exactly, so they move nothing."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.geometry import IntArray
+from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.exact import intersect
-from dtrepair.intersect.queries import link_labels
 
 BoolArray = NDArray[np.bool_]
 
@@ -22,53 +21,51 @@ class Doubts:
     """Says which candidates of a detector count; one for each surface, with a memory.
 
     Floating point leaves pairs in doubt that lie in one plane, such as the slivers of a flat cap.
-    Where contacts are being repaired they count, which saves exact arithmetic. A part that nothing
-    is sure to meet must not be moved for the sake of a doubt: there they are settled.
+    While contacts are being repaired they count, which saves exact arithmetic. Those that are in
+    doubt and clear in the rest pose are settled: what touches nothing, as a prop beside a
+    character, must not be moved for the sake of a doubt.
     """
 
-    def __init__(self, rest: NDArray[np.float32], faces: IntArray, edges: IntArray) -> None:
-        """Take rest points (V, 3), triangles (F, 3) and edges (E, 2)."""
-        self.faces, self._edges, self._count = faces, edges, len(rest)
-        self._flat_at_rest = without_area(rest[faces])
+    def __init__(self, detector: Detector, rest: NDArray[np.float32]) -> None:
+        """Take a detector and its rest pose (V, 3)."""
+        self._detector, self._rest = detector, rest
         self._known: dict[tuple[int, int, bytes], bool] = {}
 
-    @cached_property
-    def part_of(self) -> IntArray:
-        """Label of the connected part of each triangle (F,)."""
-        return link_labels(self._edges, self._count)[self.faces[:, 0]]
-
-    def __call__(
-        self,
-        points: NDArray[np.float32],
-        rows: IntArray,
-        counts: Callable[[IntArray], BoolArray],
-    ) -> BoolArray:
-        """Which rows (K, 4) of `Detector.candidates` of poses (B, V, 3) to keep.
-
-        counts: tells of rows (K, 3), frame and pair, which contacts are to be repaired at all.
-        """
-        sure = rows[:, 3] == 1
+    def __call__(self, points: NDArray[np.float32], rows: IntArray) -> BoolArray:
+        """Which rows (K, 4) of `Detector.candidates` of poses (B, V, 3) to keep."""
         keep = np.ones(len(rows), dtype=bool)
-        if sure.all():
-            return keep
-        met = sure.copy()
-        met[sure] = counts(rows[sure, :3])
-        of_part = rows[:, :1].astype(np.int64) * self._count + self.part_of[rows[:, 1:3]]
-        alone = ~sure & ~np.isin(of_part, of_part[met]).any(axis=1)
-        keep[alone] = self._settled(points, rows[alone])
+        doubtful = rows[:, 3] == 2
+        if doubtful.any():
+            asked = doubtful & np.isin(_keys(rows), self._clear_at_rest)
+            keep[asked] = self._settled(points, rows[asked])
         return keep
 
+    @cached_property
+    def _clear_at_rest(self) -> NDArray[np.int64]:
+        """Pairs that are in doubt in the rest pose and do not intersect there, as numbers."""
+        rows = self._detector.candidates(self._rest[None])
+        rows = rows[rows[:, 3] == 2]
+        corners = self._corners(self._rest[None], rows)
+        return _keys(rows[~intersect(corners[:, 0], corners[:, 1])])
+
+    def _corners(self, points: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
+        """Corners (K, 2, 3, 3) of both triangles of each row."""
+        found: NDArray[np.float32] = points[
+            rows[:, 0, None, None], self._detector.faces[rows[:, 1:3]]
+        ]
+        return found
+
     def _settled(self, points: NDArray[np.float32], rows: IntArray) -> BoolArray:
-        corners = points[rows[:, :1, None], self.faces[rows[:, 1:3]].reshape(len(rows), 1, 6)]
-        corners = np.ascontiguousarray(corners.reshape(len(rows), 2, 3, 3))
+        corners = self._corners(points, rows)
         pairs = zip(rows[:, 1:3].tolist(), corners, strict=True)
         keys = [(i, j, at.tobytes()) for (i, j), at in pairs]
         verdicts = [self._known.get(key) for key in keys]
         new = [index for index, verdict in enumerate(verdicts) if verdict is None]
         if new:
             # Without area nothing intersects: what a repair flattens must not pass for clean.
-            flattened = without_area(corners[new]) & ~self._flat_at_rest[rows[new, 1:3]]
-            found = intersect(corners[new, 0], corners[new, 1]) | flattened.any(axis=1)
+            at_rest = without_area(self._rest[self._detector.faces[rows[new, 1:3]]])
+            flattened = (without_area(corners[new]) & ~at_rest).any(axis=1)
+            found = intersect(corners[new, 0], corners[new, 1]) | flattened
             if len(self._known) > MOST_KEPT:
                 self._known.clear()
             for index, verdict in zip(new, found.tolist(), strict=True):
@@ -83,3 +80,9 @@ def without_area(corners: NDArray[np.float32]) -> BoolArray:
     area: NDArray[np.float64] = np.cross(sides[..., 0, :], sides[..., 1, :])
     flat: BoolArray = (area == 0.0).all(axis=-1)
     return flat
+
+
+def _keys(rows: IntArray) -> NDArray[np.int64]:
+    """One number for the pair of each row (K, 4)."""
+    keys: NDArray[np.int64] = rows[:, 1].astype(np.int64) << 32 | rows[:, 2].astype(np.int64)
+    return keys

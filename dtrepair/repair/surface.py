@@ -109,7 +109,7 @@ class Surface:
         )
         self.detector = Detector(rest, faces, device=device)
         self.queries = Queries(self.detector)
-        self._doubts = Doubts(self.written(self.rest), faces, self.edges)
+        self.doubts = Doubts(self.detector, self.written(self.rest))
         self.leave_rest = leave_rest
         self._close_at_rest: dict[float, NDArray[np.int64]] = {}
         self.direction = direction
@@ -184,13 +184,9 @@ class Surface:
     def pairs(self, points: FloatArray, *, active: BoolArray | None = None) -> IntArray:
         """Intersecting pairs (K, 2); with `active` (F,) those with at least one active triangle.
 
-        Pairs that floating point cannot settle count as intersecting where others do, too.
+        Pairs that floating point cannot settle count as intersecting, but see `Doubts`.
         """
-        found = self.detector(self.written(points), exact=self._settle, active=active)
-        return self._counted(found)
-
-    def _settle(self, points: NDArray[np.float32], rows: IntArray) -> BoolArray:
-        return self._doubts(points, rows, self.counts)
+        return self._counted(self.detector(self.written(points), exact=self.doubts, active=active))
 
     def close_pairs(
         self, points: FloatArray, clearance: float, *, facing: bool = False
@@ -212,7 +208,7 @@ class Surface:
                 self._close_at_rest[near] = pair_keys(rest)
             found = found[~np.isin(pair_keys(found), self._close_at_rest[near])]
         found = found[self.queries.ring_distance(found) > NEIGHBOUR_RINGS]
-        crossing = self.detector(self.written(points), exact=self._settle)
+        crossing = self.detector(self.written(points), exact=self.doubts)
         return self._counted(_united(crossing, found))
 
     def folds(self, points: FloatArray, *, active: BoolArray | None = None) -> IntArray:
@@ -226,7 +222,7 @@ class Surface:
 
     def batch_pairs(self, points: FloatArray) -> IntArray:
         """Intersecting pairs (K, 3) of poses (B, V, 3): frame, triangle, triangle."""
-        return self._counted(self.detector(self.written(points), exact=self._settle))
+        return self._counted(self.detector(self.written(points), exact=self.doubts))
 
     @cached_property
     def counted_pairs(self) -> CountedPairs:

@@ -170,3 +170,25 @@ def test_clearance_is_kept_between_parts() -> None:
     assert apart >= clearance * (1 - 1e-4)
     close = FullMethod(surface)(pose).points
     assert len(surface.close_pairs(close, clearance)) > 0
+
+
+def test_a_crumpled_first_phase_is_followed_by_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    animal = Quadruped(
+        cells=15.1,
+        body=1.085,
+        width=0.24,
+        leg=0.627,
+        thickness=0.094,
+        neck=0.795,
+        hips=(0.457, 0.168),
+    )
+    rest, faces = animal.mesh()
+    surface = Surface(rest, faces)
+    pose = animal.posed(rest, (1.47, 1.35, -1.37, 0.06), -0.28) / surface.size
+    solved = FullMethod(surface)(pose)
+    first, second = (stage for stage in solved.stages if stage.name == "fill")
+    assert (first.crossings, second.crossings) == (0, 0)
+    assert second.distortion < full.TIGHTENABLE < first.distortion
+    monkeypatch.setattr(full, "TIGHTENABLE", np.inf)
+    one = FullMethod(surface)(pose)
+    assert distortion(surface, pose, solved.points) < 0.7 * distortion(surface, pose, one.points)

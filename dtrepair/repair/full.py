@@ -24,6 +24,9 @@ NEAR = (20, 12, 6, 0)
 FIRST_STEPS, STEP_DECAY = (0.02, 0.01), 0.7
 # A clean result with less distortion than this needs no further phase.
 GOOD_ENOUGH = 0.10
+# Tightening mends more: the first step length that comes clean will do, and a phase with less than
+# this.
+TIGHTENABLE = 0.23
 # A phase after a clean one must lower the distortion to this part to be followed by another.
 PHASE_GAIN = 0.97
 # What the phases leave is pushed by short steps, so many times each, filling in between; the last
@@ -76,7 +79,7 @@ class FullMethod:
         """Repair a pose (V, 3) in units of the surface's size."""
         run = _Run(self.surface, original, self.farthest, self.skip)
         if self.rounds:
-            run.good_enough = float("inf")
+            run.good_enough, run.first_will_do = TIGHTENABLE, True
         best = run.best_of_steps()
         points = best.points
         if len(best.defects.crossings) == 0:
@@ -107,7 +110,7 @@ class _Run:
         self.scale = contact_scale(surface, self.known.crossings)
         self.stages: list[Stage] = []
         self.candidates: list[Candidate] = []
-        self.good_enough = GOOD_ENOUGH
+        self.good_enough, self.first_will_do = GOOD_ENOUGH, False
 
     def limited(self, points: FloatArray) -> FloatArray:
         """The nearest pose that is allowed: no displacement beyond the limit."""

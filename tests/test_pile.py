@@ -7,6 +7,9 @@ import pytest
 
 from dtrepair import Body, SceneRepairer, Status
 from dtrepair.geometry import unique_edges
+from dtrepair.repair import full
+from dtrepair.repair import poses as poses_of_scenes
+from dtrepair.repair.contact import find_defects
 from dtrepair.repair.frames import system_of
 from dtrepair.repair.poses import _squeezed
 from dtrepair.repair.push import _of_length
@@ -96,3 +99,48 @@ def test_what_is_pressed_from_many_sides_is_not_led_out() -> None:
         torn = np.arange(count + 1) == 0
         assert _squeezed(system, points, torn)[0] == squeezed
         assert not _squeezed(system, points, torn)[1:].any()
+
+
+def test_only_what_has_a_way_out_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All count as torn here: the ball in the middle is pressed by four others, these by one."""
+    ball, faces = icosphere(2, 0.5)
+    sides = 0.8 * np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, 0, 1)])
+    poses = [ball, *(ball + side for side in sides)]
+    named: list[set[int]] = []
+
+    def noted(scene, system, starts, pairs, frames, sheets=(), hooked=frozenset()):
+        named.append(set(sheets))
+        return starts
+
+    monkeypatch.setattr(poses_of_scenes, "TORN", 0.0)
+    monkeypatch.setattr(poses_of_scenes, "PRESSED", 0.05)
+    monkeypatch.setattr(poses_of_scenes, "parted_frames", noted)
+    SceneRepairer([Body(points, faces) for points in poses])(poses)
+    assert named == [set(), {1, 2, 3, 4}]
+
+
+@pytest.mark.parametrize("left", [1, 2])
+def test_what_few_bodies_have_left_is_insisted_on_at_once(
+    monkeypatch: pytest.MonkeyPatch, left: int
+) -> None:
+    """Of two pairs of balls one is left crossing: no second step length for the other one."""
+    ball, faces = icosphere(2, 0.5)
+    places = np.array([(0, 0, 0), (0.9, 0, 0), (5, 0, 0), (5.9, 0, 0)])
+    points, all_faces = joined(*[(ball + place, faces) for place in places])
+    ranges = [BodyRange(k * len(ball), (k + 1) * len(ball), 99.0) for k in range(4)]
+    surface = Surface(points, all_faces, bodies=ranges)
+    run = full._Run(surface, surface.rest, None, ())
+    steps: list[float] = []
+
+    def phases(step: float) -> full.Candidate:
+        steps.append(step)
+        found = surface.rest.copy()
+        if left == 1:
+            found[3 * len(ball) :] += np.array([0.2, 0.0, 0.0]) / surface.size
+        run.candidates.append(full.Candidate(found, find_defects(surface, found), 0.1, 0))
+        return run.candidates[-1]
+
+    monkeypatch.setattr(run, "phases", phases)
+    best = run.best_of_steps()
+    assert len(best.defects.crossings) == 0
+    assert steps == list(full.FIRST_STEPS[:left])

@@ -51,3 +51,16 @@ def test_frames_are_rotations(axis: int, sign: float) -> None:
     frame = frame_along(direction)
     assert np.allclose(frame.T @ frame, np.eye(3)) and np.linalg.det(frame) > 0
     assert np.allclose(direction @ frame, [1.0, 0.0, 0.0])
+
+
+def test_what_is_asked_together_does_not_matter() -> None:
+    """Only triangles near the asked points are looked at: one point sees what many see."""
+    points, faces = icosphere(2)
+    corners = points[faces]
+    probes = np.random.default_rng(1).uniform(-1.2, 1.2, size=(60, 3))
+    way = np.array([0.0, 0.6, 0.8])
+    alone = [windings(probe[None], corners)[0] for probe in probes]
+    assert np.array_equal(windings(probes, corners), alone)
+    assert 0 < np.count_nonzero(alone) < len(probes)
+    lengths = [exits_along(way, probe[None], corners)[0] for probe in probes]
+    assert np.allclose(exits_along(way, probes, corners), lengths, rtol=0.0, atol=1e-12)

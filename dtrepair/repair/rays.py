@@ -27,6 +27,11 @@ def crossings(
     if len(corners):
         # A ray of a regular mesh could run exactly through an edge, and miss both triangles.
         starts = starts + ASIDE * float((high.max(axis=0) - low.min(axis=0)).max())
+    if len(starts):
+        least, most = starts.min(axis=0), starts.max(axis=0)
+        met = high[:, 0] > least[0]
+        met &= ((low <= most) & (high >= least))[:, 1:].all(axis=1)
+        corners, low, high = corners[met], low[met], high[met]
     step = max(1, BLOCK // max(len(corners), 1))
     near = []
     for begin in range(0, len(starts), step):

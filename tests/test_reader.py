@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom, Vt
 
-from tests.usd_stages import CUBE, CUBE_QUADS, cube_file, define_cube, moved_cube, new_stage, vec3f
+from tests.usd_reading import edited_cube, selection_of
+from tests.usd_stages import CUBE, cube_file, define_cube, moved_cube, new_stage, vec3f
 from usd_io import (
     FrameError,
-    MeshSelection,
     StageError,
     UsdIoError,
-    open_stage,
     read_frame,
     read_meshes,
     read_points,
@@ -21,18 +20,6 @@ from usd_io import (
 )
 
 NAN = float("nan")
-
-
-def selection_of(path: Path, **options: object) -> MeshSelection:
-    return read_meshes(open_stage(path), **options)  # type: ignore[arg-type]
-
-
-def edited_cube(tmp_path: Path, edit: Callable[[UsdGeom.Mesh], object], **options: object) -> Path:
-    """A file with one cube that a function changed before it was saved."""
-    stage = new_stage(tmp_path / "cube.usda")
-    edit(define_cube(stage, **options))  # type: ignore[arg-type]
-    stage.GetRootLayer().Save()
-    return tmp_path / "cube.usda"
 
 
 def test_a_mesh_tells_everything_but_its_frames(tmp_path: Path) -> None:
@@ -102,39 +89,6 @@ def test_rest_passes_over_bad_samples(tmp_path: Path) -> None:
     assert mesh.times.tolist() == [0.0, 0.5, 1.0]
 
 
-def test_topology_that_changes_is_refused_or_skipped(tmp_path: Path) -> None:
-    def vary(mesh: UsdGeom.Mesh) -> None:
-        indices = list(mesh.GetFaceVertexIndicesAttr().Get())
-        mesh.GetFaceVertexIndicesAttr().Set(indices, 1.0)
-        mesh.GetFaceVertexIndicesAttr().Set(indices, 2.0)
-        mesh.GetFaceVertexIndicesAttr().Set(indices[::-1], 3.0)
-        other = define_cube(mesh.GetPrim().GetStage(), "/Root/Other")
-        other.GetHoleIndicesAttr().Set([1], 1.0)
-        other.GetHoleIndicesAttr().Set([2], 2.0)
-        define_cube(mesh.GetPrim().GetStage(), "/Root/Fine")
-
-    path = edited_cube(tmp_path, vary)
-    with pytest.raises(StageError, match=r"/Root/Cube: .*faceVertexIndices at frame 3"):
-        selection_of(path)
-    with pytest.raises(StageError, match=r"/Root/Other: .*holeIndices at frame 2"):
-        selection_of(path, prim="/Root/Other")
-    selection = selection_of(path, skip_varying=True)
-    assert [mesh.path for mesh in selection.meshes] == ["/Root/Fine"]
-    assert "/Root/Cube" in selection.warnings[0] and "skipped" in selection.warnings[0]
-    assert len(selection_of(path, exclude="/Root/Cube /Root/Other").meshes) == 1
-
-
-def test_equal_topology_samples_are_no_change(tmp_path: Path) -> None:
-    def repeat(mesh: UsdGeom.Mesh) -> None:
-        for attribute in (mesh.GetFaceVertexIndicesAttr(), mesh.GetFaceVertexCountsAttr()):
-            value = attribute.Get()
-            attribute.Clear()
-            for time in (1.0, 2.0):
-                attribute.Set(value, time)
-
-    assert selection_of(edited_cube(tmp_path, repeat)).meshes[0].faces.shape == (12, 3)
-
-
 @pytest.mark.parametrize(
     "spoil, reason",
     [
@@ -159,22 +113,6 @@ def test_meshes_without_geometry_are_skipped_unless_named(
 
 def clear(mesh: UsdGeom.Mesh) -> None:
     mesh.GetFaceVertexIndicesAttr().Clear()
-
-
-@pytest.mark.parametrize(
-    "index, reason", [(8, "index 8 at corner 5 is out of range: expected 0 to 7"), (-1, "index -1")]
-)
-def test_indices_out_of_range_are_bad_input(tmp_path: Path, index: int, reason: str) -> None:
-    def spoil(mesh: UsdGeom.Mesh) -> None:
-        indices = list(mesh.GetFaceVertexIndicesAttr().Get())
-        indices[5] = index
-        mesh.GetFaceVertexIndicesAttr().Set(indices)
-
-    with pytest.raises(StageError, match=rf"/Root/Cube: .*{reason}"):
-        selection_of(edited_cube(tmp_path, spoil))
-    # The same with samples only, where the number of points is that of the samples.
-    with pytest.raises(StageError, match="/Root/Cube: "):
-        selection_of(edited_cube(tmp_path, spoil, times=[1.0]))
 
 
 def test_bad_frames_are_errors_of_these_frames_only(tmp_path: Path) -> None:
@@ -235,51 +173,6 @@ def test_other_rates_compose_as_pxr_does(tmp_path: Path, key: str) -> None:
     setattr(layer, key, 48.0)
     layer.Save()
     assert selection_of(path).meshes[0].times.tolist() == [1.0, 2.0]
-
-
-def test_holes_and_degenerate_polygons_take_no_part(tmp_path: Path) -> None:
-    polygons = [*CUBE_QUADS, [0, 1], [2, 2, 2], [5, 5, 6]]
-    path = edited_cube(tmp_path, lambda mesh: mesh.GetHoleIndicesAttr().Set([2]), polygons=polygons)
-    mesh = selection_of(path).meshes[0]
-    assert sorted(set(mesh.polygons.tolist())) == [0, 1, 3, 4, 5]
-    assert any("3 degenerate polygons" in text for text in mesh.warnings)
-
-
-def test_left_handed_meshes_are_turned_inside_out(tmp_path: Path) -> None:
-    right = selection_of(cube_file(tmp_path / "right.usda")).meshes[0]
-    left = selection_of(
-        edited_cube(tmp_path, lambda mesh: mesh.GetOrientationAttr().Set("leftHanded"))
-    ).meshes[0]
-    np.testing.assert_array_equal(left.faces, right.faces[:, [0, 2, 1]])
-
-
-def test_concave_polygons_are_not_fans(tmp_path: Path) -> None:
-    outline = [[0, 0, 0], [4, -2, 0], [2, 0, 0], [4, 2, 0], [1, 0.5, 0]]
-    path = cube_file(tmp_path / "arrow.usda", points=outline, polygons=[[0, 1, 2, 3, 4]])
-    corners = selection_of(path).meshes[0].rest[selection_of(path).meshes[0].faces]
-    assert (np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] > 0).all()
-
-
-def test_nonmanifold_and_subdivided_meshes_are_warned_of(tmp_path: Path) -> None:
-    path = edited_cube(
-        tmp_path,
-        lambda mesh: mesh.GetSubdivisionSchemeAttr().Set("catmullClark"),
-        polygons=[*CUBE_QUADS, [0, 2, 7]],
-    )
-    selection = selection_of(path)
-    # Edge 0-2 has three triangles now; 2-7 is a diagonal of a quad, 7-0 is new.
-    assert any("non-manifold" in text for text in selection.warnings)
-    assert any("subdivision surface (catmullClark)" in text for text in selection.warnings)
-
-
-def test_seams_of_coincident_points_are_kept(tmp_path: Path) -> None:
-    points = np.concatenate([CUBE, CUBE])
-    polygons = [*CUBE_QUADS[:3], *[[corner + 8 for corner in quad] for quad in CUBE_QUADS[3:]]]
-    mesh = selection_of(
-        cube_file(tmp_path / "seams.usda", points=points, polygons=polygons)
-    ).meshes[0]
-    assert mesh.rest.shape == (16, 3) and mesh.faces.max() == 15
-    np.testing.assert_array_equal(mesh.rest[:8], mesh.rest[8:])
 
 
 def test_far_points_are_warned_of(tmp_path: Path) -> None:

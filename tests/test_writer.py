@@ -3,10 +3,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
-from tests.usd_rewriting import points_at, rewrite
+from tests.usd_rewriting import points_at, rewrite, times_in
 from tests.usd_stages import (
     CUBE,
     authored_properties,
@@ -27,11 +26,6 @@ from usd_io import (
 )
 
 NAN = float("nan")
-
-
-def times_in(path: Path, name: str = "points", prim: str = "/Root/Cube") -> list[float]:
-    stage = Usd.Stage.Open(str(path))
-    return list(stage.GetPrimAtPath(prim).GetAttribute(name).GetTimeSamples())
 
 
 def test_same_times_out_as_in(tmp_path: Path) -> None:
@@ -73,37 +67,6 @@ def test_nothing_but_points_and_extent_is_authored(tmp_path: Path) -> None:
         assert spec.specifier == Sdf.SpecifierOver
         assert set(spec.ListInfoKeys()) == {"specifier"}
     assert layer.GetAttributeAtPath("/Root/Cube.points").typeName == "point3f[]"
-
-
-@pytest.mark.parametrize("rate", [24.0, 25.0, 48.0, 60.0])
-@pytest.mark.parametrize("keys", ["both", "timeCodesPerSecond", "framesPerSecond"])
-def test_stage_metadata_is_copied(tmp_path: Path, rate: float, keys: str) -> None:
-    path = cube_file(tmp_path / "in.usda", times=[1.0, 2.0])
-    layer = Sdf.Layer.FindOrOpen(str(path))
-    for key in ("timeCodesPerSecond", "framesPerSecond") if keys == "both" else (keys,):
-        setattr(layer, key, rate)
-    layer.startTimeCode, layer.endTimeCode = -3.0, 7.0
-    layer.pseudoRoot.SetInfo("upAxis", "Z")
-    layer.pseudoRoot.SetInfo("metersPerUnit", 0.01)
-    layer.expressionVariables = {"SHOT": "sq10"}
-    layer.customLayerData = {"camera": "persp"}
-    layer.comment = "exported by hand"
-    layer.Save()
-    rewrite(path, tmp_path / "out.usdc")
-    stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
-    assert stage.GetTimeCodesPerSecond() == rate
-    assert stage.GetRootLayer().HasTimeCodesPerSecond(), "left to a fallback"
-    if keys != "timeCodesPerSecond":
-        assert stage.GetFramesPerSecond() == rate
-    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (-3.0, 7.0)
-    assert UsdGeom.GetStageUpAxis(stage) == "Z"
-    assert UsdGeom.GetStageMetersPerUnit(stage) == 0.01
-    assert stage.GetDefaultPrim().GetPath() == "/Root"
-    root = stage.GetRootLayer()
-    assert root.expressionVariables == {"SHOT": "sq10"}
-    assert set(root.customLayerData) == {"dtrepair"} and not root.comment
-    # Everything else on the stage stays at its time, too.
-    assert times_in(tmp_path / "out.usdc") == [1.0, 2.0]
 
 
 def test_composed_times_of_an_offset_layer_stay_exact(tmp_path: Path) -> None:
@@ -232,25 +195,6 @@ def test_world_space_and_back(tmp_path: Path) -> None:
     assert found is not None
     # 1e6 has steps of 1e-10 in float64; through the scale of 0.01: 1e-8, under float32's own.
     assert np.abs(found - moved_cube(1.0)).max() < 2e-7
-
-
-def test_record_of_how_the_layer_was_made(tmp_path: Path) -> None:
-    path = cube_file(tmp_path / "in.usda", times=[1.0, 2.0, 3.0])
-    opened = open_stage(path)
-    mesh = read_meshes(opened).meshes[0]
-    settings = {"method": "full", "clearance": 0.0, "pin": None, "nested": {"steps": [1, 2]}}
-    with OverrideWriter(
-        opened, tmp_path / "out.usda", settings=settings, version="1.2.3"
-    ) as writer:
-        writer.write(mesh, 2.0, CUBE)
-        writer.commit(record={"counts": {"before": 690, "after": 0}})
-    record = Sdf.Layer.FindOrOpen(str(tmp_path / "out.usda")).customLayerData["dtrepair"]
-    assert record["version"] == "1.2.3" and record["input"] == "./in.usda"
-    assert record["settings"]["method"] == "full" and "pin" not in record["settings"]
-    assert list(record["settings"]["nested"]["steps"]) == [1, 2]
-    assert list(record["frames"]) == [2.0]
-    assert list(record["written"]["/Root/Cube"]) == [2.0]
-    assert record["counts"] == {"before": 690, "after": 0}
 
 
 def test_uninstanced_meshes_come_through(tmp_path: Path) -> None:

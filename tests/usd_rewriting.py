@@ -38,3 +38,8 @@ def points_at(path: Path, time: float, prim: str = "/Root/Cube") -> np.ndarray |
     stage = Usd.Stage.Open(str(path))
     value = UsdGeom.Mesh(stage.GetPrimAtPath(prim)).GetPointsAttr().Get(code)
     return None if value is None else np.array(value)
+
+
+def times_in(path: Path, name: str = "points", prim: str = "/Root/Cube") -> list[float]:
+    stage = Usd.Stage.Open(str(path))
+    return list(stage.GetPrimAtPath(prim).GetAttribute(name).GetTimeSamples())

@@ -178,3 +178,18 @@ def differing(first: FloatArray, second: FloatArray) -> NDArray[np.bool_]:
     """Whether each point (N, 3) of one array differs from that of another, (N,)."""
     unequal = first != second
     return unequal[:, 0] | unequal[:, 1] | unequal[:, 2]
+
+
+def as_numpy(points: Any) -> NDArray[Any]:
+    """An array, or a tensor of any device, as an array."""
+    return points.detach().cpu().numpy() if hasattr(points, "detach") else np.asarray(points)
+
+
+def as_given(points: FloatArray, given: Any) -> Any:
+    """Points in the type and, for tensors, on the device of what was given."""
+    if hasattr(given, "detach"):
+        import torch
+
+        return torch.as_tensor(points, dtype=given.dtype, device=given.device)
+    kind = np.asarray(given).dtype
+    return points.astype(kind if np.issubdtype(kind, np.floating) else np.float64)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dtrepair.geometry import as_mesh, weld_map
+from dtrepair.geometry import as_mesh, as_numpy, weld_map
 from dtrepair.intersect.exact import intersect
 from dtrepair.intersect.neighbors import leaf_neighbors
 from dtrepair.intersect.tree import build_tree
@@ -140,7 +140,7 @@ class Detector:
         return self._upload(self.tree.marks(active), self._warp.uint8)
 
     def _rounded(self, points: Any) -> NDArray[np.float32]:
-        array = points.detach().cpu().numpy() if hasattr(points, "detach") else np.asarray(points)
+        array = as_numpy(points)
         if array.ndim not in (2, 3) or array.shape[-2:] != (self.vertex_count, 3):
             raise ValueError(
                 f"points should have shape ({self.vertex_count}, 3) or (B, {self.vertex_count}, 3)"

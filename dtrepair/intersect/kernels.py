@@ -151,6 +151,27 @@ def lowest_bit(bits: int) -> int:
     return (0x45263107 >> 4 * (((bits & (-bits)) * 23 >> 4) & 7)) & 7
 
 
+@wp.func
+def append_pairs(
+    frame: int,
+    i: int,
+    first: int,
+    row: int,
+    candidates: wp.array(dtype=wp.vec3i),
+    count: wp.array(dtype=wp.int32),
+):
+    """Writes a pair of triangle i and triangle first + k for each bit k of `row`, if there is room.
+
+    All of them are counted.
+    """
+    while row != 0:
+        slot = wp.atomic_add(count, 0, 1)
+        # The count of poses that collapsed may wrap around.
+        if slot >= 0 and slot < candidates.shape[0]:
+            candidates[slot] = wp.vec3i(frame, i, first + lowest_bit(row))
+        row = row & (row - 1)
+
+
 @wp.kernel
 def find_candidates(
     leaf_start: wp.array(dtype=wp.int32),
@@ -209,13 +230,7 @@ def find_candidates(
                 row = row & (~wp.int32((out >> wp.uint64(8 * k)) & wp.uint64(255)))
                 if (own_active >> k) & 1 == 0:
                     row = row & other_active
-                while row != 0:
-                    slot = wp.atomic_add(count, 0, 1)
-                    # The count of poses that collapsed may wrap around.
-                    if slot >= 0 and slot < candidates.shape[0]:
-                        j = leaf_start[other] + lowest_bit(row)
-                        candidates[slot] = wp.vec3i(frame, i, j)
-                    row = row & (row - 1)
+                append_pairs(frame, i, leaf_start[other], row, candidates, count)
 
 
 @wp.func

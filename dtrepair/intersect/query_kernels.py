@@ -124,6 +124,39 @@ def find_folds(
         folded[row] = wp.uint8(1)
 
 
+@wp.func
+def flood(
+    f: wp.vec3i,
+    indptr: wp.array(dtype=wp.int32),
+    indices: wp.array(dtype=wp.int32),
+    rings_at_most: int,
+    tag: int,
+    stamp: wp.array2d(dtype=wp.int32),
+    rings: wp.array2d(dtype=wp.int32),
+    queue: wp.array(dtype=wp.int32),
+):
+    """Rings of the vertices around a triangle, in the first rows; stamps them with `tag`."""
+    tail = int(0)
+    for corner in range(3):
+        v = f[corner]
+        stamp[0, v] = tag
+        rings[0, v] = 0
+        queue[tail] = v
+        tail += 1
+    head = int(0)
+    while head < tail:
+        v = queue[head]
+        head += 1
+        if rings[0, v] < rings_at_most:
+            for k in range(indptr[v], indptr[v + 1]):
+                w = indices[k]
+                if stamp[0, w] != tag:
+                    stamp[0, w] = tag
+                    rings[0, w] = rings[0, v] + 1
+                    queue[tail] = w
+                    tail += 1
+
+
 @wp.kernel
 def ring_distances(
     faces: wp.array(dtype=wp.vec3i),
@@ -149,26 +182,7 @@ def ring_distances(
         if first != last:
             last = first
             tag = p + 1
-            tail = int(0)
-            f = faces[first]
-            for corner in range(3):
-                v = f[corner]
-                stamp[0, v] = tag
-                rings[0, v] = 0
-                queue[tail] = v
-                tail += 1
-            head = int(0)
-            while head < tail:
-                v = queue[head]
-                head += 1
-                if rings[0, v] < near_half:
-                    for k in range(indptr[v], indptr[v + 1]):
-                        w = indices[k]
-                        if stamp[0, w] != tag:
-                            stamp[0, w] = tag
-                            rings[0, w] = rings[0, v] + 1
-                            queue[tail] = w
-                            tail += 1
+            flood(faces[first], indptr, indices, near_half, tag, stamp, rings, queue)
         best = near_half + far_half + 1
         tail = int(0)
         g = faces[pairs[p][1]]
@@ -216,6 +230,36 @@ def link_roots(links: wp.array(dtype=wp.vec2i), root: wp.array(dtype=wp.int32)):
         root[item] = root[root[item]]
 
 
+@wp.func
+def ray_crosses(
+    origin: wp.vec3d, direction: wp.vec3d, a: wp.vec3f, b: wp.vec3f, c: wp.vec3f
+) -> int:
+    """1 if a ray leaves through a triangle, -1 if it enters through it, else 0."""
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    corner = wp.vec3d(wp.float64(a[0]), wp.float64(a[1]), wp.float64(a[2]))
+    u = wp.vec3d(wp.float64(b[0]), wp.float64(b[1]), wp.float64(b[2])) - corner
+    v = wp.vec3d(wp.float64(c[0]), wp.float64(c[1]), wp.float64(c[2])) - corner
+    across = wp.cross(direction, v)
+    determinant = wp.dot(u, across)
+    if determinant == zero:
+        return 0
+    offset = origin - corner
+    s = wp.dot(offset, across) / determinant
+    if s < zero or s > one:
+        return 0
+    turned = wp.cross(offset, u)
+    t = wp.dot(direction, turned) / determinant
+    if t < zero or s + t > one:
+        return 0
+    if not (wp.dot(v, turned) / determinant > zero):
+        return 0
+    # The determinant is minus the direction times the normal.
+    if determinant < zero:
+        return 1
+    return -1
+
+
 @wp.kernel
 def cast_rays(
     points: wp.array2d(dtype=wp.vec3f),
@@ -246,8 +290,6 @@ def cast_rays(
     leaves = leaf_start.shape[0] - 1
     total = int(0)
     node = int(0)
-    zero = wp.float64(0.0)
-    one = wp.float64(1.0)
     while node < skip.shape[0]:
         low = wp.cw_mul(node_low[0, node] - start, inverse)
         high = wp.cw_mul(node_high[0, node] - start, inverse)
@@ -265,29 +307,8 @@ def cast_rays(
             f = faces[i]
             if f[0] == vertex or f[1] == vertex or f[2] == vertex:
                 continue
-            a = points[0, f[0]]
-            b = points[0, f[1]]
-            c = points[0, f[2]]
-            corner = wp.vec3d(wp.float64(a[0]), wp.float64(a[1]), wp.float64(a[2]))
-            u = wp.vec3d(wp.float64(b[0]), wp.float64(b[1]), wp.float64(b[2])) - corner
-            v = wp.vec3d(wp.float64(c[0]), wp.float64(c[1]), wp.float64(c[2])) - corner
-            across = wp.cross(direction, v)
-            determinant = wp.dot(u, across)
-            if determinant == zero:
-                continue
-            offset = origin - corner
-            s = wp.dot(offset, across) / determinant
-            if s < zero or s > one:
-                continue
-            turned = wp.cross(offset, u)
-            t = wp.dot(direction, turned) / determinant
-            if t < zero or s + t > one:
-                continue
-            if wp.dot(v, turned) / determinant > zero:
-                # The determinant is minus the direction times the normal.
-                if determinant < zero:
-                    total += 1
-                else:
-                    total -= 1
+            total += ray_crosses(
+                origin, direction, points[0, f[0]], points[0, f[1]], points[0, f[2]]
+            )
         node = skip[node]
     crossings[ray] = total

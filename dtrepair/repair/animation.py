@@ -15,14 +15,21 @@ from numpy.typing import ArrayLike
 from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.repair.crew import available_processors, make_crew, worthwhile_jobs
 from dtrepair.repair.forked import forked_map
-from dtrepair.repair.frames import Frame, expanded, read_frames, reduced, system_of
+from dtrepair.repair.frames import (
+    Frame,
+    cross_fade,
+    expanded,
+    read_frames,
+    reduced,
+    system_of,
+)
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.mend import mend
 from dtrepair.repair.options import RepairResult, Solved, Stage
 from dtrepair.repair.parting import parted_frames
 from dtrepair.repair.poses import in_batches
 from dtrepair.repair.release import caught_parts, released_frames
-from dtrepair.repair.rigid import RigidBodies, allowed
+from dtrepair.repair.rigid import allowed
 from dtrepair.repair.shot import ShotMethod
 from dtrepair.repair.surface import Surface
 from dtrepair.repair.timeline import frame_units
@@ -175,7 +182,7 @@ class _Stream:
             system = system_of(self.scene, [frame.weld for frame in frames])
             poses = self._solve(system, frames)
         if len(tail) < len(frames):
-            _cross_fade(frames, tail, poses, self.scene.rigid)
+            cross_fade(frames, tail, poses, self.scene.rigid)
         kept = len(frames) - keep
         left = self._verified(frames[:kept], poses[:kept])
         seconds = (clock.perf_counter() - start) / len(frames)
@@ -320,18 +327,3 @@ class _Stream:
 def _alone(surface: Surface, original: FloatArray) -> FloatArray:
     """The single-frame solver, untightened: its result is blended with its neighbours'."""
     return FullMethod(surface, rounds=0)(original).points
-
-
-def _cross_fade(
-    frames: list[Frame], tail: list[FloatArray], poses: list[FloatArray], rigid: RigidBodies
-) -> None:
-    """Fade from the poses of the window before (`tail`) to those of this one, smoothly in time.
-
-    What both leave alone keeps every bit.
-    """
-    for index, before in enumerate(tail):
-        part = (frames[index].time - frames[0].time) / (frames[len(tail)].time - frames[0].time)
-        weight = part * part * (3.0 - 2.0 * part)
-        original = frames[index].centred
-        moved = (1.0 - weight) * (before - original) + weight * (poses[index] - original)
-        poses[index] = rigid.fitted(original, original + moved)

@@ -9,6 +9,7 @@ import numpy as np
 
 from dtrepair.geometry import FloatArray, IntArray, extent
 from dtrepair.repair.bodies import about_centre
+from dtrepair.repair.rigid import RigidBodies
 from dtrepair.repair.system import System
 from dtrepair.repair.timeline import is_cut, motion_between
 
@@ -96,3 +97,18 @@ def expanded(
     after = system.surface.rigid.fitted(before, after)
     stayed = (after == before).all(axis=1)[system.place]
     return np.where(stayed[:, None], centred, (after * system.surface.size)[system.place])
+
+
+def cross_fade(
+    frames: list[Frame], tail: list[FloatArray], poses: list[FloatArray], rigid: RigidBodies
+) -> None:
+    """Fade from the poses of the window before (`tail`) to those of this one, smoothly in time.
+
+    What both leave alone keeps every bit.
+    """
+    for index, before in enumerate(tail):
+        part = (frames[index].time - frames[0].time) / (frames[len(tail)].time - frames[0].time)
+        weight = part * part * (3.0 - 2.0 * part)
+        original = frames[index].centred
+        moved = (1.0 - weight) * (before - original) + weight * (poses[index] - original)
+        poses[index] = rigid.fitted(original, original + moved)

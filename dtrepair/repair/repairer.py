@@ -14,7 +14,9 @@ from dtrepair.device import DeviceQueue, resolve_device
 from dtrepair.geometry import (
     FloatArray,
     IntArray,
+    as_given,
     as_mesh,
+    as_numpy,
     as_points,
     diagonal,
     unique_edges,
@@ -171,7 +173,7 @@ class SceneRepairer:
         counts = np.diff(self._vertices)
         return np.concatenate(
             [
-                as_points(_as_numpy(pose), int(count))
+                as_points(as_numpy(pose), int(count))
                 for pose, count in zip(points, counts, strict=True)
             ]
         )
@@ -212,7 +214,7 @@ class SceneRepairer:
         if inside and status is Status.CLEAN:
             status = Status.IMPROVED if counts[0].pairs else Status.UNCHANGED
         return RepairResult(
-            points=_as_given(repaired[own], given),
+            points=as_given(repaired[own], given),
             before=counts[0],
             after=counts[1],
             iterations=solved.iterations,
@@ -309,24 +311,10 @@ def repair_mesh(
     points: Any, faces: ArrayLike, *, options: RepairOptions | None = None
 ) -> RepairResult:
     """Repair a single mesh (V, 3), (F, 3) that has no rest pose: it is its own."""
-    return Repairer(_as_numpy(points), faces, options=options)(points)
+    return Repairer(as_numpy(points), faces, options=options)(points)
 
 
 def _status(before: Count, after: Count) -> Status:
     if after.pairs == 0:
         return Status.CLEAN
     return Status.IMPROVED if after.pairs < before.pairs else Status.UNCHANGED
-
-
-def _as_numpy(points: Any) -> NDArray[Any]:
-    return points.detach().cpu().numpy() if hasattr(points, "detach") else np.asarray(points)
-
-
-def _as_given(points: FloatArray, given: Any) -> Any:
-    """Points in the type and, for tensors, on the device of what was given."""
-    if hasattr(given, "detach"):
-        import torch
-
-        return torch.as_tensor(points, dtype=given.dtype, device=given.device)
-    kind = np.asarray(given).dtype
-    return points.astype(kind if np.issubdtype(kind, np.floating) else np.float64)

@@ -193,3 +193,8 @@ def as_given(points: FloatArray, given: Any) -> Any:
         return torch.as_tensor(points, dtype=given.dtype, device=given.device)
     kind = np.asarray(given).dtype
     return points.astype(kind if np.issubdtype(kind, np.floating) else np.float64)
+
+
+def pair_keys(pairs: IntArray) -> NDArray[np.int64]:
+    """One number for each pair (K, 2)."""
+    return pairs[:, 0].astype(np.int64) << 32 | pairs[:, 1].astype(np.int64)

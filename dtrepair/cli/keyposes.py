@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dtrepair import __version__
-from dtrepair.cli.bodies import make_bodies, read_controls
+from dtrepair.cli.bodies import Controls, make_bodies, read_controls
 from dtrepair.cli.console import Console
 from dtrepair.cli.failures import (
     CLEAN,
@@ -129,45 +129,81 @@ def command(
     """
     from dtrepair.repair.key_spans import KeyOptions
 
-    if verify_only == (output is not None):
-        raise Failure("name an output with -o OUT, or --verify-only, which writes nothing", USAGE)
-    if not is_stage(source_path):
-        raise Failure(f"{source_path}: is not a USD stage: only stages have keys", USAGE)
+    _check(source_path, output, verify_only=verify_only)
     check_report_place(report_path, console, source_path, others=[output])
     if output is not None and skip_existing and existing(output):
         console.result(f"{output}: exists; skipped")
         return CLEAN
     there, warnings = device_of_method(device, options.method)
     console.warn(warnings)
+    # Tightened keys touch, and leave no room for the poses between them.
+    options = replace(options, tighten=0)
     run = Run(source_path, output or "", there, options, jobs, alone=True)
-    search = KeyOptions(
-        samples=samples,
-        extra=extra_keys,
-        keep_keys=keep_keys,
-        interpolation=interpolation,
-        jobs=jobs,
-    )
+    search = KeyOptions(samples, extra_keys, keep_keys, interpolation, jobs)
+    source = _read(source_path, selection, objects, console, mode=options.mode)
+    controls = read_controls(source, objects)
+    console.warn(controls.warnings)
+    run.ignored = controls.ignored
+    more: dict[str, Any] = {"rest": rest, "objects": recorded(source, controls.settings)}
+    run.settings = settings_of(selection, objects, options, {**more, **vars(search)})
+    del run.settings["jobs"]
+    report = _keys(run, source, controls, search, console, rest=rest, dry_run=dry_run)
+    if report is None:
+        return CLEAN
+    put_report(report, report_path)
+    _print(console, report, output)
+    return exit_code(report)
+
+
+def _check(source_path: str, output: str | None, *, verify_only: bool) -> None:
+    """Refuse what `keyposes` cannot work on."""
+    if verify_only == (output is not None):
+        raise Failure("name an output with -o OUT, or --verify-only, which writes nothing", USAGE)
+    if not is_stage(source_path):
+        raise Failure(f"{source_path}: is not a USD stage: only stages have keys", USAGE)
+
+
+def _read(
+    source_path: str, selection: Selection, objects: ObjectOptions, console: Console, *, mode: str
+) -> StageSource:
+    """The stage, which must have time samples."""
     source = open_source(source_path, selection, collider=objects.collider)
     assert isinstance(source, StageSource)
     if math.isnan(source.times[0]):
         raise Failure(f"{source_path}: no mesh has time samples; use dtrepair repair", USAGE)
-    console.warn([*source.warnings, *mode_warnings(source, options.mode)])
-    controls = read_controls(source, objects)
-    console.warn(controls.warnings)
-    run.ignored = controls.ignored
-    # Tightened keys touch, and leave no room for the poses between them.
-    run.options = options = replace(options, tighten=0)
-    more: dict[str, Any] = {"rest": rest, "objects": recorded(source, controls.settings)}
-    run.settings = settings_of(selection, objects, options, {**more, **vars(search)})
-    del run.settings["jobs"]
+    console.warn([*source.warnings, *mode_warnings(source, mode)])
+    return source
+
+
+def _print(console: Console, report: Report, output: str | None) -> None:
+    """Print the tables of the keys and of the spans between them."""
+    if output is not None:
+        print_table(console, report.frames, output)
+    else:
+        print_keys(console, report.frames)
+    print_spans(console, report)
+
+
+def _keys(
+    run: Run,
+    source: StageSource,
+    controls: Controls,
+    search: KeyOptions,
+    console: Console,
+    *,
+    rest: str | None,
+    dry_run: bool,
+) -> Report | None:
+    """Repair, or count where there is no output; None where nothing was to be done."""
+    output = run.output or None
     sink = None if output is None else open_sink(source, output, run.settings)
     try:
         run.lap("read")
         rests = choose_rests(source, rest, device=run.device)
         if dry_run:
             print_plan(console, source, rests, output, controls.settings, source.times)
-            return CLEAN
-        bodies = make_bodies(source, rests, controls, console, mode=options.mode)
+            return None
+        bodies = make_bodies(source, rests, controls, console, mode=run.options.mode)
         repairer, rest_counts = make_repairer(run, source, rests, bodies)
         console.warn(rest_warnings(source, rests, rest_counts))
         run.lap("factor")
@@ -177,14 +213,7 @@ def command(
         if sink is not None:
             sink.abort()
     prims = prim_records(source, rest_counts)
-    report = replace(report, prims=prims, warnings=(*source.warnings, *report.warnings))
-    put_report(report, report_path)
-    if output is not None:
-        print_table(console, report.frames, output)
-    else:
-        print_keys(console, report.frames)
-    print_spans(console, report)
-    return exit_code(report)
+    return replace(report, prims=prims, warnings=(*source.warnings, *report.warnings))
 
 
 def _solve(

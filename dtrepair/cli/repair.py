@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from dtrepair.cli.bodies import make_bodies, read_controls
+from dtrepair.cli.bodies import Controls, make_bodies, read_controls
 from dtrepair.cli.chunks import choose_chunk, empty_chunk_warnings, parse_chunk
 from dtrepair.cli.console import Console
 from dtrepair.cli.distributed import (
@@ -42,8 +42,8 @@ from dtrepair.cli.repair_run import Run, open_journal, repair_here
 from dtrepair.cli.report_place import check_report_place, put_report
 from dtrepair.cli.rest import choose_rests
 from dtrepair.cli.sinks import existing, open_sink
-from dtrepair.cli.sources import open_source
-from dtrepair.record import FrameRecord
+from dtrepair.cli.sources import Source, open_source
+from dtrepair.record import FrameRecord, Report
 
 if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions
@@ -121,53 +121,91 @@ def command(
     if skip_existing and existing(output):
         console.result(f"{output}: exists; skipped")
         return CLEAN
-    part = parse_chunk(chunk)
-    if distributed is not None and (part is not None or resume):
-        raise Failure("--distributed: not with --chunk or --resume; leave one out", USAGE)
-    # The published method knows single poses only.
-    alone = alone or options.method == "paper"
+    wanted = _Wanted(
+        selection, objects, rest, parse_chunk(chunk), chunk, distributed, resume, dry_run
+    )
     there, warnings = device_of_method(device, options.method)
     console.warn(warnings)
+    # The published method knows single poses only.
+    alone = alone or options.method == "paper"
     run = Run(source_path, output, there, options, jobs, alone)
     source = open_source(source_path, selection, collider=objects.collider)
     console.warn([*source.warnings, *mode_warnings(source, options.mode)])
+    controls = _controls(run, source, objects, console)
+    more = {"rest": rest, "objects": recorded(source, controls.settings), "chunk": chunk}
+    run.settings = settings_of(selection, objects, options, more)
+    report = _repair(run, source, controls, wanted, console)
+    if report is None:
+        return CLEAN
+    put_report(report, report_path)
+    print_table(console, report.frames, output)
+    return _exit_code(report.frames)
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What a run is to do, beside the options of the method."""
+
+    selection: Selection
+    objects: ObjectOptions
+    rest: str | None
+    part: tuple[int, int] | None
+    chunk: str | None
+    distributed: str | None
+    resume: bool
+    dry_run: bool
+
+    def __post_init__(self) -> None:
+        """Refuse what does not go together."""
+        if self.distributed is not None and (self.part is not None or self.resume):
+            raise Failure("--distributed: not with --chunk or --resume; leave one out", USAGE)
+
+
+def _controls(run: Run, source: Source, objects: ObjectOptions, console: Console) -> Controls:
+    """What each object is told to do; refused where it has no effect."""
     _refuse_without_effect(run, directed=objects.direction is not None)
     controls = read_controls(source, objects)
     console.warn(controls.warnings)
     run.ignored = controls.ignored
-    more = {"rest": rest, "objects": recorded(source, controls.settings), "chunk": chunk}
-    run.settings = settings_of(selection, objects, options, more)
     _refuse_without_effect(run, directed=any(way is not None for way in controls.directions))
-    if options.method == "paper" and any(own.rigid for own in controls.settings):
+    if run.options.method == "paper" and any(own.rigid for own in controls.settings):
         raise Failure("--rigid: has no effect with --method paper; leave it out", USAGE)
-    sink = open_sink(source, output, run.settings)
+    return controls
+
+
+def _repair(
+    run: Run, source: Source, controls: Controls, wanted: _Wanted, console: Console
+) -> Report | None:
+    """Repair, here or on several machines, and write; None where nothing was to be done."""
+    sink = open_sink(source, run.output, run.settings)
     try:
         run.lap("read")
-        rests = choose_rests(source, rest, device=run.device)
-        run.chunk = choose_chunk(source, part, alone=alone)
-        console.warn(empty_chunk_warnings(run.chunk, chunk))
-        if dry_run:
+        rests = choose_rests(source, wanted.rest, device=run.device)
+        run.chunk = choose_chunk(source, wanted.part, alone=run.alone)
+        console.warn(empty_chunk_warnings(run.chunk, wanted.chunk))
+        if wanted.dry_run:
             written = run.chunk.times[run.chunk.written]
-            print_plan(console, source, rests, output, controls.settings, written)
-            return CLEAN
-        bodies = make_bodies(source, rests, controls, console, mode=options.mode)
-        if distributed is not None and len(source.times) > 1:
+            print_plan(console, source, rests, run.output, controls.settings, written)
+            return None
+        bodies = make_bodies(source, rests, controls, console, mode=run.options.mode)
+        if wanted.distributed is not None and len(source.times) > 1:
             sink.abort()
-            report = repair_distributed(distributed, source, output, jobs=jobs, console=console)
-            result = open_source(output, selection, collider=objects.collider)
-            run.lap("total")
-            seconds = {**report.seconds, "total": run.seconds["total"]}
-            jitter = measured_jitter(source, result)
-            report = replace(report, output=output, seconds=seconds, jitter=jitter)
-        else:
-            journal = open_journal(run, bodies, resume=resume)
-            console.warn(journal.warnings if journal is not None else ())
-            report = repair_here(run, source, rests, bodies, sink, console, journal)
+            return _distributed(run, source, wanted, wanted.distributed, console)
+        journal = open_journal(run, bodies, resume=wanted.resume)
+        console.warn(journal.warnings if journal is not None else ())
+        return repair_here(run, source, rests, bodies, sink, console, journal)
     finally:
         sink.abort()
-    put_report(report, report_path)
-    print_table(console, report.frames, output)
-    return _exit_code(report.frames)
+
+
+def _distributed(run: Run, source: Source, wanted: _Wanted, where: str, console: Console) -> Report:
+    """Repair on several workers; the report is of the whole run."""
+    report = repair_distributed(where, source, run.output, jobs=run.jobs, console=console)
+    result = open_source(run.output, wanted.selection, collider=wanted.objects.collider)
+    run.lap("total")
+    seconds = {**report.seconds, "total": run.seconds["total"]}
+    jitter = measured_jitter(source, result)
+    return replace(report, output=run.output, seconds=seconds, jitter=jitter)
 
 
 def _refuse_without_effect(run: Run, *, directed: bool) -> None:

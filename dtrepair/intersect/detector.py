@@ -126,6 +126,8 @@ class Detector:
             count = warp.zeros(1, dtype=warp.int32, device=self.device)
             self.search(boxes, near, count, self._launch, active=active)
             found = int(count.numpy()[0])
+            if found < 0:  # counted past 2^31: the pose has collapsed
+                raise MemoryError("a pose has more overlapping boxes than can be counted")
             if found <= capacity:
                 return near[:found]
             self._capacity = max(self._capacity, 2 * found)

@@ -152,24 +152,12 @@ def lowest_bit(bits: int) -> int:
 
 
 @wp.func
-def append_pairs(
-    frame: int,
-    i: int,
-    first: int,
-    row: int,
-    candidates: wp.array(dtype=wp.vec3i),
-    count: wp.array(dtype=wp.int32),
-):
-    """Writes a pair of triangle i and triangle first + k for each bit k of `row`, if there is room.
-
-    All of them are counted.
-    """
-    while row != 0:
-        slot = wp.atomic_add(count, 0, 1)
-        # The count of poses that collapsed may wrap around.
-        if slot >= 0 and slot < candidates.shape[0]:
-            candidates[slot] = wp.vec3i(frame, i, first + lowest_bit(row))
-        row = row & (row - 1)
+def wanted(k: int, excluded: wp.uint64, own_active: int, other_active: int) -> int:
+    """Triangles of another leaf, as bits, of which triangle k of a leaf is to be paired."""
+    row = ~wp.int32((excluded >> wp.uint64(8 * k)) & wp.uint64(255))
+    if (own_active >> k) & 1 == 0:
+        row = row & other_active
+    return row
 
 
 @wp.kernel
@@ -190,15 +178,14 @@ def find_candidates(
 ):
     """Pairs (frame, i, j), i < j in leaf order, that are not excluded and whose boxes overlap.
 
-    One thread a frame and leaf: the leaf with itself and with the leaves behind it. Of nodes
-    without an active triangle only those that meet a leaf with one are looked at; bit k of a leaf
-    is set in `active` if its triangle k is, and pairs of two others are left out.
+    One thread a frame and leaf: the leaf with itself and with the leaves behind it. Bit k of a
+    leaf is set in `active` if its triangle k is; pairs of two that are not are left out.
     """
     frame, leaf = wp.tid()
     entry = neighbor_start[leaf]
     last_entry = neighbor_start[leaf + 1]
     leaves = leaf_start.shape[0] - 1
-    # From a leaf on, depth-first order holds exactly the leaves behind it.
+    # From a leaf on, depth-first order holds exactly the leaves behind it, and so do neighbours.
     node = leaves - 1 + leaf
     own_low = node_low[frame, node]
     own_high = node_high[frame, node]
@@ -214,7 +201,6 @@ def find_candidates(
         else:
             other = node - leaves + 1
             node = skip[node]
-            # Leaves come in order, so the rows of neighbours need no search.
             while entry < last_entry and neighbor[entry] < other:
                 entry += 1
             out = wp.uint64(0)
@@ -227,10 +213,14 @@ def find_candidates(
                 reaching = reaching & (reaching - 1)
                 i = leaf_start[leaf] + k
                 row = in_reach(low[frame, i], high[frame, i], blocks, frame, other)
-                row = row & (~wp.int32((out >> wp.uint64(8 * k)) & wp.uint64(255)))
-                if (own_active >> k) & 1 == 0:
-                    row = row & other_active
-                append_pairs(frame, i, leaf_start[other], row, candidates, count)
+                row = row & wanted(k, out, own_active, other_active)
+                while row != 0:
+                    slot = wp.atomic_add(count, 0, 1)
+                    # The count of poses that collapsed may wrap around.
+                    if slot >= 0 and slot < candidates.shape[0]:
+                        j = leaf_start[other] + lowest_bit(row)
+                        candidates[slot] = wp.vec3i(frame, i, j)
+                    row = row & (row - 1)
 
 
 @wp.func

@@ -133,51 +133,10 @@ def edge_hits(p: wp.vec3d, q: wp.vec3d, t0: wp.vec3d, t1: wp.vec3d, t2: wp.vec3d
 
 
 @wp.func
-def edges_hit(
-    p0: wp.vec3d,
-    p1: wp.vec3d,
-    p2: wp.vec3d,
-    s0: int,
-    s1: int,
-    s2: int,
-    t0: wp.vec3d,
-    t1: wp.vec3d,
-    t2: wp.vec3d,
+def classify_doubles(
+    a0: wp.vec3d, a1: wp.vec3d, a2: wp.vec3d, b0: wp.vec3d, b1: wp.vec3d, b2: wp.vec3d
 ) -> int:
-    """Whether an edge of the triangle p meets the triangle t, on whose sides s its corners are."""
-    result = APART
-    for edge in range(3):
-        p = p0
-        q = p1
-        crosses = s0 * s1 < 0
-        if edge == 1:
-            p = p1
-            q = p2
-            crosses = s1 * s2 < 0
-        if edge == 2:
-            p = p2
-            q = p0
-            crosses = s2 * s0 < 0
-        if crosses:
-            hit = edge_hits(p, q, t0, t1, t2)
-            if hit == INTERSECTING:
-                return INTERSECTING
-            result = wp.max(result, hit)
-    return result
-
-
-@wp.func
-def classify(
-    a0f: wp.vec3f, a1f: wp.vec3f, a2f: wp.vec3f, b0f: wp.vec3f, b1f: wp.vec3f, b2f: wp.vec3f
-) -> int:
-    """Whether two closed triangles have a common point: APART, INTERSECTING or UNCERTAIN."""
-    # Only differences of given coordinates: those of shifted ones would be rounded twice.
-    a0 = double(a0f)
-    a1 = double(a1f)
-    a2 = double(a2f)
-    b0 = double(b0f)
-    b1 = double(b1f)
-    b2 = double(b2f)
+    """`classify` in float64; of differences of given coordinates only: others round twice."""
     normal_a = wp.cross(a1 - a0, a2 - a0)
     bound_a = cross_bound(a1 - a0, a2 - a0)
     sb0 = filtered_sign(normal_a, bound_a, b0 - a0)
@@ -198,10 +157,46 @@ def classify(
         if separated_in_plane(normal_b, a0, a1, a2, b0, b1, b2):
             return APART
         return UNCERTAIN
-    hit = edges_hit(a0, a1, a2, sa0, sa1, sa2, b0, b1, b2)
-    if hit == INTERSECTING:
-        return INTERSECTING
-    other = edges_hit(b0, b1, b2, sb0, sb1, sb2, a0, a1, a2)
-    if other == INTERSECTING:
-        return INTERSECTING
-    return wp.max(hit, other)
+    result = APART
+    for edge in range(6):
+        p = a0
+        q = a1
+        crosses = sa0 * sa1 < 0
+        if edge == 1:
+            p = a1
+            q = a2
+            crosses = sa1 * sa2 < 0
+        if edge == 2:
+            p = a2
+            q = a0
+            crosses = sa2 * sa0 < 0
+        if edge == 3:
+            p = b0
+            q = b1
+            crosses = sb0 * sb1 < 0
+        if edge == 4:
+            p = b1
+            q = b2
+            crosses = sb1 * sb2 < 0
+        if edge == 5:
+            p = b2
+            q = b0
+            crosses = sb2 * sb0 < 0
+        if crosses:
+            hit = APART
+            if edge < 3:
+                hit = edge_hits(p, q, b0, b1, b2)
+            else:
+                hit = edge_hits(p, q, a0, a1, a2)
+            if hit == INTERSECTING:
+                return INTERSECTING
+            result = wp.max(result, hit)
+    return result
+
+
+@wp.func
+def classify(
+    a0: wp.vec3f, a1: wp.vec3f, a2: wp.vec3f, b0: wp.vec3f, b1: wp.vec3f, b2: wp.vec3f
+) -> int:
+    """Whether two closed triangles have a common point: APART, INTERSECTING or UNCERTAIN."""
+    return classify_doubles(double(a0), double(a1), double(a2), double(b0), double(b1), double(b2))

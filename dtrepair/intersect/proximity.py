@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray, IntArray, vector_areas
+from dtrepair.geometry import FloatArray, IntArray, dots, vector_areas
 from dtrepair.intersect.detector import Detector
 
 
@@ -61,5 +61,4 @@ def face_each_other(points: FloatArray, faces: IntArray, pairs: IntArray) -> NDA
     centres = points[faces[pairs]].mean(axis=2)
     across = centres[:, 1] - centres[:, 0]
     normals = vector_areas(points, faces[pairs].reshape(-1, 3)).reshape(-1, 2, 3)
-    ahead = np.einsum("ij,ij->i", normals[:, 0], across) > 0.0
-    return ahead & (np.einsum("ij,ij->i", normals[:, 1], across) < 0.0)
+    return (dots(normals[:, 0], across) > 0.0) & (dots(normals[:, 1], across) < 0.0)

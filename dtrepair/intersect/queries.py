@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray, IntArray, adjacency
+from dtrepair.geometry import FloatArray, IntArray, adjacency, pair_keys
 from dtrepair.intersect.detector import Detector
 
 # Ring distances are known up to this; what is farther counts as one ring more.
@@ -62,7 +62,7 @@ class Queries:
 
     def ring_distance(self, pairs: IntArray) -> IntArray:
         """Edge rings (K,) between the triangles of pairs (K, 2), at most RING_LIMIT + 1."""
-        keys = pairs[:, 0].astype(np.int64) << 32 | pairs[:, 1].astype(np.int64)
+        keys = pair_keys(pairs)
         place = np.searchsorted(self._known_keys, keys)
         new = place == len(self._known_keys)
         new[~new] = self._known_keys[place[~new]] != keys[~new]

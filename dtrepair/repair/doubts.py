@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import IntArray
+from dtrepair.geometry import IntArray, pair_keys
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.exact import intersect
 
@@ -36,7 +36,7 @@ class Doubts:
         keep = np.ones(len(rows), dtype=bool)
         doubtful = rows[:, 3] == 2
         if doubtful.any():
-            asked = doubtful & np.isin(_keys(rows), self._clear_at_rest)
+            asked = doubtful & np.isin(pair_keys(rows[:, 1:3]), self._clear_at_rest)
             keep[asked] = self._settled(points, rows[asked])
         return keep
 
@@ -46,7 +46,7 @@ class Doubts:
         rows = self._detector.candidates(self._rest[None])
         rows = rows[rows[:, 3] == 2]
         corners = self._corners(self._rest[None], rows)
-        return _keys(rows[~intersect(corners[:, 0], corners[:, 1])])
+        return pair_keys(rows[~intersect(corners[:, 0], corners[:, 1])][:, 1:3])
 
     def _corners(self, points: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
         """Corners (K, 2, 3, 3) of both triangles of each row."""
@@ -80,9 +80,3 @@ def without_area(corners: NDArray[np.float32]) -> BoolArray:
     area: NDArray[np.float64] = np.cross(sides[..., 0, :], sides[..., 1, :])
     flat: BoolArray = (area == 0.0).all(axis=-1)
     return flat
-
-
-def _keys(rows: IntArray) -> NDArray[np.int64]:
-    """One number for the pair of each row (K, 4)."""
-    keys: NDArray[np.int64] = rows[:, 1].astype(np.int64) << 32 | rows[:, 2].astype(np.int64)
-    return keys

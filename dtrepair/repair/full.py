@@ -249,9 +249,9 @@ class _Run:
         """The pose with its contacts apart by the clearance, and the pairs still closer."""
         start = time.perf_counter()
         # A pose that is its own rest would excuse its own contacts.
-        own = np.allclose(self.original, self.surface.rest, rtol=0.0, atol=1e-7)
+        at_rest = np.allclose(self.original, self.surface.rest, rtol=0.0, atol=1e-7)
         points, left = open_contacts(
-            self.surface, points, clearance, limit=self.limited, facing=own
+            self.surface, points, clearance, limit=self.limited, facing=at_rest
         )
         defects = find_defects(self.surface, points)
         self._record("open", points, len(defects.crossings), len(defects.folds), 0, start)

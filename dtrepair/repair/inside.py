@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dtrepair.device import start_warp
-from dtrepair.geometry import FloatArray, IntArray, lengths
+from dtrepair.geometry import FloatArray, IntArray, lengths, pair_keys
 from dtrepair.intersect.queries import link_labels
-from dtrepair.repair.surface import BoolArray, Surface, pair_keys
+from dtrepair.repair.surface import BoolArray, Surface
 
 # Rays a component; odd, so that the median is a vote.
 RAYS = 7

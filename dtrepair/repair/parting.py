@@ -18,7 +18,13 @@ from dtrepair.geometry import FloatArray, IntArray, diagonal
 from dtrepair.repair.piercing import Inside, Piercing, Shape, find_inside
 from dtrepair.repair.stiffen import STIFF
 from dtrepair.repair.timeline import eased_in_time
-from dtrepair.repair.unhooking import FARTHEST, length_along, shortest_way, ways_around
+from dtrepair.repair.unhooking import (
+    FARTHEST,
+    contact_counts,
+    length_along,
+    shortest_way,
+    ways_around,
+)
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer
@@ -95,11 +101,9 @@ class _Parting:
         """Bodies that meet and of which one may move, those with most pairs first."""
         met: dict[tuple[int, int], dict[int, int]] = {}
         for frame, found in enumerate(pairs):
-            bodies = np.sort(self.scene._body_of[found], axis=1)
-            names, counts = np.unique(bodies, axis=0, return_counts=True)
+            names, counts = contact_counts(self.scene._body_of, found)
             for (first, second), count in zip(names.tolist(), counts.tolist(), strict=True):
-                if first != second:
-                    met.setdefault((first, second), {})[frame] = count
+                met.setdefault((first, second), {})[frame] = count
         for (first, second), where in sorted(met.items(), key=lambda m: -sum(m[1].values())):
             shares = self._shares(first, second)
             if shares is None:

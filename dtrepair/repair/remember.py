@@ -112,8 +112,9 @@ def repair_each(
             yield arrays, None if kept is None else _results(kept)
 
     def solved(batch: list[_Item]) -> list[list[RepairResult] | Exception]:
-        if all(known is not None for _, known in batch):
-            return [known or [] for _, known in batch]
+        kept = [known for _, known in batch if known is not None]
+        if len(kept) == len(batch):
+            return [*kept]
         # Always the whole batch: products of another width round differently on a GPU.
         return _solved([arrays for arrays, _ in batch], scene)
 

@@ -19,6 +19,7 @@ from dtrepair.geometry import (
     as_numpy,
     as_points,
     diagonal,
+    pair_keys,
     unique_edges,
     weld_map,
 )
@@ -39,7 +40,6 @@ from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, 
 from dtrepair.repair.poses import repair_poses
 from dtrepair.repair.release import bodies_of_parts
 from dtrepair.repair.rigid import RigidBodies
-from dtrepair.repair.surface import pair_keys
 from dtrepair.repair.system import System
 from dtrepair.wording import counted
 

@@ -16,6 +16,7 @@ from dtrepair.geometry import (
     adjacency,
     extent,
     lengths,
+    pair_keys,
     shared_edges,
     unique_edges,
 )
@@ -307,11 +308,6 @@ class Surface:
     def vector_areas(self, points: FloatArray) -> FloatArray:
         """Vector area (V, 3) of each vertex: a third of its triangles'."""
         return self.queries.vector_areas(points)
-
-
-def pair_keys(pairs: IntArray) -> NDArray[np.int64]:
-    """One number for each pair (K, 2)."""
-    return pairs[:, 0].astype(np.int64) << 32 | pairs[:, 1].astype(np.int64)
 
 
 def _united(first: IntArray, second: IntArray) -> IntArray:

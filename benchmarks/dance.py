@@ -23,7 +23,7 @@ from scipy import sparse
 from scipy.spatial.transform import Rotation
 
 from dtrepair.mesh_files import read_mesh
-from dtrepair.operators import Factor, uniform_laplacian
+from dtrepair.numerics.operators import Factor, uniform_laplacian
 from usd_io import AuthoredMesh, write_animation
 
 Floats = NDArray[np.float64]

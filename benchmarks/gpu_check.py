@@ -24,9 +24,9 @@ from torch import Tensor
 
 from benchmarks.detection import Faces, Points
 from dtrepair.device import DeviceQueue, resolve_device, start_warp
-from dtrepair.geometry import extent
 from dtrepair.intersect.detector import Detector
-from dtrepair.operators import cotangent_laplacian
+from dtrepair.numerics.geometry import extent
+from dtrepair.numerics.operators import cotangent_laplacian
 from dtrepair.repair.block_diffusion import BlockDiffusion
 from dtrepair.repair.descent import Descent
 from dtrepair.repair.device_descent import DeviceDescent

@@ -19,7 +19,7 @@ from scipy.sparse import csgraph
 from scipy.spatial.transform import Rotation
 
 from dtrepair.mesh_files import read_mesh
-from dtrepair.operators import Factor
+from dtrepair.numerics.operators import Factor
 from dtrepair.transfer.gradients import deformation_operator, degenerate_triangles, stacked
 from dtrepair.transfer.poisson import poisson_system
 from usd_io import AuthoredMesh, write_animation

@@ -23,10 +23,10 @@ from scipy import sparse
 
 from benchmarks.detection import Faces, Points, measure
 from dtrepair import Repairer, RepairOptions
-from dtrepair.geometry import as_mesh, diagonal, extent
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.mesh_files import read_mesh
-from dtrepair.operators import cotangent_laplacian, lumped_mass
+from dtrepair.numerics.geometry import as_mesh, diagonal, extent
+from dtrepair.numerics.operators import cotangent_laplacian, lumped_mass
 from dtrepair.repair.descent import Descent
 from dtrepair.repair.diffusion import Diffusion, SparseOperator
 from dtrepair.repair.energy import mean_square_strength

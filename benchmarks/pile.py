@@ -15,7 +15,7 @@ import time
 import numpy as np
 
 from dtrepair import Body, SceneRepairer, Status
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
 from tests.meshes import icosphere, torus
 
 Mesh = tuple[FloatArray, IntArray]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.scene_stages import Stage
-from dtrepair.geometry import FloatArray, IntArray, weld_map
+from dtrepair.numerics.geometry import FloatArray, IntArray, weld_map
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray
 from tests.meshes import Mesh, split_quads
 
 

@@ -18,7 +18,7 @@ from benchmarks.scene_shapes import (
     times,
     turned,
 )
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
 from tests.meshes import icosphere, split_quads, swept, torus
 
 

@@ -27,9 +27,9 @@ import numpy as np
 
 from benchmarks.scene_files import World, read_world, write_stage
 from benchmarks.scene_stages import STAGES
-from dtrepair.geometry import FloatArray, IntArray, unique_edges
 from dtrepair.intersect.detector import Detector
-from dtrepair.metrics import displacements, edge_log_ratio, jitter
+from dtrepair.numerics.geometry import FloatArray, IntArray, unique_edges
+from dtrepair.numerics.metrics import displacements, edge_log_ratio, jitter
 
 # Scenes that are files: their names below --data, what they hold, and what is stiff of that.
 SHARED = {

@@ -27,11 +27,11 @@ from scipy import sparse
 from scipy.sparse import linalg
 
 from dtrepair import Repairer, RepairOptions
-from dtrepair.geometry import extent, shared_edges, triangle_normals, unique_edges
 from dtrepair.intersect.detector import Detector, find_intersections
 from dtrepair.intersect.queries import Queries
 from dtrepair.mesh_files import read_mesh
-from dtrepair.metrics import edge_log_ratio, volume
+from dtrepair.numerics.geometry import extent, shared_edges, triangle_normals, unique_edges
+from dtrepair.numerics.metrics import edge_log_ratio, volume
 from dtrepair.repair import crease
 
 # Jang et al. 2025, table 1: triangles left after 60 iterations of the published method.

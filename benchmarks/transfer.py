@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import diagonal
 from dtrepair.mesh_files import read_mesh
-from dtrepair.operators import Factor, cotangent_laplacian
+from dtrepair.numerics.geometry import diagonal
+from dtrepair.numerics.operators import Factor, cotangent_laplacian
 from dtrepair.transfer import (
     Transfer,
     check_markers,

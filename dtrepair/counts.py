@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dtrepair.geometry import weld_map
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import of_ignored_bodies
+from dtrepair.numerics.geometry import weld_map
 from dtrepair.record import CountRecord
 
 MODES = ("self", "inter", "both")

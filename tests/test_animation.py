@@ -13,10 +13,10 @@ from meshes import icosphere, swept
 from numpy.typing import NDArray
 
 from dtrepair import Body, Detector, Repairer, RepairOptions, SceneRepairer, Status
-from dtrepair.geometry import weld_map
 from dtrepair.mesh_files import read_mesh
-from dtrepair.metrics import displacements, jitter
-from dtrepair.operators import Factor
+from dtrepair.numerics.geometry import weld_map
+from dtrepair.numerics.metrics import displacements, jitter
+from dtrepair.numerics.operators import Factor
 from dtrepair.repair.animation import AnimationRepairer
 from usd_io import open_stage, read_meshes, read_points
 

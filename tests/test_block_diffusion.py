@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy import sparse
 
-from dtrepair.operators import cotangent_laplacian, lumped_mass
+from dtrepair.numerics.operators import cotangent_laplacian, lumped_mass
 from dtrepair.repair import diffusion as diffusion_module
 from dtrepair.repair.block_diffusion import BlockDiffusion, cut
 from dtrepair.repair.diffusion import DenseDiffusion, Diffusion

@@ -5,7 +5,7 @@ import pytest
 from command_line import assert_fails, run, tube_obj
 from meshes import icosphere, tube
 
-from dtrepair.geometry import unique_edges
+from dtrepair.numerics.geometry import unique_edges
 from dtrepair.record import read_report
 
 BALL, BALL_FACES = icosphere(2, radius=0.5)

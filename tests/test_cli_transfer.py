@@ -14,7 +14,7 @@ from command_line import (
 )
 from quadruped import Quadruped, markers
 
-from dtrepair.geometry import diagonal
+from dtrepair.numerics.geometry import diagonal
 from dtrepair.record import read_report, validate
 from dtrepair.transfer import Transfer, match_triangles, register
 

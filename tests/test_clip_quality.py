@@ -7,11 +7,11 @@ import pytest
 from test_animation import crossings, pincers, results_of, roughness, swing
 
 from dtrepair import Repairer, RepairOptions, Status, demo_character
-from dtrepair.metrics import displacements, jitter
+from dtrepair.numerics.metrics import displacements, jitter
+from dtrepair.numerics.temporal import second_differences, steady_weights
 from dtrepair.repair import shot
 from dtrepair.repair.mend import mend
 from dtrepair.repair.surface import Surface
-from dtrepair.repair.timeline import second_differences, steady_weights
 
 
 @pytest.fixture

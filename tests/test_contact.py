@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csgraph
 
-from dtrepair.geometry import IntArray
 from dtrepair.intersect.detector import find_intersections
+from dtrepair.numerics.geometry import IntArray
 from dtrepair.repair.contact import (
     Defects,
     contact_regions,

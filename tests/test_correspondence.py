@@ -8,7 +8,7 @@ import torch
 from meshes import grid, icosphere, joined, torus
 from quadruped import SOURCE, TARGET, markers
 
-from dtrepair.geometry import triangle_normals
+from dtrepair.numerics.geometry import triangle_normals
 from dtrepair.transfer import measure_coverage, register
 from dtrepair.transfer.correspondence import (
     HarmonicFill,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.geometry import FloatArray
 from dtrepair.intersect.detector import find_intersections
-from dtrepair.operators import uniform_laplacian
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.operators import uniform_laplacian
 from dtrepair.repair.contact import Defects, find_defects
 from dtrepair.repair.crease import bilaplacian_fill, fill_creases, membrane_fill
 from dtrepair.repair.surface import Surface

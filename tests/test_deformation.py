@@ -12,8 +12,8 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 from transfer_cases import TURN, bent, errors
 
-from dtrepair.geometry import diagonal, triangle_areas
-from dtrepair.operators import cotangent_laplacian
+from dtrepair.numerics.geometry import diagonal, triangle_areas
+from dtrepair.numerics.operators import cotangent_laplacian
 from dtrepair.transfer import Transfer, identity_pairs, match_triangles
 from dtrepair.transfer.gradients import degenerate_triangles
 from dtrepair.transfer.placement import Placement

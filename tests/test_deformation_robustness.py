@@ -13,7 +13,7 @@ import torch
 from meshes import icosphere, torus
 from transfer_cases import TURN, bent, errors
 
-from dtrepair.operators import Factor
+from dtrepair.numerics.operators import Factor
 from dtrepair.transfer import Transfer, identity_pairs, match_triangles
 
 

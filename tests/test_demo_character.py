@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dtrepair.demo_character import make_character
-from dtrepair.geometry import components, unique_edges
 from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.geometry import components, unique_edges
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,10 @@ import pytest
 import torch
 
 from dtrepair.device import DeviceQueue
-from dtrepair.geometry import extent
 from dtrepair.intersect.detector import Detector
 from dtrepair.mesh_files import read_mesh
-from dtrepair.operators import cotangent_laplacian
+from dtrepair.numerics.geometry import extent
+from dtrepair.numerics.operators import cotangent_laplacian
 from dtrepair.repair.descent import Descent, triangle_counts
 from dtrepair.repair.device_operators import RowOperator
 from dtrepair.repair.diffusion import BodyDiffusion, Diffusion, SparseOperator

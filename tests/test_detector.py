@@ -10,9 +10,9 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from dtrepair.geometry import weld_map
 from dtrepair.intersect import detector as detector_module
 from dtrepair.intersect.detector import Detector, find_intersections, triangle_count
+from dtrepair.numerics.geometry import weld_map
 from tests import meshes
 from tests.cgal_reference import cgal_pairs
 from tests.crossing_meshes import MESHES, TWO_FACES, crumpled, soup

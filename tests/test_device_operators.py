@@ -10,7 +10,7 @@ import torch
 
 from dtrepair.device import DeviceQueue
 from dtrepair.intersect.detector import Detector
-from dtrepair.operators import cotangent_laplacian
+from dtrepair.numerics.operators import cotangent_laplacian
 from dtrepair.repair.descent import Descent
 from dtrepair.repair.device_operators import Forces, RowOperator
 from dtrepair.repair.diffusion import SparseOperator

@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy import sparse
 
-from dtrepair.operators import Factor, cotangent_laplacian, lumped_mass
+from dtrepair.numerics.operators import Factor, cotangent_laplacian, lumped_mass
 from dtrepair.repair.diffusion import BodyDiffusion, Diffusion, SparseOperator
 from tests.meshes import icosphere, torus
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from dtrepair.operators import cotangent_laplacian
+from dtrepair.numerics.operators import cotangent_laplacian
 from dtrepair.repair.diffusion import SparseOperator
 from dtrepair.repair.energy import (
     KERNELS,

@@ -58,7 +58,7 @@ def test_animation_example_writes_into_a_folder(tmp_path: Path) -> None:
 def test_shapes_are_closed_and_wound_outward(monkeypatch: pytest.MonkeyPatch) -> None:
     import numpy as np
 
-    from dtrepair.geometry import vector_areas
+    from dtrepair.numerics.geometry import vector_areas
 
     monkeypatch.syspath_prepend(str(FOLDER))
     from shapes import arm, ball

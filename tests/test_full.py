@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from quadruped import Quadruped
 
-from dtrepair.geometry import FloatArray
-from dtrepair.metrics import volume
-from dtrepair.operators import Factor
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.metrics import volume
+from dtrepair.numerics.operators import Factor
 from dtrepair.repair import full
 from dtrepair.repair.contact import find_defects
 from dtrepair.repair.full import FullMethod

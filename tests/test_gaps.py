@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from dtrepair.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.contact import Defects
 from dtrepair.repair.gaps import MARGIN, SHRINK, STIFFER, Gaps
 from dtrepair.repair.relax import step_with_gaps

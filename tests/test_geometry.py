@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from dtrepair import geometry
+from dtrepair.numerics import geometry
 from tests import meshes
 
 RIGHT_TRIANGLE = (np.array([[0, 0, 0], [2, 0, 0], [0, 3, 0.0]]), np.array([[0, 1, 2]]))

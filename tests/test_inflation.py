@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.geometry import FloatArray
-from dtrepair.metrics import volume
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.metrics import volume
 from dtrepair.repair.inflation import HIGHEST, LARGEST, LEAST, Inflation
 from dtrepair.repair.relax import relax
 from dtrepair.repair.surface import Surface

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.geometry import FloatArray, IntArray, triangle_normals
 from dtrepair.intersect.exact import intersect
+from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_normals
 from dtrepair.repair.inside import crossing_edges, winding_numbers
 from dtrepair.repair.surface import Surface
 from tests.meshes import (

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dtrepair.jitter_meter import JitterMeter
-from dtrepair.metrics import jitter
+from dtrepair.numerics.jitter_meter import JitterMeter
+from dtrepair.numerics.metrics import jitter
 
 
 def measured(before, after):

@@ -13,23 +13,23 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # What each part may import of the project; the command line may import everything.
 MAY_IMPORT = {
-    "dtrepair.geometry": (),
+    "dtrepair.numerics.geometry": (),
     "dtrepair.device": (),
-    "dtrepair.operators": ("dtrepair.geometry",),
-    "dtrepair.metrics": ("dtrepair.geometry",),
+    "dtrepair.numerics.operators": ("dtrepair.numerics.geometry",),
+    "dtrepair.numerics.metrics": ("dtrepair.numerics.geometry",),
     "dtrepair.wording": (),
-    "dtrepair.intersect": ("dtrepair.geometry", "dtrepair.device", "dtrepair.intersect"),
+    "dtrepair.intersect": ("dtrepair.numerics.geometry", "dtrepair.device", "dtrepair.intersect"),
     "dtrepair.transfer": (
-        "dtrepair.geometry",
-        "dtrepair.operators",
+        "dtrepair.numerics.geometry",
+        "dtrepair.numerics.operators",
         "dtrepair.atomic_files",
         "dtrepair.transfer",
     ),
     "dtrepair.repair": (
-        "dtrepair.geometry",
-        "dtrepair.operators",
+        "dtrepair.numerics.geometry",
+        "dtrepair.numerics.operators",
         "dtrepair.device",
-        "dtrepair.metrics",
+        "dtrepair.numerics.metrics",
         "dtrepair.wording",
         "dtrepair.intersect",
         "dtrepair.repair",
@@ -39,7 +39,7 @@ MAY_IMPORT = {
 }
 # Packages that only these files may name.
 OWNERS = {
-    "cholespy": ("dtrepair.operators",),
+    "cholespy": ("dtrepair.numerics.operators",),
     "trimesh": ("dtrepair.mesh_files",),
     "matplotlib": ("dtrepair.pictures",),
     "pxr": ("usd_io", "dtrepair.cli"),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.geometry import diagonal, unique_edges
-from dtrepair.metrics import displacements, edge_log_ratio, jitter, volume
+from dtrepair.numerics.geometry import diagonal, unique_edges
+from dtrepair.numerics.metrics import displacements, edge_log_ratio, jitter, volume
 from tests.meshes import grid, icosphere, joined, torus
 
 SPHERE = icosphere(3)

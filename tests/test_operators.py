@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from dtrepair.geometry import triangle_areas
-from dtrepair.operators import (
+from dtrepair.numerics.geometry import triangle_areas
+from dtrepair.numerics.operators import (
     Factor,
     cotangent_laplacian,
     gradient_operator,

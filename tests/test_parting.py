@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dtrepair import Body, RepairOptions, SceneRepairer, Status
-from dtrepair.geometry import FloatArray, extent, unique_edges
-from dtrepair.metrics import edge_log_ratio, jitter
+from dtrepair.numerics.geometry import FloatArray, extent, unique_edges
+from dtrepair.numerics.metrics import edge_log_ratio, jitter
 from dtrepair.repair.frames import system_of
 from dtrepair.repair.parting import parted_frames
 from dtrepair.repair.piercing import Piercing, Shape, find_inside

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dtrepair import Body, SceneRepairer, Status
-from dtrepair.geometry import unique_edges
+from dtrepair.numerics.geometry import unique_edges
 from dtrepair.repair import full
 from dtrepair.repair import poses as poses_of_scenes
 from dtrepair.repair.contact import find_defects

@@ -10,8 +10,8 @@ from quadruped import SOURCE, TARGET, markers
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from dtrepair.geometry import diagonal
-from dtrepair.operators import Factor, cotangent_laplacian
+from dtrepair.numerics.geometry import diagonal
+from dtrepair.numerics.operators import Factor, cotangent_laplacian
 from dtrepair.transfer import Pins, Transfer, identity_pairs, match_triangles, register
 
 

@@ -8,7 +8,7 @@ from meshes import icosphere, joined, subdivided, torus
 from quadruped import SOURCE, TARGET, markers
 from scipy.spatial.transform import Rotation
 
-from dtrepair.geometry import diagonal
+from dtrepair.numerics.geometry import diagonal
 from dtrepair.transfer import (
     Transfer,
     identity_pairs,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.geometry import FloatArray
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.proximity import close_pairs, face_each_other
+from dtrepair.numerics.geometry import FloatArray
 from tests.meshes import Mesh, armed_body, icosphere, joined
 
 

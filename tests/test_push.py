@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.contact import near_contacts
 from dtrepair.repair.energy import SignedTangentPoint, pair_energy
 from dtrepair.repair.push import push, tangent_point_gradient

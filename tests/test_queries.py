@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from dtrepair.geometry import adjacency
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.exact import as_integers, cross, dot, sign
 from dtrepair.intersect.queries import RING_LIMIT, Queries, link_labels, one_vertex_pairs
+from dtrepair.numerics.geometry import adjacency
 from tests.meshes import Mesh, elbow, grid, icosphere, joined, overlapping_spheres, torus, tube
 
 SPHERE = icosphere(2)

@@ -10,8 +10,8 @@ from quadruped import SOURCE, TARGET, markers
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from dtrepair.geometry import diagonal
-from dtrepair.operators import Factor
+from dtrepair.numerics.geometry import diagonal
+from dtrepair.numerics.operators import Factor
 from dtrepair.transfer import register
 from dtrepair.transfer.closest_point import closest_on_triangles
 

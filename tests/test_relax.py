@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from dtrepair.geometry import FloatArray
-from dtrepair.metrics import displacements
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.metrics import displacements
 from dtrepair.repair import relax as module
 from dtrepair.repair.contact import find_defects
 from dtrepair.repair.crease import Filled

@@ -11,8 +11,8 @@ import torch
 import dtrepair
 import dtrepair.intersect.detector
 from dtrepair import Repairer, RepairOptions, RepairResult, Status, find_intersections, repair_mesh
-from dtrepair.geometry import FloatArray, diagonal, weld_map
-from dtrepair.operators import Factor
+from dtrepair.numerics.geometry import FloatArray, diagonal, weld_map
+from dtrepair.numerics.operators import Factor
 from tests.exact_reference import check_counts
 from tests.meshes import (
     Mesh,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dtrepair import Repairer, RepairResult, Status
-from dtrepair.geometry import FloatArray, IntArray, diagonal
+from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from tests.exact_reference import exact_pairs
 from tests.meshes import armed_body
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dtrepair import Body, RepairOptions, SceneRepairer, Status
-from dtrepair.geometry import unique_edges
+from dtrepair.numerics.geometry import unique_edges
 from dtrepair.repair.rigid import RigidBodies, allowed
 from tests.exact_reference import exact_pairs
 from tests.meshes import Mesh, icosphere, joined, tube

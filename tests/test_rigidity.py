@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.geometry import FloatArray
-from dtrepair.metrics import edge_log_ratio
-from dtrepair.operators import Factor
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.metrics import edge_log_ratio
+from dtrepair.numerics.operators import Factor
 from dtrepair.repair.rigidity import SMALL, Rigidity
 from dtrepair.repair.surface import ANCHOR, Surface
 from tests.meshes import Mesh, elbow, grid, icosphere, torus

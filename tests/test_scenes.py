@@ -6,7 +6,7 @@ import pytest
 from benchmarks.scene_files import read_world, write_stage
 from benchmarks.scene_stages import STAGES
 from benchmarks.scenes import SHARED, count_dirty, find_pairs
-from dtrepair.metrics import volume
+from dtrepair.numerics.metrics import volume
 
 
 @pytest.mark.parametrize("name", STAGES)

@@ -12,7 +12,7 @@ from dtrepair.cli.frames import Frame, make_counter, read_frames
 from dtrepair.cli.options import Selection
 from dtrepair.cli.solve import FrameRepairer, repair_frames
 from dtrepair.cli.sources import open_source
-from dtrepair.jitter_meter import JitterMeter
+from dtrepair.numerics.jitter_meter import JitterMeter
 from dtrepair.repair.animation import AnimationRepairer
 from dtrepair.repair.repairer import Body, SceneRepairer
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dtrepair import Body, SceneRepairer, Status
-from dtrepair.geometry import unique_edges
-from dtrepair.metrics import edge_log_ratio
+from dtrepair.numerics.geometry import unique_edges
+from dtrepair.numerics.metrics import edge_log_ratio
 from dtrepair.repair import animation, shot, stiffen
 from tests.meshes import icosphere
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.geometry import adjacency, extent, unique_edges, vector_areas
 from dtrepair.intersect.detector import find_intersections
-from dtrepair.operators import Factor
+from dtrepair.numerics.geometry import adjacency, extent, unique_edges, vector_areas
+from dtrepair.numerics.operators import Factor
 from dtrepair.repair.surface import BodyRange, Surface
 from tests.meshes import (
     Mesh,

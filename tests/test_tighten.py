@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.geometry import FloatArray, diagonal
-from dtrepair.metrics import displacements
+from dtrepair.numerics.geometry import FloatArray, diagonal
+from dtrepair.numerics.metrics import displacements
 from dtrepair.repair.contact import find_defects
 from dtrepair.repair.crease import fill_creases
 from dtrepair.repair.push import push

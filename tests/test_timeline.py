@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.repair.timeline import apply_in_time, gaussian_kernel, undamped
+from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel, undamped
 
 
 def test_small_products_make_the_whole_one():

@@ -9,7 +9,7 @@ import pytest
 from quadruped import SOURCE, TARGET, markers
 from transfer_cases import errors
 
-from dtrepair.geometry import diagonal
+from dtrepair.numerics.geometry import diagonal
 from dtrepair.transfer import (
     Transfer,
     check_markers,

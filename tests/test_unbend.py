@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair import unbend as module
 from dtrepair.repair.contact import find_defects
 from dtrepair.repair.full import FullMethod

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dtrepair import Body, SceneRepairer, Status
-from dtrepair.geometry import unique_edges
-from dtrepair.metrics import edge_log_ratio
+from dtrepair.numerics.geometry import unique_edges
+from dtrepair.numerics.metrics import edge_log_ratio
 from dtrepair.repair.unhooking import (
     SEVERAL,
     STEPS,

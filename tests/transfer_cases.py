@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dtrepair.geometry import diagonal
+from dtrepair.numerics.geometry import diagonal
 
 TURN = Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix()
 

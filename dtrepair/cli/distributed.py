@@ -16,7 +16,7 @@ from dtrepair.cli.failures import INPUT, INTERNAL, USAGE, Failure, writing
 from dtrepair.cli.frames import read_frame
 from dtrepair.cli.interrupts import current_interrupts
 from dtrepair.cli.sources import Source
-from dtrepair.jitter_meter import JitterMeter
+from dtrepair.numerics.jitter_meter import JitterMeter
 from dtrepair.record import Report, read_report
 from dtrepair.report_joining import join_reports
 

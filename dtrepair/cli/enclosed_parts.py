@@ -10,7 +10,7 @@ import numpy as np
 from dtrepair.cli.bodies import outward_faces
 from dtrepair.cli.frames import Frame
 from dtrepair.cli.sources import Source, time_label
-from dtrepair.geometry import weld_map
+from dtrepair.numerics.geometry import weld_map
 from dtrepair.record import EnclosedRecord, FrameRecord
 
 if TYPE_CHECKING:

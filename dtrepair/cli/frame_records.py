@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dtrepair.cli.frames import Frame, frame_time
 from dtrepair.cli.sources import Source
-from dtrepair.geometry import FloatArray, IntArray, unique_edges
+from dtrepair.numerics.geometry import FloatArray, IntArray, unique_edges
 from dtrepair.record import ContactRecord, FramePrimRecord, FrameRecord, MotionRecord, StageRecord
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class FrameRecorder:
         seconds: dict[str, float],
     ) -> FrameRecord:
         """The record of a frame that ends as `spaces`, the points of each mesh."""
-        from dtrepair.metrics import displacements
+        from dtrepair.numerics.metrics import displacements
 
         old = [np.asarray(part, np.float64) for part in frame.spaces]
         new = [np.asarray(part, np.float64) for part in spaces]
@@ -69,8 +69,8 @@ class FrameRecorder:
         self, index: int, old: FloatArray, new: FloatArray, moved: FloatArray
     ) -> MotionRecord | None:
         """How a mesh moved; None if it did not."""
-        from dtrepair.geometry import diagonal
-        from dtrepair.metrics import edge_log_ratio
+        from dtrepair.numerics.geometry import diagonal
+        from dtrepair.numerics.metrics import edge_log_ratio
         from dtrepair.repair.rigid import RigidBodies
 
         if not moved.any():

@@ -146,7 +146,7 @@ class StageKeys:
         self, record: FrameRecord | None, time: float, tracks: Sequence[Track]
     ) -> FrameRecord:
         """The record of a key as it is in the end; `record` is that of its repair alone."""
-        from dtrepair.metrics import displacements
+        from dtrepair.numerics.metrics import displacements
         from dtrepair.record import FramePrimRecord
 
         changed = [time in track.changed for track in tracks]

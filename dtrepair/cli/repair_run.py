@@ -23,7 +23,7 @@ from dtrepair.cli.rest import Rest
 from dtrepair.cli.sinks import Sink
 from dtrepair.cli.solve import FrameRepairer, Repaired, repair_frames
 from dtrepair.cli.sources import Source
-from dtrepair.jitter_meter import JitterMeter
+from dtrepair.numerics.jitter_meter import JitterMeter
 from dtrepair.record import FrameRecord, Report, summarize
 
 if TYPE_CHECKING:

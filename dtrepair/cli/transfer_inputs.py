@@ -228,7 +228,7 @@ def input_problems(source: Source, target: Source) -> list[str]:
 
 
 def _unit_problems(source: StageSource, target: StageSource) -> list[str]:
-    from dtrepair.geometry import extent
+    from dtrepair.numerics.geometry import extent
 
     sizes = []
     for side in (source, target):

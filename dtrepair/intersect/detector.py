@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dtrepair.geometry import as_mesh, as_numpy, weld_map
 from dtrepair.intersect.exact import intersect
 from dtrepair.intersect.neighbors import leaf_neighbors
 from dtrepair.intersect.tree import build_tree
+from dtrepair.numerics.geometry import as_mesh, as_numpy, weld_map
 
 # Levels of the tree that one launch fits.
 LEVELS = 3

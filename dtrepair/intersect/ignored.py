@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import IntArray
+from dtrepair.numerics.geometry import IntArray
 
 
 @dataclass(frozen=True)

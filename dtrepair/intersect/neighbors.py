@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import IntArray
+from dtrepair.numerics.geometry import IntArray
 
 # Of a vertex in more leaves than this only leaves close in order are noted: the work stays linear.
 MOST_LEAVES = 32

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray, IntArray, dots, vector_areas
 from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.geometry import FloatArray, IntArray, dots, vector_areas
 
 
 def close_pairs(

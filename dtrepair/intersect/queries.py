@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray, IntArray, adjacency, pair_keys
 from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.geometry import FloatArray, IntArray, adjacency, pair_keys
 
 # Ring distances are known up to this; what is farther counts as one ring more.
 RING_LIMIT = 20

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.temporal import frame_units
 from dtrepair.repair.crew import available_processors, make_crew, worthwhile_jobs
 from dtrepair.repair.forked import forked_map
 from dtrepair.repair.frames import (
@@ -32,7 +33,6 @@ from dtrepair.repair.release import caught_parts, released_frames
 from dtrepair.repair.rigid import allowed
 from dtrepair.repair.shot import ShotMethod
 from dtrepair.repair.surface import Surface
-from dtrepair.repair.timeline import frame_units
 from dtrepair.repair.unhooking import contact_counts, hooked_contacts
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from torch import Tensor
 
-from dtrepair.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray
 
 Index = NDArray[np.int64]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dtrepair.geometry import FloatArray, extent
+from dtrepair.numerics.geometry import FloatArray, extent
 
 # Poses farther from the origin than this many times their size are repaired about their centre:
 # float32 would lose too many digits there.

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.contact import Defects, find_defects
 from dtrepair.repair.gaps import Gaps
 from dtrepair.repair.push import Limit, push

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray, extent
 from dtrepair.intersect.queries import link_labels
+from dtrepair.numerics.geometry import FloatArray, IntArray, extent
 from dtrepair.repair.surface import BoolArray, Surface
 
 

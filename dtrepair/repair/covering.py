@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from dtrepair.geometry import FloatArray, IntArray, extent
+from dtrepair.numerics.geometry import FloatArray, IntArray, extent
 
 if TYPE_CHECKING:
     from dtrepair.repair.surface import Surface

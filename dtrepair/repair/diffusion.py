@@ -10,8 +10,8 @@ import torch
 from scipy import sparse
 from torch import Tensor
 
-from dtrepair.geometry import FloatArray
-from dtrepair.operators import Factor
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.operators import Factor
 
 # Right-hand sides of one solve while a dense operator is built: what cholespy handles well.
 BLOCK = 96

@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import IntArray, pair_keys
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.exact import intersect
+from dtrepair.numerics.geometry import IntArray, pair_keys
 
 BoolArray = NDArray[np.bool_]
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray, IntArray, components
+from dtrepair.numerics.geometry import FloatArray, IntArray, components
 from dtrepair.repair.rays import exits_along, windings
 from dtrepair.repair.surface import BoolArray
 

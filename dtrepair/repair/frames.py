@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray, extent
+from dtrepair.numerics.geometry import FloatArray, IntArray, extent
+from dtrepair.numerics.temporal import is_cut, motion_between
 from dtrepair.repair.bodies import about_centre
 from dtrepair.repair.rigid import RigidBodies
 from dtrepair.repair.system import System
-from dtrepair.repair.timeline import is_cut, motion_between
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer

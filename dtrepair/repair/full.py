@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clearance import open_contacts
 from dtrepair.repair.contact import Defects, contact_scale, find_defects
 from dtrepair.repair.crease import fill_creases

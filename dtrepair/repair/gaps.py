@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.device import start_warp
-from dtrepair.geometry import FloatArray, IntArray, dots, lengths, pair_keys
+from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, pair_keys
 from dtrepair.repair.contact import Defects
 from dtrepair.repair.surface import BoolArray, Surface
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import linalg
 
-from dtrepair.geometry import FloatArray, IntArray, dots, lengths, triangle_normals
+from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, triangle_normals
 from dtrepair.repair.surface import ANCHOR, BoolArray, Surface
 
 # Cosine of the angle between its triangles' normals, 120 degrees, beyond which an edge counts as

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, dots, lengths
 from dtrepair.intersect.queries import link_labels
+from dtrepair.numerics.geometry import FloatArray, dots, lengths
 from dtrepair.repair.surface import Surface
 
 # Highest pressure, next to edges of weight about 1 and units of the size.

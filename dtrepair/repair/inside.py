@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dtrepair.device import start_warp
-from dtrepair.geometry import FloatArray, IntArray, lengths, pair_keys
 from dtrepair.intersect.queries import link_labels
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, pair_keys
 from dtrepair.repair.surface import BoolArray, Surface
 
 # Rays a component; odd, so that the median is a vote.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.geometry import diagonal
+from dtrepair.numerics.geometry import diagonal
 from dtrepair.repair.tracks import Pose, Track
 
 # A repaired in-between is tried with its displacement times these: the poses beside it profit.

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray, IntArray, lengths, vector_areas
-from dtrepair.metrics import edge_log_ratio, volume
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, vector_areas
+from dtrepair.numerics.metrics import edge_log_ratio, volume
 from dtrepair.repair.release import bodies_of_parts
 from dtrepair.wording import counted
 

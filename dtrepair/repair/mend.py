@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from dtrepair.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.crease import Filled, fill_creases
 from dtrepair.repair.push import push
 from dtrepair.repair.surface import Surface

@@ -8,7 +8,7 @@ from math import isinf
 from numbers import Integral
 from typing import Any
 
-from dtrepair.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray
 
 METHODS = ("full", "paper")
 OPTIMIZERS = ("momentum-brake", "uniform-adam", "gradient-descent")

@@ -11,9 +11,9 @@ import torch
 from scipy import sparse
 
 from dtrepair.device import DeviceQueue, out_of_memory
-from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.intersect.detector import Detector
-from dtrepair.operators import cotangent_laplacian
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.operators import cotangent_laplacian
 from dtrepair.repair.descent import Descent, DescentResult
 from dtrepair.repair.device_descent import DeviceDescent, too_large
 from dtrepair.repair.device_operators import RowOperator

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray, diagonal
+from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
+from dtrepair.numerics.temporal import eased_in_time
 from dtrepair.repair.piercing import Inside, Piercing, Shape, find_inside
 from dtrepair.repair.stiffen import STIFF
-from dtrepair.repair.timeline import eased_in_time
 from dtrepair.repair.unhooking import (
     FARTHEST,
     contact_counts,

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from dtrepair.geometry import FloatArray, IntArray, triangle_areas
-from dtrepair.metrics import volume
+from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_areas
+from dtrepair.numerics.metrics import volume
 from dtrepair.repair.rays import exits_along, frame_along, windings
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray, differing, extent
 from dtrepair.intersect.proximity import close_pairs
-from dtrepair.metrics import displacements, edge_log_ratio
+from dtrepair.numerics.geometry import FloatArray, IntArray, differing, extent
+from dtrepair.numerics.metrics import displacements, edge_log_ratio
 from dtrepair.repair.bodies import about_centre
 from dtrepair.repair.frames import system_of
 from dtrepair.repair.options import RepairResult, Solved

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray, lengths
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
 from dtrepair.repair.contact import contact_regions, near_contacts
 from dtrepair.repair.covering import covering_sides, lift_covers
 from dtrepair.repair.inside import winding_numbers

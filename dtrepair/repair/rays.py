@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray
 
 # Rays start this part of the size of the triangles beside their points.
 ASIDE = np.array([0.0, 3.7e-7, 6.1e-7])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.contact import contact_regions
 from dtrepair.repair.covering import covering_sides
 from dtrepair.repair.inside import winding_numbers

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, lengths
+from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.repair.contact import find_defects
 from dtrepair.repair.crease import Filled
 from dtrepair.repair.gaps import Gaps

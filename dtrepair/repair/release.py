@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray, IntArray
 from dtrepair.intersect.ignored import of_ignored_bodies
-from dtrepair.repair.timeline import eased_in_time
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.temporal import eased_in_time
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.animation import OVERLAP, WINDOW, AnimationRepairer
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.forked import forked_map

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dtrepair.device import DeviceQueue, resolve_device
-from dtrepair.geometry import (
+from dtrepair.intersect.detector import Detector, triangle_count
+from dtrepair.intersect.ignored import of_ignored_bodies
+from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
     as_given,
@@ -23,9 +25,7 @@ from dtrepair.geometry import (
     unique_edges,
     weld_map,
 )
-from dtrepair.intersect.detector import Detector, triangle_count
-from dtrepair.intersect.ignored import of_ignored_bodies
-from dtrepair.metrics import displacements
+from dtrepair.numerics.metrics import displacements
 from dtrepair.repair.animation import AnimationRepairer, animate
 from dtrepair.repair.bodies import (
     Body,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray
 
 # Moments of inertia below this part of the largest count as none: a rod does not spin.
 FLAT = 1e-6

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.device import start_warp
-from dtrepair.geometry import FloatArray
-from dtrepair.operators import Factor
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.operators import Factor
 from dtrepair.repair.surface import ANCHOR, BoolArray, Surface
 
 # A region of less than this part of the vertices has a factor of its own.

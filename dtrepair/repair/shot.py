@@ -7,19 +7,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.temporal import (
+    apply_in_time,
+    gaussian_kernel,
+    second_differences,
+    steady_weights,
+)
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.shot_mending import mend_frames
 from dtrepair.repair.shot_tightening import WIDTH, tighten_frames
 from dtrepair.repair.spacetime import SpaceTime
 from dtrepair.repair.stiffen import stiffen_frames
 from dtrepair.repair.surface import Surface
-from dtrepair.repair.timeline import (
-    apply_in_time,
-    gaussian_kernel,
-    second_differences,
-    steady_weights,
-)
 from dtrepair.repair.window_frames import Alone
 
 # Sweeps are judged in blocks of this many; after so many blocks without progress a phase ends.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dtrepair.numerics.temporal import gaussian_kernel
 from dtrepair.repair.spacetime import SpaceTime
-from dtrepair.repair.timeline import gaussian_kernel
 from dtrepair.repair.window_frames import Chain
 
 # Widths in frames over which the corrections of single frames are spread, pass by pass.

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel, spread_in_time
 from dtrepair.repair.shot_mending import mend_frames
 from dtrepair.repair.spacetime import Snapshot, SpaceTime
 from dtrepair.repair.stiffen import stretch
-from dtrepair.repair.timeline import apply_in_time, gaussian_kernel, spread_in_time
 
 # Width in frames of the kernel of the displacement that pushing adds.
 WIDTH = 3.5

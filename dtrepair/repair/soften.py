@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import linalg
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel, spread_in_time
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.surface import BoolArray, Surface
-from dtrepair.repair.timeline import apply_in_time, gaussian_kernel, spread_in_time
 
 # Levels below this leave a vertex alone.
 FAINT = 0.05

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.contact import contact_scale
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.surface import Surface

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray
-from dtrepair.metrics import edge_log_ratio
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.metrics import edge_log_ratio
+from dtrepair.numerics.temporal import gaussian_kernel, spread_in_time
 from dtrepair.repair.rigid import RigidBodies
 from dtrepair.repair.spacetime import Snapshot, SpaceTime
-from dtrepair.repair.timeline import gaussian_kernel, spread_in_time
 
 # From this diffusion on a body of a scene is stiff.
 STIFF = 300.0

@@ -10,7 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from dtrepair.geometry import (
+from dtrepair.intersect.detector import Detector
+from dtrepair.intersect.ignored import CountedPairs, of_ignored_bodies
+from dtrepair.intersect.proximity import close_pairs, face_each_other
+from dtrepair.intersect.queries import Queries, link_labels
+from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
     adjacency,
@@ -20,11 +24,7 @@ from dtrepair.geometry import (
     shared_edges,
     unique_edges,
 )
-from dtrepair.intersect.detector import Detector
-from dtrepair.intersect.ignored import CountedPairs, of_ignored_bodies
-from dtrepair.intersect.proximity import close_pairs, face_each_other
-from dtrepair.intersect.queries import Queries, link_labels
-from dtrepair.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
+from dtrepair.numerics.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
 from dtrepair.repair.covering import covered_vertices
 from dtrepair.repair.doubts import Doubts
 from dtrepair.repair.rigid import RigidBodies

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.bodies import about_centre
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.options import Solved

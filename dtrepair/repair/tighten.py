@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, differing, lengths
-from dtrepair.metrics import displacements, edge_log_ratio
+from dtrepair.numerics.geometry import FloatArray, differing, lengths
+from dtrepair.numerics.metrics import displacements, edge_log_ratio
 from dtrepair.repair.contact import Defects, find_defects, update_defects
 from dtrepair.repair.crease import Filled, fill_creases
 from dtrepair.repair.push import push

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray, lengths
+from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.repair.contact import find_defects
 from dtrepair.repair.hinges import Hinges
 from dtrepair.repair.relax import STEP, relax

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
 
 # A contact is hooked if pushing leaves this part of its pairs in half of the frames that have so
 # many: a ring that is too narrow for a part of its way stays on its finger.

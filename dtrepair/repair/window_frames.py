@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.temporal import undamped
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.mend import mend
 from dtrepair.repair.regional import regional_push
 from dtrepair.repair.rigid import allowed
 from dtrepair.repair.soften import Softener
 from dtrepair.repair.surface import BoolArray, Surface
-from dtrepair.repair.timeline import undamped
 
 Springs = NDArray[np.int64]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dtrepair.geometry import FloatArray, as_points
+from dtrepair.numerics.geometry import FloatArray, as_points
 from dtrepair.transfer.arrays import to_numpy
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from dtrepair.geometry import FloatArray, IntArray, triangle_normals
+from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_normals
 
 
 class ClosestSurface:

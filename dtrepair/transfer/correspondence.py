@@ -8,8 +8,8 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
-from dtrepair.geometry import FloatArray, IntArray, as_mesh, shared_edges, triangle_normals
-from dtrepair.operators import Factor
+from dtrepair.numerics.geometry import FloatArray, IntArray, as_mesh, shared_edges, triangle_normals
+from dtrepair.numerics.operators import Factor
 from dtrepair.transfer.arrays import Array, like, to_numpy
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from dtrepair.geometry import FloatArray, IntArray, as_mesh, as_points, triangle_areas
-from dtrepair.operators import Factor
+from dtrepair.numerics.geometry import FloatArray, IntArray, as_mesh, as_points, triangle_areas
+from dtrepair.numerics.operators import Factor
 from dtrepair.transfer.alignment import checked_rotation, unit_vector
 from dtrepair.transfer.arrays import Array, floating_type, like, to_numpy
 from dtrepair.transfer.correspondence import HarmonicFill, averaging_operator, checked_pairs

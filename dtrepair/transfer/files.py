@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dtrepair.atomic_files import atomic_output
-from dtrepair.geometry import IntArray
+from dtrepair.numerics.geometry import IntArray
 from dtrepair.transfer.arrays import Array, to_numpy
 from dtrepair.transfer.correspondence import checked_pairs
 from dtrepair.transfer.markers import checked_markers

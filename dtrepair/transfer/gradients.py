@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from dtrepair.geometry import FloatArray, IntArray, triangle_normals, vector_areas
-from dtrepair.operators import gradient_operator
+from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_normals, vector_areas
+from dtrepair.numerics.operators import gradient_operator
 
 # A triangle lower than this part of its longest edge has no usable gradient.
 DEGENERATE_HEIGHT = 1e-6

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray, as_mesh
-from dtrepair.operators import Factor
+from dtrepair.numerics.geometry import FloatArray, as_mesh
+from dtrepair.numerics.operators import Factor
 from dtrepair.transfer.arrays import Array, to_numpy
 from dtrepair.transfer.markers import checked_markers
 from dtrepair.transfer.registration import RegistrationSystem

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.geometry import IntArray
+from dtrepair.numerics.geometry import IntArray
 from dtrepair.transfer.arrays import Array, to_numpy
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.transfer.arrays import Array, floating_type, like, to_numpy
 from dtrepair.transfer.deformation import Transfer
 from dtrepair.transfer.gradients import stacked

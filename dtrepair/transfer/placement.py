@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from dtrepair.geometry import FloatArray, IntArray, components, diagonal, triangle_areas
+from dtrepair.numerics.geometry import FloatArray, IntArray, components, diagonal, triangle_areas
 
 Pieces = Literal["seated", "separate"]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from dtrepair.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.transfer.gradients import surface_gradient
 
 # Edge terms that hold degenerate triangles together, relative to the median diagonal entry.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from dtrepair.geometry import (
+from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
     as_mesh,
@@ -18,7 +18,7 @@ from dtrepair.geometry import (
     shared_edges,
     vector_areas,
 )
-from dtrepair.operators import Factor
+from dtrepair.numerics.operators import Factor
 from dtrepair.transfer.alignment import similarity
 from dtrepair.transfer.arrays import Array, floating_type, like, to_numpy
 from dtrepair.transfer.closest_point import ClosestSurface

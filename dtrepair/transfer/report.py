@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from dtrepair.geometry import (
+from dtrepair.numerics.geometry import (
     FloatArray,
     as_mesh,
     diagonal,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dtrepair.geometry import FloatArray, as_mesh, extent
+from dtrepair.numerics.geometry import FloatArray, as_mesh, extent
 from dtrepair.transfer.alignment import Similarity, rotation_between, similarity
 from dtrepair.transfer.arrays import Array, to_numpy
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.geometry import FloatArray, IntArray, diagonal, lengths
+from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
 
 
 def displacements(before: FloatArray, after: FloatArray) -> FloatArray:

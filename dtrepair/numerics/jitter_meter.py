@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dtrepair.geometry import diagonal
+from dtrepair.numerics.geometry import diagonal
 
 
 class JitterMeter:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray
 
 Floats = NDArray[np.floating]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from dtrepair.geometry import FloatArray, IntArray, unique_edges, vertex_areas
+from dtrepair.numerics.geometry import FloatArray, IntArray, unique_edges, vertex_areas
 
 
 def cotangent_laplacian(

@@ -1,0 +1,1 @@
+"""Arrays, operators and measures that everything rests on."""

@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from dtrepair import Repairer
+from dtrepair.files.mesh_files import read_mesh
 from dtrepair.intersect.detector import Detector
-from dtrepair.mesh_files import read_mesh
 from dtrepair.numerics.geometry import weld_map
 from dtrepair.numerics.metrics import displacements, jitter
 from usd_io import OverrideWriter, open_stage, read_meshes, read_points

@@ -31,7 +31,7 @@ from benchmarks.detection import contenders, growth, measure, trefoil
 from benchmarks.memory import run, write_clip
 from benchmarks.paper_mode import iteration_runs
 from dtrepair import Repairer
-from dtrepair.mesh_files import read_mesh
+from dtrepair.files.mesh_files import read_mesh
 from dtrepair.repair.surface import Surface
 from usd_io import open_stage, read_meshes, read_points
 

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from benchmarks.dance import Dancer, motion, write_skeleton
 from benchmarks.heavy_clip import make_clip
 from dtrepair import Repairer
+from dtrepair.files.mesh_files import read_mesh
 from dtrepair.intersect.detector import Detector
-from dtrepair.mesh_files import read_mesh
 from dtrepair.numerics.geometry import weld_map
 from dtrepair.numerics.metrics import displacements, jitter
 from usd_io import open_stage, read_meshes, read_points

@@ -22,7 +22,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 from scipy import sparse
 from scipy.spatial.transform import Rotation
 
-from dtrepair.mesh_files import read_mesh
+from dtrepair.files.mesh_files import read_mesh
 from dtrepair.numerics.operators import Factor, uniform_laplacian
 from usd_io import AuthoredMesh, write_animation
 

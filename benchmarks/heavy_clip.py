@@ -18,7 +18,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.spatial.transform import Rotation
 
-from dtrepair.mesh_files import read_mesh
+from dtrepair.files.mesh_files import read_mesh
 from dtrepair.numerics.operators import Factor
 from dtrepair.transfer.gradients import deformation_operator, degenerate_triangles, stacked
 from dtrepair.transfer.poisson import poisson_system

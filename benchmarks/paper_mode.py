@@ -23,8 +23,8 @@ from scipy import sparse
 
 from benchmarks.detection import Faces, Points, measure
 from dtrepair import Repairer, RepairOptions
+from dtrepair.files.mesh_files import read_mesh
 from dtrepair.intersect.detector import Detector, triangle_count
-from dtrepair.mesh_files import read_mesh
 from dtrepair.numerics.geometry import as_mesh, diagonal, extent
 from dtrepair.numerics.operators import cotangent_laplacian, lumped_mass
 from dtrepair.repair.descent import Descent

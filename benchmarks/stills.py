@@ -27,9 +27,9 @@ from scipy import sparse
 from scipy.sparse import linalg
 
 from dtrepair import Repairer, RepairOptions
+from dtrepair.files.mesh_files import read_mesh
 from dtrepair.intersect.detector import Detector, find_intersections
 from dtrepair.intersect.queries import Queries
-from dtrepair.mesh_files import read_mesh
 from dtrepair.numerics.geometry import extent, shared_edges, triangle_normals, unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio, volume
 from dtrepair.repair import crease

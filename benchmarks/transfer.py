@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.mesh_files import read_mesh
+from dtrepair.files.mesh_files import read_mesh
 from dtrepair.numerics.geometry import diagonal
 from dtrepair.numerics.operators import Factor, cotangent_laplacian
 from dtrepair.transfer import (

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dtrepair.atomic_files import atomic_output
-from dtrepair.polygon_mesh import vertex_normals
+from dtrepair.files.atomic import atomic_output
+from dtrepair.files.polygon_mesh import vertex_normals
 
 Image = NDArray[np.uint8]
 BACKGROUND = (250, 250, 252)

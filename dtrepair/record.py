@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from dtrepair.atomic_files import write_atomically
+from dtrepair.files.atomic import write_atomically
 from dtrepair.report_schema import SCHEMA as SCHEMA
 from dtrepair.report_schema import SCHEMA_NAME, STATUSES, ReportError, validate
 

@@ -98,7 +98,7 @@ class Viewer:
 
     def screenshot(self, path: str | os.PathLike[str]) -> None:
         """Write what the window shows as a png, whole or not at all. Raises OSError."""
-        from dtrepair.atomic_files import atomic_output
+        from dtrepair.files.atomic import atomic_output
 
         with atomic_output(path) as temporary:
             self._polyscope.screenshot(os.fspath(temporary), transparent_bg=False)

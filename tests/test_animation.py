@@ -13,7 +13,7 @@ from meshes import icosphere, swept
 from numpy.typing import NDArray
 
 from dtrepair import Body, Detector, Repairer, RepairOptions, SceneRepairer, Status
-from dtrepair.mesh_files import read_mesh
+from dtrepair.files.mesh_files import read_mesh
 from dtrepair.numerics.geometry import weld_map
 from dtrepair.numerics.metrics import displacements, jitter
 from dtrepair.numerics.operators import Factor

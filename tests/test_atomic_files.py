@@ -5,7 +5,7 @@ import stat
 
 import pytest
 
-from dtrepair.atomic_files import atomic_output, write_atomically
+from dtrepair.files.atomic import atomic_output, write_atomically
 
 
 def test_content_and_usual_permissions(tmp_path):

@@ -16,7 +16,7 @@ from command_line import (
     tube_stage,
 )
 
-from dtrepair.mesh_files import read_mesh
+from dtrepair.files.mesh_files import read_mesh
 from dtrepair.record import read_report
 
 
@@ -263,7 +263,7 @@ def test_full_disk_ends_with_5_and_keeps_the_old_output(tmp_path, monkeypatch):
     def full(*arguments):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("dtrepair.mesh_files.write_atomically", full)
+    monkeypatch.setattr("dtrepair.files.mesh_files.write_atomically", full)
     done = run("repair", path, "-o", tmp_path / "b.obj")
     assert_fails(done, 5, "b.obj", "No space left on device")
     assert (tmp_path / "b.obj").read_text() == "old"

@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from dtrepair.device import DeviceQueue
+from dtrepair.files.mesh_files import read_mesh
 from dtrepair.intersect.detector import Detector
-from dtrepair.mesh_files import read_mesh
 from dtrepair.numerics.geometry import extent
 from dtrepair.numerics.operators import cotangent_laplacian
 from dtrepair.repair.descent import Descent, triangle_counts

@@ -22,7 +22,7 @@ MAY_IMPORT = {
     "dtrepair.transfer": (
         "dtrepair.numerics.geometry",
         "dtrepair.numerics.operators",
-        "dtrepair.atomic_files",
+        "dtrepair.files.atomic",
         "dtrepair.transfer",
     ),
     "dtrepair.repair": (
@@ -40,7 +40,7 @@ MAY_IMPORT = {
 # Packages that only these files may name.
 OWNERS = {
     "cholespy": ("dtrepair.numerics.operators",),
-    "trimesh": ("dtrepair.mesh_files",),
+    "trimesh": ("dtrepair.files.mesh_files",),
     "matplotlib": ("dtrepair.pictures",),
     "pxr": ("usd_io", "dtrepair.cli"),
 }

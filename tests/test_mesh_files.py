@@ -5,8 +5,8 @@ import os
 import numpy as np
 import pytest
 
-from dtrepair.mesh_files import MeshFileError, losses, read_mesh, write_mesh
-from dtrepair.polygon_mesh import polygon_mesh, vertex_normals
+from dtrepair.files.mesh_files import MeshFileError, losses, read_mesh, write_mesh
+from dtrepair.files.polygon_mesh import polygon_mesh, vertex_normals
 
 # Two quads, a triangle and a pentagon over seven vertices; digits that float32 cannot hold exactly.
 OBJ = """# made by hand

@@ -44,7 +44,7 @@ def one_line_errors(function: Callable[..., int]) -> Callable[..., int]:
 
 def as_failure(error: Exception) -> Failure:
     """Return the failure that stands for an exception of the libraries."""
-    from dtrepair.mesh_files import MeshFileError
+    from dtrepair.files.mesh_files import MeshFileError
 
     code = getattr(error, "exit_code", None)  # the errors of usd_io carry theirs
     if isinstance(code, int):
@@ -95,7 +95,7 @@ def writing(path: str | os.PathLike[str]) -> Iterator[None]:
 
 def check_writable(path: str | os.PathLike[str]) -> None:
     """Refuse an output before any computing: no such directory, a directory, no permission."""
-    from dtrepair.atomic_files import atomic_output
+    from dtrepair.files.atomic import atomic_output
 
     target = Path(path)
     if target.is_dir():

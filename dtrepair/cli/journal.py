@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair import __version__
-from dtrepair.atomic_files import atomic_output, write_atomically
+from dtrepair.files.atomic import atomic_output, write_atomically
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import Body

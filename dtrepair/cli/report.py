@@ -53,7 +53,7 @@ def command(*, report_path: str, output: str, count: int, console: Console) -> i
         dtrepair repair shot.usd -o shot_repaired.usdc --report report.json
         dtrepair report report.json -o report.html
     """
-    from dtrepair.atomic_files import write_atomically
+    from dtrepair.files.atomic import write_atomically
     from dtrepair.record import ReportError, read_report
     from dtrepair.report_page import make_page
 

@@ -95,7 +95,7 @@ class MeshSink:
     """A mesh file."""
 
     def __init__(self, source: MeshSource, path: str) -> None:
-        from dtrepair.mesh_files import MeshFileError, losses, writable_format
+        from dtrepair.files.mesh_files import MeshFileError, losses, writable_format
 
         if is_stage(path):
             raise Failure(
@@ -121,7 +121,7 @@ class MeshSink:
 
     def commit(self, record: dict[str, Any]) -> tuple[str, ...]:
         """Write the file."""
-        from dtrepair.mesh_files import write_mesh
+        from dtrepair.files.mesh_files import write_mesh
 
         with writing(self._path):
             write_mesh(self._path, self._source.file, self._points)

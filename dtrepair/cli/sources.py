@@ -14,7 +14,7 @@ from dtrepair.cli.failures import USAGE, Failure
 from dtrepair.cli.options import Selection
 
 if TYPE_CHECKING:
-    from dtrepair.polygon_mesh import PolygonMesh
+    from dtrepair.files.polygon_mesh import PolygonMesh
     from usd_io import MeshSelection
 
 USD_EXTENSIONS = (".usd", ".usda", ".usdc", ".usdz")
@@ -201,7 +201,7 @@ class MeshSource:
     """A mesh file: one mesh, one frame without a time."""
 
     def __init__(self, path: str) -> None:
-        from dtrepair.mesh_files import read_mesh
+        from dtrepair.files.mesh_files import read_mesh
         from usd_io.polygons import triangulate
 
         self.name = path

@@ -54,7 +54,7 @@ class PoseFiles:
 
     def read(self, mesh: SourceMesh, time: float) -> Points | None:
         """Points (V, 3) as the file has them. Raises FrameError for a file that does not fit."""
-        from dtrepair.mesh_files import MeshFileError, read_mesh
+        from dtrepair.files.mesh_files import MeshFileError, read_mesh
         from usd_io import FrameError
 
         path = self.path(time)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dtrepair.atomic_files import atomic_output
+from dtrepair.files.atomic import atomic_output
 from dtrepair.numerics.geometry import IntArray
 from dtrepair.transfer.arrays import Array, to_numpy
 from dtrepair.transfer.correspondence import checked_pairs

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.polygon_mesh import MeshFileError, PolygonMesh, polygon_mesh
+from dtrepair.files.polygon_mesh import MeshFileError, PolygonMesh, polygon_mesh
 
 
 def read_obj(data: bytes) -> PolygonMesh:

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dtrepair.atomic_files import write_atomically
-from dtrepair.obj_files import read_obj, write_obj
-from dtrepair.ply_files import read_ply, write_ply
-from dtrepair.polygon_mesh import MeshFileError, PolygonMesh, polygon_mesh
+from dtrepair.files.atomic import write_atomically
+from dtrepair.files.obj import read_obj, write_obj
+from dtrepair.files.ply import read_ply, write_ply
+from dtrepair.files.polygon_mesh import MeshFileError, PolygonMesh, polygon_mesh
 
 __all__ = ["WRITABLE", "MeshFileError", "PolygonMesh", "losses", "read_mesh", "write_mesh"]
 

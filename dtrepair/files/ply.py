@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.polygon_mesh import MeshFileError, PolygonMesh, polygon_mesh, vertex_normals
+from dtrepair.files.polygon_mesh import MeshFileError, PolygonMesh, polygon_mesh, vertex_normals
 
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},

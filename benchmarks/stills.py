@@ -148,7 +148,7 @@ def options_of(variant: str) -> RepairOptions:
 
 def sheet(data: Path, target: Path, use_rest: bool) -> None:
     """One picture of all meshes, before and after."""
-    from dtrepair.pictures import best_view, render, save_pictures
+    from dtrepair.display.render import best_view, render, save_pictures
 
     images, captions = [], []
     for meshes in classes(data, use_rest).values():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
 
-from dtrepair import viewer
 from dtrepair.cli import view
+from dtrepair.display import viewer
 
 
 @pytest.fixture(autouse=True)

@@ -41,7 +41,7 @@ MAY_IMPORT = {
 OWNERS = {
     "cholespy": ("dtrepair.numerics.operators",),
     "trimesh": ("dtrepair.files.mesh_files",),
-    "matplotlib": ("dtrepair.pictures",),
+    "matplotlib": ("dtrepair.display.render",),
     "pxr": ("usd_io", "dtrepair.cli"),
 }
 

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from dtrepair.pictures import BACKGROUND, best_view, make_view, render, save_pictures
+from dtrepair.display.render import BACKGROUND, best_view, make_view, render, save_pictures
 
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=float)
 FACES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from meshes import bent_tube
 
-from dtrepair.viewer import Viewed, Viewer, has_display
+from dtrepair.display.viewer import Viewed, Viewer, has_display
 
 ANGLES = (5.0, 6.5)
 

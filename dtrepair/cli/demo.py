@@ -104,7 +104,7 @@ def _draw(source: Path, output: Path, picture: Path) -> None:
     """Draw the frame with most intersections, and a close view, before and after."""
     import usd_io
     from dtrepair.counts import SceneCounter
-    from dtrepair.pictures import best_view, render, save_pictures
+    from dtrepair.display.render import best_view, render, save_pictures
 
     before = usd_io.read_meshes(usd_io.open_stage(source), prim=PRIM).meshes[0]
     after = usd_io.read_meshes(usd_io.open_stage(output), prim=PRIM).meshes[0]

@@ -93,7 +93,7 @@ def _with_found_files(report: Mapping[str, Any], report_path: str) -> dict[str, 
 def _draw(report: Mapping[str, Any], count: int) -> Iterator[Picture]:
     """Draw the frames with most intersections, in world space, before and after."""
     from dtrepair.cli.scenes import WorldScene
-    from dtrepair.pictures import best_view, png_bytes, render
+    from dtrepair.display.render import best_view, png_bytes, render
     from dtrepair.report_page import Picture
 
     chosen = _chosen(report, count)

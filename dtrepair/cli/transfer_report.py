@@ -113,7 +113,7 @@ def draw_registration(
 
     Without a registration the source's rest is laid over the target by its triangle pairs.
     """
-    from dtrepair.pictures import make_view, render, save_pictures
+    from dtrepair.display.render import make_view, render, save_pictures
     from dtrepair.transfer.rests import laid_over
 
     placed = found.registered

@@ -49,7 +49,7 @@ def command(
         dtrepair view shot_repaired.usdc --before shot.usd
         dtrepair view shot.usd --frames 17 --screenshot frame17.png
     """
-    from dtrepair.viewer import has_display, has_polyscope
+    from dtrepair.display.viewer import has_display, has_polyscope
 
     if screenshot is not None:
         refuse_overwriting(screenshot, source_path, before)
@@ -83,7 +83,7 @@ def command(
 
 def _show(scenes: Sequence[WorldScene], names: Sequence[str], screenshot: str | None) -> bool:
     """Open the window, or write what it would show; False where the display cannot."""
-    from dtrepair.viewer import Frame, Viewed, Viewer
+    from dtrepair.display.viewer import Frame, Viewed, Viewer
 
     times = scenes[0].source.times.tolist()
 
@@ -111,7 +111,7 @@ def _show(scenes: Sequence[WorldScene], names: Sequence[str], screenshot: str | 
 
 def _draw(scenes: Sequence[WorldScene], names: Sequence[str], screenshot: str) -> None:
     """Draw the frame with most intersections side by side, from one view."""
-    from dtrepair.pictures import best_view, render, save_pictures
+    from dtrepair.display.render import best_view, render, save_pictures
 
     time = float(scenes[0].source.times[scenes[0].worst()])
     frames = [scene(time) for scene in scenes]

@@ -1,0 +1,1 @@
+"""Pictures of meshes, and the window that shows them."""

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from test_animation import crossings, pincers, results_of, roughness, swing
 
-from dtrepair import Repairer, RepairOptions, Status, demo_character
+from dtrepair import Repairer, RepairOptions, Status
+from dtrepair.demo import character as demo_character
 from dtrepair.numerics.metrics import displacements, jitter
 from dtrepair.numerics.temporal import second_differences, steady_weights
 from dtrepair.repair import shot

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dtrepair.demo_character import make_character
+from dtrepair.demo.character import make_character
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.geometry import components, unique_edges
 

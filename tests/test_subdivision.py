@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from dtrepair.subdivision import subdivide
+from dtrepair.demo.subdivision import subdivide
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 QUADS = np.array(

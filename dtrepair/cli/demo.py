@@ -63,7 +63,7 @@ def command(*, directory: str, frame_count: int, device: str, console: Console) 
 
 def _write_character(path: Path, frame_count: int) -> int:
     """Write the character as a stage; return its number of quads."""
-    from dtrepair.demo_character import make_character
+    from dtrepair.demo.character import make_character
     from usd_io import AuthoredMesh, write_animation
 
     character = make_character(frame_count)

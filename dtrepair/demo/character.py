@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from dtrepair.subdivision import subdivide
+from dtrepair.demo.subdivision import subdivide
 
 FRAMES = 24
 Points = NDArray[np.float64]

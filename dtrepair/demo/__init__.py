@@ -1,0 +1,1 @@
+"""The character of the demo, made in code."""

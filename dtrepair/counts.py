@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import of_ignored_bodies
 from dtrepair.numerics.geometry import weld_map
-from dtrepair.record import CountRecord
+from dtrepair.report.record import CountRecord
 
 MODES = ("self", "inter", "both")
 

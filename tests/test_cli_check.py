@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
 
-from dtrepair.record import validate
+from dtrepair.report.record import validate
 
 
 def test_mesh_file_with_intersections(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from command_line import assert_fails, read_samples, run, tube_stage
 
 from dtrepair.cli.distributed import repair_chunk
-from dtrepair.record import read_report
+from dtrepair.report.record import read_report
 
 FRAMES = 70  # two windows
 

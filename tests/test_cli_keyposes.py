@@ -9,8 +9,8 @@ import pytest
 from command_line import CLOSED, OPEN, assert_fails, read_samples, run, tube_obj, tube_stage
 from swinging_arm import arm_pose, arm_stage
 
-from dtrepair.record import read_report
-from dtrepair.report_schema import ReportError, validate
+from dtrepair.report.record import read_report
+from dtrepair.report.schema import ReportError, validate
 
 
 @pytest.fixture(scope="module")

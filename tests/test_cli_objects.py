@@ -6,7 +6,7 @@ from command_line import assert_fails, run, tube_obj
 from meshes import icosphere, tube
 
 from dtrepair.numerics.geometry import unique_edges
-from dtrepair.record import read_report
+from dtrepair.report.record import read_report
 
 BALL, BALL_FACES = icosphere(2, radius=0.5)
 ROD, ROD_FACES = tube(8, 12, radius=0.12, length=1.2)

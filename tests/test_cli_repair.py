@@ -17,7 +17,7 @@ from command_line import (
 )
 
 from dtrepair.files.mesh_files import read_mesh
-from dtrepair.record import read_report
+from dtrepair.report.record import read_report
 
 
 def test_mesh_file_is_repaired_in_place_of_its_points(tmp_path):

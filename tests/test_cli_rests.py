@@ -13,7 +13,7 @@ from command_line import (
     write_obj,
 )
 
-from dtrepair.record import read_report
+from dtrepair.report.record import read_report
 
 
 def rest_origins(tmp_path, path, *options):

@@ -14,7 +14,7 @@ from command_line import (
 )
 from meshes import icosphere, tube_quads
 
-from dtrepair.record import read_report
+from dtrepair.report.record import read_report
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from command_line import (
 from quadruped import Quadruped, markers
 
 from dtrepair.numerics.geometry import diagonal
-from dtrepair.record import read_report, validate
+from dtrepair.report.record import read_report, validate
 from dtrepair.transfer import Transfer, match_triangles, register
 
 SOURCE = Quadruped(cells=8.0)

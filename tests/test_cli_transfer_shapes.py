@@ -18,7 +18,7 @@ from command_line import (
 )
 
 import usd_io
-from dtrepair.record import read_report
+from dtrepair.report.record import read_report
 from usd_io import AuthoredMesh, write_animation
 
 

@@ -20,7 +20,7 @@ from command_line import (
 from meshes import split_quads
 from usd_stages import authored_properties
 
-from dtrepair.record import read_report
+from dtrepair.report.record import read_report
 from usd_io import AuthoredMesh, write_animation
 
 TURN_X = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # Y up to Z up, column vectors

@@ -5,7 +5,7 @@ import sys
 import pytest
 from command_line import assert_fails, read_samples, run
 
-from dtrepair.record import read_report
+from dtrepair.report.record import read_report
 
 FILES = ["before_after.png", "demo.usda", "demo_repaired.usdc", "report.json"]
 

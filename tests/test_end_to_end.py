@@ -10,7 +10,7 @@ from cgal_reference import cgal_pairs
 from command_line import CLOSED, OPEN, run, tube_stage
 from pxr import Sdf, Usd, UsdGeom
 
-from dtrepair.record import read_report
+from dtrepair.report.record import read_report
 
 # usd.md: an output layer authors these and nothing else.
 ALLOWED = {"points", "extent"}

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from dtrepair.record import (
+from dtrepair.report.record import (
     SCHEMA,
     SCHEMA_NAME,
     STATUSES,
@@ -181,7 +181,7 @@ def test_reading_something_else_is_refused(tmp_path):
 
 
 def test_stages_of_a_frame_are_written_and_checked() -> None:
-    from dtrepair.record import StageRecord
+    from dtrepair.report.record import StageRecord
 
     stage = StageRecord("push 20", 12, 3, 0.08, 5, 0.2)
     frame = FrameRecord(time=1.0, status="clean", stages=(stage,))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dtrepair.record import (
+from dtrepair.report.joining import join_reports
+from dtrepair.report.record import (
     CountRecord,
     FramePrimRecord,
     FrameRecord,
@@ -12,7 +13,6 @@ from dtrepair.record import (
     Report,
     StageRecord,
 )
-from dtrepair.report_joining import join_reports
 
 
 def frame(time, pairs):

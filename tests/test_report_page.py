@@ -5,8 +5,8 @@ from html.parser import HTMLParser
 
 import pytest
 
-from dtrepair.record import CountRecord, FrameRecord, PrimRecord, Report
-from dtrepair.report_page import Picture, make_page
+from dtrepair.report.page import Picture, make_page
+from dtrepair.report.record import CountRecord, FrameRecord, PrimRecord, Report
 
 
 def document(count=40, **changes):

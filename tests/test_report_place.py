@@ -3,7 +3,7 @@
 import pytest
 from command_line import CLOSED, OPEN, assert_fails, run, tube_stage
 
-from dtrepair.report_schema import validate
+from dtrepair.report.schema import validate
 
 
 @pytest.mark.parametrize("command", ["repair", "keyposes"])

@@ -43,7 +43,7 @@ from dtrepair.cli.options import (
     selection_options,
 )
 from dtrepair.cli.sources import Source, open_source, time_label
-from dtrepair.record import (
+from dtrepair.report.record import (
     FramePrimRecord,
     FrameRecord,
     Report,

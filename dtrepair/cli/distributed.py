@@ -17,8 +17,8 @@ from dtrepair.cli.frames import read_frame
 from dtrepair.cli.interrupts import current_interrupts
 from dtrepair.cli.sources import Source
 from dtrepair.numerics.jitter_meter import JitterMeter
-from dtrepair.record import Report, read_report
-from dtrepair.report_joining import join_reports
+from dtrepair.report.joining import join_reports
+from dtrepair.report.record import Report, read_report
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -11,7 +11,7 @@ from dtrepair.cli.bodies import outward_faces
 from dtrepair.cli.frames import Frame
 from dtrepair.cli.sources import Source, time_label
 from dtrepair.numerics.geometry import weld_map
-from dtrepair.record import EnclosedRecord, FrameRecord
+from dtrepair.report.record import EnclosedRecord, FrameRecord
 
 if TYPE_CHECKING:
     from dtrepair.counts import SceneCount

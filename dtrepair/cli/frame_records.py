@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from dtrepair.cli.frames import Frame, frame_time
 from dtrepair.cli.sources import Source
 from dtrepair.numerics.geometry import FloatArray, IntArray, unique_edges
-from dtrepair.record import ContactRecord, FramePrimRecord, FrameRecord, MotionRecord, StageRecord
+from dtrepair.report.record import (
+    ContactRecord,
+    FramePrimRecord,
+    FrameRecord,
+    MotionRecord,
+    StageRecord,
+)
 
 if TYPE_CHECKING:
     from dtrepair.counts import SceneCount

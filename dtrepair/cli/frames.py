@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dtrepair.cli.failures import INPUT, Failure
 from dtrepair.cli.sources import Source
-from dtrepair.record import FrameRecord, PrimRecord
+from dtrepair.report.record import FrameRecord, PrimRecord
 
 if TYPE_CHECKING:
     from dtrepair.counts import SceneCounter

@@ -39,7 +39,7 @@ from dtrepair.cli.report_place import check_report_place, put_report
 from dtrepair.cli.rest import choose_rests
 from dtrepair.cli.sinks import Sink, existing, open_sink
 from dtrepair.cli.sources import StageSource, is_stage, open_source
-from dtrepair.record import FrameRecord, Report, summarize
+from dtrepair.report.record import FrameRecord, Report, summarize
 
 if TYPE_CHECKING:
     from dtrepair.repair.key_spans import KeyOptions

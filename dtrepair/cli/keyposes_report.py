@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from dtrepair.cli.console import Console
 from dtrepair.cli.failures import CLEAN, FRAMES, REMAINING
 from dtrepair.cli.sources import time_label
-from dtrepair.record import FrameRecord, Report
+from dtrepair.report.record import FrameRecord, Report
 from dtrepair.wording import counted
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from dtrepair.cli.frames import Frame, read_frame
 from dtrepair.cli.sinks import Sink
 from dtrepair.cli.solve import FrameRepairer, Repaired
 from dtrepair.cli.sources import StageSource
-from dtrepair.record import FrameRecord
 from dtrepair.repair.tracks import Pose, Track
+from dtrepair.report.record import FrameRecord
 
 if TYPE_CHECKING:
     from dtrepair.counts import SceneCount
@@ -147,7 +147,7 @@ class StageKeys:
     ) -> FrameRecord:
         """The record of a key as it is in the end; `record` is that of its repair alone."""
         from dtrepair.numerics.metrics import displacements
-        from dtrepair.record import FramePrimRecord
+        from dtrepair.report.record import FramePrimRecord
 
         changed = [time in track.changed for track in tracks]
         if record is not None and (record.before is None or not any(changed)):

@@ -43,7 +43,7 @@ from dtrepair.cli.report_place import check_report_place, put_report
 from dtrepair.cli.rest import choose_rests
 from dtrepair.cli.sinks import existing, open_sink
 from dtrepair.cli.sources import Source, open_source
-from dtrepair.record import FrameRecord, Report
+from dtrepair.report.record import FrameRecord, Report
 
 if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions

@@ -15,7 +15,7 @@ from dtrepair.cli.object_settings import ObjectSettings, described
 from dtrepair.cli.rest import Rest
 from dtrepair.cli.solve import Repaired
 from dtrepair.cli.sources import Source, time_label
-from dtrepair.record import FrameRecord, MotionRecord, summarize
+from dtrepair.report.record import FrameRecord, MotionRecord, summarize
 from dtrepair.wording import counted
 
 # What differs from frame to frame in what a solver says of a result.

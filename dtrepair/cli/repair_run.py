@@ -24,7 +24,7 @@ from dtrepair.cli.sinks import Sink
 from dtrepair.cli.solve import FrameRepairer, Repaired, repair_frames
 from dtrepair.cli.sources import Source
 from dtrepair.numerics.jitter_meter import JitterMeter
-from dtrepair.record import FrameRecord, Report, summarize
+from dtrepair.report.record import FrameRecord, Report, summarize
 
 if TYPE_CHECKING:
     from dtrepair.repair.bodies import Body

@@ -25,7 +25,7 @@ from dtrepair.cli.options import Selection, console_options
 from dtrepair.cli.sources import Source, open_source
 
 if TYPE_CHECKING:
-    from dtrepair.report_page import Picture
+    from dtrepair.report.page import Picture
 
 
 @click.command("report")
@@ -54,8 +54,8 @@ def command(*, report_path: str, output: str, count: int, console: Console) -> i
         dtrepair report report.json -o report.html
     """
     from dtrepair.files.atomic import write_atomically
-    from dtrepair.record import ReportError, read_report
-    from dtrepair.report_page import make_page
+    from dtrepair.report.page import make_page
+    from dtrepair.report.record import ReportError, read_report
 
     refuse_overwriting(output, report_path)
     check_writable(output)
@@ -94,7 +94,7 @@ def _draw(report: Mapping[str, Any], count: int) -> Iterator[Picture]:
     """Draw the frames with most intersections, in world space, before and after."""
     from dtrepair.cli.scenes import WorldScene
     from dtrepair.display.render import best_view, png_bytes, render
-    from dtrepair.report_page import Picture
+    from dtrepair.report.page import Picture
 
     chosen = _chosen(report, count)
     scenes: dict[str, WorldScene] = {}

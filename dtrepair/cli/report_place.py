@@ -8,7 +8,7 @@ import click
 
 from dtrepair.cli.console import Console
 from dtrepair.cli.failures import check_writable, refuse_overwriting, writing
-from dtrepair.record import Report, render_report, write_report
+from dtrepair.report.record import Report, render_report, write_report
 
 STDOUT = "-"
 

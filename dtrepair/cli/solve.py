@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dtrepair.cli.frame_records import FrameRecorder
 from dtrepair.cli.frames import Frame, frame_time, unusable
 from dtrepair.cli.sources import Source
-from dtrepair.record import FrameRecord
+from dtrepair.report.record import FrameRecord
 
 if TYPE_CHECKING:
     from dtrepair.counts import SceneCounter

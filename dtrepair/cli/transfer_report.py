@@ -12,7 +12,7 @@ from dtrepair.cli.correspondence import Correspondence, Mesh
 from dtrepair.cli.solve import Repaired
 from dtrepair.cli.sources import time_label
 from dtrepair.cli.transfer_solve import FrameTransfer
-from dtrepair.record import Report
+from dtrepair.report.record import Report
 
 _FIGURES = (
     "residual_median",

@@ -32,7 +32,7 @@ from dtrepair.cli.transfer_shapes import ShapeSink, open_shapes
 from dtrepair.cli.transfer_sinks import open_clip
 from dtrepair.cli.transfer_solve import FrameTransfer, PinSet, counted_frames, read_pin_set
 from dtrepair.numerics.jitter_meter import JitterMeter
-from dtrepair.record import FrameRecord, Report, summarize
+from dtrepair.report.record import FrameRecord, Report, summarize
 from dtrepair.wording import counted
 
 if TYPE_CHECKING:

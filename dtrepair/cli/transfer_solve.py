@@ -17,7 +17,7 @@ from dtrepair.cli.frames import Frame, frame_time, read_frames, unusable
 from dtrepair.cli.solve import Repaired
 from dtrepair.cli.sources import MeshSource, Source, StageSource
 from dtrepair.cli.transfer_inputs import Axes, input_errors
-from dtrepair.record import FramePrimRecord, FrameRecord
+from dtrepair.report.record import FramePrimRecord, FrameRecord
 
 if TYPE_CHECKING:
     from dtrepair.counts import SceneCounter

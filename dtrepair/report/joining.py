@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from dtrepair.record import (
+from dtrepair.report.record import (
     ContactRecord,
     CountRecord,
     FramePrimRecord,

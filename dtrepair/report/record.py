@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from dtrepair.files.atomic import write_atomically
-from dtrepair.report_schema import SCHEMA as SCHEMA
-from dtrepair.report_schema import SCHEMA_NAME, STATUSES, ReportError, validate
+from dtrepair.report.schema import SCHEMA as SCHEMA
+from dtrepair.report.schema import SCHEMA_NAME, STATUSES, ReportError, validate
 
 _COUNTED = ("clean", "improved", "unchanged")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from meshes import grid, icosphere
 
-from dtrepair.counts import SceneCounter
+from dtrepair.intersect.scene_counts import SceneCounter
 
 
 def two_sheets(offset=0.1):

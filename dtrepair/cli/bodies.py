@@ -155,7 +155,7 @@ def _time_of_rest(source: Source, rests: list[Rest]) -> tuple[float, list[tuple[
     How they lie there tells what covers what. Of a few frames of the whole clip, so that the parts
     of a farm agree; the first of several.
     """
-    from dtrepair.counts import SceneCounter
+    from dtrepair.intersect.scene_counts import SceneCounter
 
     count = min(PLACEMENTS, len(source.all_times))
     times = source.all_times[np.linspace(0, len(source.all_times) - 1, count).astype(int)]

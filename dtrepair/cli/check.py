@@ -53,7 +53,7 @@ from dtrepair.report.record import (
 from dtrepair.wording import counted
 
 if TYPE_CHECKING:
-    from dtrepair.counts import SceneCounter
+    from dtrepair.intersect.scene_counts import SceneCounter
 
 
 @click.command(

@@ -103,8 +103,8 @@ def _repair(source: Path, output: Path, report: Path, device: str, console: Cons
 def _draw(source: Path, output: Path, picture: Path) -> None:
     """Draw the frame with most intersections, and a close view, before and after."""
     import usd_io
-    from dtrepair.counts import SceneCounter
     from dtrepair.display.render import best_view, render, save_pictures
+    from dtrepair.intersect.scene_counts import SceneCounter
 
     before = usd_io.read_meshes(usd_io.open_stage(source), prim=PRIM).meshes[0]
     after = usd_io.read_meshes(usd_io.open_stage(output), prim=PRIM).meshes[0]

@@ -14,7 +14,7 @@ from dtrepair.numerics.geometry import weld_map
 from dtrepair.report.record import EnclosedRecord, FrameRecord
 
 if TYPE_CHECKING:
-    from dtrepair.counts import SceneCount
+    from dtrepair.intersect.scene_counts import SceneCount
 
 # So many pairs are named.
 NAMED = 5

@@ -22,7 +22,7 @@ from dtrepair.report.record import (
 )
 
 if TYPE_CHECKING:
-    from dtrepair.counts import SceneCount
+    from dtrepair.intersect.scene_counts import SceneCount
     from dtrepair.repair.bodies import Body
     from dtrepair.repair.options import RepairResult
 

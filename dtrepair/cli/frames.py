@@ -17,7 +17,7 @@ from dtrepair.cli.sources import Source
 from dtrepair.report.record import FrameRecord, PrimRecord
 
 if TYPE_CHECKING:
-    from dtrepair.counts import SceneCounter
+    from dtrepair.intersect.scene_counts import SceneCounter
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -114,7 +114,7 @@ def make_counter(
     source: Source, *, mode: str, device: str, ignored: Sequence[tuple[int, int]] = ()
 ) -> SceneCounter:
     """Return a counter of the meshes in the space that `read_frames` gives them."""
-    from dtrepair.counts import SceneCounter
+    from dtrepair.intersect.scene_counts import SceneCounter
 
     time = float(source.times[0])
     several = len(source.meshes) > 1

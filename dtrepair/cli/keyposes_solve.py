@@ -17,7 +17,7 @@ from dtrepair.repair.tracks import Pose, Track
 from dtrepair.report.record import FrameRecord
 
 if TYPE_CHECKING:
-    from dtrepair.counts import SceneCount
+    from dtrepair.intersect.scene_counts import SceneCount
 
 
 class StageKeys:

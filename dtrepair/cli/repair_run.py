@@ -136,7 +136,7 @@ def make_repairer(
     memory: Memory | None = None,
 ) -> tuple[FrameRepairer, list[int | None]]:
     """Build the solver and the counter, once for all frames; count the rests' own intersections."""
-    from dtrepair.counts import SceneCounter
+    from dtrepair.intersect.scene_counts import SceneCounter
     from dtrepair.repair.repairer import SceneRepairer
 
     rest_counts: list[int | None] = []

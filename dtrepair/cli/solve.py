@@ -19,7 +19,7 @@ from dtrepair.cli.sources import Source
 from dtrepair.report.record import FrameRecord
 
 if TYPE_CHECKING:
-    from dtrepair.counts import SceneCounter
+    from dtrepair.intersect.scene_counts import SceneCounter
     from dtrepair.repair.animation import AnimationRepairer
     from dtrepair.repair.bodies import Body
     from dtrepair.repair.options import RepairResult

@@ -36,7 +36,7 @@ from dtrepair.report.record import FrameRecord, Report, summarize
 from dtrepair.wording import counted
 
 if TYPE_CHECKING:
-    from dtrepair.counts import SceneCounter
+    from dtrepair.intersect.scene_counts import SceneCounter
     from dtrepair.transfer import Transfer
 
 

@@ -20,7 +20,7 @@ from dtrepair.cli.transfer_inputs import Axes, input_errors
 from dtrepair.report.record import FramePrimRecord, FrameRecord
 
 if TYPE_CHECKING:
-    from dtrepair.counts import SceneCounter
+    from dtrepair.intersect.scene_counts import SceneCounter
     from dtrepair.transfer import Transfer
 
 _SAMPLES = 48  # frames that the figures of a clip are taken from

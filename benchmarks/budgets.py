@@ -32,7 +32,7 @@ from benchmarks.memory import run, write_clip
 from benchmarks.paper_mode import iteration_runs
 from dtrepair import Repairer
 from dtrepair.files.mesh_files import read_mesh
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.surface import Surface
 from usd_io import open_stage, read_meshes, read_points
 
 # Triangles of the single meshes: SMPL's size, and that of a detailed character.

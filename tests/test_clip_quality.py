@@ -12,7 +12,7 @@ from dtrepair.numerics.metrics import displacements, jitter
 from dtrepair.numerics.temporal import second_differences, steady_weights
 from dtrepair.repair import shot
 from dtrepair.repair.mend import mend
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.surface import Surface
 
 
 @pytest.fixture

@@ -8,14 +8,14 @@ from scipy.sparse import csgraph
 
 from dtrepair.intersect.detector import find_intersections
 from dtrepair.numerics.geometry import IntArray
-from dtrepair.repair.contact import (
+from dtrepair.repair.surface.defects import (
     Defects,
     contact_regions,
     find_defects,
     near_contacts,
     update_defects,
 )
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.surface import Surface
 from tests.meshes import armed_body, crossing_tubes, elbow, icosphere, joined, overlapping_spheres
 
 

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair import Body, RepairResult, SceneRepairer, Status
-from dtrepair.repair.covering import covered_vertices, covering_sides
-from dtrepair.repair.surface import BodyRange, Surface
+from dtrepair.repair.surface.layers import covered_vertices, covering_sides
+from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.exact_reference import exact_pairs
 from tests.meshes import Mesh, grid, icosphere, joined, tube
 

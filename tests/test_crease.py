@@ -8,9 +8,9 @@ import pytest
 from dtrepair.intersect.detector import find_intersections
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.operators import uniform_laplacian
-from dtrepair.repair.contact import Defects, find_defects
 from dtrepair.repair.crease import bilaplacian_fill, fill_creases, membrane_fill
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.defects import Defects, find_defects
+from dtrepair.repair.surface.surface import Surface
 from tests.meshes import Mesh, elbow, grid, icosphere, tube
 
 FILLS = [membrane_fill, bilaplacian_fill]

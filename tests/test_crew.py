@@ -18,7 +18,7 @@ from dtrepair.repair.crew import (
     worthwhile_jobs,
 )
 from dtrepair.repair.forked import can_fork
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.surface import Surface
 
 needs_fork = pytest.mark.skipif(not can_fork(), reason="needs processes that can be forked")
 CREWS = [Crew, lambda: ThreadCrew(3), pytest.param(lambda: ForkedCrew(3), marks=needs_fork)]

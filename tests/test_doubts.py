@@ -5,11 +5,11 @@ import pytest
 from meshes import bent_tube
 
 from dtrepair.intersect.detector import Detector
-from dtrepair.repair import doubts
 from dtrepair.repair.bodies import Body
-from dtrepair.repair.doubts import Doubts
 from dtrepair.repair.repairer import SceneRepairer
-from dtrepair.repair.surface import BodyRange, Surface
+from dtrepair.repair.surface.surface import BodyRange, Surface
+from dtrepair.repair.surface.surface import uncertain_pairs as doubts
+from dtrepair.repair.surface.uncertain_pairs import Doubts
 
 ALONG = np.array([1.0, 0.0, 0.0])
 

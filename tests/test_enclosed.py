@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dtrepair.intersect.detector import find_intersections
-from dtrepair.repair.enclosed import Enclosures
+from dtrepair.repair.surface.containment import Enclosures
 from tests.meshes import Mesh, grid, icosphere, joined, torus
 
 NONE = np.zeros((0, 2), dtype=np.int32)

@@ -6,7 +6,7 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.hinges import SHARP, Hinges, angles_and_gradients, bent_edges
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.surface import Surface
 from tests.meshes import grid
 
 

@@ -9,7 +9,7 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import volume
 from dtrepair.repair.inflation import HIGHEST, LARGEST, LEAST, Inflation
 from dtrepair.repair.relax import relax
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.surface import Surface
 from tests.meshes import grid, icosphere
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from dtrepair.intersect.exact import intersect
 from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_normals
-from dtrepair.repair.inside import crossing_edges, winding_numbers
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.surface import Surface
+from dtrepair.repair.surface.winding import crossing_edges, winding_numbers
 from tests.meshes import (
     Mesh,
     armed_body,

@@ -10,7 +10,7 @@ from dtrepair.repair import paper
 from dtrepair.repair.device_descent import DeviceDescent
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.paper import PaperMethod
-from dtrepair.repair.surface import BodyRange, Surface
+from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import bent_tube, overlapping_spheres
 
 OPTIONS = RepairOptions(method="paper", iterations=60)

@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.contact import near_contacts
 from dtrepair.repair.energy import SignedTangentPoint, pair_energy
 from dtrepair.repair.push import push, tangent_point_gradient
-from dtrepair.repair.surface import BodyRange, Surface
+from dtrepair.repair.surface.defects import near_contacts
+from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import (
     Mesh,
     armed_body,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.repair.rays import exits_along, frame_along, windings
+from dtrepair.repair.surface.rays import exits_along, frame_along, windings
 from tests.meshes import icosphere, joined, torus
 
 BALL, FACES = icosphere(3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dtrepair import Body, Repairer, RepairOptions, SceneRepairer, Status
-from dtrepair.repair.enclosed import Enclosures
+from dtrepair.repair.surface.containment import Enclosures
 from tests.exact_reference import exact_pairs
 from tests.meshes import icosphere, joined
 

@@ -7,7 +7,7 @@ import pytest
 
 from dtrepair import Body, RepairOptions, SceneRepairer, Status
 from dtrepair.numerics.geometry import unique_edges
-from dtrepair.repair.rigid import RigidBodies, allowed
+from dtrepair.repair.surface.rigid_bodies import RigidBodies, allowed
 from tests.exact_reference import exact_pairs
 from tests.meshes import Mesh, icosphere, joined, tube
 

@@ -13,7 +13,7 @@ from dtrepair.repair.shot import push
 from dtrepair.repair.shot_mending import mend_frames
 from dtrepair.repair.shot_tightening import tighten_frames
 from dtrepair.repair.spacetime import SpaceTime
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.surface import Surface
 
 
 @pytest.fixture

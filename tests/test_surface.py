@@ -8,7 +8,7 @@ import pytest
 from dtrepair.intersect.detector import find_intersections
 from dtrepair.numerics.geometry import adjacency, extent, unique_edges, vector_areas
 from dtrepair.numerics.operators import Factor
-from dtrepair.repair.surface import BodyRange, Surface
+from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import (
     Mesh,
     crossing_tubes,

@@ -7,10 +7,10 @@ import pytest
 
 from dtrepair.numerics.geometry import FloatArray, diagonal
 from dtrepair.numerics.metrics import displacements
-from dtrepair.repair.contact import find_defects
 from dtrepair.repair.crease import fill_creases
 from dtrepair.repair.push import push
-from dtrepair.repair.surface import BodyRange, Surface
+from dtrepair.repair.surface.defects import find_defects
+from dtrepair.repair.surface.surface import BodyRange, Surface
 from dtrepair.repair.tighten import (
     REACH_RINGS,
     STILL,

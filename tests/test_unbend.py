@@ -7,10 +7,10 @@ import pytest
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair import unbend as module
-from dtrepair.repair.contact import find_defects
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.hinges import bent_edges
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.defects import find_defects
+from dtrepair.repair.surface.surface import Surface
 from dtrepair.repair.unbend import unbend
 from tests.meshes import elbow, grid
 

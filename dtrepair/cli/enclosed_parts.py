@@ -32,7 +32,7 @@ class EnclosedParts:
     def __init__(
         self, source: Source, *, mode: str = "both", ignored: Sequence[tuple[int, int]] = ()
     ) -> None:
-        from dtrepair.repair.enclosed import Enclosures
+        from dtrepair.repair.surface.containment import Enclosures
 
         self.paths = [mesh.path for mesh in source.meshes]
         self.mode, self.ignored = mode, set(ignored)

@@ -77,7 +77,7 @@ class FrameRecorder:
         """How a mesh moved; None if it did not."""
         from dtrepair.numerics.geometry import diagonal
         from dtrepair.numerics.metrics import edge_log_ratio
-        from dtrepair.repair.rigid import RigidBodies
+        from dtrepair.repair.surface.rigid_bodies import RigidBodies
 
         if not moved.any():
             return None

@@ -92,7 +92,7 @@ class StageKeys:
         """The nearest pose that mesh `index` may have at a time: a rigid one only moves."""
         if not self.rigid[index] or np.array_equal(given, pose):
             return pose
-        from dtrepair.repair.rigid import RigidBodies
+        from dtrepair.repair.surface.rigid_bodies import RigidBodies
 
         mesh, several = self.source.meshes[index], len(self.source.meshes) > 1
         old, new = (np.asarray(points, np.float64) for points in (given, pose))

@@ -30,9 +30,9 @@ from dtrepair.repair.options import RepairResult, Solved, Stage
 from dtrepair.repair.parting import parted_frames
 from dtrepair.repair.poses import in_batches
 from dtrepair.repair.release import caught_parts, released_frames
-from dtrepair.repair.rigid import allowed
 from dtrepair.repair.shot import ShotMethod
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.rigid_bodies import allowed
+from dtrepair.repair.surface.surface import Surface
 from dtrepair.repair.unhooking import contact_counts, hooked_contacts
 
 if TYPE_CHECKING:

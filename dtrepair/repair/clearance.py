@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.contact import Defects, find_defects
 from dtrepair.repair.gaps import Gaps
 from dtrepair.repair.push import Limit, push
 from dtrepair.repair.relax import step_with_gaps
 from dtrepair.repair.rigidity import Rigidity
-from dtrepair.repair.surface import NEIGHBOUR_RINGS, Surface
+from dtrepair.repair.surface.defects import Defects, find_defects
+from dtrepair.repair.surface.surface import NEIGHBOUR_RINGS, Surface
 
 # Cycles of opening gaps, how many without a gain end them, and what is asked for beside.
 CYCLES, IDLE, MORE = 12, 3, 1.15

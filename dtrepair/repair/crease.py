@@ -10,8 +10,8 @@ from scipy import sparse
 from scipy.sparse import linalg
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.contact import Defects, find_defects, update_defects
-from dtrepair.repair.surface import BoolArray, Surface
+from dtrepair.repair.surface.defects import Defects, find_defects, update_defects
+from dtrepair.repair.surface.surface import BoolArray, Surface
 
 BILAPLACIAN, MEMBRANE = 0, 1
 # Patches may cover at most this part of the mesh.

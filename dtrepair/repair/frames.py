@@ -10,7 +10,7 @@ import numpy as np
 from dtrepair.numerics.geometry import FloatArray, IntArray, extent
 from dtrepair.numerics.temporal import is_cut, motion_between
 from dtrepair.repair.bodies import about_centre
-from dtrepair.repair.rigid import RigidBodies
+from dtrepair.repair.surface.rigid_bodies import RigidBodies
 from dtrepair.repair.system import System
 
 if TYPE_CHECKING:

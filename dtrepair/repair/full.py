@@ -9,13 +9,13 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clearance import open_contacts
-from dtrepair.repair.contact import Defects, contact_scale, find_defects
 from dtrepair.repair.crease import fill_creases
 from dtrepair.repair.options import Solved, Stage
 from dtrepair.repair.push import Pushed, push
 from dtrepair.repair.relax import STEP, relax
-from dtrepair.repair.rigid import allowed
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.defects import Defects, contact_scale, find_defects
+from dtrepair.repair.surface.rigid_bodies import allowed
+from dtrepair.repair.surface.surface import Surface
 from dtrepair.repair.tighten import distortion, pull_back, reach_of
 from dtrepair.repair.unbend import unbend
 

@@ -10,8 +10,8 @@ from scipy import sparse
 
 from dtrepair.device import start_warp
 from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, pair_keys
-from dtrepair.repair.contact import Defects
-from dtrepair.repair.surface import BoolArray, Surface
+from dtrepair.repair.surface.defects import Defects
+from dtrepair.repair.surface.surface import BoolArray, Surface
 
 # Stiffness of a gap, next to edges of weight about 1; soft, so that forces spread over a contact.
 STIFFNESS = 2.0

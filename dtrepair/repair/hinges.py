@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.sparse import linalg
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, triangle_normals
-from dtrepair.repair.surface import ANCHOR, BoolArray, Surface
+from dtrepair.repair.surface.surface import ANCHOR, BoolArray, Surface
 
 # Cosine of the angle between its triangles' normals, 120 degrees, beyond which an edge counts as
 # bent, and the angle to which bent edges are opened.

@@ -8,7 +8,7 @@ import numpy as np
 
 from dtrepair.intersect.queries import link_labels
 from dtrepair.numerics.geometry import FloatArray, dots, lengths
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.surface import Surface
 
 # Highest pressure, next to edges of weight about 1 and units of the size.
 HIGHEST = 5.0

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.crease import Filled, fill_creases
 from dtrepair.repair.push import push
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.surface import Surface
 
 # Rings within which contacts are left to the creases, from careful to pushing all of them.
 NEAR = (12, 6, 0)

@@ -21,7 +21,7 @@ from dtrepair.repair.diffusion import BodyDiffusion, Diffusion, SparseOperator
 from dtrepair.repair.energy import KERNELS, triangle_directions
 from dtrepair.repair.optimizer import make_optimizer
 from dtrepair.repair.options import RepairOptions, Solved, Stage
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.surface import Surface
 from dtrepair.repair.tighten import distortion
 
 # Kinds of devices that run whole iterations (see `DeviceDescent`). The CPU could, but its sparse

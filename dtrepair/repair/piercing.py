@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_areas
 from dtrepair.numerics.metrics import volume
-from dtrepair.repair.rays import exits_along, frame_along, windings
+from dtrepair.repair.surface.rays import exits_along, frame_along, windings
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer

@@ -18,7 +18,7 @@ from dtrepair.repair.options import RepairResult, Solved
 from dtrepair.repair.parting import PART, parted_frames
 from dtrepair.repair.piercing import Shape, find_inside
 from dtrepair.repair.release import caught_parts, released
-from dtrepair.repair.surface import BoolArray
+from dtrepair.repair.surface.surface import BoolArray
 from dtrepair.repair.unhooking import contact_counts, hooked_contacts
 
 if TYPE_CHECKING:

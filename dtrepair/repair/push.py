@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
-from dtrepair.repair.contact import contact_regions, near_contacts
-from dtrepair.repair.covering import covering_sides, lift_covers
-from dtrepair.repair.inside import winding_numbers
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.defects import contact_regions, near_contacts
+from dtrepair.repair.surface.layers import covering_sides, lift_covers
+from dtrepair.repair.surface.surface import Surface
+from dtrepair.repair.surface.winding import winding_numbers
 
 # The volume direction counts this much more than the tangent-point direction.
 VOLUME_WEIGHT = 2.0

@@ -6,16 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.contact import contact_regions
-from dtrepair.repair.covering import covering_sides
-from dtrepair.repair.inside import winding_numbers
 from dtrepair.repair.push import (
     DEEPEST,
     VOLUME_WEIGHT,
     _volume_gradient,
     tangent_point_gradient,
 )
-from dtrepair.repair.surface import BoolArray, Surface
+from dtrepair.repair.surface.defects import contact_regions
+from dtrepair.repair.surface.layers import covering_sides
+from dtrepair.repair.surface.surface import BoolArray, Surface
+from dtrepair.repair.surface.winding import winding_numbers
 
 # A region of K pairs moves at most SHARE x mean edge x sqrt(K) a sweep, and at least SMALLEST.
 SHARE = 0.5

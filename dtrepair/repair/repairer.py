@@ -34,12 +34,12 @@ from dtrepair.repair.bodies import (
     direction_of,
     mobility_of,
 )
-from dtrepair.repair.enclosed import Enclosures
 from dtrepair.repair.left_over import contacts_left, cures, deformed, enclosed_left
 from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
 from dtrepair.repair.poses import repair_poses
 from dtrepair.repair.release import bodies_of_parts
-from dtrepair.repair.rigid import RigidBodies
+from dtrepair.repair.surface.containment import Enclosures
+from dtrepair.repair.surface.rigid_bodies import RigidBodies
 from dtrepair.repair.system import System
 from dtrepair.wording import counted
 

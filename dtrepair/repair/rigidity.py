@@ -12,7 +12,7 @@ from scipy import sparse
 from dtrepair.device import start_warp
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.operators import Factor
-from dtrepair.repair.surface import ANCHOR, BoolArray, Surface
+from dtrepair.repair.surface.surface import ANCHOR, BoolArray, Surface
 
 # A region of less than this part of the vertices has a factor of its own.
 SMALL = 1 / 3

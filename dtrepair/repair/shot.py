@@ -19,7 +19,7 @@ from dtrepair.repair.shot_mending import mend_frames
 from dtrepair.repair.shot_tightening import WIDTH, tighten_frames
 from dtrepair.repair.spacetime import SpaceTime
 from dtrepair.repair.stiffen import stiffen_frames
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.surface import Surface
 from dtrepair.repair.window_frames import Alone
 
 # Sweeps are judged in blocks of this many; after so many blocks without progress a phase ends.

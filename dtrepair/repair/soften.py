@@ -12,7 +12,7 @@ from scipy.sparse import linalg
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel, spread_in_time
 from dtrepair.repair.crew import Crew
-from dtrepair.repair.surface import BoolArray, Surface
+from dtrepair.repair.surface.surface import BoolArray, Surface
 
 # Levels below this leave a vertex alone.
 FAINT = 0.05

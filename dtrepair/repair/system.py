@@ -11,7 +11,7 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.bodies import about_centre
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.options import Solved
-from dtrepair.repair.surface import BodyRange, Surface
+from dtrepair.repair.surface.surface import BodyRange, Surface
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer

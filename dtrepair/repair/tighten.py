@@ -6,10 +6,10 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, differing, lengths
 from dtrepair.numerics.metrics import displacements, edge_log_ratio
-from dtrepair.repair.contact import Defects, find_defects, update_defects
 from dtrepair.repair.crease import Filled, fill_creases
 from dtrepair.repair.push import push
-from dtrepair.repair.surface import BoolArray, Surface
+from dtrepair.repair.surface.defects import Defects, find_defects, update_defects
+from dtrepair.repair.surface.surface import BoolArray, Surface
 
 # Rings over which a step is rolled back around what it would make collide.
 ROLLBACK_RINGS = 8

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, lengths
-from dtrepair.repair.contact import find_defects
 from dtrepair.repair.hinges import Hinges
 from dtrepair.repair.relax import STEP, relax
-from dtrepair.repair.surface import Surface
+from dtrepair.repair.surface.defects import find_defects
+from dtrepair.repair.surface.surface import Surface
 from dtrepair.repair.tighten import acceptable, changed_defects
 
 # Rings around bent edges that move with them, from few to many; so many clusters are tried alone.

@@ -14,9 +14,9 @@ from dtrepair.numerics.temporal import undamped
 from dtrepair.repair.crew import Crew
 from dtrepair.repair.mend import mend
 from dtrepair.repair.regional import regional_push
-from dtrepair.repair.rigid import allowed
 from dtrepair.repair.soften import Softener
-from dtrepair.repair.surface import BoolArray, Surface
+from dtrepair.repair.surface.rigid_bodies import allowed
+from dtrepair.repair.surface.surface import BoolArray, Surface
 
 Springs = NDArray[np.int64]
 

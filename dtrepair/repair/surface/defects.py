@@ -8,7 +8,7 @@ import numpy as np
 
 from dtrepair.intersect.queries import link_labels
 from dtrepair.numerics.geometry import FloatArray, IntArray, extent
-from dtrepair.repair.surface import BoolArray, Surface
+from dtrepair.repair.surface.surface import BoolArray, Surface
 
 
 class Defects(NamedTuple):

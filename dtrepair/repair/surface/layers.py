@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from dtrepair.numerics.geometry import FloatArray, IntArray, extent
 
 if TYPE_CHECKING:
-    from dtrepair.repair.surface import Surface
+    from dtrepair.repair.surface.surface import Surface
 
 # A vertex covers what is nearer than this part of the size of its body at rest.
 NEAR = 0.1

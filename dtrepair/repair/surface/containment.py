@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, components
-from dtrepair.repair.rays import exits_along, windings
-from dtrepair.repair.surface import BoolArray
+from dtrepair.repair.surface.rays import exits_along, windings
+from dtrepair.repair.surface.surface import BoolArray
 
 # Vertices of a part that vote on whether it is inside; odd.
 VOTES = 3

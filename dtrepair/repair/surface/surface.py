@@ -25,9 +25,9 @@ from dtrepair.numerics.geometry import (
     unique_edges,
 )
 from dtrepair.numerics.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
-from dtrepair.repair.covering import covered_vertices
-from dtrepair.repair.doubts import Doubts
-from dtrepair.repair.rigid import RigidBodies
+from dtrepair.repair.surface.layers import covered_vertices
+from dtrepair.repair.surface.rigid_bodies import RigidBodies
+from dtrepair.repair.surface.uncertain_pairs import Doubts
 
 BoolArray = NDArray[np.bool_]
 

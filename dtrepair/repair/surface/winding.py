@@ -7,7 +7,7 @@ import numpy as np
 from dtrepair.device import start_warp
 from dtrepair.intersect.queries import link_labels
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, pair_keys
-from dtrepair.repair.surface import BoolArray, Surface
+from dtrepair.repair.surface.surface import BoolArray, Surface
 
 # Rays a component; odd, so that the median is a vote.
 RAYS = 7
@@ -68,7 +68,7 @@ def _shared_vertices(surface: Surface, folds: IntArray) -> BoolArray:
 
 def crossing_edges(points: FloatArray, faces: IntArray, pairs: IntArray) -> IntArray:
     """Edges (E, 2), i < j, of one triangle of a pair that cross the other; may repeat."""
-    from dtrepair.repair import inside_kernels
+    from dtrepair.repair.surface.surface import winding_kernels as inside_kernels
 
     warp, vertices = start_warp(), faces[pairs].reshape(-1, 6)
     corners = warp.array(points.take(vertices, axis=0), dtype=warp.vec3d, device="cpu")

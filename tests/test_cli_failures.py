@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from command_line import CLOSED, OPEN, assert_fails, read_samples, run, tube_pose, tube_stage
 
-from dtrepair.repair.forked import can_fork
+from dtrepair.repair.parallel.process_pool import can_fork
 
 
 def spoil(path, *times):

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from meshes import icosphere
 
-from dtrepair.repair.crew import (
+from dtrepair.repair.parallel.process_pool import can_fork
+from dtrepair.repair.parallel.worker_pool import (
     Crew,
     ForkedCrew,
     ThreadCrew,
@@ -17,7 +18,6 @@ from dtrepair.repair.crew import (
     make_crew,
     worthwhile_jobs,
 )
-from dtrepair.repair.forked import can_fork
 from dtrepair.repair.surface.surface import Surface
 
 needs_fork = pytest.mark.skipif(not can_fork(), reason="needs processes that can be forked")

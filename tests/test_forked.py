@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from dtrepair.repair.forked import AHEAD, can_fork, forked_map
+from dtrepair.repair.parallel.process_pool import AHEAD, can_fork, forked_map
 
 pytestmark = pytest.mark.skipif(not can_fork(), reason="needs processes that can be forked")
 

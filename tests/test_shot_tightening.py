@@ -8,7 +8,7 @@ from test_animation import swing
 
 from dtrepair.repair import shot_tightening
 from dtrepair.repair.animation import _alone
-from dtrepair.repair.crew import Crew
+from dtrepair.repair.parallel.worker_pool import Crew
 from dtrepair.repair.shot import push
 from dtrepair.repair.shot_mending import mend_frames
 from dtrepair.repair.shot_tightening import tighten_frames

@@ -66,7 +66,7 @@ class FrameRepairer:
         Frames are solved together, steady in time, by `jobs` workers; `alone`: each for itself.
         memory: where solutions of an earlier run are looked up, and new ones kept.
         """
-        from dtrepair.repair.crew import available_processors
+        from dtrepair.repair.parallel.worker_pool import available_processors
 
         self.source = source
         self.repairer = repairer

@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import frame_units
-from dtrepair.repair.crew import available_processors, make_crew, worthwhile_jobs
-from dtrepair.repair.forked import forked_map
 from dtrepair.repair.frames import (
     Frame,
     cross_fade,
@@ -27,6 +25,8 @@ from dtrepair.repair.frames import (
 from dtrepair.repair.full import FullMethod
 from dtrepair.repair.mend import mend
 from dtrepair.repair.options import RepairResult, Solved, Stage
+from dtrepair.repair.parallel.process_pool import forked_map
+from dtrepair.repair.parallel.worker_pool import available_processors, make_crew, worthwhile_jobs
 from dtrepair.repair.parting import parted_frames
 from dtrepair.repair.poses import in_batches
 from dtrepair.repair.release import caught_parts, released_frames

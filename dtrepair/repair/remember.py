@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.animation import OVERLAP, WINDOW, AnimationRepairer
-from dtrepair.repair.crew import Crew
-from dtrepair.repair.forked import forked_map
 from dtrepair.repair.options import Count, RepairResult, Stage, Status
+from dtrepair.repair.parallel.process_pool import forked_map
+from dtrepair.repair.parallel.worker_pool import Crew
 from dtrepair.repair.poses import in_batches
 from dtrepair.repair.shot import ShotMethod
 

@@ -14,7 +14,7 @@ from dtrepair.numerics.temporal import (
     second_differences,
     steady_weights,
 )
-from dtrepair.repair.crew import Crew
+from dtrepair.repair.parallel.worker_pool import Crew
 from dtrepair.repair.shot_mending import mend_frames
 from dtrepair.repair.shot_tightening import WIDTH, tighten_frames
 from dtrepair.repair.spacetime import SpaceTime

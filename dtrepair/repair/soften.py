@@ -11,7 +11,7 @@ from scipy.sparse import linalg
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel, spread_in_time
-from dtrepair.repair.crew import Crew
+from dtrepair.repair.parallel.worker_pool import Crew
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
 # Levels below this leave a vertex alone.

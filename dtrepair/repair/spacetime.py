@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.crew import Crew
+from dtrepair.repair.parallel.worker_pool import Crew
 from dtrepair.repair.surface.defects import contact_scale
 from dtrepair.repair.surface.surface import Surface
 from dtrepair.repair.window_frames import Alone, Chain, Springs, WindowFrames

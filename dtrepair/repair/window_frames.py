@@ -11,8 +11,8 @@ from scipy import sparse
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import undamped
-from dtrepair.repair.crew import Crew
 from dtrepair.repair.mend import mend
+from dtrepair.repair.parallel.worker_pool import Crew
 from dtrepair.repair.regional import regional_push
 from dtrepair.repair.soften import Softener
 from dtrepair.repair.surface.rigid_bodies import allowed

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from dtrepair.device import start_warp
-from dtrepair.repair.forked import can_fork, end, fork, packed, unpacked
+from dtrepair.repair.parallel.process_pool import can_fork, end, fork, packed, unpacked
 from dtrepair.repair.surface.surface import Surface
 
 # Windows of fewer triangles, of all frames together, are done before workers have started.

@@ -1,0 +1,1 @@
+"""Workers for the frames of a window, and processes for single poses."""

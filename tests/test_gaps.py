@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.gaps import MARGIN, SHRINK, STIFFER, Gaps
+from dtrepair.repair.elastic.arap import Rigidity
+from dtrepair.repair.elastic.gaps import MARGIN, SHRINK, STIFFER, Gaps
 from dtrepair.repair.relax import step_with_gaps
-from dtrepair.repair.rigidity import Rigidity
 from dtrepair.repair.surface.defects import Defects
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import Mesh, grid, icosphere, torus

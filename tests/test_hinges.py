@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.hinges import SHARP, Hinges, angles_and_gradients, bent_edges
+from dtrepair.repair.elastic.dihedral_angles import SHARP, Hinges, angles_and_gradients, bent_edges
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import grid
 

@@ -8,7 +8,7 @@ import pytest
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import edge_log_ratio
 from dtrepair.numerics.operators import Factor
-from dtrepair.repair.rigidity import SMALL, Rigidity
+from dtrepair.repair.elastic.arap import SMALL, Rigidity
 from dtrepair.repair.surface.surface import ANCHOR, Surface
 from tests.meshes import Mesh, elbow, grid, icosphere, torus
 

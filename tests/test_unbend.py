@@ -7,8 +7,8 @@ import pytest
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair import unbend as module
+from dtrepair.repair.elastic.dihedral_angles import bent_edges
 from dtrepair.repair.full import FullMethod
-from dtrepair.repair.hinges import bent_edges
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface
 from dtrepair.repair.unbend import unbend

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.gaps import Gaps
+from dtrepair.repair.elastic.arap import Rigidity
+from dtrepair.repair.elastic.gaps import Gaps
 from dtrepair.repair.push import Limit, push
 from dtrepair.repair.relax import step_with_gaps
-from dtrepair.repair.rigidity import Rigidity
 from dtrepair.repair.surface.defects import Defects, find_defects
 from dtrepair.repair.surface.surface import NEIGHBOUR_RINGS, Surface
 

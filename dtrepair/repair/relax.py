@@ -6,10 +6,10 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.repair.crease import Filled
-from dtrepair.repair.gaps import Gaps
-from dtrepair.repair.inflation import Inflation
+from dtrepair.repair.elastic.arap import Rigidity
+from dtrepair.repair.elastic.gaps import Gaps
+from dtrepair.repair.elastic.volume_pressure import Inflation
 from dtrepair.repair.push import PILE
-from dtrepair.repair.rigidity import Rigidity
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface
 from dtrepair.repair.tighten import (

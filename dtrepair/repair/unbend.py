@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, lengths
-from dtrepair.repair.hinges import Hinges
+from dtrepair.repair.elastic.dihedral_angles import Hinges
 from dtrepair.repair.relax import STEP, relax
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface

@@ -34,7 +34,7 @@ class Rigidity:
         Vertices outside of the region (V,) need not move: beyond its neighbours, surroundings are
         taken for unturned.
         """
-        from dtrepair.repair import rigidity_kernels
+        from dtrepair.repair.elastic import arap_kernels as rigidity_kernels
 
         self._kernels = rigidity_kernels
         self._warp = start_warp()

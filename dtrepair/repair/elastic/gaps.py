@@ -33,7 +33,7 @@ class Gaps:
 
     def __init__(self, surface: Surface, mobility: FloatArray) -> None:
         """No gaps yet; `mobility` (V,) scales how far each vertex follows a step."""
-        from dtrepair.repair import gap_kernels
+        from dtrepair.repair.elastic import gap_kernels
 
         self._kernels, self._warp = gap_kernels, start_warp()
         self.surface, self.mobility = surface, mobility

@@ -1,0 +1,1 @@
+"""Elastic terms: as-rigid-as-possible, gaps, pressure, dihedral angles."""

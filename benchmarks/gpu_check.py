@@ -27,14 +27,14 @@ from dtrepair.device import DeviceQueue, resolve_device, start_warp
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.geometry import extent
 from dtrepair.numerics.operators import cotangent_laplacian
-from dtrepair.repair.block_diffusion import BlockDiffusion
-from dtrepair.repair.descent import Descent
-from dtrepair.repair.device_descent import DeviceDescent
-from dtrepair.repair.device_operators import Forces, RowOperator
-from dtrepair.repair.diffusion import Diffusion, SparseOperator
-from dtrepair.repair.energy import KERNELS, pair_energy
-from dtrepair.repair.fixed_detection import FixedDetection
-from dtrepair.repair.optimizer import MomentumBrake, Optimizer
+from dtrepair.repair.paper.descent import Descent
+from dtrepair.repair.paper.diffusion import Diffusion, SparseOperator
+from dtrepair.repair.paper.energy import KERNELS, pair_energy
+from dtrepair.repair.paper.gpu_descent import DeviceDescent
+from dtrepair.repair.paper.gpu_detection import FixedDetection
+from dtrepair.repair.paper.gpu_diffusion import BlockDiffusion
+from dtrepair.repair.paper.gpu_operators import Forces, RowOperator
+from dtrepair.repair.paper.optimizer import MomentumBrake, Optimizer
 
 ITERATIONS = 60
 # Jang et al. 2025: 60 iterations at 14k triangles on an RTX 4090.

@@ -27,10 +27,10 @@ from dtrepair.files.mesh_files import read_mesh
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.numerics.geometry import as_mesh, diagonal, extent
 from dtrepair.numerics.operators import cotangent_laplacian, lumped_mass
-from dtrepair.repair.descent import Descent
-from dtrepair.repair.diffusion import Diffusion, SparseOperator
-from dtrepair.repair.energy import mean_square_strength
-from dtrepair.repair.optimizer import Moments, Optimizer, make_optimizer, start
+from dtrepair.repair.paper.descent import Descent
+from dtrepair.repair.paper.diffusion import Diffusion, SparseOperator
+from dtrepair.repair.paper.energy import mean_square_strength
+from dtrepair.repair.paper.optimizer import Moments, Optimizer, make_optimizer, start
 
 OPTIMIZERS = ("gradient-descent", "uniform-adam", "momentum-brake")
 ENERGIES = ("signed-tpe", "tpe", "point-to-plane", "conical")

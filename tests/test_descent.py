@@ -14,10 +14,10 @@ from dtrepair.files.mesh_files import read_mesh
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.geometry import extent
 from dtrepair.numerics.operators import cotangent_laplacian
-from dtrepair.repair.descent import Descent, triangle_counts
-from dtrepair.repair.device_operators import RowOperator
-from dtrepair.repair.diffusion import BodyDiffusion, Diffusion, SparseOperator
-from dtrepair.repair.optimizer import OPTIMIZERS, GradientDescent, Moments, Optimizer, start
+from dtrepair.repair.paper.descent import Descent, triangle_counts
+from dtrepair.repair.paper.diffusion import BodyDiffusion, Diffusion, SparseOperator
+from dtrepair.repair.paper.gpu_operators import RowOperator
+from dtrepair.repair.paper.optimizer import OPTIMIZERS, GradientDescent, Moments, Optimizer, start
 from tests.meshes import Mesh, bent_tube, icosphere, torus
 
 

@@ -11,12 +11,12 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from dtrepair.device import DeviceQueue
 from dtrepair.intersect.detector import Detector
-from dtrepair.repair.descent import Descent, DescentResult
-from dtrepair.repair.device_descent import STEPS, DeviceDescent
-from dtrepair.repair.device_operators import RowOperator
-from dtrepair.repair.energy import KERNELS, Kernel
-from dtrepair.repair.fixed_detection import FixedDetection
-from dtrepair.repair.optimizer import OPTIMIZERS, GradientDescent, Optimizer
+from dtrepair.repair.paper.descent import Descent, DescentResult
+from dtrepair.repair.paper.energy import KERNELS, Kernel
+from dtrepair.repair.paper.gpu_descent import STEPS, DeviceDescent
+from dtrepair.repair.paper.gpu_detection import FixedDetection
+from dtrepair.repair.paper.gpu_operators import RowOperator
+from dtrepair.repair.paper.optimizer import OPTIMIZERS, GradientDescent, Optimizer
 from tests.meshes import bent_tube
 from tests.test_descent import crossing_tube, make, unit
 

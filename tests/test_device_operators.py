@@ -11,11 +11,11 @@ import torch
 from dtrepair.device import DeviceQueue
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.operators import cotangent_laplacian
-from dtrepair.repair.descent import Descent
-from dtrepair.repair.device_operators import Forces, RowOperator
-from dtrepair.repair.diffusion import SparseOperator
-from dtrepair.repair.energy import Kernel, pair_energy
-from dtrepair.repair.fixed_detection import FixedDetection
+from dtrepair.repair.paper.descent import Descent
+from dtrepair.repair.paper.diffusion import SparseOperator
+from dtrepair.repair.paper.energy import Kernel, pair_energy
+from dtrepair.repair.paper.gpu_detection import FixedDetection
+from dtrepair.repair.paper.gpu_operators import Forces, RowOperator
 from tests.meshes import bent_tube, icosphere, overlapping_spheres
 from tests.test_energy import KERNEL_CASES
 

@@ -8,7 +8,7 @@ import torch
 from scipy import sparse
 
 from dtrepair.numerics.operators import Factor, cotangent_laplacian, lumped_mass
-from dtrepair.repair.diffusion import BodyDiffusion, Diffusion, SparseOperator
+from dtrepair.repair.paper.diffusion import BodyDiffusion, Diffusion, SparseOperator
 from tests.meshes import icosphere, torus
 
 SPHERE = icosphere(2)

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from dtrepair.numerics.operators import cotangent_laplacian
-from dtrepair.repair.diffusion import SparseOperator
-from dtrepair.repair.energy import (
+from dtrepair.repair.paper.diffusion import SparseOperator
+from dtrepair.repair.paper.energy import (
     KERNELS,
     ConicalField,
     Kernel,

@@ -9,7 +9,7 @@ import torch
 from dtrepair.device import DeviceQueue
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs
-from dtrepair.repair.fixed_detection import FixedDetection
+from dtrepair.repair.paper.gpu_detection import FixedDetection
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import bent_tube, icosphere, joined, overlapping_spheres
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from dtrepair.repair.energy import KERNELS
-from dtrepair.repair.optimizer import (
+from dtrepair.repair.paper.energy import KERNELS
+from dtrepair.repair.paper.optimizer import (
     OPTIMIZERS,
     GradientDescent,
     Moments,

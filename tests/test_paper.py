@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from dtrepair.device import DeviceQueue
-from dtrepair.repair import paper
-from dtrepair.repair.device_descent import DeviceDescent
 from dtrepair.repair.options import RepairOptions
-from dtrepair.repair.paper import PaperMethod
+from dtrepair.repair.paper.gpu_descent import DeviceDescent
+from dtrepair.repair.paper.method import PaperMethod
+from dtrepair.repair.paper.method import method as paper
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import bent_tube, overlapping_spheres
 

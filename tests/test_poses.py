@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dtrepair.repair import paper
 from dtrepair.repair.bodies import Body
 from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.paper.method import method as paper
 from dtrepair.repair.poses import in_batches
 from dtrepair.repair.remember import repair_each
 from dtrepair.repair.repairer import SceneRepairer

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.energy import SignedTangentPoint, pair_energy
+from dtrepair.repair.paper.energy import SignedTangentPoint, pair_energy
 from dtrepair.repair.push import push, tangent_point_gradient
 from dtrepair.repair.surface.defects import near_contacts
 from dtrepair.repair.surface.surface import BodyRange, Surface

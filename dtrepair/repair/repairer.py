@@ -163,7 +163,7 @@ class SceneRepairer:
         """How many poses are best given to `batch`."""
         if self.options.method == "full" or self.device == "cpu":
             return 1
-        from dtrepair.repair.device_descent import BATCH
+        from dtrepair.repair.paper.gpu_descent import BATCH
 
         return BATCH
 

@@ -45,7 +45,7 @@ class System:
             direction=scene._direction[self.kept] if scene._direction.any() else None,
         )
         if options.method == "paper":
-            from dtrepair.repair.paper import PaperMethod
+            from dtrepair.repair.paper.method import PaperMethod
 
             self.method: Any = PaperMethod(self.surface, options, queue=scene.queue)
         else:

@@ -102,7 +102,7 @@ class Diffusion:
         """The same operator for tensors on a device; points: positions (V, 3) of the mesh."""
         if self.count <= DENSE:
             return self.dense(device=device)
-        from dtrepair.repair.block_diffusion import BlockDiffusion
+        from dtrepair.repair.paper.gpu_diffusion import BlockDiffusion
 
         matrix = sparse.csr_matrix(self.matrix)
         return BlockDiffusion(matrix, points, mass=self.mass, device=device)

@@ -1,6 +1,6 @@
 """Steps from gradients: gradient descent, UniformAdam, MomentumBrake. Pure: state in, state out.
 
-The gradients are diffused ones (`dtrepair.repair.diffusion`), with a batch axis; frames never
+The gradients are diffused ones (`dtrepair.repair.paper.diffusion`), with a batch axis; frames never
 influence each other. The arithmetic has no branch on data, so it can be captured in a CUDA graph.
 """
 

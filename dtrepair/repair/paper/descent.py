@@ -9,15 +9,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from dtrepair.repair.diffusion import Diffuser
-from dtrepair.repair.energy import (
+from dtrepair.repair.paper.diffusion import Diffuser
+from dtrepair.repair.paper.energy import (
     Kernel,
     SignedTangentPoint,
     mean_square_strength,
     pair_energy,
     shape_term,
 )
-from dtrepair.repair.optimizer import Moments, MomentumBrake, Optimizer, start
+from dtrepair.repair.paper.optimizer import Moments, MomentumBrake, Optimizer, start
 
 # A frame that moved this far, in units of its size, has diverged and can be no result.
 RUNAWAY = 1.0

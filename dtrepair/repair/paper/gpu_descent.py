@@ -11,10 +11,10 @@ from torch import Tensor
 from dtrepair.device import DeviceQueue, out_of_memory
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs
-from dtrepair.repair.descent import NOT_MEASURED, RUNAWAY, Descent, DescentResult
-from dtrepair.repair.device_operators import Forces
-from dtrepair.repair.fixed_detection import FixedDetection
-from dtrepair.repair.optimizer import start
+from dtrepair.repair.paper.descent import NOT_MEASURED, RUNAWAY, Descent, DescentResult
+from dtrepair.repair.paper.gpu_detection import FixedDetection
+from dtrepair.repair.paper.gpu_operators import Forces
+from dtrepair.repair.paper.optimizer import start
 
 # Iterations in one CUDA graph: the host looks at the outcome after each replay.
 STEPS = 10

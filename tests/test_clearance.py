@@ -8,8 +8,8 @@ import pytest
 from dtrepair import RepairOptions, repair
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.proximity import close_pairs, face_each_other
-from dtrepair.repair.clearance import open_contacts
-from dtrepair.repair.relax import relax
+from dtrepair.repair.full.clearance import open_contacts
+from dtrepair.repair.full.relax import relax
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import NEIGHBOUR_RINGS, Surface
 from tests.meshes import knot

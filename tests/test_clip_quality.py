@@ -11,7 +11,7 @@ from dtrepair.demo import character as demo_character
 from dtrepair.numerics.metrics import displacements, jitter
 from dtrepair.numerics.temporal import second_differences, steady_weights
 from dtrepair.repair import shot
-from dtrepair.repair.mend import mend
+from dtrepair.repair.full.mend import mend
 from dtrepair.repair.surface.surface import Surface
 
 

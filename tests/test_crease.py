@@ -8,7 +8,7 @@ import pytest
 from dtrepair.intersect.detector import find_intersections
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.operators import uniform_laplacian
-from dtrepair.repair.crease import bilaplacian_fill, fill_creases, membrane_fill
+from dtrepair.repair.full.biharmonic_fill import bilaplacian_fill, fill_creases, membrane_fill
 from dtrepair.repair.surface.defects import Defects, find_defects
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import Mesh, elbow, grid, icosphere, tube

@@ -11,11 +11,11 @@ from quadruped import Quadruped
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import volume
 from dtrepair.numerics.operators import Factor
-from dtrepair.repair import full
-from dtrepair.repair.full import FullMethod
+from dtrepair.repair.full.method import FullMethod
+from dtrepair.repair.full.method import method as full
+from dtrepair.repair.full.pull_back import distortion
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface
-from dtrepair.repair.tighten import distortion
 from tests.exact_reference import exact_pairs
 from tests.meshes import (
     Mesh,

@@ -10,7 +10,7 @@ import pytest
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.elastic.arap import Rigidity
 from dtrepair.repair.elastic.gaps import MARGIN, SHRINK, STIFFER, Gaps
-from dtrepair.repair.relax import step_with_gaps
+from dtrepair.repair.full.relax import step_with_gaps
 from dtrepair.repair.surface.defects import Defects
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import Mesh, grid, icosphere, torus

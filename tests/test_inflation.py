@@ -8,7 +8,7 @@ import pytest
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import volume
 from dtrepair.repair.elastic.volume_pressure import HIGHEST, LARGEST, LEAST, Inflation
-from dtrepair.repair.relax import relax
+from dtrepair.repair.full.relax import relax
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import grid, icosphere
 

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.repair.full.push import push, tangent_point_gradient
 from dtrepair.repair.paper.energy import SignedTangentPoint, pair_energy
-from dtrepair.repair.push import push, tangent_point_gradient
 from dtrepair.repair.surface.defects import near_contacts
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import (

@@ -9,12 +9,12 @@ import pytest
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import displacements
-from dtrepair.repair import relax as module
-from dtrepair.repair.crease import Filled
-from dtrepair.repair.relax import MORE, relax
+from dtrepair.repair.full.biharmonic_fill import Filled
+from dtrepair.repair.full.method import relax as module
+from dtrepair.repair.full.pull_back import distortion
+from dtrepair.repair.full.relax import MORE, relax
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface
-from dtrepair.repair.tighten import distortion
 from tests.meshes import torus
 from tests.test_tighten import POSES, crossings_and_folds, loosely_solved
 

@@ -7,11 +7,8 @@ import pytest
 
 from dtrepair.numerics.geometry import FloatArray, diagonal
 from dtrepair.numerics.metrics import displacements
-from dtrepair.repair.crease import fill_creases
-from dtrepair.repair.push import push
-from dtrepair.repair.surface.defects import find_defects
-from dtrepair.repair.surface.surface import BodyRange, Surface
-from dtrepair.repair.tighten import (
+from dtrepair.repair.full.biharmonic_fill import fill_creases
+from dtrepair.repair.full.pull_back import (
     REACH_RINGS,
     STILL,
     changed_defects,
@@ -21,6 +18,9 @@ from dtrepair.repair.tighten import (
     roll_back,
     without_still,
 )
+from dtrepair.repair.full.push import push
+from dtrepair.repair.surface.defects import find_defects
+from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import (
     Mesh,
     armed_body,

@@ -22,8 +22,8 @@ from dtrepair.repair.frames import (
     reduced,
     system_of,
 )
-from dtrepair.repair.full import FullMethod
-from dtrepair.repair.mend import mend
+from dtrepair.repair.full.mend import mend
+from dtrepair.repair.full.method import FullMethod
 from dtrepair.repair.options import RepairResult, Solved, Stage
 from dtrepair.repair.parallel.process_pool import forked_map
 from dtrepair.repair.parallel.worker_pool import available_processors, make_crew, worthwhile_jobs

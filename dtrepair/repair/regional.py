@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.push import (
+from dtrepair.repair.full.push import (
     DEEPEST,
     VOLUME_WEIGHT,
     _volume_gradient,

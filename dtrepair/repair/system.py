@@ -9,7 +9,7 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.bodies import about_centre
-from dtrepair.repair.full import FullMethod
+from dtrepair.repair.full.method import FullMethod
 from dtrepair.repair.options import Solved
 from dtrepair.repair.surface.surface import BodyRange, Surface
 

@@ -11,7 +11,7 @@ from scipy import sparse
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import undamped
-from dtrepair.repair.mend import mend
+from dtrepair.repair.full.mend import mend
 from dtrepair.repair.parallel.worker_pool import Crew
 from dtrepair.repair.regional import regional_push
 from dtrepair.repair.soften import Softener

@@ -14,6 +14,7 @@ from dtrepair.device import DeviceQueue, out_of_memory
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.operators import cotangent_laplacian
+from dtrepair.repair.full.pull_back import distortion
 from dtrepair.repair.options import RepairOptions, Solved, Stage
 from dtrepair.repair.paper.descent import Descent, DescentResult
 from dtrepair.repair.paper.diffusion import BodyDiffusion, Diffusion, SparseOperator
@@ -22,7 +23,6 @@ from dtrepair.repair.paper.gpu_descent import DeviceDescent, too_large
 from dtrepair.repair.paper.gpu_operators import RowOperator
 from dtrepair.repair.paper.optimizer import make_optimizer
 from dtrepair.repair.surface.surface import Surface
-from dtrepair.repair.tighten import distortion
 
 # Kinds of devices that run whole iterations (see `DeviceDescent`). The CPU could, but its sparse
 # factor is faster there than products of dense matrices.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.crease import Filled, fill_creases
-from dtrepair.repair.push import push
+from dtrepair.repair.full.biharmonic_fill import Filled, fill_creases
+from dtrepair.repair.full.push import push
 from dtrepair.repair.surface.surface import Surface
 
 # Rings within which contacts are left to the creases, from careful to pushing all of them.

@@ -6,8 +6,8 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, differing, lengths
 from dtrepair.numerics.metrics import displacements, edge_log_ratio
-from dtrepair.repair.crease import Filled, fill_creases
-from dtrepair.repair.push import push
+from dtrepair.repair.full.biharmonic_fill import Filled, fill_creases
+from dtrepair.repair.full.push import push
 from dtrepair.repair.surface.defects import Defects, find_defects, update_defects
 from dtrepair.repair.surface.surface import BoolArray, Surface
 

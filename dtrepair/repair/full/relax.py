@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, lengths
-from dtrepair.repair.crease import Filled
 from dtrepair.repair.elastic.arap import Rigidity
 from dtrepair.repair.elastic.gaps import Gaps
 from dtrepair.repair.elastic.volume_pressure import Inflation
-from dtrepair.repair.push import PILE
-from dtrepair.repair.surface.defects import find_defects
-from dtrepair.repair.surface.surface import Surface
-from dtrepair.repair.tighten import (
+from dtrepair.repair.full.biharmonic_fill import Filled
+from dtrepair.repair.full.pull_back import (
     acceptable,
     changed_defects,
     distortion,
     roll_back,
     without_still,
 )
+from dtrepair.repair.full.push import PILE
+from dtrepair.repair.surface.defects import find_defects
+from dtrepair.repair.surface.surface import Surface
 
 # No vertex moves farther in a cycle (units of the size); gaps are sought within twice that.
 STEP = 0.01

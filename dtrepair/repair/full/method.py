@@ -8,16 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.clearance import open_contacts
-from dtrepair.repair.crease import fill_creases
+from dtrepair.repair.full.biharmonic_fill import fill_creases
+from dtrepair.repair.full.clearance import open_contacts
+from dtrepair.repair.full.pull_back import distortion, pull_back, reach_of
+from dtrepair.repair.full.push import Pushed, push
+from dtrepair.repair.full.relax import STEP, relax
+from dtrepair.repair.full.unbend import unbend
 from dtrepair.repair.options import Solved, Stage
-from dtrepair.repair.push import Pushed, push
-from dtrepair.repair.relax import STEP, relax
 from dtrepair.repair.surface.defects import Defects, contact_scale, find_defects
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import Surface
-from dtrepair.repair.tighten import distortion, pull_back, reach_of
-from dtrepair.repair.unbend import unbend
 
 # Rings within which contacts are left to the crease stage: from careful to pushing all of them.
 NEAR = (20, 12, 6, 0)

@@ -9,8 +9,8 @@ import numpy as np
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.elastic.arap import Rigidity
 from dtrepair.repair.elastic.gaps import Gaps
-from dtrepair.repair.push import Limit, push
-from dtrepair.repair.relax import step_with_gaps
+from dtrepair.repair.full.push import Limit, push
+from dtrepair.repair.full.relax import step_with_gaps
 from dtrepair.repair.surface.defects import Defects, find_defects
 from dtrepair.repair.surface.surface import NEIGHBOUR_RINGS, Surface
 

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.repair.elastic.dihedral_angles import Hinges
-from dtrepair.repair.relax import STEP, relax
+from dtrepair.repair.full.pull_back import acceptable, changed_defects
+from dtrepair.repair.full.relax import STEP, relax
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface
-from dtrepair.repair.tighten import acceptable, changed_defects
 
 # Rings around bent edges that move with them, from few to many; so many clusters are tried alone.
 RINGS, MANY = (2, 4), 64

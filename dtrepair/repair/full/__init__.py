@@ -1,0 +1,1 @@
+"""The default method: its stages for a single pose."""

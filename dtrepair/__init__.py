@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from dtrepair import repair as repair
     from dtrepair.intersect.detector import Detector as Detector
     from dtrepair.intersect.detector import find_intersections as find_intersections
-    from dtrepair.repair.bodies import Body as Body
     from dtrepair.repair.options import Count as Count
     from dtrepair.repair.options import RepairOptions as RepairOptions
     from dtrepair.repair.options import RepairResult as RepairResult
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from dtrepair.repair.repairer import Repairer as Repairer
     from dtrepair.repair.repairer import SceneRepairer as SceneRepairer
     from dtrepair.repair.repairer import repair_mesh as repair_mesh
+    from dtrepair.repair.scene.bodies import Body as Body
     from dtrepair.transfer.correspondence import match_triangles as match_triangles
     from dtrepair.transfer.deformation import Transfer as Transfer
     from dtrepair.transfer.registration import register as register
@@ -35,7 +35,7 @@ _HOMES = {
     "RepairResult": "dtrepair.repair.options",
     "Stage": "dtrepair.repair.options",
     "Status": "dtrepair.repair.options",
-    "Body": "dtrepair.repair.bodies",
+    "Body": "dtrepair.repair.scene.bodies",
     "Repairer": "dtrepair.repair.repairer",
     "SceneRepairer": "dtrepair.repair.repairer",
     "repair_mesh": "dtrepair.repair.repairer",

@@ -5,8 +5,8 @@ import pytest
 from meshes import bent_tube
 
 from dtrepair.intersect.detector import Detector
-from dtrepair.repair.bodies import Body
 from dtrepair.repair.repairer import SceneRepairer
+from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from dtrepair.repair.surface.surface import uncertain_pairs as doubts
 from dtrepair.repair.surface.uncertain_pairs import Doubts

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dtrepair import Body, RepairOptions, SceneRepairer
-from dtrepair.repair.left_over import contacts_left, cures, deformed
+from dtrepair.repair.scene.diagnosis import contacts_left, cures, deformed
 from tests.meshes import icosphere, joined
 
 BALL, FACES = icosphere(1)

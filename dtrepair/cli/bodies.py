@@ -18,8 +18,8 @@ from dtrepair.cli.sources import Source, SourceMesh, StageSource
 from dtrepair.wording import counted
 
 if TYPE_CHECKING:
-    from dtrepair.repair.bodies import Body
     from dtrepair.repair.options import RepairOptions
+    from dtrepair.repair.scene.bodies import Body
     from usd_io import AnimatedMesh
 
 # Frames of a clip that are tried as placements of the rest poses.
@@ -118,7 +118,7 @@ def make_bodies(
 
     A warning names meshes of which no frame tells which one is outside.
     """
-    from dtrepair.repair.bodies import Body
+    from dtrepair.repair.scene.bodies import Body
 
     several = len(source.meshes) > 1
     time = float(source.times[0])

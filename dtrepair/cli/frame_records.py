@@ -23,8 +23,8 @@ from dtrepair.report.record import (
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCount
-    from dtrepair.repair.bodies import Body
     from dtrepair.repair.options import RepairResult
+    from dtrepair.repair.scene.bodies import Body
 
 
 class FrameRecorder:

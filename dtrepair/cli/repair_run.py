@@ -27,9 +27,9 @@ from dtrepair.numerics.jitter_meter import JitterMeter
 from dtrepair.report.record import FrameRecord, Report, summarize
 
 if TYPE_CHECKING:
-    from dtrepair.repair.bodies import Body
     from dtrepair.repair.options import RepairOptions
     from dtrepair.repair.remember import Memory
+    from dtrepair.repair.scene.bodies import Body
 
 
 @dataclass

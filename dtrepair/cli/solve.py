@@ -21,10 +21,10 @@ from dtrepair.report.record import FrameRecord
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCounter
     from dtrepair.repair.animation import AnimationRepairer
-    from dtrepair.repair.bodies import Body
     from dtrepair.repair.options import RepairResult
     from dtrepair.repair.remember import Memory
     from dtrepair.repair.repairer import SceneRepairer
+    from dtrepair.repair.scene.bodies import Body
 
     Solution = list[RepairResult] | Exception
     Pose = tuple[float, Sequence[Any]]

@@ -207,8 +207,8 @@ def _outcomes(
     if options is None:
         yield from counted_frames(moves.frames(), pair.target, counter)
         return
-    from dtrepair.repair.bodies import Body
     from dtrepair.repair.repairer import SceneRepairer
+    from dtrepair.repair.scene.bodies import Body
 
     rest, faces = pair.meshes[1]
     pin = None if moves.pins is None else moves.pins.mask(len(rest))

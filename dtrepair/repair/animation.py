@@ -37,7 +37,7 @@ from dtrepair.repair.unhooking import contact_counts, hooked_contacts
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer
-    from dtrepair.repair.system import System
+    from dtrepair.repair.scene.welded_mesh import System
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")

@@ -9,9 +9,9 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, extent
 from dtrepair.numerics.temporal import is_cut, motion_between
-from dtrepair.repair.bodies import about_centre
+from dtrepair.repair.scene.bodies import about_centre
+from dtrepair.repair.scene.welded_mesh import System
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
-from dtrepair.repair.system import System
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer

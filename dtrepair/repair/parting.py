@@ -28,7 +28,7 @@ from dtrepair.repair.unhooking import (
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer
-    from dtrepair.repair.system import System
+    from dtrepair.repair.scene.welded_mesh import System
 
 # A body pierces another where it is deeper inside than this many times its own thickness; if it is
 # not stiff, at least this part of the vertices of either must be inside of the other: a character

@@ -12,18 +12,18 @@ import numpy as np
 from dtrepair.intersect.proximity import close_pairs
 from dtrepair.numerics.geometry import FloatArray, IntArray, differing, extent
 from dtrepair.numerics.metrics import displacements, edge_log_ratio
-from dtrepair.repair.bodies import about_centre
 from dtrepair.repair.frames import system_of
 from dtrepair.repair.options import RepairResult, Solved
 from dtrepair.repair.parting import PART, parted_frames
 from dtrepair.repair.piercing import Shape, find_inside
 from dtrepair.repair.release import caught_parts, released
+from dtrepair.repair.scene.bodies import about_centre
 from dtrepair.repair.surface.surface import BoolArray
 from dtrepair.repair.unhooking import contact_counts, hooked_contacts
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer
-    from dtrepair.repair.system import System
+    from dtrepair.repair.scene.welded_mesh import System
 
 Item = TypeVar("Item")
 

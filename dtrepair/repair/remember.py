@@ -28,7 +28,7 @@ from dtrepair.repair.shot import ShotMethod
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer
-    from dtrepair.repair.system import System
+    from dtrepair.repair.scene.welded_mesh import System
 
 Arrays = Mapping[str, NDArray[Any]]
 # Poses, and their results if they are known.

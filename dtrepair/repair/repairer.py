@@ -27,20 +27,20 @@ from dtrepair.numerics.geometry import (
 )
 from dtrepair.numerics.metrics import displacements
 from dtrepair.repair.animation import AnimationRepairer, animate
-from dtrepair.repair.bodies import (
+from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
+from dtrepair.repair.poses import repair_poses
+from dtrepair.repair.release import bodies_of_parts
+from dtrepair.repair.scene.bodies import (
     Body,
     about_centre,
     checked_ignored,
     direction_of,
     mobility_of,
 )
-from dtrepair.repair.left_over import contacts_left, cures, deformed, enclosed_left
-from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
-from dtrepair.repair.poses import repair_poses
-from dtrepair.repair.release import bodies_of_parts
+from dtrepair.repair.scene.diagnosis import contacts_left, cures, deformed, enclosed_left
+from dtrepair.repair.scene.welded_mesh import System
 from dtrepair.repair.surface.containment import Enclosures
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
-from dtrepair.repair.system import System
 from dtrepair.wording import counted
 
 # Largest clearance, part of the diagonal: with a larger one everything is close to everything.

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.bodies import about_centre
 from dtrepair.repair.full.method import FullMethod
 from dtrepair.repair.options import Solved
+from dtrepair.repair.scene.bodies import about_centre
 from dtrepair.repair.surface.surface import BodyRange, Surface
 
 if TYPE_CHECKING:

@@ -1,0 +1,1 @@
+"""Bodies, the scene they make, and what is told of its results."""

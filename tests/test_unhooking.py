@@ -8,7 +8,7 @@ import pytest
 from dtrepair import Body, SceneRepairer, Status
 from dtrepair.numerics.geometry import unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio
-from dtrepair.repair.unhooking import (
+from dtrepair.repair.separation.untangling import (
     SEVERAL,
     STEPS,
     contact_counts,

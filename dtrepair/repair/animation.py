@@ -27,13 +27,13 @@ from dtrepair.repair.full.method import FullMethod
 from dtrepair.repair.options import RepairResult, Solved, Stage
 from dtrepair.repair.parallel.process_pool import forked_map
 from dtrepair.repair.parallel.worker_pool import available_processors, make_crew, worthwhile_jobs
-from dtrepair.repair.parting import parted_frames
 from dtrepair.repair.poses import in_batches
-from dtrepair.repair.release import caught_parts, released_frames
+from dtrepair.repair.separation.release import caught_parts, released_frames
+from dtrepair.repair.separation.separation import parted_frames
+from dtrepair.repair.separation.untangling import contact_counts, hooked_contacts
 from dtrepair.repair.shot import ShotMethod
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import Surface
-from dtrepair.repair.unhooking import contact_counts, hooked_contacts
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer

@@ -14,12 +14,12 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, differing, extent
 from dtrepair.numerics.metrics import displacements, edge_log_ratio
 from dtrepair.repair.frames import system_of
 from dtrepair.repair.options import RepairResult, Solved
-from dtrepair.repair.parting import PART, parted_frames
-from dtrepair.repair.piercing import Shape, find_inside
-from dtrepair.repair.release import caught_parts, released
 from dtrepair.repair.scene.bodies import about_centre
+from dtrepair.repair.separation.penetration import Shape, find_inside
+from dtrepair.repair.separation.release import caught_parts, released
+from dtrepair.repair.separation.separation import PART, parted_frames
+from dtrepair.repair.separation.untangling import contact_counts, hooked_contacts
 from dtrepair.repair.surface.surface import BoolArray
-from dtrepair.repair.unhooking import contact_counts, hooked_contacts
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer

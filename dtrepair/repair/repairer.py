@@ -29,7 +29,6 @@ from dtrepair.numerics.metrics import displacements
 from dtrepair.repair.animation import AnimationRepairer, animate
 from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
 from dtrepair.repair.poses import repair_poses
-from dtrepair.repair.release import bodies_of_parts
 from dtrepair.repair.scene.bodies import (
     Body,
     about_centre,
@@ -39,6 +38,7 @@ from dtrepair.repair.scene.bodies import (
 )
 from dtrepair.repair.scene.diagnosis import contacts_left, cures, deformed, enclosed_left
 from dtrepair.repair.scene.welded_mesh import System
+from dtrepair.repair.separation.release import bodies_of_parts
 from dtrepair.repair.surface.containment import Enclosures
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
 from dtrepair.wording import counted

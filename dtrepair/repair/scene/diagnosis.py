@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, vector_areas
 from dtrepair.numerics.metrics import edge_log_ratio, volume
-from dtrepair.repair.release import bodies_of_parts
+from dtrepair.repair.separation.release import bodies_of_parts
 from dtrepair.wording import counted
 
 if TYPE_CHECKING:

@@ -16,15 +16,15 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from dtrepair.numerics.temporal import eased_in_time
-from dtrepair.repair.piercing import Inside, Piercing, Shape, find_inside
-from dtrepair.repair.stiffen import STIFF
-from dtrepair.repair.unhooking import (
+from dtrepair.repair.separation.penetration import Inside, Piercing, Shape, find_inside
+from dtrepair.repair.separation.untangling import (
     FARTHEST,
     contact_counts,
     length_along,
     shortest_way,
     ways_around,
 )
+from dtrepair.repair.stiffen import STIFF
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer

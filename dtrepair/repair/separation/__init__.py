@@ -1,0 +1,1 @@
+"""Bodies that are led apart as a whole before anything is pushed."""

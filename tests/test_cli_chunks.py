@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from command_line import CLOSED, OPEN, assert_fails, read_samples, run, tube_stage
 
-from dtrepair.repair import animation, repairer
+from dtrepair.repair import repairer
+from dtrepair.repair.clip import animation
 from dtrepair.report.record import read_report
 
 FRAMES = 36

@@ -106,7 +106,7 @@ def test_a_trace_reaches_into_the_workers(tmp_path, monkeypatch):
 
 
 def test_a_trace_tells_why_frames_are_not_repaired_together(tmp_path, monkeypatch):
-    from dtrepair.repair.animation import AnimationRepairer
+    from dtrepair.repair.clip.animation import AnimationRepairer
 
     def deep_inside(self, poses, **options):
         raise ArithmeticError("no window")

@@ -10,8 +10,9 @@ import pytest
 from command_line import CLOSED, OPEN, assert_fails, run, tube_stage
 
 from dtrepair.cli import repair_run
-from dtrepair.repair import animation, remember, repairer
-from dtrepair.repair.shot import ShotMethod
+from dtrepair.repair import remember, repairer
+from dtrepair.repair.clip import animation
+from dtrepair.repair.clip.window_method import ShotMethod
 
 FRAMES, WINDOW, OVERLAP = 40, 20, 6
 

@@ -10,7 +10,7 @@ from dtrepair import Repairer, RepairOptions, Status
 from dtrepair.demo import character as demo_character
 from dtrepair.numerics.metrics import displacements, jitter
 from dtrepair.numerics.temporal import second_differences, steady_weights
-from dtrepair.repair import shot
+from dtrepair.repair.clip import window_method as shot
 from dtrepair.repair.full.mend import mend
 from dtrepair.repair.surface.surface import Surface
 

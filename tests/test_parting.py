@@ -8,7 +8,7 @@ import pytest
 from dtrepair import Body, RepairOptions, SceneRepairer, Status
 from dtrepair.numerics.geometry import FloatArray, extent, unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio, jitter
-from dtrepair.repair.frames import system_of
+from dtrepair.repair.clip.frames import system_of
 from dtrepair.repair.separation.penetration import Piercing, Shape, find_inside
 from dtrepair.repair.separation.separation import parted_frames
 from tests.exact_reference import exact_pairs

@@ -8,7 +8,7 @@ import pytest
 from dtrepair import Body, SceneRepairer, Status
 from dtrepair.numerics.geometry import unique_edges
 from dtrepair.repair import poses as poses_of_scenes
-from dtrepair.repair.frames import system_of
+from dtrepair.repair.clip.frames import system_of
 from dtrepair.repair.full.method import method as full
 from dtrepair.repair.full.push import _of_length
 from dtrepair.repair.full.relax import LONGER, relax

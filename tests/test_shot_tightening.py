@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from test_animation import swing
 
-from dtrepair.repair import shot_tightening
-from dtrepair.repair.animation import _alone
+from dtrepair.repair.clip import tighten_frames as shot_tightening
+from dtrepair.repair.clip.animation import _alone
+from dtrepair.repair.clip.mend_frames import mend_frames
+from dtrepair.repair.clip.tighten_frames import tighten_frames
+from dtrepair.repair.clip.window_method import push
+from dtrepair.repair.clip.window_state import SpaceTime
 from dtrepair.repair.parallel.worker_pool import Crew
-from dtrepair.repair.shot import push
-from dtrepair.repair.shot_mending import mend_frames
-from dtrepair.repair.shot_tightening import tighten_frames
-from dtrepair.repair.spacetime import SpaceTime
 from dtrepair.repair.surface.surface import Surface
 
 

@@ -13,7 +13,7 @@ from dtrepair.cli.options import Selection
 from dtrepair.cli.solve import FrameRepairer, repair_frames
 from dtrepair.cli.sources import open_source
 from dtrepair.numerics.jitter_meter import JitterMeter
-from dtrepair.repair.animation import AnimationRepairer
+from dtrepair.repair.clip.animation import AnimationRepairer
 from dtrepair.repair.repairer import Body, SceneRepairer
 
 

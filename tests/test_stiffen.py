@@ -8,7 +8,9 @@ import pytest
 from dtrepair import Body, SceneRepairer, Status
 from dtrepair.numerics.geometry import unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio
-from dtrepair.repair import animation, shot, stiffen
+from dtrepair.repair.clip import animation
+from dtrepair.repair.clip import restore_shape as stiffen
+from dtrepair.repair.clip import window_method as shot
 from tests.meshes import icosphere
 
 BALL, BALL_FACES = icosphere(2)

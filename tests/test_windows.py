@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from meshes import icosphere
 
-from dtrepair.repair import animation
-from dtrepair.repair.frames import read_frames
+from dtrepair.repair.clip import animation
+from dtrepair.repair.clip.frames import read_frames
+from dtrepair.repair.clip.layout import Window, frames_to_solve, motions_of, window_layout
 from dtrepair.repair.repairer import Body, SceneRepairer
-from dtrepair.repair.windows import Window, frames_to_solve, motions_of, window_layout
 
 SIZES = {"window": 20, "overlap": 6}
 

@@ -40,8 +40,8 @@ def choose_chunk(source: Source, chunk: tuple[int, int] | None, *, alone: bool) 
     """
     if chunk is not None and not isinstance(source, StageSource):
         raise Failure("--chunk: only for USD stages; leave it out", USAGE)
-    from dtrepair.repair import animation
-    from dtrepair.repair.windows import frames_to_solve, motions_of, window_layout
+    from dtrepair.repair.clip import animation
+    from dtrepair.repair.clip.layout import frames_to_solve, motions_of, window_layout
 
     every = source.times
     if chunk is None:

@@ -58,7 +58,7 @@ class Run:
 
 def open_journal(run: Run, bodies: list[Body], *, resume: bool) -> Journal | None:
     """The journal of a run; None where a run is a single step, solved wholly or not at all."""
-    from dtrepair.repair.animation import WINDOW
+    from dtrepair.repair.clip.animation import WINDOW
 
     assert run.chunk is not None
     times = run.chunk.times

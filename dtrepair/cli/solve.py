@@ -20,7 +20,7 @@ from dtrepair.report.record import FrameRecord
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCounter
-    from dtrepair.repair.animation import AnimationRepairer
+    from dtrepair.repair.clip.animation import AnimationRepairer
     from dtrepair.repair.options import RepairResult
     from dtrepair.repair.remember import Memory
     from dtrepair.repair.repairer import SceneRepairer

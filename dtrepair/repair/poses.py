@@ -12,7 +12,7 @@ import numpy as np
 from dtrepair.intersect.proximity import close_pairs
 from dtrepair.numerics.geometry import FloatArray, IntArray, differing, extent
 from dtrepair.numerics.metrics import displacements, edge_log_ratio
-from dtrepair.repair.frames import system_of
+from dtrepair.repair.clip.frames import system_of
 from dtrepair.repair.options import RepairResult, Solved
 from dtrepair.repair.scene.bodies import about_centre
 from dtrepair.repair.separation.penetration import Shape, find_inside

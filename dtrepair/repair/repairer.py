@@ -26,7 +26,7 @@ from dtrepair.numerics.geometry import (
     weld_map,
 )
 from dtrepair.numerics.metrics import displacements
-from dtrepair.repair.animation import AnimationRepairer, animate
+from dtrepair.repair.clip.animation import AnimationRepairer, animate
 from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
 from dtrepair.repair.poses import repair_poses
 from dtrepair.repair.scene.bodies import (

@@ -16,6 +16,7 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from dtrepair.numerics.temporal import eased_in_time
+from dtrepair.repair.clip.restore_shape import STIFF
 from dtrepair.repair.separation.penetration import Inside, Piercing, Shape, find_inside
 from dtrepair.repair.separation.untangling import (
     FARTHEST,
@@ -24,7 +25,6 @@ from dtrepair.repair.separation.untangling import (
     shortest_way,
     ways_around,
 )
-from dtrepair.repair.stiffen import STIFF
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer

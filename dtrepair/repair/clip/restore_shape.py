@@ -7,7 +7,7 @@ import numpy as np
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.metrics import edge_log_ratio
 from dtrepair.numerics.temporal import gaussian_kernel, spread_in_time
-from dtrepair.repair.spacetime import Snapshot, SpaceTime
+from dtrepair.repair.clip.window_state import Snapshot, SpaceTime
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
 
 # From this diffusion on a body of a scene is stiff.

@@ -11,10 +11,10 @@ from scipy import sparse
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import undamped
+from dtrepair.repair.clip.adaptive_fairing import Softener
+from dtrepair.repair.clip.regional_push import regional_push
 from dtrepair.repair.full.mend import mend
 from dtrepair.repair.parallel.worker_pool import Crew
-from dtrepair.repair.regional import regional_push
-from dtrepair.repair.soften import Softener
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import BoolArray, Surface
 

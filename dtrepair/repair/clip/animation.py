@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import frame_units
-from dtrepair.repair.frames import (
+from dtrepair.repair.clip.frames import (
     Frame,
     cross_fade,
     expanded,
@@ -22,6 +22,7 @@ from dtrepair.repair.frames import (
     reduced,
     system_of,
 )
+from dtrepair.repair.clip.window_method import ShotMethod
 from dtrepair.repair.full.mend import mend
 from dtrepair.repair.full.method import FullMethod
 from dtrepair.repair.options import RepairResult, Solved, Stage
@@ -31,7 +32,6 @@ from dtrepair.repair.poses import in_batches
 from dtrepair.repair.separation.release import caught_parts, released_frames
 from dtrepair.repair.separation.separation import parted_frames
 from dtrepair.repair.separation.untangling import contact_counts, hooked_contacts
-from dtrepair.repair.shot import ShotMethod
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import Surface
 

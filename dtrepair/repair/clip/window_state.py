@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.repair.clip.frame_steps import Alone, Chain, Springs, WindowFrames
 from dtrepair.repair.parallel.worker_pool import Crew
 from dtrepair.repair.surface.defects import contact_scale
 from dtrepair.repair.surface.surface import Surface
-from dtrepair.repair.window_frames import Alone, Chain, Springs, WindowFrames
 
 # Softening fades over time as a bell of this width in frames, however narrow the pushes are.
 FADE = 3.5

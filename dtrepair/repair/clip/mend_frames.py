@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dtrepair.numerics.temporal import gaussian_kernel
-from dtrepair.repair.spacetime import SpaceTime
-from dtrepair.repair.window_frames import Chain
+from dtrepair.repair.clip.frame_steps import Chain
+from dtrepair.repair.clip.window_state import SpaceTime
 
 # Widths in frames over which the corrections of single frames are spread, pass by pass.
 MENDING = (2.0, 2.0, 1.5, 1.5, 1.2, 1.2, 1.0, 1.0, 0.8, 0.8, 0.6, 0.0, 0.0)

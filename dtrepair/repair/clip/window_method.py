@@ -14,13 +14,13 @@ from dtrepair.numerics.temporal import (
     second_differences,
     steady_weights,
 )
+from dtrepair.repair.clip.frame_steps import Alone
+from dtrepair.repair.clip.mend_frames import mend_frames
+from dtrepair.repair.clip.restore_shape import stiffen_frames
+from dtrepair.repair.clip.tighten_frames import WIDTH, tighten_frames
+from dtrepair.repair.clip.window_state import SpaceTime
 from dtrepair.repair.parallel.worker_pool import Crew
-from dtrepair.repair.shot_mending import mend_frames
-from dtrepair.repair.shot_tightening import WIDTH, tighten_frames
-from dtrepair.repair.spacetime import SpaceTime
-from dtrepair.repair.stiffen import stiffen_frames
 from dtrepair.repair.surface.surface import Surface
-from dtrepair.repair.window_frames import Alone
 
 # Sweeps are judged in blocks of this many; after so many blocks without progress a phase ends.
 BLOCK, PATIENCE = 2, 3

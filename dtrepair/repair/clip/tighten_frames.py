@@ -6,9 +6,9 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel, spread_in_time
-from dtrepair.repair.shot_mending import mend_frames
-from dtrepair.repair.spacetime import Snapshot, SpaceTime
-from dtrepair.repair.stiffen import stretch
+from dtrepair.repair.clip.mend_frames import mend_frames
+from dtrepair.repair.clip.restore_shape import stretch
+from dtrepair.repair.clip.window_state import Snapshot, SpaceTime
 
 # Width in frames of the kernel of the displacement that pushing adds.
 WIDTH = 3.5

@@ -1,0 +1,1 @@
+"""Clips: frames solved together in windows."""

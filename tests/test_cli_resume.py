@@ -10,7 +10,8 @@ import pytest
 from command_line import CLOSED, OPEN, assert_fails, run, tube_stage
 
 from dtrepair.cli import repair_run
-from dtrepair.repair import remember, repairer
+from dtrepair.repair import repairer
+from dtrepair.repair import solution_cache as remember
 from dtrepair.repair.clip import animation
 from dtrepair.repair.clip.window_method import ShotMethod
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dtrepair.repair.independent import in_batches
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.paper.method import method as paper
-from dtrepair.repair.poses import in_batches
-from dtrepair.repair.remember import repair_each
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
+from dtrepair.repair.solution_cache import repair_each
 from tests.meshes import bent_tube
 
 REST, FACES = bent_tube(0.1, around=12, along=40, radius=0.08)

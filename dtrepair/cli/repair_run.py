@@ -28,8 +28,8 @@ from dtrepair.report.record import FrameRecord, Report, summarize
 
 if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions
-    from dtrepair.repair.remember import Memory
     from dtrepair.repair.scene.bodies import Body
+    from dtrepair.repair.solution_cache import Memory
 
 
 @dataclass

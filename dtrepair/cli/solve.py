@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCounter
     from dtrepair.repair.clip.animation import AnimationRepairer
     from dtrepair.repair.options import RepairResult
-    from dtrepair.repair.remember import Memory
     from dtrepair.repair.repairer import SceneRepairer
     from dtrepair.repair.scene.bodies import Body
+    from dtrepair.repair.solution_cache import Memory
 
     Solution = list[RepairResult] | Exception
     Pose = tuple[float, Sequence[Any]]
@@ -111,7 +111,7 @@ class FrameRepairer:
                 self.warnings.append(f"{frames} are repaired alone: {reason}")
                 self.error = error
             iterator = chain(list(fed), iterator)
-        from dtrepair.repair.remember import repair_each
+        from dtrepair.repair.solution_cache import repair_each
 
         self.alone = True
         points = (points for _, points in iterator)
@@ -121,7 +121,7 @@ class FrameRepairer:
     def _animator(self) -> AnimationRepairer:
         if self.memory is None:
             return self.repairer.animator
-        from dtrepair.repair.remember import RememberingAnimator
+        from dtrepair.repair.solution_cache import RememberingAnimator
 
         return RememberingAnimator(self.repairer, self.memory)
 

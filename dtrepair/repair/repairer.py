@@ -27,8 +27,8 @@ from dtrepair.numerics.geometry import (
 )
 from dtrepair.numerics.metrics import displacements
 from dtrepair.repair.clip.animation import AnimationRepairer, animate
+from dtrepair.repair.independent import repair_poses
 from dtrepair.repair.options import Count, RepairOptions, RepairResult, Solved, Status
-from dtrepair.repair.poses import repair_poses
 from dtrepair.repair.scene.bodies import (
     Body,
     about_centre,

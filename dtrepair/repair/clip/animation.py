@@ -25,10 +25,10 @@ from dtrepair.repair.clip.frames import (
 from dtrepair.repair.clip.window_method import ShotMethod
 from dtrepair.repair.full.mend import mend
 from dtrepair.repair.full.method import FullMethod
+from dtrepair.repair.independent import in_batches
 from dtrepair.repair.options import RepairResult, Solved, Stage
 from dtrepair.repair.parallel.process_pool import forked_map
 from dtrepair.repair.parallel.worker_pool import available_processors, make_crew, worthwhile_jobs
-from dtrepair.repair.poses import in_batches
 from dtrepair.repair.separation.release import caught_parts, released_frames
 from dtrepair.repair.separation.separation import parted_frames
 from dtrepair.repair.separation.untangling import contact_counts, hooked_contacts

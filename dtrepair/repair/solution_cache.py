@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.clip.animation import OVERLAP, WINDOW, AnimationRepairer
 from dtrepair.repair.clip.window_method import ShotMethod
+from dtrepair.repair.independent import in_batches
 from dtrepair.repair.options import Count, RepairResult, Stage, Status
 from dtrepair.repair.parallel.process_pool import forked_map
 from dtrepair.repair.parallel.worker_pool import Crew
-from dtrepair.repair.poses import in_batches
 
 if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer

@@ -8,10 +8,10 @@ from pxr import Usd, UsdGeom, Vt
 from swinging_arm import arm_mesh, arm_pose
 
 from dtrepair import Repairer, RepairOptions, find_intersections
-from dtrepair.repair.key_changes import NEIGHBOUR_LIMIT, neighbours_moved, scaled
-from dtrepair.repair.key_spans import KeyOptions
-from dtrepair.repair.keyposes import clean_in_betweens, verify_in_betweens
-from dtrepair.repair.tracks import Track, between
+from dtrepair.keyposes.changes import NEIGHBOUR_LIMIT, neighbours_moved, scaled
+from dtrepair.keyposes.search import clean_in_betweens, verify_in_betweens
+from dtrepair.keyposes.spans import KeyOptions
+from dtrepair.keyposes.tracks import Track, between
 
 
 def float32(points):

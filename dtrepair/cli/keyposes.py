@@ -42,7 +42,7 @@ from dtrepair.cli.sources import StageSource, is_stage, open_source
 from dtrepair.report.record import FrameRecord, Report, summarize
 
 if TYPE_CHECKING:
-    from dtrepair.repair.key_spans import KeyOptions
+    from dtrepair.keyposes.spans import KeyOptions
     from dtrepair.repair.options import RepairOptions
 
 
@@ -127,7 +127,7 @@ def command(
         dtrepair keyposes poses.usd -o poses_repaired.usdc --samples 8 --report report.json
         dtrepair keyposes poses.usd --verify-only
     """
-    from dtrepair.repair.key_spans import KeyOptions
+    from dtrepair.keyposes.spans import KeyOptions
 
     _check(source_path, output, verify_only=verify_only)
     check_report_place(report_path, console, source_path, others=[output])
@@ -220,7 +220,7 @@ def _solve(
     run: Run, keys: StageKeys, search: KeyOptions, sink: Sink | None, console: Console
 ) -> Report:
     """Repair the keys, then the in-betweens; write; return the report."""
-    from dtrepair.repair.keyposes import clean_in_betweens, verify_in_betweens
+    from dtrepair.keyposes.search import clean_in_betweens, verify_in_betweens
 
     records: dict[float, FrameRecord] = {}
     for time in console.progress(keys.selected, total=len(keys.selected), what="keys"):

@@ -11,7 +11,7 @@ from dtrepair.report.record import FrameRecord, Report
 from dtrepair.wording import counted
 
 if TYPE_CHECKING:
-    from dtrepair.repair.key_spans import KeyPoses, Sample
+    from dtrepair.keyposes.spans import KeyPoses, Sample
 
 _WHEN = ("before", "after")
 

@@ -13,7 +13,7 @@ from dtrepair.cli.frames import Frame, read_frame
 from dtrepair.cli.sinks import Sink
 from dtrepair.cli.solve import FrameRepairer, Repaired
 from dtrepair.cli.sources import StageSource
-from dtrepair.repair.tracks import Pose, Track
+from dtrepair.keyposes.tracks import Pose, Track
 from dtrepair.report.record import FrameRecord
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class StageKeys:
-    """The keys of an input; answers what `dtrepair.repair.keyposes` asks about poses.
+    """The keys of an input; answers what `dtrepair.keyposes.search` asks about poses.
 
     tracks: of each mesh; selected: times of keys to repair; spans: times of neighbouring keys that
     are selected and have points; skipped: spans that lack points.

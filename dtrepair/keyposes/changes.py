@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dtrepair.keyposes.tracks import Pose, Track
 from dtrepair.numerics.geometry import diagonal
-from dtrepair.repair.tracks import Pose, Track
 
 # A repaired in-between is tried with its displacement times these: the poses beside it profit.
 SCALES = (1.0, 1.3, 1.7)

@@ -9,9 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from dtrepair.repair.key_changes import Change, changes
-from dtrepair.repair.key_spans import KeyOptions, KeyPoses, Sample, Solver, Span
-from dtrepair.repair.tracks import Pose, Track
+from dtrepair.keyposes.changes import Change, changes
+from dtrepair.keyposes.spans import KeyOptions, KeyPoses, Sample, Solver, Span
+from dtrepair.keyposes.tracks import Pose, Track
 
 # The parts of a split span have finer samples, which may show by this part more than before.
 FINER = 0.5

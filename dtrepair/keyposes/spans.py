@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from dtrepair.repair.tracks import INTERPOLATIONS, Pose, Track
+from dtrepair.keyposes.tracks import INTERPOLATIONS, Pose, Track
 
 
 class Solver(Protocol):

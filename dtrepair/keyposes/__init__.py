@@ -1,0 +1,1 @@
+"""Key poses whose in-betweens are clean too."""

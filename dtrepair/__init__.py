@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from dtrepair.repair.repairer import SceneRepairer as SceneRepairer
     from dtrepair.repair.repairer import repair_mesh as repair_mesh
     from dtrepair.repair.scene.bodies import Body as Body
-    from dtrepair.transfer.correspondence import match_triangles as match_triangles
     from dtrepair.transfer.deformation import Transfer as Transfer
-    from dtrepair.transfer.registration import register as register
+    from dtrepair.transfer.matching.correspondence import match_triangles as match_triangles
+    from dtrepair.transfer.matching.registration import register as register
 
 _HOMES = {
     "Detector": "dtrepair.intersect.detector",
@@ -40,8 +40,8 @@ _HOMES = {
     "SceneRepairer": "dtrepair.repair.repairer",
     "repair_mesh": "dtrepair.repair.repairer",
     "Transfer": "dtrepair.transfer.deformation",
-    "match_triangles": "dtrepair.transfer.correspondence",
-    "register": "dtrepair.transfer.registration",
+    "match_triangles": "dtrepair.transfer.matching.correspondence",
+    "register": "dtrepair.transfer.matching.registration",
 }
 __all__ = [
     "Body",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from meshes import icosphere
 
-from dtrepair.transfer.closest_point import ClosestSurface, closest_on_triangles
+from dtrepair.transfer.matching.closest_point import ClosestSurface, closest_on_triangles
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from quadruped import SOURCE, TARGET, markers
 
 from dtrepair.numerics.geometry import triangle_normals
 from dtrepair.transfer import measure_coverage, register
-from dtrepair.transfer.correspondence import (
+from dtrepair.transfer.matching.correspondence import (
     HarmonicFill,
     averaging_operator,
     checked_pairs,

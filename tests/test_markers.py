@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.transfer.markers import checked_markers
+from dtrepair.transfer.matching.markers import checked_markers
 
 
 @pytest.mark.parametrize(

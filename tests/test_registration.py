@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from dtrepair.numerics.geometry import diagonal
 from dtrepair.numerics.operators import Factor
 from dtrepair.transfer import register
-from dtrepair.transfer.closest_point import closest_on_triangles
+from dtrepair.transfer.matching.closest_point import closest_on_triangles
 
 SIX = np.array([[0, 0], [20, 20], [45, 45], [70, 70], [100, 100], [130, 130]])
 

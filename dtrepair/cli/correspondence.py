@@ -68,7 +68,7 @@ def _from_markers(source: Mesh, target: Mesh, path: str) -> Correspondence:
 def read_marker_file(path: str, source_count: int, target_count: int) -> NDArray[np.int32]:
     """Read markers (K, 2) from `.cons`, two columns of text, or an npz with the entry `markers`."""
     from dtrepair.transfer import read_markers
-    from dtrepair.transfer.markers import checked_markers
+    from dtrepair.transfer.matching.markers import checked_markers
 
     with input_errors():
         if not path.lower().endswith(".npz"):

@@ -10,13 +10,13 @@ report = examine(transfer, poses, points)
 
 from __future__ import annotations
 
-from dtrepair.transfer.alignment import Similarity, rotation_between, similarity
-from dtrepair.transfer.correspondence import identity_pairs, match_triangles
 from dtrepair.transfer.deformation import Transfer, transfer_blend_shapes
-from dtrepair.transfer.files import read_correspondence, read_markers, write_correspondence
-from dtrepair.transfer.marker_check import MarkerCheck, check_markers
+from dtrepair.transfer.matching.alignment import Similarity, rotation_between, similarity
+from dtrepair.transfer.matching.correspondence import identity_pairs, match_triangles
+from dtrepair.transfer.matching.files import read_correspondence, read_markers, write_correspondence
+from dtrepair.transfer.matching.marker_check import MarkerCheck, check_markers
+from dtrepair.transfer.matching.registration import register
 from dtrepair.transfer.pins import Pins
-from dtrepair.transfer.registration import register
 from dtrepair.transfer.report import Coverage, TransferReport, examine, measure_coverage
 
 __all__ = [

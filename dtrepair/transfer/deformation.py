@@ -10,13 +10,17 @@ from scipy import sparse
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, as_mesh, as_points, triangle_areas
 from dtrepair.numerics.operators import Factor
-from dtrepair.transfer.alignment import checked_rotation, unit_vector
 from dtrepair.transfer.arrays import Array, floating_type, like, to_numpy
-from dtrepair.transfer.correspondence import HarmonicFill, averaging_operator, checked_pairs
 from dtrepair.transfer.gradients import (
     deformation_operator,
     degenerate_triangles,
     stacked,
+)
+from dtrepair.transfer.matching.alignment import checked_rotation, unit_vector
+from dtrepair.transfer.matching.correspondence import (
+    HarmonicFill,
+    averaging_operator,
+    checked_pairs,
 )
 from dtrepair.transfer.placement import Match, Pieces, Placement, ground_level, ground_ratio
 from dtrepair.transfer.poisson import poisson_system

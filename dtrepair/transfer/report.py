@@ -17,11 +17,11 @@ from dtrepair.numerics.geometry import (
     triangle_areas,
     triangle_normals,
 )
-from dtrepair.transfer.alignment import similarity
 from dtrepair.transfer.arrays import Array, to_numpy
-from dtrepair.transfer.correspondence import checked_pairs
 from dtrepair.transfer.deformation import Transfer
 from dtrepair.transfer.gradients import stacked, surface_gradient
+from dtrepair.transfer.matching.alignment import similarity
+from dtrepair.transfer.matching.correspondence import checked_pairs
 
 UNMATCHED_LIMIT = 0.005  # of the target's triangles
 UNIT_RANGE = (0.67, 1.5)

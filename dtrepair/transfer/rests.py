@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dtrepair.numerics.geometry import FloatArray, as_mesh, extent
-from dtrepair.transfer.alignment import Similarity, rotation_between, similarity
 from dtrepair.transfer.arrays import Array, to_numpy
+from dtrepair.transfer.matching.alignment import Similarity, rotation_between, similarity
 
 # Part of the cube of the size: an open sheet has hardly any volume of either sign.
 INSIDE_OUT_LIMIT = -1e-3

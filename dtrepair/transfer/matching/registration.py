@@ -19,11 +19,11 @@ from dtrepair.numerics.geometry import (
     vector_areas,
 )
 from dtrepair.numerics.operators import Factor
-from dtrepair.transfer.alignment import similarity
 from dtrepair.transfer.arrays import Array, floating_type, like, to_numpy
-from dtrepair.transfer.closest_point import ClosestSurface
 from dtrepair.transfer.gradients import deformation_operator, degenerate_triangles
-from dtrepair.transfer.markers import checked_markers
+from dtrepair.transfer.matching.alignment import similarity
+from dtrepair.transfer.matching.closest_point import ClosestSurface
+from dtrepair.transfer.matching.markers import checked_markers
 
 # Weights of the closest-point term, one solve each (Sumner & Popovic 2004, section 4.1).
 CLOSEST_WEIGHTS = (0.0, 1.0, 10.0, 50.0, 250.0, 1000.0, 5000.0)

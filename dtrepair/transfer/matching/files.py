@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from dtrepair.files.atomic import atomic_output
 from dtrepair.numerics.geometry import IntArray
 from dtrepair.transfer.arrays import Array, to_numpy
-from dtrepair.transfer.correspondence import checked_pairs
-from dtrepair.transfer.markers import checked_markers
+from dtrepair.transfer.matching.correspondence import checked_pairs
+from dtrepair.transfer.matching.markers import checked_markers
 
 FORMAT = "dtrepair.correspondence/1"
 

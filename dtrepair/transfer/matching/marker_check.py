@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from dtrepair.numerics.geometry import FloatArray, as_mesh
 from dtrepair.numerics.operators import Factor
 from dtrepair.transfer.arrays import Array, to_numpy
-from dtrepair.transfer.markers import checked_markers
-from dtrepair.transfer.registration import RegistrationSystem
+from dtrepair.transfer.matching.markers import checked_markers
+from dtrepair.transfer.matching.registration import RegistrationSystem
 
 # Distances relative to the diagonal of the target: a swapped pair is off by 0.1 to 0.5, good
 # markers of unlike animals by 0.01 to 0.05, and by 0.1 where only the target has a hump.

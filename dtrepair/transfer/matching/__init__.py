@@ -1,0 +1,1 @@
+"""Registration of a source to a target, and which triangles correspond."""

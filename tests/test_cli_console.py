@@ -10,7 +10,7 @@ import rich.progress
 from test_animation import swing
 
 from dtrepair import Body, SceneRepairer
-from dtrepair.cli.console import Console
+from dtrepair.cli.terminal.console import Console
 
 
 class _Terminal(io.StringIO):

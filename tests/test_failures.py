@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dtrepair import device
-from dtrepair.cli.failures import Failure, device_of_method, use_device
+from dtrepair.cli.terminal.failures import Failure, device_of_method, use_device
 
 
 def test_the_default_method_runs_on_the_cpu_and_that_is_told(monkeypatch) -> None:

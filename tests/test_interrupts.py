@@ -6,11 +6,11 @@ import sys
 import threading
 import time
 
-from dtrepair.cli.interrupts import GRACE, Interrupts, Terminated, exit_code, watched
+from dtrepair.cli.terminal.interrupts import GRACE, Interrupts, Terminated, exit_code, watched
 
 BUSY = """
 import time
-from dtrepair.cli.interrupts import watched
+from dtrepair.cli.terminal.interrupts import watched
 with watched() as interrupts:
     interrupts.cleanups.append(lambda: print("cleaned", flush=True))
     interrupts.advice = lambda: "; advice"

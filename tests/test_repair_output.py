@@ -3,7 +3,7 @@
 import trimesh
 from command_line import CLOSED, OPEN, run, tube_stage
 
-from dtrepair.cli.repair_output import advice_lines
+from dtrepair.cli.terminal.repair_text import advice_lines
 from dtrepair.report.record import FrameRecord
 from tests.meshes import knot
 

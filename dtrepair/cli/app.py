@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import click
 
 from dtrepair import __version__
-from dtrepair.cli.failures import Failure
-from dtrepair.cli.interrupts import Interrupts, exit_code, watched
+from dtrepair.cli.terminal.failures import Failure
+from dtrepair.cli.terminal.interrupts import Interrupts, exit_code, watched
 
 EPILOG = """Exit codes: 0 done and clean; 1 intersections remain (or found, by check); 2 usage;
 3 input unusable; 4 some frames failed (the rest is written); 5 output cannot be written."""

@@ -9,18 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from dtrepair import __version__
-from dtrepair.cli.console import Console
 from dtrepair.cli.enclosed_parts import EnclosedParts, enclosed_lines
-from dtrepair.cli.failures import (
-    CLEAN,
-    FRAMES,
-    REMAINING,
-    check_writable,
-    one_line_errors,
-    refuse_overwriting,
-    use_device,
-    writing,
-)
 from dtrepair.cli.frame_records import contact_records
 from dtrepair.cli.frames import (
     Frame,
@@ -43,6 +32,17 @@ from dtrepair.cli.options import (
     selection_options,
 )
 from dtrepair.cli.sources import Source, open_source, time_label
+from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.failures import (
+    CLEAN,
+    FRAMES,
+    REMAINING,
+    check_writable,
+    one_line_errors,
+    refuse_overwriting,
+    use_device,
+    writing,
+)
 from dtrepair.report.record import (
     FramePrimRecord,
     FrameRecord,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.failures import INPUT, USAGE, Failure
+from dtrepair.cli.terminal.failures import INPUT, USAGE, Failure
 from dtrepair.cli.transfer_inputs import input_errors
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]

@@ -9,9 +9,15 @@ from typing import Any
 import click
 import numpy as np
 
-from dtrepair.cli.console import Console
-from dtrepair.cli.failures import OUTPUT, Failure, device_of_method, one_line_errors, writing
 from dtrepair.cli.options import console_options, run_options
+from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.failures import (
+    OUTPUT,
+    Failure,
+    device_of_method,
+    one_line_errors,
+    writing,
+)
 
 PRIM = "/Character/Body"
 

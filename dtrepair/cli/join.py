@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import click
 
-from dtrepair.cli.console import Console
-from dtrepair.cli.failures import CLEAN, one_line_errors
 from dtrepair.cli.options import console_options
+from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.failures import CLEAN, one_line_errors
 
 
 @click.command("join")

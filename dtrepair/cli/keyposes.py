@@ -10,16 +10,7 @@ import click
 
 from dtrepair import __version__
 from dtrepair.cli.bodies import Controls, make_bodies, read_controls
-from dtrepair.cli.console import Console
-from dtrepair.cli.failures import (
-    CLEAN,
-    USAGE,
-    Failure,
-    device_of_method,
-    one_line_errors,
-)
 from dtrepair.cli.frames import mode_warnings, prim_records, refuse_if_none_usable
-from dtrepair.cli.keyposes_report import exit_code, in_betweens, print_keys, print_spans
 from dtrepair.cli.keyposes_solve import StageKeys
 from dtrepair.cli.method import method_options
 from dtrepair.cli.object_settings import recorded
@@ -33,12 +24,21 @@ from dtrepair.cli.options import (
     selection_options,
 )
 from dtrepair.cli.repair import settings_of
-from dtrepair.cli.repair_output import print_plan, print_table, rest_warnings, say
 from dtrepair.cli.repair_run import Run, make_repairer
 from dtrepair.cli.report_place import check_report_place, put_report
 from dtrepair.cli.rest import choose_rests
 from dtrepair.cli.sinks import Sink, existing, open_sink
 from dtrepair.cli.sources import StageSource, is_stage, open_source
+from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.failures import (
+    CLEAN,
+    USAGE,
+    Failure,
+    device_of_method,
+    one_line_errors,
+)
+from dtrepair.cli.terminal.keyposes_text import exit_code, in_betweens, print_keys, print_spans
+from dtrepair.cli.terminal.repair_text import print_plan, print_table, rest_warnings, say
 from dtrepair.report.record import FrameRecord, Report, summarize
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from dtrepair.cli.failures import USAGE, Failure
+from dtrepair.cli.terminal.failures import USAGE, Failure
 
 # Options of the published loop alone; the full method has none of them.
 _PAPER_ONLY = ("iterations", "regularization", "optimizer", "energy")

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from dtrepair.cli.config import KEYS, NAMES, NUMBERS, kept_tables, wrong_value
-from dtrepair.cli.failures import INPUT, Failure
 from dtrepair.cli.matching import matching_meshes
 from dtrepair.cli.sources import Source, StageSource
+from dtrepair.cli.terminal.failures import INPUT, Failure
 
 # Primvars of a stage that speak to this program are in this namespace.
 NAMESPACE = "dtrepair"

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from dtrepair.cli.config import read_config
-from dtrepair.cli.console import Console
+from dtrepair.cli.terminal.console import Console
 
 Function = Callable[..., Any]
 

@@ -9,21 +9,11 @@ import click
 
 from dtrepair.cli.bodies import Controls, make_bodies, read_controls
 from dtrepair.cli.chunks import choose_chunk, empty_chunk_warnings, parse_chunk
-from dtrepair.cli.console import Console
 from dtrepair.cli.distributed import (
     ChunkedCommand,
     distributed_option,
     measured_jitter,
     repair_distributed,
-)
-from dtrepair.cli.failures import (
-    CLEAN,
-    FRAMES,
-    REMAINING,
-    USAGE,
-    Failure,
-    device_of_method,
-    one_line_errors,
 )
 from dtrepair.cli.frames import mode_warnings
 from dtrepair.cli.method import method_options
@@ -37,12 +27,22 @@ from dtrepair.cli.options import (
     run_options,
     selection_options,
 )
-from dtrepair.cli.repair_output import print_plan, print_table
 from dtrepair.cli.repair_run import Run, open_journal, repair_here
 from dtrepair.cli.report_place import check_report_place, put_report
 from dtrepair.cli.rest import choose_rests
 from dtrepair.cli.sinks import existing, open_sink
 from dtrepair.cli.sources import Source, open_source
+from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.failures import (
+    CLEAN,
+    FRAMES,
+    REMAINING,
+    USAGE,
+    Failure,
+    device_of_method,
+    one_line_errors,
+)
+from dtrepair.cli.terminal.repair_text import print_plan, print_table
 from dtrepair.report.record import FrameRecord, Report
 
 if TYPE_CHECKING:

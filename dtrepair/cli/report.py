@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dtrepair.cli.console import Console
-from dtrepair.cli.failures import (
+from dtrepair.cli.matching import ignored_pairs
+from dtrepair.cli.options import Selection, console_options
+from dtrepair.cli.sources import Source, open_source
+from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.failures import (
     CLEAN,
     INPUT,
     Failure,
@@ -20,9 +23,6 @@ from dtrepair.cli.failures import (
     refuse_overwriting,
     writing,
 )
-from dtrepair.cli.matching import ignored_pairs
-from dtrepair.cli.options import Selection, console_options
-from dtrepair.cli.sources import Source, open_source
 
 if TYPE_CHECKING:
     from dtrepair.report.page import Picture

@@ -10,9 +10,15 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.failures import USAGE, Failure, check_writable, refuse_overwriting, writing
-from dtrepair.cli.interrupts import current_interrupts
 from dtrepair.cli.sources import MeshSource, Source, StageSource, is_stage
+from dtrepair.cli.terminal.failures import (
+    USAGE,
+    Failure,
+    check_writable,
+    refuse_overwriting,
+    writing,
+)
+from dtrepair.cli.terminal.interrupts import current_interrupts
 
 
 class Sink(Protocol):

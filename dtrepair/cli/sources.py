@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.failures import USAGE, Failure
 from dtrepair.cli.options import Selection
+from dtrepair.cli.terminal.failures import USAGE, Failure
 
 if TYPE_CHECKING:
     from dtrepair.files.polygon_mesh import PolygonMesh

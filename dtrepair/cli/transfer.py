@@ -7,16 +7,6 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from dtrepair.cli.console import Console
-from dtrepair.cli.failures import (
-    CLEAN,
-    USAGE,
-    Failure,
-    check_writable,
-    device_of_method,
-    one_line_errors,
-    refuse_overwriting,
-)
 from dtrepair.cli.method import METHOD_NAMES, method_options
 from dtrepair.cli.options import (
     Selection,
@@ -27,6 +17,16 @@ from dtrepair.cli.options import (
 )
 from dtrepair.cli.report_place import check_report_place, put_report
 from dtrepair.cli.sinks import existing
+from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.failures import (
+    CLEAN,
+    USAGE,
+    Failure,
+    check_writable,
+    device_of_method,
+    one_line_errors,
+    refuse_overwriting,
+)
 from dtrepair.cli.transfer_options import Inputs, TransferOptions
 from dtrepair.cli.transfer_run import run_transfer
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.failures import INPUT, USAGE, Failure
 from dtrepair.cli.options import Selection
 from dtrepair.cli.sources import (
     MeshSource,
@@ -22,6 +21,7 @@ from dtrepair.cli.sources import (
     is_stage,
     open_source,
 )
+from dtrepair.cli.terminal.failures import INPUT, USAGE, Failure
 
 _AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 # Bodies this many times larger or smaller than each other are a wrong unit, not another animal.

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from dtrepair.cli.bodies import read_pins
 from dtrepair.cli.correspondence import read_arrays
-from dtrepair.cli.failures import INPUT, Failure
 from dtrepair.cli.frames import Frame, frame_time, read_frames, unusable
 from dtrepair.cli.solve import Repaired
 from dtrepair.cli.sources import MeshSource, Source, StageSource
+from dtrepair.cli.terminal.failures import INPUT, Failure
 from dtrepair.cli.transfer_inputs import Axes, input_errors
 from dtrepair.report.record import FramePrimRecord, FrameRecord
 

@@ -6,8 +6,11 @@ from collections.abc import Sequence
 
 import click
 
-from dtrepair.cli.console import Console
-from dtrepair.cli.failures import (
+from dtrepair.cli.options import Selection, console_options, selection_options
+from dtrepair.cli.scenes import WorldScene
+from dtrepair.cli.sources import open_source, time_label
+from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.failures import (
     CLEAN,
     USAGE,
     Failure,
@@ -16,9 +19,6 @@ from dtrepair.cli.failures import (
     refuse_overwriting,
     writing,
 )
-from dtrepair.cli.options import Selection, console_options, selection_options
-from dtrepair.cli.scenes import WorldScene
-from dtrepair.cli.sources import open_source, time_label
 
 _PICTURES = (".png", ".jpg", ".jpeg")
 

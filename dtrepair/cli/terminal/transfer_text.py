@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.console import Console
 from dtrepair.cli.correspondence import Correspondence, Mesh
 from dtrepair.cli.solve import Repaired
 from dtrepair.cli.sources import time_label
+from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.transfer_solve import FrameTransfer
 from dtrepair.report.record import Report
 

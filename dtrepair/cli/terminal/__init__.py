@@ -1,0 +1,1 @@
+"""What a terminal sees, and what ends a command early."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from command_line import CLOSED, OPEN, read_samples, run, tube_polygons, tube_pose, tube_stage
 
-from dtrepair.cli.options import Selection
+from dtrepair.cli.options.shared import Selection
 from dtrepair.cli.sources import open_source
 
 FAR = (1e7, -3e6, 12.5)

@@ -9,7 +9,7 @@ import pytest
 from command_line import CLOSED, OPEN, tube_pose, tube_stage
 
 from dtrepair.cli.frames import Frame, make_counter, read_frames
-from dtrepair.cli.options import Selection
+from dtrepair.cli.options.shared import Selection
 from dtrepair.cli.solve import FrameRepairer, repair_frames
 from dtrepair.cli.sources import open_source
 from dtrepair.numerics.jitter_meter import JitterMeter

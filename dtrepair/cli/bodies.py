@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dtrepair.cli.matching import ignored_pairs
 from dtrepair.cli.object_settings import ObjectSettings, read_settings
-from dtrepair.cli.options import ObjectOptions
+from dtrepair.cli.options.shared import ObjectOptions
 from dtrepair.cli.rest import Rest
 from dtrepair.cli.sources import Source, SourceMesh, StageSource
 from dtrepair.cli.terminal.console import Console

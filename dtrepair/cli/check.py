@@ -23,7 +23,7 @@ from dtrepair.cli.frames import (
     unusable,
 )
 from dtrepair.cli.matching import ignored_pairs
-from dtrepair.cli.options import (
+from dtrepair.cli.options.shared import (
     IGNORE,
     Selection,
     console_options,

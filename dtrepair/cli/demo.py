@@ -9,7 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
-from dtrepair.cli.options import console_options, run_options
+from dtrepair.cli.options.shared import console_options, run_options
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import (
     OUTPUT,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from dtrepair.cli.options import console_options
+from dtrepair.cli.options.shared import console_options
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import CLEAN, one_line_errors
 

@@ -12,9 +12,9 @@ from dtrepair import __version__
 from dtrepair.cli.bodies import Controls, make_bodies, read_controls
 from dtrepair.cli.frames import mode_warnings, prim_records, refuse_if_none_usable
 from dtrepair.cli.keyposes_solve import StageKeys
-from dtrepair.cli.method import method_options
 from dtrepair.cli.object_settings import recorded
-from dtrepair.cli.options import (
+from dtrepair.cli.options.method import method_options
+from dtrepair.cli.options.shared import (
     ObjectOptions,
     Selection,
     console_options,

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from dtrepair.cli.config import KEYS, NAMES, NUMBERS, kept_tables, wrong_value
 from dtrepair.cli.matching import matching_meshes
+from dtrepair.cli.options.config import KEYS, NAMES, NUMBERS, kept_tables, wrong_value
 from dtrepair.cli.sources import Source, StageSource
 from dtrepair.cli.terminal.failures import INPUT, Failure
 

@@ -16,9 +16,9 @@ from dtrepair.cli.distributed import (
     repair_distributed,
 )
 from dtrepair.cli.frames import mode_warnings
-from dtrepair.cli.method import method_options
 from dtrepair.cli.object_settings import recorded
-from dtrepair.cli.options import (
+from dtrepair.cli.options.method import method_options
+from dtrepair.cli.options.shared import (
     ObjectOptions,
     Selection,
     console_options,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dtrepair.cli.matching import ignored_pairs
-from dtrepair.cli.options import Selection, console_options
+from dtrepair.cli.options.shared import Selection, console_options
 from dtrepair.cli.sources import Source, open_source
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.options import Selection
+from dtrepair.cli.options.shared import Selection
 from dtrepair.cli.terminal.failures import USAGE, Failure
 
 if TYPE_CHECKING:

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from dtrepair.cli.method import METHOD_NAMES, method_options
-from dtrepair.cli.options import (
+from dtrepair.cli.options.method import METHOD_NAMES, method_options
+from dtrepair.cli.options.shared import (
     Selection,
     console_options,
     jobs_option,
     run_options,
     selection_options,
 )
+from dtrepair.cli.options.transfer import Inputs, TransferOptions
 from dtrepair.cli.report_place import check_report_place, put_report
 from dtrepair.cli.sinks import existing
 from dtrepair.cli.terminal.console import Console
@@ -27,7 +28,6 @@ from dtrepair.cli.terminal.failures import (
     one_line_errors,
     refuse_overwriting,
 )
-from dtrepair.cli.transfer_options import Inputs, TransferOptions
 from dtrepair.cli.transfer_run import run_transfer
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.options import Selection
+from dtrepair.cli.options.shared import Selection
 from dtrepair.cli.sources import (
     MeshSource,
     Points,

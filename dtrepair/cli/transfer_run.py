@@ -11,6 +11,7 @@ from dtrepair import __version__
 from dtrepair.cli.bodies import in_units_of_frames
 from dtrepair.cli.correspondence import Correspondence, find_correspondence
 from dtrepair.cli.frames import make_counter, prim_records, refuse_if_none_usable
+from dtrepair.cli.options.transfer import Inputs
 from dtrepair.cli.rest import Rest, choose_rests
 from dtrepair.cli.sinks import Sink
 from dtrepair.cli.solve import FrameRepairer, Repaired, repair_frames
@@ -27,7 +28,6 @@ from dtrepair.cli.transfer_inputs import (
     open_poses,
     open_target,
 )
-from dtrepair.cli.transfer_options import Inputs
 from dtrepair.cli.transfer_shapes import ShapeSink, open_shapes
 from dtrepair.cli.transfer_sinks import open_clip
 from dtrepair.cli.transfer_solve import FrameTransfer, PinSet, counted_frames, read_pin_set

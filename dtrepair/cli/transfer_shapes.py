@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.options import Selection
+from dtrepair.cli.options.shared import Selection
 from dtrepair.cli.sources import MeshSource, Points, Source, SourceMesh, StageSource, is_stage
 from dtrepair.cli.terminal.failures import INPUT, USAGE, Failure, check_writable, refuse_overwriting
 from dtrepair.cli.transfer_inputs import PoseFiles, open_poses

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import click
 
-from dtrepair.cli.options import Selection, console_options, selection_options
+from dtrepair.cli.options.shared import Selection, console_options, selection_options
 from dtrepair.cli.scenes import WorldScene
 from dtrepair.cli.sources import open_source, time_label
 from dtrepair.cli.terminal.console import Console

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from dtrepair.cli.config import read_config
+from dtrepair.cli.options.config import read_config
 from dtrepair.cli.terminal.console import Console
 
 Function = Callable[..., Any]

@@ -25,7 +25,7 @@ def small_windows(monkeypatch):
         return animation.AnimationRepairer(scene, window=20, overlap=6)
 
     monkeypatch.setattr(repairer, "AnimationRepairer", small)
-    monkeypatch.setattr("dtrepair.cli.repair.open_journal", lambda *some, **more: None)
+    monkeypatch.setattr("dtrepair.cli.commands.repair.open_journal", lambda *some, **more: None)
 
 
 def clip(path):

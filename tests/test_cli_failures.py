@@ -72,7 +72,7 @@ def test_a_flat_transform_fails_without_the_name_of_an_exception(tmp_path):
 
 
 def test_an_interrupt_inside_the_demo_is_no_internal_error(tmp_path, monkeypatch):
-    from dtrepair.cli import repair
+    from dtrepair.cli.commands import repair
 
     def interrupted(*arguments, **options):
         raise click.Abort from KeyboardInterrupt()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
 
-from dtrepair.cli import view
+from dtrepair.cli.commands import view
 from dtrepair.display import viewer
 
 

@@ -10,6 +10,7 @@ import click
 
 from dtrepair import __version__
 from dtrepair.cli.bodies import Controls, make_bodies, read_controls
+from dtrepair.cli.commands.repair import settings_of
 from dtrepair.cli.frames import mode_warnings, prim_records, refuse_if_none_usable
 from dtrepair.cli.keyposes_solve import StageKeys
 from dtrepair.cli.object_settings import recorded
@@ -23,7 +24,6 @@ from dtrepair.cli.options.shared import (
     run_options,
     selection_options,
 )
-from dtrepair.cli.repair import settings_of
 from dtrepair.cli.repair_run import Run, make_repairer
 from dtrepair.cli.report_place import check_report_place, put_report
 from dtrepair.cli.rest import choose_rests

@@ -97,7 +97,7 @@ def _turntable(frame_count: int) -> np.ndarray[Any, np.dtype[np.float64]]:
 
 def _repair(source: Path, output: Path, report: Path, device: str, console: Console) -> int:
     """Run `dtrepair repair` as a user would, with its table."""
-    from dtrepair.cli.repair import command as repair
+    from dtrepair.cli.commands.repair import command as repair
 
     arguments = [os.fspath(source), "-o", os.fspath(output), "--report", os.fspath(report)]
     arguments += ["--device", device, *(["-q"] if console.quiet else [])]

@@ -5,7 +5,7 @@ import pytest
 from command_line import CLOSED, OPEN, read_samples, run, tube_polygons, tube_pose, tube_stage
 
 from dtrepair.cli.options.shared import Selection
-from dtrepair.cli.sources import open_source
+from dtrepair.pipeline.stages.sources import open_source
 
 FAR = (1e7, -3e6, 12.5)
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.frames import read_frame
-from dtrepair.cli.sources import Source, StageSource
 from dtrepair.cli.terminal.failures import USAGE, Failure
+from dtrepair.pipeline.stages.frames import read_frame
+from dtrepair.pipeline.stages.sources import Source, StageSource
 
 
 @dataclass(frozen=True)

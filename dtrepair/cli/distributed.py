@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dtrepair.cli.frames import read_frame
-from dtrepair.cli.sources import Source
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import INPUT, INTERNAL, USAGE, Failure, writing
 from dtrepair.cli.terminal.interrupts import current_interrupts
 from dtrepair.numerics.jitter_meter import JitterMeter
+from dtrepair.pipeline.stages.frames import read_frame
+from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.joining import join_reports
 from dtrepair.report.record import Report, read_report
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.frames import Frame, frame_time
-from dtrepair.cli.sources import Source
 from dtrepair.numerics.geometry import FloatArray, IntArray, unique_edges
+from dtrepair.pipeline.stages.frames import Frame, frame_time
+from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.record import (
     ContactRecord,
     FramePrimRecord,

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dtrepair.cli.frames import Frame, read_frame
-from dtrepair.cli.sinks import Sink
 from dtrepair.cli.solve import FrameRepairer, Repaired
-from dtrepair.cli.sources import StageSource
 from dtrepair.keyposes.tracks import Pose, Track
+from dtrepair.pipeline.stages.frames import Frame, read_frame
+from dtrepair.pipeline.stages.sinks import Sink
+from dtrepair.pipeline.stages.sources import StageSource
 from dtrepair.report.record import FrameRecord
 
 if TYPE_CHECKING:

@@ -7,23 +7,23 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from dtrepair import __version__
-from dtrepair.cli.bodies import in_units_of_frames
 from dtrepair.cli.chunks import Chunk
-from dtrepair.cli.frames import (
+from dtrepair.cli.journal import Journal, hash_of_run
+from dtrepair.cli.solve import FrameRepairer, Repaired, repair_frames
+from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.interrupts import current_interrupts
+from dtrepair.cli.terminal.repair_text import rest_warnings, say
+from dtrepair.numerics.jitter_meter import JitterMeter
+from dtrepair.pipeline.stages.bodies import in_units_of_frames
+from dtrepair.pipeline.stages.frames import (
     make_counter,
     prim_records,
     read_frames,
     refuse_if_none_usable,
 )
-from dtrepair.cli.journal import Journal, hash_of_run
-from dtrepair.cli.rest import Rest
-from dtrepair.cli.sinks import Sink
-from dtrepair.cli.solve import FrameRepairer, Repaired, repair_frames
-from dtrepair.cli.sources import Source
-from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.interrupts import current_interrupts
-from dtrepair.cli.terminal.repair_text import rest_warnings, say
-from dtrepair.numerics.jitter_meter import JitterMeter
+from dtrepair.pipeline.stages.rest import Rest
+from dtrepair.pipeline.stages.sinks import Sink
+from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.record import FrameRecord, Report, summarize
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.cli.frame_records import FrameRecorder
-from dtrepair.cli.frames import Frame, frame_time, unusable
-from dtrepair.cli.sources import Source
+from dtrepair.pipeline.stages.frames import Frame, frame_time, unusable
+from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.record import FrameRecord
 
 if TYPE_CHECKING:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.cli.options.shared import Selection
-from dtrepair.cli.sources import (
+from dtrepair.cli.terminal.failures import INPUT, USAGE, Failure
+from dtrepair.pipeline.stages.sources import (
     MeshSource,
     Points,
     Source,
@@ -21,7 +22,6 @@ from dtrepair.cli.sources import (
     is_stage,
     open_source,
 )
-from dtrepair.cli.terminal.failures import INPUT, USAGE, Failure
 
 _AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 # Bodies this many times larger or smaller than each other are a wrong unit, not another animal.

@@ -11,10 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.cli.options.shared import Selection
-from dtrepair.cli.sources import MeshSource, Points, Source, SourceMesh, StageSource, is_stage
 from dtrepair.cli.terminal.failures import INPUT, USAGE, Failure, check_writable, refuse_overwriting
 from dtrepair.cli.transfer_inputs import PoseFiles, open_poses
 from dtrepair.cli.transfer_sinks import authored_mesh, stage_metadata
+from dtrepair.pipeline.stages.sources import (
+    MeshSource,
+    Points,
+    Source,
+    SourceMesh,
+    StageSource,
+    is_stage,
+)
 
 if TYPE_CHECKING:
     from usd_io.blend_shapes import BlendShapes

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.sinks import Sink
-from dtrepair.cli.sources import MeshSource, Source, StageSource, is_stage
 from dtrepair.cli.terminal.failures import USAGE, Failure, check_writable, refuse_overwriting
+from dtrepair.pipeline.stages.sinks import Sink
+from dtrepair.pipeline.stages.sources import MeshSource, Source, StageSource, is_stage
 
 if TYPE_CHECKING:
     from usd_io import AuthoredMesh

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.bodies import read_pins
 from dtrepair.cli.correspondence import read_arrays
-from dtrepair.cli.frames import Frame, frame_time, read_frames, unusable
 from dtrepair.cli.solve import Repaired
-from dtrepair.cli.sources import MeshSource, Source, StageSource
 from dtrepair.cli.terminal.failures import INPUT, Failure
 from dtrepair.cli.transfer_inputs import Axes, input_errors
+from dtrepair.pipeline.stages.bodies import read_pins
+from dtrepair.pipeline.stages.frames import Frame, frame_time, read_frames, unusable
+from dtrepair.pipeline.stages.sources import MeshSource, Source, StageSource
 from dtrepair.report.record import FramePrimRecord, FrameRecord
 
 if TYPE_CHECKING:

@@ -9,20 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from dtrepair import __version__
-from dtrepair.cli.enclosed_parts import EnclosedParts, enclosed_lines
 from dtrepair.cli.frame_records import contact_records
-from dtrepair.cli.frames import (
-    Frame,
-    frame_time,
-    make_counter,
-    mode_warnings,
-    prim_records,
-    read_frames,
-    refuse_if_none_usable,
-    side_by_side,
-    unusable,
-)
-from dtrepair.cli.matching import ignored_pairs
 from dtrepair.cli.options.shared import (
     IGNORE,
     Selection,
@@ -31,7 +18,6 @@ from dtrepair.cli.options.shared import (
     run_options,
     selection_options,
 )
-from dtrepair.cli.sources import Source, open_source, time_label
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import (
     CLEAN,
@@ -43,6 +29,20 @@ from dtrepair.cli.terminal.failures import (
     use_device,
     writing,
 )
+from dtrepair.pipeline.stages.enclosed_parts import EnclosedParts, enclosed_lines
+from dtrepair.pipeline.stages.frames import (
+    Frame,
+    frame_time,
+    make_counter,
+    mode_warnings,
+    prim_records,
+    read_frames,
+    refuse_if_none_usable,
+    side_by_side,
+    unusable,
+)
+from dtrepair.pipeline.stages.matching import ignored_pairs
+from dtrepair.pipeline.stages.sources import Source, open_source, time_label
 from dtrepair.report.record import (
     FramePrimRecord,
     FrameRecord,

@@ -9,11 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dtrepair import __version__
-from dtrepair.cli.bodies import Controls, make_bodies, read_controls
 from dtrepair.cli.commands.repair import settings_of
-from dtrepair.cli.frames import mode_warnings, prim_records, refuse_if_none_usable
 from dtrepair.cli.keyposes_solve import StageKeys
-from dtrepair.cli.object_settings import recorded
 from dtrepair.cli.options.method import method_options
 from dtrepair.cli.options.shared import (
     ObjectOptions,
@@ -25,10 +22,6 @@ from dtrepair.cli.options.shared import (
     selection_options,
 )
 from dtrepair.cli.repair_run import Run, make_repairer
-from dtrepair.cli.report_place import check_report_place, put_report
-from dtrepair.cli.rest import choose_rests
-from dtrepair.cli.sinks import Sink, existing, open_sink
-from dtrepair.cli.sources import StageSource, is_stage, open_source
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import (
     CLEAN,
@@ -39,6 +32,13 @@ from dtrepair.cli.terminal.failures import (
 )
 from dtrepair.cli.terminal.keyposes_text import exit_code, in_betweens, print_keys, print_spans
 from dtrepair.cli.terminal.repair_text import print_plan, print_table, rest_warnings, say
+from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
+from dtrepair.pipeline.stages.frames import mode_warnings, prim_records, refuse_if_none_usable
+from dtrepair.pipeline.stages.object_settings import recorded
+from dtrepair.pipeline.stages.report_place import check_report_place, put_report
+from dtrepair.pipeline.stages.rest import choose_rests
+from dtrepair.pipeline.stages.sinks import Sink, existing, open_sink
+from dtrepair.pipeline.stages.sources import StageSource, is_stage, open_source
 from dtrepair.report.record import FrameRecord, Report, summarize
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dtrepair.cli.bodies import Controls, make_bodies, read_controls
 from dtrepair.cli.chunks import choose_chunk, empty_chunk_warnings, parse_chunk
 from dtrepair.cli.distributed import (
     ChunkedCommand,
@@ -15,8 +14,6 @@ from dtrepair.cli.distributed import (
     measured_jitter,
     repair_distributed,
 )
-from dtrepair.cli.frames import mode_warnings
-from dtrepair.cli.object_settings import recorded
 from dtrepair.cli.options.method import method_options
 from dtrepair.cli.options.shared import (
     ObjectOptions,
@@ -28,10 +25,6 @@ from dtrepair.cli.options.shared import (
     selection_options,
 )
 from dtrepair.cli.repair_run import Run, open_journal, repair_here
-from dtrepair.cli.report_place import check_report_place, put_report
-from dtrepair.cli.rest import choose_rests
-from dtrepair.cli.sinks import existing, open_sink
-from dtrepair.cli.sources import Source, open_source
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import (
     CLEAN,
@@ -43,6 +36,13 @@ from dtrepair.cli.terminal.failures import (
     one_line_errors,
 )
 from dtrepair.cli.terminal.repair_text import print_plan, print_table
+from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
+from dtrepair.pipeline.stages.frames import mode_warnings
+from dtrepair.pipeline.stages.object_settings import recorded
+from dtrepair.pipeline.stages.report_place import check_report_place, put_report
+from dtrepair.pipeline.stages.rest import choose_rests
+from dtrepair.pipeline.stages.sinks import existing, open_sink
+from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.report.record import FrameRecord, Report
 
 if TYPE_CHECKING:

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dtrepair.cli.matching import ignored_pairs
 from dtrepair.cli.options.shared import Selection, console_options
-from dtrepair.cli.sources import Source, open_source
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import (
     CLEAN,
@@ -23,6 +21,8 @@ from dtrepair.cli.terminal.failures import (
     refuse_overwriting,
     writing,
 )
+from dtrepair.pipeline.stages.matching import ignored_pairs
+from dtrepair.pipeline.stages.sources import Source, open_source
 
 if TYPE_CHECKING:
     from dtrepair.report.page import Picture
@@ -92,8 +92,8 @@ def _with_found_files(report: Mapping[str, Any], report_path: str) -> dict[str, 
 
 def _draw(report: Mapping[str, Any], count: int) -> Iterator[Picture]:
     """Draw the frames with most intersections, in world space, before and after."""
-    from dtrepair.cli.scenes import WorldScene
     from dtrepair.display.render import best_view, png_bytes, render
+    from dtrepair.pipeline.stages.world_mesh import WorldScene
     from dtrepair.report.page import Picture
 
     chosen = _chosen(report, count)

@@ -16,8 +16,6 @@ from dtrepair.cli.options.shared import (
     selection_options,
 )
 from dtrepair.cli.options.transfer import Inputs, TransferOptions
-from dtrepair.cli.report_place import check_report_place, put_report
-from dtrepair.cli.sinks import existing
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import (
     CLEAN,
@@ -29,6 +27,8 @@ from dtrepair.cli.terminal.failures import (
     refuse_overwriting,
 )
 from dtrepair.cli.transfer_run import run_transfer
+from dtrepair.pipeline.stages.report_place import check_report_place, put_report
+from dtrepair.pipeline.stages.sinks import existing
 
 if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions

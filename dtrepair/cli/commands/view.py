@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import click
 
 from dtrepair.cli.options.shared import Selection, console_options, selection_options
-from dtrepair.cli.scenes import WorldScene
-from dtrepair.cli.sources import open_source, time_label
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import (
     CLEAN,
@@ -19,6 +17,8 @@ from dtrepair.cli.terminal.failures import (
     refuse_overwriting,
     writing,
 )
+from dtrepair.pipeline.stages.sources import open_source, time_label
+from dtrepair.pipeline.stages.world_mesh import WorldScene
 
 _PICTURES = (".png", ".jpg", ".jpeg")
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.object_settings import ObjectSettings, described
-from dtrepair.cli.rest import Rest
 from dtrepair.cli.solve import Repaired
-from dtrepair.cli.sources import Source, time_label
 from dtrepair.cli.terminal.console import Console
+from dtrepair.pipeline.stages.object_settings import ObjectSettings, described
+from dtrepair.pipeline.stages.rest import Rest
+from dtrepair.pipeline.stages.sources import Source, time_label
 from dtrepair.report.record import FrameRecord, MotionRecord, summarize
 from dtrepair.wording import counted
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dtrepair.cli.sources import Source, StageSource
 from dtrepair.cli.terminal.failures import USAGE, Failure
+from dtrepair.pipeline.stages.sources import Source, StageSource
 
 
 def matching_meshes(source: Source, expression: str, option: str) -> list[int]:

@@ -10,7 +10,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.sources import MeshSource, Source, StageSource, is_stage
 from dtrepair.cli.terminal.failures import (
     USAGE,
     Failure,
@@ -19,6 +18,7 @@ from dtrepair.cli.terminal.failures import (
     writing,
 )
 from dtrepair.cli.terminal.interrupts import current_interrupts
+from dtrepair.pipeline.stages.sources import MeshSource, Source, StageSource, is_stage
 
 
 class Sink(Protocol):

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.matching import ignored_pairs
-from dtrepair.cli.object_settings import ObjectSettings, read_settings
 from dtrepair.cli.options.shared import ObjectOptions
-from dtrepair.cli.rest import Rest
-from dtrepair.cli.sources import Source, SourceMesh, StageSource
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import USAGE, Failure
+from dtrepair.pipeline.stages.matching import ignored_pairs
+from dtrepair.pipeline.stages.object_settings import ObjectSettings, read_settings
+from dtrepair.pipeline.stages.rest import Rest
+from dtrepair.pipeline.stages.sources import Source, SourceMesh, StageSource
 from dtrepair.wording import counted
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from dtrepair.cli.matching import matching_meshes
 from dtrepair.cli.options.config import KEYS, NAMES, NUMBERS, kept_tables, wrong_value
-from dtrepair.cli.sources import Source, StageSource
 from dtrepair.cli.terminal.failures import INPUT, Failure
+from dtrepair.pipeline.stages.matching import matching_meshes
+from dtrepair.pipeline.stages.sources import Source, StageSource
 
 # Primvars of a stage that speak to this program are in this namespace.
 NAMESPACE = "dtrepair"

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.frames import make_counter, read_frames
 from dtrepair.cli.options.shared import Selection
-from dtrepair.cli.sources import Source, SourceMesh, open_source, time_label
 from dtrepair.cli.terminal.failures import INPUT, USAGE, Failure
+from dtrepair.pipeline.stages.frames import make_counter, read_frames
+from dtrepair.pipeline.stages.sources import Source, SourceMesh, open_source, time_label
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.frames import make_counter, read_frame
-from dtrepair.cli.sources import Source, time_label
 from dtrepair.cli.terminal.failures import INPUT, Failure
+from dtrepair.pipeline.stages.frames import make_counter, read_frame
+from dtrepair.pipeline.stages.sources import Source, time_label
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dtrepair.cli.bodies import outward_faces
-from dtrepair.cli.frames import Frame
-from dtrepair.cli.sources import Source, time_label
 from dtrepair.numerics.geometry import weld_map
+from dtrepair.pipeline.stages.bodies import outward_faces
+from dtrepair.pipeline.stages.frames import Frame
+from dtrepair.pipeline.stages.sources import Source, time_label
 from dtrepair.report.record import EnclosedRecord, FrameRecord
 
 if TYPE_CHECKING:

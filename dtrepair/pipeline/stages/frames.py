@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.sources import Source
 from dtrepair.cli.terminal.failures import INPUT, Failure
+from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.record import FrameRecord, PrimRecord
 
 if TYPE_CHECKING:

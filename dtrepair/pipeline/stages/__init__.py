@@ -1,0 +1,1 @@
+"""Stage and mesh files as bodies, rests, frames and sinks."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from command_line import assert_fails, read_samples, run, tube_stage
 
-from dtrepair.cli.distributed import repair_chunk
+from dtrepair.pipeline.repair.distributed import repair_chunk
 from dtrepair.report.record import read_report
 
 FRAMES = 70  # two windows

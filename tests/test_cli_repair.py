@@ -216,7 +216,7 @@ def test_an_error_in_the_middle_leaves_the_old_output(tmp_path, monkeypatch):
     def stop(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("dtrepair.cli.repair_run.say", stop)
+    monkeypatch.setattr("dtrepair.pipeline.repair.run.say", stop)
     assert_fails(run("repair", path, "-o", tmp_path / "b.usdc"), 130, "interrupted")
     assert (tmp_path / "b.usdc").read_text() == "old"
     assert sorted(os.listdir(tmp_path)) == before

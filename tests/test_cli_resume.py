@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from command_line import CLOSED, OPEN, assert_fails, run, tube_stage
 
-from dtrepair.cli import repair_run
+from dtrepair.pipeline.repair import run as repair_run
 from dtrepair.repair import repairer
 from dtrepair.repair import solution_cache as remember
 from dtrepair.repair.clip import animation

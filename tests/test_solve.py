@@ -9,8 +9,8 @@ import pytest
 from command_line import CLOSED, OPEN, tube_pose, tube_stage
 
 from dtrepair.cli.options.shared import Selection
-from dtrepair.cli.solve import FrameRepairer, repair_frames
 from dtrepair.numerics.jitter_meter import JitterMeter
+from dtrepair.pipeline.repair.solve import FrameRepairer, repair_frames
 from dtrepair.pipeline.stages.frames import Frame, make_counter, read_frames
 from dtrepair.pipeline.stages.sources import open_source
 from dtrepair.repair.clip.animation import AnimationRepairer

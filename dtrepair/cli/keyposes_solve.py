@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dtrepair.cli.solve import FrameRepairer, Repaired
 from dtrepair.keyposes.tracks import Pose, Track
+from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired
 from dtrepair.pipeline.stages.frames import Frame, read_frame
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import StageSource

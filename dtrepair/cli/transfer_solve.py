@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.cli.correspondence import read_arrays
-from dtrepair.cli.solve import Repaired
 from dtrepair.cli.terminal.failures import INPUT, Failure
 from dtrepair.cli.transfer_inputs import Axes, input_errors
+from dtrepair.pipeline.repair.solve import Repaired
 from dtrepair.pipeline.stages.bodies import read_pins
 from dtrepair.pipeline.stages.frames import Frame, frame_time, read_frames, unusable
 from dtrepair.pipeline.stages.sources import MeshSource, Source, StageSource

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import click
 
 from dtrepair import __version__
-from dtrepair.cli.frame_records import contact_records
 from dtrepair.cli.options.shared import (
     IGNORE,
     Selection,
@@ -29,6 +28,7 @@ from dtrepair.cli.terminal.failures import (
     use_device,
     writing,
 )
+from dtrepair.pipeline.repair.records import contact_records
 from dtrepair.pipeline.stages.enclosed_parts import EnclosedParts, enclosed_lines
 from dtrepair.pipeline.stages.frames import (
     Frame,

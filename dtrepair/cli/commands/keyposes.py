@@ -21,7 +21,6 @@ from dtrepair.cli.options.shared import (
     run_options,
     selection_options,
 )
-from dtrepair.cli.repair_run import Run, make_repairer
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import (
     CLEAN,
@@ -32,6 +31,7 @@ from dtrepair.cli.terminal.failures import (
 )
 from dtrepair.cli.terminal.keyposes_text import exit_code, in_betweens, print_keys, print_spans
 from dtrepair.cli.terminal.repair_text import print_plan, print_table, rest_warnings, say
+from dtrepair.pipeline.repair.run import Run, make_repairer
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
 from dtrepair.pipeline.stages.frames import mode_warnings, prim_records, refuse_if_none_usable
 from dtrepair.pipeline.stages.object_settings import recorded

@@ -7,13 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dtrepair.cli.chunks import choose_chunk, empty_chunk_warnings, parse_chunk
-from dtrepair.cli.distributed import (
-    ChunkedCommand,
-    distributed_option,
-    measured_jitter,
-    repair_distributed,
-)
 from dtrepair.cli.options.method import method_options
 from dtrepair.cli.options.shared import (
     ObjectOptions,
@@ -24,7 +17,6 @@ from dtrepair.cli.options.shared import (
     run_options,
     selection_options,
 )
-from dtrepair.cli.repair_run import Run, open_journal, repair_here
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import (
     CLEAN,
@@ -36,6 +28,14 @@ from dtrepair.cli.terminal.failures import (
     one_line_errors,
 )
 from dtrepair.cli.terminal.repair_text import print_plan, print_table
+from dtrepair.pipeline.repair.chunks import choose_chunk, empty_chunk_warnings, parse_chunk
+from dtrepair.pipeline.repair.distributed import (
+    ChunkedCommand,
+    distributed_option,
+    measured_jitter,
+    repair_distributed,
+)
+from dtrepair.pipeline.repair.run import Run, open_journal, repair_here
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
 from dtrepair.pipeline.stages.frames import mode_warnings
 from dtrepair.pipeline.stages.object_settings import recorded

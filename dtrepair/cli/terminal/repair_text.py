@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.solve import Repaired
 from dtrepair.cli.terminal.console import Console
+from dtrepair.pipeline.repair.solve import Repaired
 from dtrepair.pipeline.stages.object_settings import ObjectSettings, described
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source, time_label

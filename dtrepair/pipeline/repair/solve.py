@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.frame_records import FrameRecorder
+from dtrepair.pipeline.repair.records import FrameRecorder
 from dtrepair.pipeline.stages.frames import Frame, frame_time, unusable
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.record import FrameRecord

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from dtrepair import __version__
-from dtrepair.cli.chunks import Chunk
-from dtrepair.cli.journal import Journal, hash_of_run
-from dtrepair.cli.solve import FrameRepairer, Repaired, repair_frames
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.interrupts import current_interrupts
 from dtrepair.cli.terminal.repair_text import rest_warnings, say
 from dtrepair.numerics.jitter_meter import JitterMeter
+from dtrepair.pipeline.repair.chunks import Chunk
+from dtrepair.pipeline.repair.journal import Journal, hash_of_run
+from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frames
 from dtrepair.pipeline.stages.bodies import in_units_of_frames
 from dtrepair.pipeline.stages.frames import (
     make_counter,

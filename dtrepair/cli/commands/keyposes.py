@@ -10,7 +10,6 @@ import click
 
 from dtrepair import __version__
 from dtrepair.cli.commands.repair import settings_of
-from dtrepair.cli.keyposes_solve import StageKeys
 from dtrepair.cli.options.method import method_options
 from dtrepair.cli.options.shared import (
     ObjectOptions,
@@ -31,6 +30,7 @@ from dtrepair.cli.terminal.failures import (
 )
 from dtrepair.cli.terminal.keyposes_text import exit_code, in_betweens, print_keys, print_spans
 from dtrepair.cli.terminal.repair_text import print_plan, print_table, rest_warnings, say
+from dtrepair.pipeline.keyposes.solve import StageKeys
 from dtrepair.pipeline.repair.run import Run, make_repairer
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
 from dtrepair.pipeline.stages.frames import mode_warnings, prim_records, refuse_if_none_usable

@@ -26,9 +26,9 @@ from dtrepair.cli.terminal.failures import (
     one_line_errors,
     refuse_overwriting,
 )
-from dtrepair.cli.transfer_run import run_transfer
 from dtrepair.pipeline.stages.report_place import check_report_place, put_report
 from dtrepair.pipeline.stages.sinks import existing
+from dtrepair.pipeline.transfer.run import run_transfer
 
 if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions

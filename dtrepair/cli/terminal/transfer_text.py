@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.correspondence import Correspondence, Mesh
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.transfer_solve import FrameTransfer
 from dtrepair.pipeline.repair.solve import Repaired
 from dtrepair.pipeline.stages.sources import time_label
+from dtrepair.pipeline.transfer.correspondence import Correspondence, Mesh
+from dtrepair.pipeline.transfer.solve import FrameTransfer
 from dtrepair.report.record import Report
 
 _FIGURES = (

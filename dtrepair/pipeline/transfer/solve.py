@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.correspondence import read_arrays
 from dtrepair.cli.terminal.failures import INPUT, Failure
-from dtrepair.cli.transfer_inputs import Axes, input_errors
 from dtrepair.pipeline.repair.solve import Repaired
 from dtrepair.pipeline.stages.bodies import read_pins
 from dtrepair.pipeline.stages.frames import Frame, frame_time, read_frames, unusable
 from dtrepair.pipeline.stages.sources import MeshSource, Source, StageSource
+from dtrepair.pipeline.transfer.correspondence import read_arrays
+from dtrepair.pipeline.transfer.inputs import Axes, input_errors
 from dtrepair.report.record import FramePrimRecord, FrameRecord
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.cli.terminal.failures import INPUT, USAGE, Failure
-from dtrepair.cli.transfer_inputs import input_errors
+from dtrepair.pipeline.transfer.inputs import input_errors
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from dtrepair.cli.options.shared import Selection
 from dtrepair.cli.terminal.failures import INPUT, USAGE, Failure, check_writable, refuse_overwriting
-from dtrepair.cli.transfer_inputs import PoseFiles, open_poses
-from dtrepair.cli.transfer_sinks import authored_mesh, stage_metadata
 from dtrepair.pipeline.stages.sources import (
     MeshSource,
     Points,
@@ -22,6 +20,8 @@ from dtrepair.pipeline.stages.sources import (
     StageSource,
     is_stage,
 )
+from dtrepair.pipeline.transfer.inputs import PoseFiles, open_poses
+from dtrepair.pipeline.transfer.sinks import authored_mesh, stage_metadata
 
 if TYPE_CHECKING:
     from usd_io.blend_shapes import BlendShapes

@@ -8,12 +8,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from dtrepair import __version__
-from dtrepair.cli.correspondence import Correspondence, find_correspondence
 from dtrepair.cli.options.transfer import Inputs
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import CLEAN, FRAMES, REMAINING, writing
 from dtrepair.cli.terminal.transfer_text import describe, draw_registration, print_report, say
-from dtrepair.cli.transfer_inputs import (
+from dtrepair.numerics.jitter_meter import JitterMeter
+from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frames
+from dtrepair.pipeline.stages.bodies import in_units_of_frames
+from dtrepair.pipeline.stages.frames import make_counter, prim_records, refuse_if_none_usable
+from dtrepair.pipeline.stages.rest import Rest, choose_rests
+from dtrepair.pipeline.stages.sinks import Sink
+from dtrepair.pipeline.stages.sources import MeshSource, Source, StageSource, time_label
+from dtrepair.pipeline.transfer.correspondence import Correspondence, find_correspondence
+from dtrepair.pipeline.transfer.inputs import (
     Axes,
     PoseFiles,
     compare_axes,
@@ -22,16 +29,9 @@ from dtrepair.cli.transfer_inputs import (
     open_poses,
     open_target,
 )
-from dtrepair.cli.transfer_shapes import ShapeSink, open_shapes
-from dtrepair.cli.transfer_sinks import open_clip
-from dtrepair.cli.transfer_solve import FrameTransfer, PinSet, counted_frames, read_pin_set
-from dtrepair.numerics.jitter_meter import JitterMeter
-from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frames
-from dtrepair.pipeline.stages.bodies import in_units_of_frames
-from dtrepair.pipeline.stages.frames import make_counter, prim_records, refuse_if_none_usable
-from dtrepair.pipeline.stages.rest import Rest, choose_rests
-from dtrepair.pipeline.stages.sinks import Sink
-from dtrepair.pipeline.stages.sources import MeshSource, Source, StageSource, time_label
+from dtrepair.pipeline.transfer.shapes import ShapeSink, open_shapes
+from dtrepair.pipeline.transfer.sinks import open_clip
+from dtrepair.pipeline.transfer.solve import FrameTransfer, PinSet, counted_frames, read_pin_set
 from dtrepair.report.record import FrameRecord, Report, summarize
 from dtrepair.wording import counted
 

@@ -7,7 +7,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tests.usd_stages import cube_file, define_cube, new_stage
 from usd_io import SelectionError, StageError, open_stage, read_meshes
-from usd_io.select import matching_paths
+from usd_io.read.select import matching_paths
 
 
 def paths_of(path: Path, **options: object) -> list[str]:

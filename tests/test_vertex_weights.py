@@ -6,7 +6,7 @@ from pxr import Sdf, UsdGeom
 from usd_stages import CUBE_QUADS, define_cube, new_stage
 
 from usd_io import StageError, open_stage, read_meshes
-from usd_io.vertex_weights import read_vertex_directions, read_vertex_weights
+from usd_io.read.vertex_weights import read_vertex_directions, read_vertex_weights
 
 RAMP = [k / 7 for k in range(8)]
 

@@ -28,11 +28,10 @@ if TYPE_CHECKING:
         UsdIoError,
     )
     from usd_io.joining import join_layers
-    from usd_io.mesh import AnimatedMesh, MeshSelection
-    from usd_io.reader import read_frame, read_meshes, read_points
-    from usd_io.stages import OpenedStage, open_stage
-    from usd_io.times import FrameSpec, parse_frames
-    from usd_io.transforms import (
+    from usd_io.read.mesh import AnimatedMesh, MeshSelection
+    from usd_io.read.reader import read_frame, read_meshes, read_points
+    from usd_io.read.stages import OpenedStage, open_stage
+    from usd_io.read.transforms import (
         inverse_matrix,
         local_points,
         transform_points,
@@ -40,7 +39,8 @@ if TYPE_CHECKING:
         world_faces,
         world_matrix,
     )
-    from usd_io.vertex_weights import read_vertex_weights
+    from usd_io.read.vertex_weights import read_vertex_weights
+    from usd_io.times import FrameSpec, parse_frames
     from usd_io.writer import OverrideWriter
 
 __all__ = [

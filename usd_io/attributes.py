@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, Vt
 
-from usd_io.mesh import AnimatedMesh
 from usd_io.normals import Polygons, recompute_normals
+from usd_io.read.mesh import AnimatedMesh
 from usd_io.times import time_code
 
 VALUE_TYPES = {

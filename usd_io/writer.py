@@ -23,14 +23,14 @@ from usd_io.attributes import (
     vec3f_array,
 )
 from usd_io.errors import StageError, time_text
-from usd_io.mesh import AnimatedMesh
 from usd_io.metadata import copy_stage_metadata, set_record
 from usd_io.rates import author_rates
-from usd_io.reader import raw_points
-from usd_io.skinning import unbind, unbinding_told
-from usd_io.stages import OpenedStage, as_stage, check_not_an_input
+from usd_io.read.mesh import AnimatedMesh
+from usd_io.read.reader import raw_points
+from usd_io.read.skinning import unbind, unbinding_told
+from usd_io.read.stages import OpenedStage, as_stage, check_not_an_input
+from usd_io.read.transforms import transform_times
 from usd_io.times import time_code
-from usd_io.transforms import transform_times
 
 
 @dataclass

@@ -69,7 +69,7 @@ def read_pins(source: Source, name: str, *, only: int | None = None) -> PerMesh:
 
     only: look at this mesh alone. It is a usage error if no mesh has anything of that name.
     """
-    from usd_io.vertex_weights import read_vertex_weights
+    from usd_io.read.vertex_weights import read_vertex_weights
 
     handles = _handles(source, f"--pin {name}", only)
     pins = [read_vertex_weights(handle, name) for handle in handles]
@@ -78,7 +78,7 @@ def read_pins(source: Source, name: str, *, only: int | None = None) -> PerMesh:
 
 def _read_directions(source: Source, text: str, *, only: int | None = None) -> PerMesh:
     """A vector primvar, or SUBSET=x,y,z: the vector where the subset's weight is above 0."""
-    from usd_io.vertex_weights import read_vertex_directions, read_vertex_weights
+    from usd_io.read.vertex_weights import read_vertex_directions, read_vertex_weights
 
     handles = _handles(source, f"--direction {text}", only)
     name, sign, numbers = text.partition("=")

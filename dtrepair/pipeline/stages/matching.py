@@ -16,7 +16,7 @@ def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
     if not isinstance(source, StageSource):
         raise Failure(f"{option}: only for USD stages; leave it out", USAGE)
     from usd_io import SelectionError
-    from usd_io.select import matching_paths
+    from usd_io.read.select import matching_paths
 
     try:
         paths = matching_paths(source.opened.stage, expression.strip())

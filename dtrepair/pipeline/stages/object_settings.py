@@ -59,7 +59,7 @@ def read_settings(source: Source, *, rigid: str | None = None) -> SettingsOfMesh
 
 def _of_stage(path: str, handle: Any, warnings: list[str]) -> dict[str, Any]:
     """Settings in the primvars of a mesh. Failure for unusable values; unknown ones are warned."""
-    from usd_io.constants import read_constants
+    from usd_io.read.prim_settings import read_constants
 
     values = {}
     for name, value in read_constants(handle, NAMESPACE).items():

@@ -80,7 +80,7 @@ class ShapeSink:
     ) -> None:
         from usd_io.atomic_layer import check_output_path
         from usd_io.blend_shapes import check_target
-        from usd_io.stages import check_not_an_input
+        from usd_io.read.stages import check_not_an_input
 
         if not is_stage(path):
             raise Failure(f"{path}: blend shapes need USD: name a .usd, .usdc or .usda file", USAGE)

@@ -25,7 +25,7 @@ def open_clip(
             f"{path}: a transfer writes an animation: name a .usd, .usdc or .usda file", USAGE
         )
     if isinstance(source, StageSource):
-        from usd_io.stages import check_not_an_input
+        from usd_io.read.stages import check_not_an_input
 
         check_not_an_input(source.opened.stage, path)
     if isinstance(target, StageSource):

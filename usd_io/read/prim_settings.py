@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from usd_io.mesh import AnimatedMesh
+from usd_io.read.mesh import AnimatedMesh
 
 
 def read_constants(mesh: AnimatedMesh, namespace: str) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from usd_io.errors import StageError
-from usd_io.mesh import AnimatedMesh
+from usd_io.read.mesh import AnimatedMesh
 
 _PER_VERTEX = (UsdGeom.Tokens.vertex, UsdGeom.Tokens.varying)
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pxr import Sdf, Usd, UsdGeom
 
 from usd_io.errors import FrameError
-from usd_io.mesh import AnimatedMesh
+from usd_io.read.mesh import AnimatedMesh
 from usd_io.times import time_code
 
 # Determinant of the linear part over the product of its row lengths: 1 for a rotation with any

@@ -12,7 +12,7 @@ from pxr import Usd, UsdGeom
 from usd_io.errors import StageError
 
 if TYPE_CHECKING:
-    from usd_io.skinning import Skin
+    from usd_io.read.skinning import Skin
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 from pxr import Usd, UsdGeom
 
 from usd_io.errors import FrameError, StageError, time_text
-from usd_io.mesh import AnimatedMesh, MeshSelection
 from usd_io.polygons import Triangulation, nonmanifold_edges, triangulate
-from usd_io.select import Candidate, select_prims
-from usd_io.skinning import Skin, find_skin
-from usd_io.stages import OpenedStage, as_stage
+from usd_io.read.mesh import AnimatedMesh, MeshSelection
+from usd_io.read.select import Candidate, select_prims
+from usd_io.read.skinning import Skin, find_skin
+from usd_io.read.stages import OpenedStage, as_stage
 from usd_io.times import time_code
 
 UP_AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}

@@ -1,0 +1,1 @@
+"""Animated meshes out of a stage."""

@@ -12,7 +12,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tests.usd_stages import CUBE, cube_file, moved_cube
 from usd_io import OutputError, OverrideWriter, open_stage, read_meshes
-from usd_io.atomic_layer import AtomicLayer, relative_asset_path, same_file
+from usd_io.write.atomic_layer import AtomicLayer, relative_asset_path, same_file
 
 REWRITE = """
 import sys, numpy as np, usd_io

@@ -8,8 +8,8 @@ from pxr import Sdf, Usd, UsdGeom, UsdSkel
 from usd_stages import CUBE, CUBE_QUADS, cube_file
 
 import usd_io
-from usd_io.authoring import AuthoredMesh
-from usd_io.blend_shapes import (
+from usd_io.write.authoring import AuthoredMesh
+from usd_io.write.blend_shapes import (
     BlendShapes,
     in_turn,
     read_blend_shapes,

@@ -8,7 +8,7 @@ import pytest
 from pxr import Sdf, Usd, Vt
 
 from tests.usd_stages import cube_file
-from usd_io.metadata import copy_stage_metadata, get_record, set_record, usd_dictionary
+from usd_io.write.metadata import copy_stage_metadata, get_record, set_record, usd_dictionary
 
 
 @pytest.mark.parametrize("extension", ["usda", "usdc"])

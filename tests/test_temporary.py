@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from usd_io.temporary import make_temporary_folder, remove_own_folders, remove_stale_folders
+from usd_io.write.temporary import make_temporary_folder, remove_own_folders, remove_stale_folders
 
 
 @pytest.fixture

@@ -17,7 +17,6 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from usd_io.authoring import AuthoredMesh, write_animation
     from usd_io.errors import (
         FrameError,
         FrameSpecError,
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
         UsageError,
         UsdIoError,
     )
-    from usd_io.joining import join_layers
     from usd_io.read.mesh import AnimatedMesh, MeshSelection
     from usd_io.read.reader import read_frame, read_meshes, read_points
     from usd_io.read.stages import OpenedStage, open_stage
@@ -41,7 +39,9 @@ if TYPE_CHECKING:
     )
     from usd_io.read.vertex_weights import read_vertex_weights
     from usd_io.times import FrameSpec, parse_frames
-    from usd_io.writer import OverrideWriter
+    from usd_io.write.authoring import AuthoredMesh, write_animation
+    from usd_io.write.joining import join_layers
+    from usd_io.write.writer import OverrideWriter
 
 __all__ = [
     "AnimatedMesh",

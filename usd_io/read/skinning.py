@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Tf, Usd, UsdGeom, UsdSkel, Vt
 
-from usd_io.attributes import vec3f_array
 from usd_io.errors import FrameError, StageError, one_line
 from usd_io.read.transforms import chain_times, inverse_matrix, prim_matrix, transform_points
 from usd_io.times import time_code
+from usd_io.write.normals_sources import vec3f_array
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ def repair_distributed(
     paths. `local` starts `jobs` workers here.
     """
     from usd_io import join_layers
-    from usd_io.temporary import make_temporary_folder, remove_own_folders
+    from usd_io.write.temporary import make_temporary_folder, remove_own_folders
 
     interrupts = current_interrupts()
     target = os.path.abspath(output)

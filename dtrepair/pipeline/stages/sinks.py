@@ -48,7 +48,7 @@ class StageSink:
     def __init__(self, source: StageSource, path: str, settings: dict[str, Any]) -> None:
         from dtrepair import __version__
         from usd_io import OverrideWriter
-        from usd_io.temporary import remove_own_folders
+        from usd_io.write.temporary import remove_own_folders
 
         if not is_stage(path):
             raise Failure(

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Tf
 
-from usd_io.atomic_layer import AtomicLayer, check_output_path, relative_asset_path, same_file
-from usd_io.attributes import NORMALS, RATES
 from usd_io.errors import StageError, UsageError, one_line, time_text
-from usd_io.metadata import get_record, set_record
-from usd_io.rates import author_rates
+from usd_io.write.atomic_layer import AtomicLayer, check_output_path, relative_asset_path, same_file
+from usd_io.write.metadata import get_record, set_record
+from usd_io.write.normals_sources import NORMALS, RATES
+from usd_io.write.rates import author_rates
 
 LAYER_KEYS = ("subLayers", "subLayerOffsets", "customLayerData")
 RECORD_KEYS = ("version", "input", "settings", "frames", "written", "written_default")

@@ -13,8 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pxr import Sdf, Usd
 
-from usd_io.atomic_layer import AtomicLayer, check_output_path, relative_asset_path
-from usd_io.attributes import (
+from usd_io.errors import StageError, time_text
+from usd_io.read.mesh import AnimatedMesh
+from usd_io.read.reader import raw_points
+from usd_io.read.skinning import unbind, unbinding_told
+from usd_io.read.stages import OpenedStage, as_stage, check_not_an_input
+from usd_io.read.transforms import transform_times
+from usd_io.times import time_code
+from usd_io.write.atomic_layer import AtomicLayer, check_output_path, relative_asset_path
+from usd_io.write.metadata import copy_stage_metadata, set_record
+from usd_io.write.normals_sources import (
     NormalsSource,
     authored_rates,
     create_attribute,
@@ -22,15 +30,7 @@ from usd_io.attributes import (
     normals_sources,
     vec3f_array,
 )
-from usd_io.errors import StageError, time_text
-from usd_io.metadata import copy_stage_metadata, set_record
-from usd_io.rates import author_rates
-from usd_io.read.mesh import AnimatedMesh
-from usd_io.read.reader import raw_points
-from usd_io.read.skinning import unbind, unbinding_told
-from usd_io.read.stages import OpenedStage, as_stage, check_not_an_input
-from usd_io.read.transforms import transform_times
-from usd_io.times import time_code
+from usd_io.write.rates import author_rates
 
 
 @dataclass

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Tf, Usd, UsdGeom, UsdSkel, Vt
 
-from usd_io.atomic_layer import AtomicLayer, relative_asset_path
-from usd_io.attributes import vec3f_array
-from usd_io.authoring import AuthoredMesh, define_mesh
 from usd_io.errors import StageError
-from usd_io.metadata import copy_stage_metadata, set_record
 from usd_io.read.mesh import AnimatedMesh
 from usd_io.read.stages import OpenedStage, check_not_an_input
+from usd_io.write.atomic_layer import AtomicLayer, relative_asset_path
+from usd_io.write.authoring import AuthoredMesh, define_mesh
+from usd_io.write.metadata import copy_stage_metadata, set_record
+from usd_io.write.normals_sources import vec3f_array
 
 # Points that move less than this part of the largest offset are left out of a shape.
 _STILL = 1e-6

@@ -15,7 +15,7 @@ from types import TracebackType
 from pxr import Sdf, Tf
 
 from usd_io.errors import OutputError, UsageError, one_line
-from usd_io.temporary import make_temporary_folder
+from usd_io.write.temporary import make_temporary_folder
 
 OUTPUT_EXTENSIONS = (".usd", ".usda", ".usdc")
 

@@ -1,0 +1,1 @@
+"""Layers and stages out of arrays."""

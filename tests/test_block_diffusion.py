@@ -10,7 +10,7 @@ from scipy import sparse
 from dtrepair.numerics.operators import cotangent_laplacian, lumped_mass
 from dtrepair.repair.paper.diffusion import DenseDiffusion, Diffusion
 from dtrepair.repair.paper.gpu_diffusion import BlockDiffusion, cut
-from dtrepair.repair.paper.method import diffusion as diffusion_module
+from dtrepair.repair.paper import diffusion as diffusion_module
 from tests.meshes import icosphere, joined, torus
 
 BALL, RING = icosphere(3), torus(40, 20)

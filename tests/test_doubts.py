@@ -8,7 +8,7 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.surface.surface import BodyRange, Surface
-from dtrepair.repair.surface.surface import uncertain_pairs as doubts
+from dtrepair.repair.surface import uncertain_pairs as doubts
 from dtrepair.repair.surface.uncertain_pairs import Doubts
 
 ALONG = np.array([1.0, 0.0, 0.0])

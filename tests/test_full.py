@@ -12,7 +12,7 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import volume
 from dtrepair.numerics.operators import Factor
 from dtrepair.repair.full.method import FullMethod
-from dtrepair.repair.full.method import method as full
+from dtrepair.repair.full import method as full
 from dtrepair.repair.full.pull_back import distortion
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface

@@ -9,7 +9,7 @@ from dtrepair.device import DeviceQueue
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.paper.gpu_descent import DeviceDescent
 from dtrepair.repair.paper.method import PaperMethod
-from dtrepair.repair.paper.method import method as paper
+from dtrepair.repair.paper import method as paper
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import bent_tube, overlapping_spheres
 

@@ -9,7 +9,7 @@ from dtrepair import Body, SceneRepairer, Status
 from dtrepair.numerics.geometry import unique_edges
 from dtrepair.repair import independent as poses_of_scenes
 from dtrepair.repair.clip.frames import system_of
-from dtrepair.repair.full.method import method as full
+from dtrepair.repair.full import method as full
 from dtrepair.repair.full.push import _of_length
 from dtrepair.repair.full.relax import LONGER, relax
 from dtrepair.repair.independent import _squeezed

@@ -9,7 +9,7 @@ import pytest
 
 from dtrepair.repair.independent import in_batches
 from dtrepair.repair.options import RepairOptions
-from dtrepair.repair.paper.method import method as paper
+from dtrepair.repair.paper import method as paper
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.solution_cache import repair_each

@@ -10,7 +10,7 @@ import pytest
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import displacements
 from dtrepair.repair.full.biharmonic_fill import Filled
-from dtrepair.repair.full.method import relax as module
+from dtrepair.repair.full import relax as module
 from dtrepair.repair.full.pull_back import distortion
 from dtrepair.repair.full.relax import MORE, relax
 from dtrepair.repair.surface.defects import find_defects

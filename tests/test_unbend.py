@@ -8,7 +8,7 @@ import pytest
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.elastic.dihedral_angles import bent_edges
 from dtrepair.repair.full.method import FullMethod
-from dtrepair.repair.full.method import unbend as module
+from dtrepair.repair.full import unbend as module
 from dtrepair.repair.full.unbend import unbend
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface

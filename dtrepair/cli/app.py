@@ -40,7 +40,7 @@ class LazyGroup(click.Group):
         """Import the module of a command."""
         if name not in COMMANDS:
             return None
-        module = importlib.import_module(f"dtrepair.cli.{name}")
+        module = importlib.import_module(f"dtrepair.cli.commands.{name}")
         command: click.Command = module.command
         return command
 

@@ -68,12 +68,12 @@ def _shared_vertices(surface: Surface, folds: IntArray) -> BoolArray:
 
 def crossing_edges(points: FloatArray, faces: IntArray, pairs: IntArray) -> IntArray:
     """Edges (E, 2), i < j, of one triangle of a pair that cross the other; may repeat."""
-    from dtrepair.repair.surface.surface import winding_kernels as inside_kernels
+    from dtrepair.repair.surface import winding_kernels
 
     warp, vertices = start_warp(), faces[pairs].reshape(-1, 6)
     corners = warp.array(points.take(vertices, axis=0), dtype=warp.vec3d, device="cpu")
     cut = warp.empty(vertices.shape, dtype=warp.uint8, device="cpu")
-    warp.launch(inside_kernels.find_cut, dim=len(pairs), inputs=[corners, cut], device="cpu")
+    warp.launch(winding_kernels.find_cut, dim=len(pairs), inputs=[corners, cut], device="cpu")
     pair, start = np.nonzero(cut.numpy())
     edges = vertices[pair[:, None], np.stack([start, NEXT[start]], axis=1)]
     return np.sort(edges, axis=1)

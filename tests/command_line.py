@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from meshes import bent_tube, tube_quads
 from numpy.typing import NDArray
 
 from dtrepair.cli import main
+from tests.meshes import bent_tube, tube_quads
 
 # A tube of 192 quads bent by these angles: the ends pass through each other beyond 2 pi.
 OPEN, CLOSED = 5.0, 6.5

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from meshes import Mesh, split_quads
 from numpy.typing import NDArray
+
+from tests.meshes import Mesh, split_quads
 
 Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 

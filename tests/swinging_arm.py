@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from meshes import Mesh, swept
 from numpy.typing import NDArray
+
+from tests.meshes import Mesh, swept
 
 # The arm hangs so far in front of the body, or behind it, and so far to its side.
 REACH, SIDE = 0.6, 0.15

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cgal_reference import cgal_pairs
-from command_line import CLOSED, OPEN, run, tube_stage
 from pxr import Sdf, Usd, UsdGeom
 
 from dtrepair.report.record import read_report
+from tests.cgal_reference import cgal_pairs
+from tests.command_line import CLOSED, OPEN, run, tube_stage
 
 # usd.md: an output layer authors these and nothing else.
 ALLOWED = {"points", "extent"}

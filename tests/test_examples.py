@@ -46,7 +46,7 @@ def test_script(name: str, tmp_path: Path) -> None:
 
 
 def test_animation_example_writes_into_a_folder(tmp_path: Path) -> None:
-    from command_line import run
+    from tests.command_line import run
 
     folder = tmp_path / "new"
     command = [sys.executable, str(FOLDER / "repair_animation.py"), str(folder)]

@@ -74,7 +74,7 @@ __all__ = [
 ]
 
 _MODULES = {
-    "authoring": ("AuthoredMesh", "write_animation"),
+    "write.authoring": ("AuthoredMesh", "write_animation"),
     "errors": (
         "FrameError",
         "FrameSpecError",
@@ -84,12 +84,12 @@ _MODULES = {
         "UsageError",
         "UsdIoError",
     ),
-    "joining": ("join_layers",),
-    "mesh": ("AnimatedMesh", "MeshSelection"),
-    "reader": ("read_frame", "read_meshes", "read_points"),
-    "stages": ("OpenedStage", "open_stage"),
+    "write.joining": ("join_layers",),
+    "read.mesh": ("AnimatedMesh", "MeshSelection"),
+    "read.reader": ("read_frame", "read_meshes", "read_points"),
+    "read.stages": ("OpenedStage", "open_stage"),
     "times": ("FrameSpec", "parse_frames"),
-    "transforms": (
+    "read.transforms": (
         "inverse_matrix",
         "local_points",
         "transform_points",
@@ -97,8 +97,8 @@ _MODULES = {
         "world_faces",
         "world_matrix",
     ),
-    "vertex_weights": ("read_vertex_weights",),
-    "writer": ("OverrideWriter",),
+    "read.vertex_weights": ("read_vertex_weights",),
+    "write.writer": ("OverrideWriter",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -10,6 +10,7 @@ from scipy import sparse
 from torch import Tensor
 
 from dtrepair.device import DeviceQueue, start_warp
+from dtrepair.repair.paper import gpu_kernels as kernels
 from dtrepair.repair.paper.descent import Descent
 from dtrepair.repair.paper.energy import (
     NEAREST,
@@ -20,7 +21,6 @@ from dtrepair.repair.paper.energy import (
     UnsignedTangentPoint,
 )
 from dtrepair.repair.paper.gpu_detection import FixedDetection
-from dtrepair.repair.paper import gpu_kernels as kernels
 
 # Whole numbers per unit of force, in a mesh of unit size. Tangent-point and conical forces are
 # about an edge length, and at most 2 sqrt(A) / NEAREST = 2000: 2^44 keeps them to 6e-14 and sums up

@@ -1,0 +1,237 @@
+"""`dtrepair check`: exact counts, exit codes, and what it prints."""
+
+import json
+
+import numpy as np
+import pytest
+
+from dtrepair.report.record import validate
+from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
+
+
+def test_mesh_file_with_intersections(tmp_path):
+    path = tube_obj(tmp_path / "a.obj", CLOSED)
+    found = run("check", path)
+    assert found.code == 1 and found.err == ""
+    assert found.out.splitlines()[0].split() == ["frame", "triangles", "pairs"]
+    assert found.out.splitlines()[-1].startswith("1 of 1 frame intersects: ")
+
+
+def test_clean_mesh_file(tmp_path):
+    found = run("check", tube_obj(tmp_path / "a.obj", OPEN))
+    assert found.code == 0
+    assert found.out.splitlines()[-1] == "no intersections in 1 frame"
+
+
+def test_counts_agree_with_the_library(tmp_path):
+    from dtrepair import find_intersections
+    from tests.command_line import tube_polygons, tube_pose
+    from tests.meshes import split_quads
+
+    pairs = find_intersections(tube_pose(CLOSED), split_quads(tube_polygons()))
+    report = run("check", tube_obj(tmp_path / "a.obj", CLOSED), "--json", "-").json
+    validate(report)
+    assert report["frames"][0]["before"] == {
+        "triangles": len(np.unique(pairs)),
+        "pairs": len(pairs),
+        "inter_pairs": 0,
+    }
+    assert report["frames"][0]["time"] is None
+    assert report["prims"][0] == {
+        "path": "a.obj",
+        "vertices": 200,
+        "triangles": 384,
+        "rest_intersections": None,
+    }
+
+
+def test_stage_counts_each_frame(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN), times=(-2, 0.5, 7))
+    found = run("check", path, "--json", tmp_path / "r.json")
+    assert found.code == 1
+    rows = [line.split() for line in found.out.splitlines()[1:-1]]
+    assert [row[0] for row in rows] == ["-2", "0.5", "7"]
+    assert [int(row[1]) > 0 for row in rows] == [False, True, False]
+    report = json.loads((tmp_path / "r.json").read_text())
+    validate(report)
+    assert [frame["time"] for frame in report["frames"]] == [-2, 0.5, 7]
+    assert [frame["status"] for frame in report["frames"]] == ["clean", "unchanged", "clean"]
+
+
+def test_frames_and_quiet(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
+    assert run("check", path, "--frames", "1:3x2").code == 0
+    quiet = run("check", path, "--frames", "-5:2", "-q")
+    assert (quiet.code, quiet.out, quiet.err) == (1, "", "")
+
+
+def test_jobs_give_the_same_result_in_the_same_order(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", np.linspace(OPEN, CLOSED, 9))
+    one, four = (run("check", path, "--jobs", jobs).out for jobs in (1, 4))
+    assert one == four and one.count("\n") == 11
+
+
+def cube(size, centre):
+    points = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    return (points - 0.5) * size + centre, np.array(quads, dtype=np.int32)
+
+
+@pytest.fixture
+def two_cubes(tmp_path):
+    """A cube that moves by its transform through a fixed one; both have points only once."""
+    from usd_io import AuthoredMesh, write_animation
+
+    still, quads = cube(1.0, (0, 0, 0))
+    moving, _ = cube(0.5, (0, 0, 0))
+    matrices = np.tile(np.eye(4), (4, 1, 1))
+    matrices[:, 3, 0] = (2.0, 0.51, 0.0, -2.0)  # outside, through the wall, inside, outside
+    path = tmp_path / "cubes.usda"
+    meshes = [
+        AuthoredMesh(path="/Still/Cube", faces=quads, rest=still),
+        AuthoredMesh(path="/Moving/Cube", faces=quads, rest=moving, transforms=matrices),
+    ]
+    write_animation(path, meshes, times=(1.0, 2.0, 3.0, 4.0))
+    return path
+
+
+def test_several_meshes_meet_in_world_space(two_cubes):
+    report = run("check", two_cubes, "--json", "-").json
+    assert [frame["time"] for frame in report["frames"]] == [1, 2, 3, 4]
+    pairs = [frame["before"]["pairs"] for frame in report["frames"]]
+    # A cube wholly inside another intersects nothing.
+    assert pairs[0] == pairs[2] == pairs[3] == 0 and pairs[1] > 0
+    frame = report["frames"][1]
+    assert frame["before"]["inter_pairs"] == pairs[1]
+    assert {prim["path"]: prim["before"]["inter_pairs"] for prim in frame["prims"]} == {
+        "/Still/Cube": pairs[1],
+        "/Moving/Cube": pairs[1],
+    }
+    table = run("check", two_cubes, "--frames", 2).out
+    assert "between" in table and "/Moving/Cube" in table
+
+
+def test_what_lies_wholly_inside_is_told(two_cubes):
+    told = "/Moving/Cube lies wholly inside /Still/Cube in frame 3"
+    report = run("check", two_cubes, "--json", "-").json
+    validate(report)
+    inside = {"inner": "/Moving/Cube", "outer": "/Still/Cube", "parts": 1}
+    assert [frame["enclosed"] for frame in report["frames"]] == [[], [], [inside], []]
+    assert run("check", two_cubes).out.splitlines()[-2] == told
+    # It intersects nothing.
+    alone = run("check", two_cubes, "--frames", "3")
+    assert alone.code == 0 and alone.out.splitlines()[-2] == told.removesuffix(" in frame 3")
+    for left_out in (["--mode", "self"], ["--ignore", "/Still,/Moving"]):
+        assert "wholly inside" not in run("check", two_cubes, *left_out).out
+
+
+def write_obj(path, points, quads):
+    lines = [f"v {x} {y} {z}" for x, y, z in points]
+    lines += ["f " + " ".join(str(k + 1) for k in quad) for quad in quads]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def test_parts_of_one_mesh_inside_each_other_are_told(tmp_path):
+    outer, quads = cube(1.0, (0, 0, 0))
+    inner = [cube(0.2, (x, 0, 0))[0] for x in (-0.2, 0.2)]
+    points = np.concatenate([outer, *inner])
+    path = tmp_path / "eyes.obj"
+    write_obj(path, points, np.concatenate([quads, quads + 8, quads + 16]))
+    found = run("check", path)
+    told = "2 parts of eyes.obj lie wholly inside another part of it"
+    assert found.code == 0 and found.out.splitlines()[-2] == told
+    write_obj(path, points, np.concatenate([quads[1:], quads + 8, quads + 16]))  # an open box
+    assert "wholly inside" not in run("check", path).out
+
+
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+def test_a_mirrored_mesh_has_its_inside_inside(two_cubes, mirror):
+    from pxr import Usd, UsdGeom
+
+    stage = Usd.Stage.Open(str(two_cubes))
+    UsdGeom.Xformable(stage.GetPrimAtPath("/Still")).AddScaleOp().Set((mirror, 1, 1))
+    stage.Save()
+    found = run("check", two_cubes, "--frames", "3:4").out
+    assert "/Moving/Cube lies wholly inside /Still/Cube in frame 3" in found
+
+
+def test_mode_and_prim_choose_what_is_counted(two_cubes):
+    assert run("check", two_cubes, "--mode", "inter").code == 1
+    assert run("check", two_cubes, "--mode", "self").code == 0
+    assert run("check", two_cubes, "--prim", "/Moving//").code == 0
+    assert run("check", two_cubes, "--exclude", "/Still//").code == 0
+
+
+def test_unusable_frames_end_with_4(tmp_path):
+    from pxr import Usd, UsdGeom
+
+    path = tube_stage(tmp_path / "a.usda", (OPEN, OPEN, CLOSED))
+    stage = Usd.Stage.Open(str(path))
+    points = UsdGeom.Mesh(stage.GetPrimAtPath("/Root/Tube")).GetPointsAttr()
+    points.Set([(float("nan"), 0, 0)] * 200, 2)
+    stage.Save()
+    del points, stage
+    found = run("check", path)
+    assert found.code == 4
+    assert "1 frame could not be read" in found.out.splitlines()[-1]
+    assert "frame 2" in found.err and "NaN" in found.err
+    report = run("check", path, "--json", "-").json
+    assert [f["status"] for f in report["frames"]] == ["clean", "failed", "unchanged"]
+    assert report["frames"][1]["before"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["{obj}", "--frames", "1:10"], 2, ["--frames", "only for USD stages"]),
+        (["{usd}", "--frames", "1:inf"], 2, ["1:inf"]),
+        (["{usd}", "--frames", "50:60"], 2, ["50:60", "none of the samples"]),
+        (["{usd}", "--prim", "/Nobody"], 2, ["/Nobody"]),
+        (["{dir}/none.usd"], 3, ["none.usd", "no such file"]),
+        (["{dir}/none.obj"], 3, ["none.obj", "No such file"]),
+        (["{dir}/text.obj"], 3, ["text.obj", "expected a mesh with faces"]),
+        (["{dir}/text.usda"], 3, ["text.usda"]),
+        (["{dir}/text.doc"], 3, ["expected a mesh format"]),
+        (["{obj}", "--json", "{dir}/none/r.json"], 5, ["none/r.json", "cannot be written"]),
+        (["{obj}", "--json", "{dir}"], 5, ["is a directory"]),
+        (["{obj}", "--json", "{obj}"], 2, ["is an input of this run"]),
+        (["{obj}", "--device", "tpu"], 2, ["--device", "'tpu'"]),
+    ],
+)
+def test_errors(tmp_path, arguments, code, words):
+    names = {
+        "obj": str(tube_obj(tmp_path / "a.obj")),
+        "usd": str(tube_stage(tmp_path / "a.usda")),
+        "dir": str(tmp_path),
+    }
+    for ending in ("obj", "usda", "doc"):
+        (tmp_path / f"text.{ending}").write_text("hello")
+    before = sorted(tmp_path.iterdir())
+    assert_fails(run("check", *(text.format(**names) for text in arguments)), code, *words)
+    assert sorted(tmp_path.iterdir()) == before
+
+
+STATIC = ["animals", "humans", "misc", "transfer"]
+
+
+@pytest.mark.parametrize("group", STATIC)
+def test_static_counts_are_those_of_the_independent_checker(shared_data, group):
+    baseline = json.loads((shared_data / "baseline.json").read_text())["static"]
+    entries = [entry for entry in baseline if entry["file"].startswith(group)]
+    assert entries
+    for entry in entries:
+        found = run("check", shared_data / entry["file"], "--json", "-")
+        summary = found.json["summary"]
+        counts = (summary["triangles_before"], summary["pairs_before"])
+        assert counts == (entry["r"]["si_tris"], entry["r"]["si_pairs"]), entry["file"]
+        assert found.code == (1 if counts[1] else 0)
+
+
+def test_clip_counts_are_those_of_the_independent_checker(shared_data):
+    for entry in json.loads((shared_data / "baseline.json").read_text())["clips"]:
+        frames = run("check", shared_data / entry["file"], "--json", "-").json["frames"]
+        found = [(f["time"], f["before"]["triangles"], f["before"]["pairs"]) for f in frames]
+        assert found == [(r["time"], r["si_tris"], r["si_pairs"]) for r in entry["rows"]]
+        if entry["prims"] > 1:
+            between = [frame["before"]["inter_pairs"] for frame in frames]
+            assert between == [row["inter_object_pairs"] for row in entry["rows"]]

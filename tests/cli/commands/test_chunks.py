@@ -1,0 +1,135 @@
+"""Chunks of a clip for a farm: what `join` makes of them is what one run writes, bit for bit."""
+
+from __future__ import annotations
+
+from itertools import chain
+
+import numpy as np
+import pytest
+
+from dtrepair.repair import repairer
+from dtrepair.repair.clip import animation
+from dtrepair.report.record import read_report
+from tests.command_line import CLOSED, OPEN, assert_fails, read_samples, run, tube_stage
+
+FRAMES = 36
+
+
+@pytest.fixture
+def small_windows(monkeypatch):
+    """Windows of 20 frames that overlap by 6."""
+    monkeypatch.setattr(animation, "WINDOW", 20)
+    monkeypatch.setattr(animation, "OVERLAP", 6)
+
+    def small(scene):
+        return animation.AnimationRepairer(scene, window=20, overlap=6)
+
+    monkeypatch.setattr(repairer, "AnimationRepairer", small)
+    monkeypatch.setattr("dtrepair.cli.commands.repair.open_journal", lambda *some, **more: None)
+
+
+def clip(path):
+    angles = 6.2 + 0.25 * np.sin(0.5 * np.arange(FRAMES))
+    return tube_stage(path, angles)
+
+
+def joined(tmp_path, path, count, *options):
+    """The samples of the joined chunks, and how many frames each one wrote."""
+    parts, frames = [], []
+    for number in range(1, count + 1):
+        part, report = tmp_path / f"part{number}.usdc", tmp_path / "r.json"
+        arguments = ["-o", part, "--chunk", f"{number}/{count}", "--report", report, *options]
+        done = run("repair", path, *arguments)
+        assert done.code == 0, done
+        parts.append(part)
+        frames.append([frame["time"] for frame in read_report(report)["frames"]])
+    assert run("join", *reversed(parts), "-o", tmp_path / "joined.usdc").code == 0
+    return read_samples(tmp_path / "joined.usdc"), frames
+
+
+def assert_same(first, second):
+    assert list(first) == list(second)
+    assert all(np.array_equal(first[time], second[time]) for time in first)
+
+
+def test_joined_chunks_are_one_run_bit_for_bit(tmp_path, small_windows):
+    path = clip(tmp_path / "a.usdc")
+    assert run("repair", path, "-o", tmp_path / "whole.usdc").code == 0
+    samples, frames = joined(tmp_path, path, 2)
+    assert list(chain(*frames)) == list(range(1, FRAMES + 1)) and all(frames)
+    assert_same(samples, read_samples(tmp_path / "whole.usdc"))
+    assert run("check", tmp_path / "joined.usdc").code == 0
+
+
+def test_more_chunks_than_windows_leave_some_empty(tmp_path):
+    path = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN, CLOSED))
+    assert run("repair", path, "-o", tmp_path / "whole.usdc").code == 0
+    samples, frames = joined(tmp_path, path, 2)
+    assert frames == [[], [1, 2, 3]]
+    assert_same(samples, read_samples(tmp_path / "whole.usdc"))
+
+
+def test_frames_alone_are_split_evenly(tmp_path):
+    path = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN, CLOSED, CLOSED + 0.1, OPEN))
+    assert run("repair", path, "-o", tmp_path / "whole.usdc", "--alone").code == 0
+    samples, frames = joined(tmp_path, path, 2, "--alone")
+    assert frames == [[1, 2], [3, 4, 5]]
+    assert_same(samples, read_samples(tmp_path / "whole.usdc"))
+
+
+def test_unusable_frames_belong_to_one_chunk(tmp_path, small_windows):
+    from pxr import Sdf
+
+    path = clip(tmp_path / "a.usdc")
+    layer = Sdf.Layer.FindOrOpen(str(path))
+    for time in (1, 21, 22, 36):
+        layer.SetTimeSample("/Root/Tube.points", time, Sdf.ValueBlock())
+    layer.Save()
+    del layer
+    options = ["--frames", "1:24,36"]
+    assert run("repair", path, "-o", tmp_path / "whole.usdc", *options).code == 0
+    samples, frames = joined(tmp_path, path, 2, *options)
+    assert list(chain(*frames)) == [*range(1, 25), 36]
+    whole = read_samples(tmp_path / "whole.usdc")
+    assert list(samples) == list(whole)
+    assert all(np.array_equal(samples[t], whole[t]) for t in samples if whole[t].ndim == 2)
+
+
+@pytest.mark.parametrize("chunk", ["0/2", "3/2", "2", "a/b", "1/0", "-1/2"])
+def test_bad_chunks_are_refused(tmp_path, chunk):
+    path = tube_stage(tmp_path / "a.usda")
+    done = run("repair", path, "-o", tmp_path / "b.usdc", "--chunk", chunk)
+    assert_fails(done, 2, "--chunk", "K/N")
+
+
+def test_a_missing_chunk_is_told_when_joining(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (CLOSED, OPEN, CLOSED))
+    parts = [tmp_path / f"part{number}.usdc" for number in (1, 2, 3)]
+    for number, part in enumerate(parts, 1):
+        assert run("repair", path, "-o", part, "--alone", "--chunk", f"{number}/3").code == 0
+    done = run("join", parts[0], parts[2], "-o", tmp_path / "joined.usdc")
+    assert done.code == 3 and "chunk 2/3 is missing" in done.err
+    assert not (tmp_path / "joined.usdc").exists()
+    assert run("join", *parts, "-o", tmp_path / "joined.usdc").code == 0
+
+
+def test_empty_chunks_and_plans_of_chunks_are_told(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (CLOSED, OPEN, CLOSED))
+    done = run("repair", path, "-o", tmp_path / "b.usdc", "--chunk", "1/2")
+    assert done.code == 0 and "--chunk 1/2: has no frames" in done.err
+    done = run("repair", path, "-o", tmp_path / "b.usdc", "--chunk", "1/2", "--alone", "--dry-run")
+    assert "1 frame (1) would be written" in done.out and "no frames" not in done.err
+
+
+def test_mesh_files_have_no_chunks(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    done = run("repair", tmp_path / "a.obj", "-o", tmp_path / "b.obj", "--chunk", "1/2")
+    assert done.code == 2 and "--chunk: only for USD stages" in done.err
+
+
+@pytest.mark.parametrize("command", [("check",), ("repair", "-o", "b.usdc", "--dry-run")])
+def test_a_mode_that_counts_nothing_is_told(tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    path = tube_stage(tmp_path / "a.usda", (CLOSED,))
+    done = run(*command[:1], path, "--mode", "inter", *command[1:])
+    assert "--mode inter: only one mesh" in done.err

@@ -1,0 +1,58 @@
+"""`repair --distributed`: the workers of a Dask cluster write what one run here writes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair.pipeline.repair.distributed import repair_chunk
+from dtrepair.report.record import read_report
+from tests.command_line import assert_fails, read_samples, run, tube_stage
+
+FRAMES = 70  # two windows
+
+
+@pytest.fixture
+def clip(tmp_path):
+    return tube_stage(tmp_path / "a.usdc", 6.2 + 0.25 * np.sin(0.5 * np.arange(FRAMES)))
+
+
+# Of the cluster's own event loops, at their end.
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
+def test_two_workers_write_what_one_run_writes(tmp_path, clip):
+    reports = []
+    for name, options in {"whole": [], "parts": ["--distributed", "local", "--jobs", 2]}.items():
+        output, report = tmp_path / f"{name}.usdc", tmp_path / f"{name}.json"
+        done = run("repair", clip, "-o", output, "--report", report, *options)
+        assert done.code == 0, done
+        assert f"{FRAMES} of {FRAMES} frames clean" in done.out
+        reports.append(read_report(report))
+    whole, parts = (read_samples(tmp_path / f"{name}.usdc") for name in ("whole", "parts"))
+    assert list(whole) == list(parts)
+    assert all(np.array_equal(whole[time], parts[time]) for time in whole)
+    assert reports[0]["summary"]["triangles_before"] > 0
+    first, second = (report["summary"] for report in reports)
+    assert first.pop("contacts") == second.pop("contacts") == []
+    assert first == pytest.approx(second, rel=1e-9)
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_cluster_that_is_not_there(tmp_path, clip, monkeypatch):
+    done = run("repair", clip, "-o", tmp_path / "b.usdc", "--distributed", "no address")
+    assert_fails(done, 2, "--distributed", "no address")
+    assert not (tmp_path / "b.usdc").exists()
+
+
+def test_chunks_of_its_own_are_refused(tmp_path, clip):
+    options = ["--distributed", "local"]
+    for more in (["--chunk", "1/2"], ["--resume"]):
+        done = run("repair", clip, "-o", tmp_path / "b.usdc", *options, *more)
+        assert_fails(done, 2, "--distributed", more[0])
+
+
+def test_chunk_tells_what_was_wrong(tmp_path, clip, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, message = repair_chunk(str(tmp_path), ["missing.usd", "-o", "b.usdc"])
+    assert code == 3 and "missing.usd" in message
+    code, message = repair_chunk(str(tmp_path / "elsewhere"), [str(clip), "-o", "b.usdc"])
+    assert code == 3 and "same paths" in message

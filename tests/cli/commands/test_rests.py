@@ -1,0 +1,70 @@
+"""`dtrepair repair --rest`: which rest a run takes, and which it refuses."""
+
+import numpy as np
+
+from dtrepair.report.record import read_report
+from tests.command_line import (
+    CLOSED,
+    OPEN,
+    assert_fails,
+    run,
+    tube_obj,
+    tube_polygons,
+    tube_pose,
+    tube_stage,
+    write_obj,
+)
+
+
+def rest_origins(tmp_path, path, *options):
+    report = tmp_path / "rest.json"
+    arguments = ["-o", tmp_path / "rest.usdc", "--frames", "2", "--report", report, *options]
+    assert run("repair", path, *arguments).code in (0, 1)
+    return read_report(report)["settings"]["rest"], read_report(report)["prims"][0]
+
+
+def test_rest_is_the_default_time_else_the_frame_with_fewest_intersections(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, OPEN))
+    assert rest_origins(tmp_path, path)[0] == ["default time"]
+    bare = tube_stage(tmp_path / "b.usda", (CLOSED, CLOSED, OPEN), rest=None)
+    assert rest_origins(tmp_path, bare, "--frames", "1:2")[0] == ["frame 3"]
+    origins, _ = rest_origins(tmp_path, bare, "--frames", "1:3")
+    assert origins == ["frame 3"]
+
+
+def test_rest_by_option(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, OPEN))
+    origins, prim = rest_origins(tmp_path, path, "--rest", "3")
+    assert origins == ["frame 3"] and prim["rest_intersections"] == 0
+    origins, prim = rest_origins(tmp_path, path, "--rest", "1")
+    assert origins == ["frame 1"] and prim["rest_intersections"] > 0
+    quads = tube_obj(tmp_path / "rest.obj", OPEN)
+    origins, prim = rest_origins(tmp_path, path, "--rest", quads)
+    assert origins == [str(quads)] and prim["rest_intersections"] == 0
+    outside = run("repair", path, "-o", tmp_path / "x.usdc", "--rest", "99")
+    assert_fails(outside, 2, "--rest 99", "samples from 1 to 3")
+    other = tube_stage(tmp_path / "other.usda", (CLOSED,), rest=2.0)
+    assert rest_origins(tmp_path, path, "--rest", other)[0] == [str(other)]
+
+
+def test_bad_rests_are_refused(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (CLOSED, OPEN))
+    out = ["-o", tmp_path / "b.usdc"]
+    wrong = write_obj(tmp_path / "w.obj", np.eye(3), np.array([[0, 1, 2]]))
+    assert_fails(run("repair", path, *out, "--rest", wrong), 3, "w.obj", "expected the topology")
+    assert_fails(run("repair", path, *out, "--rest", tmp_path / "no.obj"), 3, "no.obj")
+    assert_fails(run("repair", path, *out, "--rest", "inf"), 2, "--rest inf")
+    still = tube_stage(tmp_path / "still.usda", ())
+    assert_fails(run("repair", still, *out, "--rest", "2"), 2, "--rest 2", "changes over time")
+    mesh, moved = tube_obj(tmp_path / "m.obj"), ["-o", tmp_path / "b.obj"]
+    assert_fails(run("repair", mesh, *moved, "--rest", "2"), 2, "--rest 2", "no file has that")
+    shuffled = write_obj(tmp_path / "s.obj", tube_pose(OPEN), tube_polygons()[::-1])
+    assert_fails(run("repair", path, *out, "--rest", shuffled), 3, "expected the topology")
+    assert not (tmp_path / "b.usdc").exists()
+
+
+def test_intersecting_rest_is_a_warning(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED), rest=CLOSED)
+    done = run("repair", path, "-o", tmp_path / "b.usdc", "-q", "--report", tmp_path / "r.json")
+    assert done.err == "" and done.out == ""
+    assert "rest pose (default time) has" in run("repair", path, "-o", tmp_path / "b.usdc").err

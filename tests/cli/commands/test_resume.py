@@ -1,0 +1,151 @@
+"""Interrupted repairs: the old output stays, nothing is left behind, --resume ends the same."""
+
+from __future__ import annotations
+
+import os
+from functools import partial
+
+import numpy as np
+import pytest
+
+from dtrepair.pipeline.repair import run as repair_run
+from dtrepair.repair import repairer
+from dtrepair.repair import solution_cache as remember
+from dtrepair.repair.clip import animation
+from dtrepair.repair.clip.window_method import ShotMethod
+from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_stage
+
+FRAMES, WINDOW, OVERLAP = 40, 20, 6
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    """A clip that intersects here and there."""
+    angles = 6.2 + 0.25 * np.sin(0.5 * np.arange(FRAMES))
+    return tube_stage(tmp_path_factory.mktemp("clip") / "a.usdc", angles)
+
+
+@pytest.fixture
+def windows(monkeypatch):
+    """Small windows, and the number of those that were solved, not remembered."""
+    small = partial(remember.RememberingAnimator, window=WINDOW, overlap=OVERLAP)
+    monkeypatch.setattr(remember, "RememberingAnimator", small)
+    monkeypatch.setattr(animation, "WINDOW", WINDOW)
+    solved = []
+    solve = ShotMethod.__call__
+
+    def counted(self, *arguments, **options):
+        solved.append(1)
+        return solve(self, *arguments, **options)
+
+    monkeypatch.setattr(ShotMethod, "__call__", counted)
+    return solved
+
+
+def listing(folder):
+    return sorted(os.listdir(folder))
+
+
+def interrupted(monkeypatch, clip, output, at, *options):
+    """Run until frame `at` is written, then press Ctrl-C."""
+    say = repair_run.say
+
+    def press(console, repaired):
+        if repaired.frame.time == at:
+            raise KeyboardInterrupt
+        say(console, repaired)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(repair_run, "say", press)
+        return run("repair", clip, "-o", output, *options)
+
+
+def test_a_resumed_run_ends_with_the_same_bytes(tmp_path, monkeypatch, clip, windows):
+    whole, output = tmp_path / "whole.usdc", tmp_path / "b.usdc"
+    assert run("repair", clip, "-o", whole).code == 0
+    assert len(windows) == 3 and listing(tmp_path) == ["whole.usdc"]
+    output.write_text("old")
+    for at, solved in ((3, 1), (20, 1)):  # in the first window, in the second
+        windows.clear()
+        stopped = interrupted(monkeypatch, clip, output, at, "--resume")
+        assert_fails(stopped, 130, "interrupted", "no output was written", "--resume")
+        assert output.read_text() == "old" and len(windows) == solved
+        assert listing(tmp_path) == [".b.usdc.resume", "b.usdc", "whole.usdc"]
+    windows.clear()
+    resumed = run("repair", clip, "-o", output, "--resume")
+    assert resumed.code == 0 and resumed.err == ""
+    assert len(windows) == 1
+    assert output.read_bytes() == whole.read_bytes()
+    assert listing(tmp_path) == ["b.usdc", "whole.usdc"]
+
+
+def test_frames_repaired_alone_are_resumed_one_by_one(tmp_path, monkeypatch, clip):
+    assert run("repair", clip, "-o", tmp_path / "whole.usdc", "--alone").code == 0
+    stopped = interrupted(monkeypatch, clip, tmp_path / "b.usdc", 30, "--alone", "--jobs", 1)
+    assert_fails(stopped, 130, "--resume")
+    calls = []
+    solve = repairer.SceneRepairer.__call__
+
+    def counted(self, points):
+        calls.append(1)
+        return solve(self, points)
+
+    monkeypatch.setattr(repairer.SceneRepairer, "__call__", counted)
+    resumed = run("repair", clip, "-o", tmp_path / "b.usdc", "--alone", "--resume", "--jobs", 1)
+    assert resumed.code == 0 and len(calls) == FRAMES - 30
+    assert (tmp_path / "b.usdc").read_bytes() == (tmp_path / "whole.usdc").read_bytes()
+    assert listing(tmp_path) == ["b.usdc", "whole.usdc"]
+
+
+def test_other_settings_or_inputs_start_over(tmp_path, monkeypatch, clip):
+    output = tmp_path / "b.usdc"
+    options = ["--alone", "--frames", "1:20"]
+    interrupted(monkeypatch, clip, output, 12, *options)
+    other = run("repair", clip, "-o", output, "--resume", *options, "--diffusion", "98")
+    assert other.code in (0, 1) and "is not resumed" in other.err
+    assert listing(tmp_path) == ["b.usdc"]
+    interrupted(monkeypatch, clip, output, 12, *options)
+    changed = tube_stage(tmp_path / "a.usdc", np.full(20, CLOSED), rest=OPEN + 0.1)
+    other = run("repair", changed, "-o", output, "--resume", *options)
+    assert other.code == 0 and "is not resumed" in other.err
+
+
+def test_poses_that_changed_are_solved_again(tmp_path, monkeypatch, clip):
+    # The rest and the settings are the same, so the journal is used; the poses differ.
+    options = ["--alone", "--frames", "1:8"]
+    first = tube_stage(tmp_path / "a.usdc", np.full(8, CLOSED))
+    interrupted(monkeypatch, first, tmp_path / "b.usdc", 6, *options)
+    tube_stage(first, [CLOSED, *np.full(7, CLOSED + 0.1)])
+    assert run("repair", first, "-o", tmp_path / "b.usdc", "--resume", *options).code == 0
+    assert run("repair", first, "-o", tmp_path / "c.usdc", *options).code == 0
+    assert (tmp_path / "b.usdc").read_bytes() == (tmp_path / "c.usdc").read_bytes()
+
+
+def test_without_resume_a_run_starts_over_and_says_so(tmp_path, monkeypatch, clip):
+    options = ["--alone", "--frames", "1:8"]
+    interrupted(monkeypatch, clip, tmp_path / "b.usdc", 6, *options)
+    done = run("repair", clip, "-o", tmp_path / "b.usdc", *options)
+    assert done.code == 0 and "--resume would go on" in done.err
+    assert listing(tmp_path) == ["b.usdc"]
+
+
+def test_broken_entries_are_solved_again(tmp_path, monkeypatch, clip):
+    options = ["--alone", "--frames", "1:8"]
+    assert run("repair", clip, "-o", tmp_path / "whole.usdc", *options).code == 0
+    interrupted(monkeypatch, clip, tmp_path / "b.usdc", 7, *options)
+    entries = sorted((tmp_path / ".b.usdc.resume").glob("*.npz"))
+    assert len(entries) == 7
+    entries[0].write_bytes(b"")
+    entries[1].write_bytes(entries[1].read_bytes()[:100])
+    broken = bytearray(entries[2].read_bytes())
+    broken[len(broken) // 3] ^= 255
+    entries[2].write_bytes(broken)
+    assert run("repair", clip, "-o", tmp_path / "b.usdc", "--resume", *options).code == 0
+    assert (tmp_path / "b.usdc").read_bytes() == (tmp_path / "whole.usdc").read_bytes()
+
+
+def test_progress_that_cannot_be_kept_is_a_warning(tmp_path, clip):
+    (tmp_path / ".b.usdc.resume").write_text("a file in the way")
+    done = run("repair", clip, "-o", tmp_path / "b.usdc", "--alone", "--frames", "1:4")
+    assert done.code == 0 and "progress cannot be kept" in done.err
+    assert (tmp_path / "b.usdc").exists()

@@ -1,0 +1,325 @@
+"""`dtrepair repair` with several meshes, colliders and pins."""
+
+import numpy as np
+import pytest
+
+from dtrepair.report.record import read_report
+from tests.command_line import (
+    CLOSED,
+    OPEN,
+    assert_fails,
+    read_samples,
+    run,
+    tube_obj,
+    tube_polygons,
+    tube_stage,
+)
+from tests.meshes import icosphere, tube_quads
+
+
+@pytest.fixture
+def rod_in_ball(tmp_path):
+    """A rod that a transform moves into a ball; both live under scaled or turned parents."""
+    from usd_io import AuthoredMesh, write_animation
+
+    ball, ball_faces = icosphere(2, radius=0.5)
+    rod, rod_faces = tube_quads(8, 12, radius=0.12, length=1.2)
+    into = np.tile(np.diag([10.0, 10.0, 10.0, 1.0]), (4, 1, 1))
+    into[:, 3, 2] = (20.0, 10.5, 9.0, 20.0)
+    turn = np.array([[0, 20.0, 0, 0], [-20.0, 0, 0, 0], [0, 0, 20.0, 0], [0, 0, 0, 1]])
+    path = tmp_path / "scene.usda"
+    meshes = [
+        AuthoredMesh(path="/Ball/Mesh", faces=ball_faces, rest=ball, transforms=turn),
+        AuthoredMesh(path="/Rod/Mesh", faces=rod_faces, rest=rod, transforms=into),
+    ]
+    write_animation(path, meshes, times=(1.0, 2.0, 3.0, 4.0))
+    return path
+
+
+def moved(path, out, prim):
+    """Whether a mesh's points differ from the input's at each time code that was written."""
+    from pxr import Usd
+
+    values = []
+    for name in (path, out):
+        stage = Usd.Stage.Open(str(name))  # prims die with their stage
+        attribute = stage.GetPrimAtPath(prim).GetAttribute("points")
+        values.append([np.array(attribute.Get(time)) for time in (1, 2, 3, 4)])
+    return [not np.array_equal(a, b) for a, b in zip(*values, strict=True)]
+
+
+def test_two_meshes_are_separated_in_world_space(rod_in_ball, tmp_path):
+    out = tmp_path / "out.usdc"
+    report = tmp_path / "r.json"
+    assert run("check", rod_in_ball).code == 1
+    done = run("repair", rod_in_ball, "-o", out, "--report", report, "--alone")
+    assert done.code == 0, done
+    assert run("check", out).code == 0
+    frames = read_report(report)["frames"]
+    assert [frame["before"]["inter_pairs"] > 0 for frame in frames] == [False, True, True, False]
+    assert [frame["after"]["pairs"] for frame in frames] == [0, 0, 0, 0]
+    assert {prim["path"] for prim in frames[1]["prims"]} == {"/Ball/Mesh", "/Rod/Mesh"}
+    assert moved(rod_in_ball, out, "/Ball/Mesh") == [False, True, True, False]
+    assert moved(rod_in_ball, out, "/Rod/Mesh") == [False, True, True, False]
+
+
+@pytest.fixture
+def different_ranges(tmp_path):
+    """A ball squashed at times 1 to 4, a rod that goes right through it at 3, 5, 7 and 9."""
+    from pxr import Usd
+
+    from usd_io import AuthoredMesh, write_animation
+
+    ball, ball_faces = icosphere(2, radius=0.5)
+    rod, rod_faces = icosphere(2)
+    rod = rod * np.array([0.1, 0.1, 1.2])
+    times = np.arange(1.0, 10.0)
+    squash = np.interp(times, [1, 2, 3, 4], [1.0, 1.2, 0.9, 1.0])
+    height = np.interp(times, [3, 9], [2.0, 0.1])
+    path = np.tile(np.eye(4), (len(times), 1, 1))
+    path[:, 3] = [(0.15, 0.1, z, 1.0) for z in height]
+    meshes = [
+        AuthoredMesh(
+            path="/Ball/Mesh", faces=ball_faces, points=[ball * [1, 1, s] for s in squash]
+        ),
+        AuthoredMesh(path="/Rod/Mesh", faces=rod_faces, rest=rod, transforms=path),
+    ]
+    file = tmp_path / "ranges.usda"
+    write_animation(file, meshes, times=times)
+    stage = Usd.Stage.Open(str(file))
+    points = stage.GetPrimAtPath("/Ball/Mesh").GetAttribute("points")
+    matrices = stage.GetPrimAtPath("/Rod").GetAttribute("xformOp:transform")
+    for time in times:
+        if time > 4:
+            points.ClearAtTime(time)
+        if time not in (3, 5, 7, 9):
+            matrices.ClearAtTime(time)
+    stage.Save()
+    return file
+
+
+@pytest.mark.parametrize("still", [None, "/Ball//", "/Rod//"])
+def test_different_frame_ranges_of_two_animated_meshes(different_ranges, tmp_path, still):
+    out, report = tmp_path / "out.usda", tmp_path / "r.json"
+    options = ["--collider", still] if still else []
+    assert run("check", different_ranges).code == 1
+    done = run("repair", different_ranges, "-o", out, "--report", report, *options)
+    assert done.code == run("check", out).code == 0, done
+    frames = read_report(report)["frames"]
+    assert [frame["time"] for frame in frames] == [1, 2, 3, 4, 5, 7, 9]
+    for frame in frames:
+        # A rod right through a ball is moved, not stretched.
+        for prim in frame["prims"]:
+            motion = prim["motion"]
+            assert motion is None or motion["edge_change"] < 0.02
+            assert motion is None or still is None or not prim["path"].startswith(still[:-2])
+    assert frames[-1]["before"]["inter_pairs"] > 20
+
+
+def test_meshes_that_never_lie_clear_of_each_other_are_named(rod_in_ball, tmp_path):
+    out = ("-o", tmp_path / "out.usda")
+    told = "intersect in every frame in which their rest poses were placed"
+    # Frame 1 tells, even if it is not selected.
+    assert told not in run("repair", rod_in_ball, *out, "--frames", "2:3").err
+    still = sink(rod_in_ball, tmp_path)
+    assert f"/Ball/Mesh and /Rod/Mesh {told}" in run("repair", still, *out).err
+    assert told not in run("repair", still, *out, "--mode", "self").err
+    assert told not in run("repair", still, *out, "--ignore", "/Ball,/Rod").err
+
+
+def sink(path, folder):
+    """The scene with the rod in the ball at every time."""
+    from pxr import Usd
+
+    stage = Usd.Stage.Open(str(path))
+    matrices = stage.GetPrimAtPath("/Rod").GetAttribute("xformOp:transform")
+    for time in (1, 4):
+        matrices.Set(matrices.Get(3), time)
+    other = folder / "sunk.usda"
+    stage.Export(str(other))
+    return other
+
+
+def test_frames_not_selected_stay_as_they_are(rod_in_ball, tmp_path):
+    # The points of both have no time samples, and the transform of the ball has none either.
+    out = tmp_path / "out.usda"
+    assert run("repair", rod_in_ball, "-o", out, "--frames", "2", "--alone").code == 0
+    assert moved(rod_in_ball, out, "/Ball/Mesh") == [False, True, False, False]
+    assert moved(rod_in_ball, out, "/Rod/Mesh") == [False, True, False, False]
+
+
+def test_two_meshes_steadily(rod_in_ball, tmp_path):
+    out = tmp_path / "out.usdc"
+    done = run("repair", rod_in_ball, "-o", out)
+    assert done.code == run("check", out).code == 0, done
+
+
+@pytest.mark.parametrize(
+    ("still", "other"), [("/Ball/Mesh", "/Rod/Mesh"), ("/Rod/Mesh", "/Ball/Mesh")]
+)
+def test_a_collider_never_moves(rod_in_ball, tmp_path, still, other):
+    out = tmp_path / "out.usda"
+    done = run("repair", rod_in_ball, "-o", out, "--prim", other, "--collider", still)
+    assert done.code == run("check", out).code == 0, done
+    assert not any(moved(rod_in_ball, out, still))
+    assert any(moved(rod_in_ball, out, other))
+    # The collider is not even in the layer.
+    assert still.split("/")[1] not in out.read_text().split("subLayers")[1]
+
+
+def test_mode_self_leaves_contacts_between_meshes(rod_in_ball, tmp_path):
+    out = tmp_path / "out.usda"
+    assert run("repair", rod_in_ball, "-o", out, "--mode", "self").code == 0
+    assert not any(moved(rod_in_ball, out, "/Rod/Mesh"))
+    assert run("check", out).code == 1
+
+
+def add_pin(path, values, name="pin"):
+    from pxr import Sdf, Usd, UsdGeom
+
+    stage = Usd.Stage.Open(str(path))
+    primvars = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/Root/Tube"))
+    primvars.CreatePrimvar(name, Sdf.ValueTypeNames.FloatArray, "vertex").Set(values)
+    stage.Save()
+
+
+def test_pinned_vertices_keep_every_bit(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
+    fixed = np.arange(200) < 100  # one half of the tube
+    add_pin(path, fixed.astype(float).tolist())
+    out = tmp_path / "b.usdc"
+    assert run("repair", path, "-o", out, "--pin", "pin").code == run("check", out).code
+    before, after = read_samples(path)[2], read_samples(out)[2]
+    assert np.array_equal(before[fixed], after[fixed])
+    assert not np.array_equal(before[~fixed], after[~fixed])
+
+
+def test_bad_pins_are_refused(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
+    add_pin(path, [3.0] * 200)
+    out = tmp_path / "b.usdc"
+    assert_fails(run("repair", path, "-o", out, "--pin", "pin"), 3, "from 0 to 1")
+    assert_fails(run("repair", path, "-o", out, "--pin", "pen"), 2, "--pin pen", "GeomSubset")
+    mesh = tube_obj(tmp_path / "a.obj")
+    assert_fails(run("repair", mesh, "-o", tmp_path / "b.obj", "--pin", "p"), 2, "USD stages")
+    assert not out.exists()
+
+
+def test_a_mesh_that_holds_its_points_stays_put_between_its_samples(tmp_path):
+    """A mesh keyed at 1 and 5 beside one keyed at every frame: clean frames must not shift."""
+    from pxr import Usd
+
+    from usd_io import AuthoredMesh, write_animation
+
+    path = tube_stage(tmp_path / "tube.usda", (OPEN, OPEN, CLOSED, OPEN, OPEN))
+    ball, faces = icosphere(1, radius=0.1)
+    points = [ball + np.array([5, 0, 0.1 * time]) for time in range(5)]
+    meshes = [
+        AuthoredMesh(
+            path="/Root/Tube",
+            faces=tube_polygons(),
+            points=list(read_samples(path).values()),
+        ),
+        AuthoredMesh(path="/Root/Ball", faces=faces, points=points),
+    ]
+    both = tmp_path / "both.usda"
+    write_animation(both, meshes, times=np.arange(1.0, 6.0))
+    stage = Usd.Stage.Open(str(both))
+    attribute = stage.GetPrimAtPath("/Root/Tube").GetAttribute("points")
+    for time in (2, 4):
+        attribute.ClearAtTime(time)
+    stage.Save()
+    held = {time: np.array(attribute.Get(time)) for time in (1, 2, 4, 5)}
+    del attribute, stage
+    out = tmp_path / "out.usdc"
+    assert run("repair", both, "-o", out, "--alone").code == 0
+    stage = Usd.Stage.Open(str(out))
+    result = stage.GetPrimAtPath("/Root/Tube").GetAttribute("points")
+    for time, points in held.items():
+        assert np.allclose(np.array(result.Get(time)), points, atol=1e-6)
+
+
+def largest_move(path, out, time=2):
+    """Largest distance a vertex of the tube moved at a time, in its own units."""
+    before, after = read_samples(path)[time], read_samples(out)[time]
+    return float(np.linalg.norm(after - before, axis=1).max())
+
+
+def test_maximum_displacement_is_kept_in_stage_units(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
+    stretch(path, 10.0)
+    out = tmp_path / "b.usdc"
+    assert run("repair", path, "-o", out, "--alone").code == 0
+    free = largest_move(path, out)
+    limit = 5.0 * free  # half of it, as the parent stretches by ten
+    code = run("repair", path, "-o", out, "--alone", "--maximum-displacement", limit).code
+    assert code == run("check", out).code
+    assert largest_move(path, out) <= limit / 10 * (1 + 1e-5)
+
+
+def stretch(path, factor):
+    from pxr import Usd, UsdGeom
+
+    stage = Usd.Stage.Open(str(path))
+    UsdGeom.Xformable(stage.GetPrimAtPath("/Root")).AddScaleOp().Set((factor,) * 3)
+    stage.Save()
+
+
+def gap(points):
+    """Smallest distance between vertices of the two ends of the tube."""
+    first, last = points[:40], points[-40:]
+    return float(np.linalg.norm(first[:, None] - last[None], axis=2).min())
+
+
+@pytest.mark.parametrize("alone", [["--alone"], []])
+def test_clearance_opens_the_gap(tmp_path, alone):
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
+    gaps = []
+    for clearance in ("0", "0.03"):
+        out = tmp_path / f"b{clearance}.usdc"
+        assert run("repair", path, "-o", out, *alone, "--clearance", clearance).code == 0
+        gaps.append(gap(read_samples(out)[2]))
+    assert gaps[1] > max(gaps[0], 0.025)
+
+
+@pytest.mark.parametrize("alone", [["--alone"], []])
+def test_direction_leads_the_way(tmp_path, alone):
+    from pxr import Sdf, Usd, UsdGeom
+
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
+    stage = Usd.Stage.Open(str(path))
+    tube = UsdGeom.Mesh(stage.GetPrimAtPath("/Root/Tube"))
+    UsdGeom.Subset.CreateGeomSubset(tube, "end", "point", list(range(60)))
+    primvars = UsdGeom.PrimvarsAPI(tube)
+    kind = Sdf.ValueTypeNames.Vector3fArray
+    primvars.CreatePrimvar("way", kind, "constant").Set([(0, 1, 0)])
+    stage.Save()
+    del tube, primvars, stage
+    lifted = []
+    for direction in ("end=0,1,0", "end=0,-1,0"):
+        out = tmp_path / "b.usdc"
+        run("repair", path, "-o", out, *alone, "--direction", direction)
+        lifted.append(float((read_samples(out)[2] - read_samples(path)[2])[:60, 1].mean()))
+    assert lifted[0] > 0 > lifted[1]
+    assert run("repair", path, "-o", out, *alone, "--direction", "way").code in (0, 1)
+    for wrong in ("end=1,2", "end=a,b,c", "end=0,0,0", "nobody", "nobody=0,1,0"):
+        done = run("repair", path, "-o", out, *alone, "--direction", wrong)
+        assert_fails(done, 2, "--direction")
+
+
+@pytest.mark.parametrize(
+    "option", [("--clearance", 0.1), ("--maximum-displacement", 1), ("--direction", "a=0,0,1")]
+)
+def test_options_without_effect_are_refused(tmp_path, option):
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
+    out = ["-o", tmp_path / "b.usdc"]
+    paper = run("repair", path, *out, *option, "--method", "paper")
+    assert_fails(paper, 2, option[0], "--method paper")
+
+
+def test_rest_contacts_can_be_left(tmp_path):
+    path = tube_stage(tmp_path / "a.usda", (CLOSED,), rest=CLOSED)
+    out = tmp_path / "b.usdc"
+    left = run("repair", path, "-o", out, "--rest-contacts", "leave")
+    assert left.code == 1 and largest_move(path, out, 1) == 0.0
+    assert run("repair", path, "-o", out, "--rest-contacts", "repair").code == 0

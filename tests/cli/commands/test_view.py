@@ -1,0 +1,149 @@
+"""`dtrepair view`: pictures without a display; the window where polyscope is installed."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from dtrepair.cli.commands import view
+from dtrepair.display import viewer
+from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
+
+
+@pytest.fixture(autouse=True)
+def no_display(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+
+
+def red_pixels(path):
+    from PIL import Image
+
+    with Image.open(path) as picture:
+        pixels = np.asarray(picture.convert("RGB")).astype(int)
+    return (pixels[..., 0] > 100) & (pixels[..., 1] < 60) & (pixels[..., 2] < 60)
+
+
+def test_a_picture_of_before_and_after(tmp_path):
+    stage = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
+    clean = tube_stage(tmp_path / "b.usda", (OPEN, OPEN, OPEN))
+    picture = tmp_path / "p.png"
+    done = run("view", clean, "--before", stage, "--screenshot", picture)
+    assert done.code == 0 and done.err == "" and "written: " in done.out
+    red = red_pixels(picture)
+    assert red.shape[1] == 2 * 640
+    # The worst frame of the input is taken, and only the input intersects there.
+    assert red[:, :640].sum() > 50 and red[:, 640:].sum() == 0
+
+
+def test_frames_choose_what_is_drawn(tmp_path):
+    stage = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
+    picture = tmp_path / "p.png"
+    assert run("view", stage, "--screenshot", picture).code == 0
+    assert red_pixels(picture).any()
+    assert run("view", stage, "--screenshot", picture, "--frames", "3").code == 0
+    assert not red_pixels(picture).any()
+
+
+def test_a_mesh_file(tmp_path):
+    mesh = tube_obj(tmp_path / "a.obj", CLOSED)
+    assert run("view", mesh, "--screenshot", tmp_path / "p.png").code == 0
+    assert red_pixels(tmp_path / "p.png").any()
+
+
+def test_errors(tmp_path, monkeypatch):
+    mesh = tube_obj(tmp_path / "a.obj", CLOSED)
+    picture = ("--screenshot", tmp_path / "p.png")
+    monkeypatch.setattr(viewer, "has_polyscope", lambda: True)
+    assert_fails(run("view", mesh), 2, "no display", "--screenshot")
+    monkeypatch.setattr(viewer, "has_polyscope", lambda: False)
+    assert_fails(run("view", mesh), 2, "pip install 'dtrepair[view]'")
+    assert_fails(run("view", tmp_path / "no.obj", *picture), 3, "no.obj")
+    assert_fails(run("view", mesh, "--screenshot", mesh), 2, "is an input")
+    assert_fails(run("view", mesh, "--screenshot", tmp_path / "no" / "p.png"), 5, "written")
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    assert_fails(run("view", mesh, *picture), 2, "pip install pillow")
+
+
+def test_pictures_are_png_or_jpg(tmp_path):
+    mesh = tube_obj(tmp_path / "a.obj", CLOSED)
+    assert run("view", mesh, "--screenshot", tmp_path / "p.JPG").code == 0
+    for name in ("v.txt", "v"):
+        assert_fails(run("view", mesh, "--screenshot", tmp_path / name), 2, name, ".png")
+        assert not (tmp_path / name).exists()
+
+
+def test_an_unusable_frame_is_told(tmp_path):
+    from pxr import Usd
+
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
+    stage = Usd.Stage.Open(str(path))
+    points = stage.GetPrimAtPath("/Root/Tube").GetAttribute("points")
+    values = np.array(points.Get(2.0))
+    values[0] = np.nan
+    points.Set(values, 2.0)
+    stage.GetRootLayer().Save()
+    done = run("view", path, "--screenshot", tmp_path / "p.png", "--frames", "2")
+    assert_fails(done, 3, "no frame is usable")
+    assert run("view", path, "--screenshot", tmp_path / "p.png").code == 0
+
+
+class FakeViewer:
+    """Stands for the window: keeps what it was given."""
+
+    made = None
+
+    def __init__(self, meshes, labels, *, up, first=0, headless=False):
+        FakeViewer.made = self
+        self.meshes, self.labels, self.first, self.up = meshes, labels, first, up
+        self.shown = False
+
+    def show(self):
+        self.shown = True
+
+    def screenshot(self, path):
+        path.write_bytes(b"picture")
+
+
+def test_the_window_gets_both_meshes_and_all_frames(tmp_path, monkeypatch):
+    stage = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(viewer, "has_polyscope", lambda: True)
+    monkeypatch.setattr(viewer, "Viewer", FakeViewer)
+    assert run("view", stage, "--before", stage).code == 0
+    made = FakeViewer.made
+    assert made.shown and made.labels == ["1", "2", "3"] and made.first == 0
+    assert [mesh.name for mesh in made.meshes] == ["before", "after"]
+    points, red = made.meshes[0].frame(1)
+    assert len(points) == 200 and red.sum() > 0
+    assert not made.meshes[0].frame(0)[1].any()
+
+
+def test_a_screenshot_of_the_window_shows_the_worst_frame(tmp_path, monkeypatch):
+    stage = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
+    taken = []
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(viewer, "has_polyscope", lambda: True)
+    monkeypatch.setattr(viewer, "Viewer", FakeViewer)
+    monkeypatch.setattr(FakeViewer, "screenshot", lambda self, path: taken.append(path))
+    assert run("view", stage, "--screenshot", tmp_path / "p.png").code == 0
+    assert taken == [str(tmp_path / "p.png")]
+    assert FakeViewer.made.first == 1 and not FakeViewer.made.shown
+
+
+def test_a_broken_display_falls_back_to_a_drawing(tmp_path, monkeypatch):
+    def broken(*arguments, **options):
+        raise RuntimeError("no backend")
+
+    mesh = tube_obj(tmp_path / "a.obj", CLOSED)
+    monkeypatch.setenv("DISPLAY", ":77")
+    monkeypatch.setattr(viewer, "has_polyscope", lambda: True)
+    monkeypatch.setattr(viewer, "Viewer", broken)
+    assert run("view", mesh, "--screenshot", tmp_path / "p.png").code == 0
+    assert red_pixels(tmp_path / "p.png").any()
+    assert_fails(run("view", mesh), 2, "cannot open a window", "--screenshot")
+
+
+def test_summary_says_that_a_window_opens():
+    assert "window" in view.command.help

@@ -1,0 +1,118 @@
+"""How runs end: with which code, and with which line."""
+
+import click
+import numpy as np
+import pytest
+
+from dtrepair.repair.parallel.process_pool import can_fork
+from tests.command_line import CLOSED, OPEN, assert_fails, read_samples, run, tube_pose, tube_stage
+
+
+def spoil(path, *times):
+    """Put the points of the tube at some times to NaN."""
+    from pxr import Sdf
+
+    layer = Sdf.Layer.FindOrOpen(str(path))
+    for time in times:
+        broken = np.full_like(tube_pose(OPEN), np.nan, dtype=np.float32)
+        layer.SetTimeSample("/Root/Tube.points", time, broken)
+    layer.Save()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["check"],
+        ["repair", "-o", "{out}"],
+        ["repair", "-o", "{out}", "--alone"],
+        ["keyposes", "-o", "{out}"],
+        ["keyposes", "--verify-only"],
+        ["transfer", "{rest}", "-o", "{out}"],
+        ["transfer", "{rest}", "-o", "{out}", "--repair"],
+    ],
+)
+def test_no_usable_frame_is_an_unusable_input(tmp_path, arguments):
+    path, out = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN)), tmp_path / "b.usdc"
+    rest = tube_stage(tmp_path / "rest.usda", (OPEN,))
+    spoil(path, 1.0, 2.0)
+    filled = [word.format(out=out, rest=rest) for word in arguments]
+    done = run(filled[0], path, *filled[1:], "--frames", "1:2", "-q")
+    assert_fails(done, 3, "a.usda: no frame could be used", "NaN")
+    assert not out.exists()
+    # With a frame that is fine the others are told, and the rest is done.
+    assert run(filled[0], path, *filled[1:], "-q").code == 4
+
+
+def test_a_chunk_without_a_usable_frame_is_written_for_join(tmp_path):
+    path, parts = tube_stage(tmp_path / "a.usda", (CLOSED, OPEN)), []
+    spoil(path, 2.0)
+    for number, code in ((1, 0), (2, 4)):
+        parts.append(tmp_path / f"{number}.usdc")
+        done = run("repair", path, "-o", parts[-1], "--alone", "--chunk", f"{number}/2")
+        assert done.code == code
+    assert run("join", *parts, "-o", tmp_path / "whole.usdc").code == 0
+    assert np.isnan(read_samples(tmp_path / "whole.usdc")[2.0]).all()
+
+
+def test_a_flat_transform_fails_without_the_name_of_an_exception(tmp_path):
+    from pxr import Usd, UsdGeom
+
+    path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED))
+    stage = Usd.Stage.Open(str(path))
+    cube = tube_pose(OPEN).astype(np.float32)
+    other = UsdGeom.Mesh.Define(stage, "/Root/Other")
+    other.CreatePointsAttr(cube)
+    other.CreateFaceVertexCountsAttr([3])
+    other.CreateFaceVertexIndicesAttr([0, 1, 2])
+    UsdGeom.Xformable(stage.GetPrimAtPath("/Root/Tube")).AddScaleOp().Set((1, 0, 1))
+    stage.Save()
+    del stage, other
+    done = run("repair", path, "-o", tmp_path / "b.usdc", "-q")
+    assert_fails(done, 3, "no frame could be used: /Root/Tube at frame 1: ", "zero or infinite")
+
+
+def test_an_interrupt_inside_the_demo_is_no_internal_error(tmp_path, monkeypatch):
+    from dtrepair.cli.commands import repair
+
+    def interrupted(*arguments, **options):
+        raise click.Abort from KeyboardInterrupt()
+
+    monkeypatch.setattr(repair.command, "main", interrupted)
+    done = run("demo", tmp_path / "demo", "-q", "--frames", 3)
+    assert_fails(done, 130, "interrupted; no output was written")
+
+
+def test_an_output_is_not_called_an_input(tmp_path):
+    path = tube_stage(tmp_path / "a.usda")
+    out = ["-o", tmp_path / "b.usdc", "--report"]
+    assert_fails(run("repair", path, *out, path), 2, "a.usda: is an input of this run")
+    assert_fails(run("repair", path, *out, out[1]), 2, "b.usdc: is another output of this run")
+
+
+@pytest.mark.skipif(not can_fork(), reason="processes cannot be forked here")
+def test_a_trace_reaches_into_the_workers(tmp_path, monkeypatch):
+    from dtrepair.repair import repairer
+
+    def deep_inside(self, points):
+        raise ArithmeticError("no factor")
+
+    path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, CLOSED))
+    out = ["-o", tmp_path / "b.usdc", "--chunk", "1/1", "--jobs", 2]
+    monkeypatch.setattr(repairer.SceneRepairer, "__call__", deep_inside)
+    told = run("repair", path, *out, "--alone", "-vv")
+    assert told.code == 4 and "Traceback" in told.err
+    assert told.err.count("in deep_inside") == 3  # one of each frame
+    assert "deep_inside" not in run("repair", path, *out, "--alone").err
+
+
+def test_a_trace_tells_why_frames_are_not_repaired_together(tmp_path, monkeypatch):
+    from dtrepair.repair.clip.animation import AnimationRepairer
+
+    def deep_inside(self, poses, **options):
+        raise ArithmeticError("no window")
+
+    path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, CLOSED))
+    monkeypatch.setattr(AnimationRepairer, "stream", deep_inside)
+    told = run("repair", path, "-o", tmp_path / "b.usdc", "-vv")
+    assert told.code == 0 and "in deep_inside" in told.err
+    assert "the frames are repaired alone: ArithmeticError: no window" in told.err

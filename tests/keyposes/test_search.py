@@ -1,0 +1,200 @@
+"""Poses between keys: interpolation as USD has it, keys moved or added, honest about the rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pxr import Usd, UsdGeom, Vt
+
+from dtrepair import Repairer, RepairOptions, find_intersections
+from dtrepair.keyposes.changes import NEIGHBOUR_LIMIT, neighbours_moved, scaled
+from dtrepair.keyposes.search import clean_in_betweens, verify_in_betweens
+from dtrepair.keyposes.spans import KeyOptions
+from dtrepair.keyposes.tracks import Track, between
+from tests.swinging_arm import arm_mesh, arm_pose
+
+
+def float32(points):
+    return np.asarray(points, dtype=np.float32)
+
+
+def random_poses(count=3, vertices=500):
+    generator = np.random.default_rng(7)
+    return [float32(10 * generator.standard_normal((vertices, 3))) for _ in range(count)]
+
+
+def test_linear_in_betweens_are_those_of_usd_bit_for_bit():
+    times, poses = (1.0, 8.5, 9.25), random_poses()
+    stage = Usd.Stage.CreateInMemory()
+    points = UsdGeom.Mesh.Define(stage, "/Mesh").CreatePointsAttr()
+    for time, pose in zip(times, poses, strict=True):
+        points.Set(Vt.Vec3fArray.FromNumpy(pose), time)
+    for time in (0.0, 1.0, 1.1, 2 + 1 / 3, 8.4999, 8.5, 8.7, 9.25, 11.0):
+        assert np.array_equal(between(times, poses, time), np.array(points.Get(time))), time
+    del points, stage
+
+
+def test_cubic_in_betweens_follow_a_parabola_where_linear_ones_do_not():
+    # Central differences are exact for a parabola over even keys, in the spans between inner ones.
+    times = (0.0, 1.0, 2.0, 3.0)
+    poses = [float32([[t, t * t, 1.0]]) for t in times]
+    found = between(times, poses, 1.3, interpolation="cubic")
+    assert found == pytest.approx(np.array([[1.3, 1.69, 1.0]]), abs=1e-6)
+    assert between(times, poses, 1.3)[0, 1] == pytest.approx(1.9, abs=1e-6)
+    for time, pose in zip(times, poses, strict=True):
+        assert np.array_equal(between(times, poses, time, interpolation="cubic"), pose)
+    with pytest.raises(ValueError, match="one of linear, cubic, got 'held'"):
+        between(times, poses, 1.3, interpolation="held")
+
+
+def test_tracks_refuse_keys_that_do_not_fit():
+    pose = np.zeros((1, 3), np.float32)
+    with pytest.raises(ValueError, match="each of 2 times"):
+        Track((1.0, 2.0), (pose,))
+    with pytest.raises(ValueError, match="times should increase"):
+        Track((1.0, 1.0), (pose, pose))
+
+
+def test_tracks_take_keys_and_give_them_back():
+    first, second, other = random_poses()
+    track = Track((1.0, 3.0), (first, second))
+    more = track.with_key(2.0, other)
+    assert more.times == (1.0, 2.0, 3.0) and more.changed == {2.0}
+    assert np.array_equal(more.at(2.0), other) and track.times == (1.0, 3.0)
+    assert more.without_key(2.0).times == (1.0, 3.0) and not more.without_key(2.0).changed
+    assert more.without_key(9.0) is more
+    assert track.around(2.5) == (1.0, 3.0)
+    assert track.around(1.0) is None and track.around(3.5) is None
+    assert more.reach(2.0) == (1.0, 3.0) and more.reach(1.0) == (-np.inf, 2.0)
+    assert more.reach(1.0, interpolation="cubic") == (-np.inf, 3.0)
+
+
+def test_a_still_mesh_changes_at_the_new_key_only():
+    pose, other = random_poses(2)
+    track = Track((), (pose,)).with_key(2.0, other, all_times=(1.0, 2.0, 3.0))
+    assert track.times == (1.0, 2.0, 3.0)
+    assert np.array_equal(track.at(1.0), pose) and np.array_equal(track.at(3.0), pose)
+
+
+def test_the_original_holds_until_a_key_changes():
+    first, second, other = random_poses()
+    track = Track((1.0, 3.0), (first, second), original=lambda time: other)
+    assert np.array_equal(track.at(2.0), other)
+    changed = track.with_key(1.0, first + 1)
+    assert np.array_equal(changed.at(2.0), between((1.0, 3.0), (first + 1, second), 2.0))
+
+
+@pytest.mark.parametrize("only_added", [False, True])
+def test_neighbours_are_moved_such_that_the_in_between_is_met(only_added):
+    first, second = random_poses(2)
+    track = Track((0.0, 10.0), (first, second))
+    pose = track.at(2.5)
+    aim = pose.copy()
+    aim[3] += 0.2
+    change = neighbours_moved([track], 2.5, [pose], [aim], (0.0,), only_added=only_added)
+    assert change is not None and not change.added
+    for _, time, key in change.keys:
+        track = track.with_key(time, key)
+    assert track.changed == ({0.0} if only_added else {0.0, 10.0})
+    assert track.at(2.5) == pytest.approx(aim, abs=1e-5)
+    assert np.array_equal(track.poses[0][4:], first[4:])  # what did not move keeps every bit
+
+
+def test_given_keys_are_not_moved_far():
+    track = Track((0.0, 10.0), tuple(random_poses(2)))
+    pose = track.at(5.0)
+    diagonal = np.linalg.norm(np.ptp(pose, axis=0))
+    for part, moves in ((0.9, True), (1.1, False)):
+        aim = pose + float32([part * NEIGHBOUR_LIMIT * diagonal, 0, 0])
+        assert (neighbours_moved([track], 5.0, [pose], [aim]) is not None) == moves
+    assert neighbours_moved([track], 10.0, [pose], [pose + 1]) is None
+
+
+def test_scaled_displacements_keep_unmoved_bits():
+    old, _ = random_poses(2)
+    new = old.copy()
+    new[0] += 1
+    farther = scaled(old, new, 1.5)
+    assert farther[0] == pytest.approx(old[0] + 1.5) and np.array_equal(farther[1:], old[1:])
+
+
+class ArmSolver:
+    """Counts and repairs the arm; `cases` are repairs asked for."""
+
+    def __init__(self, *, helpless=False):
+        _, self.faces = arm_mesh(1.0)
+        self.repairer = (
+            None
+            if helpless
+            else Repairer(arm_pose(1.0), self.faces, options=RepairOptions(tighten=0))
+        )
+        self.cases = 0
+
+    def pairs(self, time, poses):
+        return len(find_intersections(poses[0], self.faces))
+
+    def repair(self, time, poses):
+        self.cases += 1
+        if self.repairer is None:
+            return None
+        result = self.repairer(poses[0])
+        return (result.points,) if result.after.pairs < result.before.pairs else None
+
+    def allowed(self, index, time, given, pose):
+        return pose
+
+
+def arm_track(*swings):
+    times = tuple(10.0 * k for k in range(len(swings)))
+    return Track(times, tuple(float32(arm_pose(swing)) for swing in swings))
+
+
+def dirty(samples):
+    return [sample.time for sample in samples if sample.pairs]
+
+
+def test_in_betweens_of_a_swing_through_the_body_become_clean():
+    track, solver = arm_track(1.0, -1.0, -0.8), ArmSolver()
+    spans = [(0.0, 10.0), (10.0, 20.0)]
+    options = KeyOptions(samples=8, keep_keys=True)
+    found = clean_in_betweens([track], spans, solver, options=options)
+    swing, rest = found.spans
+    assert dirty(swing.before) and not dirty(swing.after) and 1 <= len(swing.added) <= 3
+    assert not dirty(rest.before) and not rest.added
+    result = found.tracks[0]
+    assert result.changed == set(swing.added)  # given keys stay
+    assert len(swing.after) == 8 * (1 + len(swing.added))
+    for sample in swing.after:
+        assert solver.pairs(sample.time, [result.at(sample.time)]) == sample.pairs == 0
+    again = verify_in_betweens([result], [(0.0, 10.0)], solver, options=options)
+    assert again.tracks == (result,)
+
+
+def test_verification_changes_nothing():
+    track, solver = arm_track(1.0, -1.0), ArmSolver()
+    found = verify_in_betweens([track], [(0.0, 10.0)], solver, options=KeyOptions(jobs=2))
+    assert found.tracks == (track,) and solver.cases == 0
+    (span,) = found.spans
+    assert span.before == span.after and [s.time for s in span.after] == [2.0, 4.0, 6.0, 8.0]
+    assert [s.pairs for s in span.after] == [
+        solver.pairs(t, [track.at(t)]) for t in (2.0, 4.0, 6.0, 8.0)
+    ]
+
+
+@pytest.mark.parametrize("helpless", [True, False])
+def test_what_cannot_be_cleaned_is_told(helpless):
+    # No solver, or no keys to add: the samples say what is left, and the keys stay.
+    track = arm_track(1.0, -1.0)
+    options = KeyOptions(extra=8 if helpless else 0)
+    found = clean_in_betweens([track], [(0.0, 10.0)], ArmSolver(helpless=helpless), options=options)
+    (span,) = found.spans
+    assert dirty(span.after) == dirty(span.before) == [4.0, 6.0] and not span.added
+    assert found.tracks == (track,)
+
+
+def test_bad_options_are_refused():
+    for name in ("samples", "extra", "jobs"):
+        with pytest.raises(ValueError, match=f"{name} should be at least"):
+            KeyOptions(**{name: -1})
+    with pytest.raises(ValueError, match="linear, cubic"):
+        KeyOptions(interpolation="held")

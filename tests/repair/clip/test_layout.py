@@ -1,0 +1,74 @@
+"""The windows that an animation is solved in, foretold from the motion alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair.repair.clip import animation
+from dtrepair.repair.clip.frames import read_frames
+from dtrepair.repair.clip.layout import Window, frames_to_solve, motions_of, window_layout
+from dtrepair.repair.repairer import Body, SceneRepairer
+from tests.meshes import icosphere
+
+SIZES = {"window": 20, "overlap": 6}
+
+
+def walk(count, cuts=(), seed=0):
+    """Poses of a sphere that wobbles, and jumps at cuts."""
+    points, _ = icosphere(1)
+    generator = np.random.default_rng(seed)
+    poses = []
+    for k in range(count):
+        jump = sum(k >= cut for cut in cuts)
+        poses.append(points + 0.01 * generator.random(3) + [1.5 * jump, 0.0, 0.0])
+    return poses
+
+
+@pytest.mark.parametrize("cuts", [(), (17,), (1, 30, 31)])
+def test_windows_are_those_of_the_stream(monkeypatch, cuts):
+    poses, (points, faces) = walk(75, cuts), icosphere(1)
+    scene = SceneRepairer([Body(points, faces)])
+    seen = []
+
+    def window(self, frames, tail, *, keep):
+        seen.append((int(frames[0].time), int(frames[-1].time) + 1, len(frames) - keep))
+        done = [animation.Repaired(frame.time, []) for frame in frames[: len(frames) - keep]]
+        return done, [frame.centred for frame in frames[len(frames) - keep :]]
+
+    monkeypatch.setattr(animation._Stream, "_window", window)
+    stream = animation.AnimationRepairer(scene, **SIZES)
+    frames = [(float(k), [pose]) for k, pose in enumerate(poses)]
+    done = [frame.time for frame in stream.stream(frames)]
+    assert done == list(range(75))
+    layout = window_layout(np.arange(75.0), motions_of(poses), **SIZES)
+    assert [(w.start, w.stop, w.end - w.start) for w in layout] == seen
+    starts = [frame.time for frame in read_frames(scene, frames) if frame.starts]
+    assert [w.start for w in layout if not w.follows] == starts == [0, *cuts]
+
+
+def test_layout_of_one_shot():
+    layout = window_layout(np.arange(40.0), np.full(39, 0.01), **SIZES)
+    assert layout == [
+        Window(0, 20, 14, False),
+        Window(14, 34, 28, True),
+        Window(28, 40, 40, True),
+    ]
+    assert window_layout([], np.zeros(0), **SIZES) == []
+    exact = window_layout(np.arange(20.0), np.full(19, 0.01), **SIZES)
+    assert exact == [Window(0, 20, 14, False), Window(14, 20, 20, True)]
+
+
+def test_a_chunk_needs_one_window_before_and_a_frame_after():
+    times, motions = np.arange(100.0), np.full(99, 0.01)
+    assert frames_to_solve(times, motions, (0, 1), **SIZES) == (0, 21)
+    assert frames_to_solve(times, motions, (3, 4), **SIZES) == (28, 63)
+    assert frames_to_solve(times, motions, (5, 7), **SIZES) == (56, 100)
+
+
+def test_a_start_that_looks_like_a_cut_is_avoided():
+    # Alone, a fast frame after the first one would look like a cut: nothing was before it.
+    times, motions = np.arange(100.0), np.full(99, 0.01)
+    motions[27:30] = (0.1, 0.1, 0.01)
+    assert len(window_layout(times, motions, **SIZES)) == 7  # no cut
+    assert frames_to_solve(times, motions, (3, 4), **SIZES) == (14, 63)

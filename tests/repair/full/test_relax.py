@@ -1,0 +1,108 @@
+"""Relaxing: never dirty, never more distorted, at rest against what is in the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.metrics import displacements
+from dtrepair.repair.full import relax as module
+from dtrepair.repair.full.biharmonic_fill import Filled
+from dtrepair.repair.full.pull_back import distortion
+from dtrepair.repair.full.relax import MORE, relax
+from dtrepair.repair.surface.defects import find_defects
+from dtrepair.repair.surface.surface import Surface
+from tests.meshes import torus
+from tests.repair.full.test_pull_back import POSES, crossings_and_folds, loosely_solved
+
+
+@pytest.mark.parametrize("kind", POSES)
+def test_relaxing_is_never_dirty_or_more_distorted(kind: str) -> None:
+    surface, original, clean = loosely_solved(kind)
+    folds = crossings_and_folds(surface, clean)[1]
+    before = distortion(surface, original, clean)
+    reach = np.ones(surface.count)
+    relaxed, cycles = relax(surface, original, clean, cycles=6, folds=folds, reach=reach)
+    crossings, folds_left = crossings_and_folds(surface, relaxed)
+    assert crossings == 0 and folds_left <= folds
+    # More cycles than asked for only where volume is missing.
+    assert 1 <= cycles <= MORE * 6
+    assert cycles <= 6 or kind == "arm"
+    assert distortion(surface, original, relaxed) < 0.9 * before
+    again, _ = relax(surface, original, clean, cycles=6, folds=folds, reach=reach)
+    assert np.array_equal(again, relaxed)
+
+
+def test_a_pose_with_nothing_in_the_way_returns() -> None:
+    # A clean input bent far out of shape.
+    points, faces = torus()
+    surface = Surface(points, faces)
+    original = surface.rest
+    bent = original + 0.05 * np.sin(9 * original[:, [1, 2, 0]])
+    assert crossings_and_folds(surface, bent) == (0, 0)
+    reach = np.ones(surface.count)
+    relaxed, _ = relax(surface, original, bent, cycles=12, folds=0, reach=reach)
+    before = displacements(original, bent).max()
+    assert displacements(original, relaxed).max() < 0.5 * before
+    assert distortion(surface, original, relaxed) < 0.2 * distortion(surface, original, bent)
+
+
+@pytest.mark.parametrize(("works", "expected"), [(lambda k: k % 2, 8), (lambda k: k < 2, 5)])
+def test_relaxing_ends_when_cycles_fail_in_a_row(
+    works: Callable[[int], bool], expected: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    surface, original, clean = loosely_solved("spheres")
+    calls: list[int] = []
+    solved = module._Relaxation._solved
+
+    def sometimes(state: module._Relaxation, right: FloatArray) -> Filled | None:
+        calls.append(len(calls))
+        return solved(state, right) if works(calls[-1]) else None
+
+    monkeypatch.setattr(module._Relaxation, "_solved", sometimes)
+    monkeypatch.setattr(module, "ENOUGH", -1.0)
+    monkeypatch.setattr(module, "MISSING", 1.0)
+    reach = np.ones(surface.count)
+    _, cycles = relax(surface, original, clean, cycles=8, folds=0, reach=reach)
+    assert cycles == len(calls) == expected
+
+
+def test_nothing_moves_beyond_the_reach_or_farther_than_the_step() -> None:
+    points, faces = torus()
+    surface = Surface(points, faces)
+    bent = surface.rest + 0.05 * np.sin(9 * surface.rest[:, [1, 2, 0]])
+    reach = (surface.rest[:, 0] > 0).astype(float)
+    relaxed, _ = relax(surface, surface.rest, bent, cycles=1, folds=0, reach=reach, step=0.003)
+    moved = np.linalg.norm(relaxed - bent, axis=1)
+    assert moved.any() and not moved[reach == 0].any()
+    assert moved.max() <= 0.003 * (1 + 1e-9)
+
+
+def test_nothing_in_reach_stays() -> None:
+    surface, original, clean = loosely_solved("spheres")
+    reach = np.zeros(surface.count)
+    relaxed, cycles = relax(surface, original, clean, cycles=3, folds=0, reach=reach)
+    assert relaxed is clean and cycles == 0
+
+
+def test_surfaces_come_to_rest_against_each_other() -> None:
+    surface, original, clean = loosely_solved("spheres")
+    reach = np.ones(surface.count)
+    relaxed, _ = relax(surface, original, clean, cycles=12, folds=0, reach=reach)
+    assert find_defects(surface, relaxed).rank == (0, 0)
+    # What is left between them is a few margins, not the distance the push left.
+    assert len(surface.close_pairs(relaxed, 0.005)) > 2 * len(surface.close_pairs(clean, 0.005))
+    assert displacements(original, relaxed).mean() < 0.8 * displacements(original, clean).mean()
+
+
+def test_cycles_double_for_missing_volume_only() -> None:
+    surface = Surface(*torus())
+    reach = np.ones(surface.count)
+    # Steps so short that no volume comes back, and so short that little does.
+    for shrunk, spent in ((0.9, MORE * 2), (0.999, 2)):
+        pose = shrunk * surface.rest
+        _, cycles = relax(surface, surface.rest, pose, cycles=2, folds=0, reach=reach, step=1e-5)
+        assert cycles == spent

@@ -1,0 +1,67 @@
+"""The published method of a surface: one pose, many poses, on the CPU and as a device runs it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair.device import DeviceQueue
+from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.paper import method as paper
+from dtrepair.repair.paper.gpu_descent import DeviceDescent
+from dtrepair.repair.paper.method import PaperMethod
+from dtrepair.repair.surface.surface import BodyRange, Surface
+from tests.meshes import bent_tube, overlapping_spheres
+
+OPTIONS = RepairOptions(method="paper", iterations=60)
+
+
+def tube() -> tuple[Surface, list[np.ndarray]]:
+    """A straight tube and two poses of it that cross themselves."""
+    rest, faces = bent_tube(0.1, around=16, along=60, radius=0.08)
+    surface = Surface(rest, faces)
+    angles = (6.5, 6.7)
+    return surface, [
+        bent_tube(a, around=16, along=60, radius=0.08)[0] / surface.size for a in angles
+    ]
+
+
+def test_poses_at_once_are_those_one_by_one() -> None:
+    surface, poses = tube()
+    method = PaperMethod(surface, OPTIONS)
+    for pose, solved in zip(poses, method.batch(poses), strict=True):
+        assert len(surface.pairs(pose)) > 0
+        assert np.array_equal(solved.points, method(pose).points)
+        assert len(surface.pairs(solved.points)) == solved.stages[0].crossings < 20
+
+
+@pytest.mark.parametrize("bodies", [1, 2])
+def test_the_loop_of_a_device_cleans_as_well(monkeypatch, bodies: int) -> None:
+    surface, poses = tube()
+    if bodies == 2:
+        points, faces = overlapping_spheres()
+        half = len(points) // 2
+        ranges = [BodyRange(0, half, 99.0), BodyRange(half, 2 * half, 999.0)]
+        mobility = np.ones(len(points))
+        mobility[:half] = 0.0
+        surface = Surface(points, faces, bodies=ranges, mobility=mobility)
+        poses = [points / surface.size]
+    monkeypatch.setattr(paper, "DEVICE_LOOP", ("cpu", "cuda"))
+    method = PaperMethod(surface, OPTIONS, queue=DeviceQueue("cpu"))
+    assert isinstance(method.descent, DeviceDescent)
+    for pose, solved in zip(poses, method.batch(poses), strict=True):
+        assert 10 * len(surface.pairs(solved.points)) < len(surface.pairs(pose))
+        if bodies == 2:
+            assert np.array_equal(solved.points[:half], pose[:half])
+            assert not np.array_equal(solved.points[half:], pose[half:])
+
+
+def test_an_operator_that_does_not_fit_on_the_device_is_a_clear_error(monkeypatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise RuntimeError("CUDA error: out of memory")
+
+    surface, _ = tube()
+    monkeypatch.setattr(paper, "DEVICE_LOOP", ("cpu", "cuda"))
+    monkeypatch.setattr(paper.Diffusion, "on", full)
+    with pytest.raises(MemoryError, match=r"the diffusion operator of \d+ triangles .* 'cpu'"):
+        PaperMethod(surface, OPTIONS, queue=DeviceQueue("cpu"))

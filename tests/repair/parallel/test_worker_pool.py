@@ -1,0 +1,103 @@
+"""Work on the frames of a window: here, on threads, and in forked processes, all alike."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from dtrepair.repair.parallel.process_pool import can_fork
+from dtrepair.repair.parallel.worker_pool import (
+    Crew,
+    ForkedCrew,
+    ThreadCrew,
+    available_processors,
+    make_crew,
+    worthwhile_jobs,
+)
+from dtrepair.repair.surface.surface import Surface
+from tests.meshes import icosphere
+
+needs_fork = pytest.mark.skipif(not can_fork(), reason="needs processes that can be forked")
+CREWS = [Crew, lambda: ThreadCrew(3), pytest.param(lambda: ForkedCrew(3), marks=needs_fork)]
+
+
+class Work:
+    """What crews work on here: frames that are counted and squared."""
+
+    def __init__(self, crew: Crew) -> None:
+        self.surface = Surface(*icosphere(1))
+        self.squares = crew.array((8, 2))
+        self.calls = {frame: 0 for frame in range(8)}
+        self.offset = 0
+
+    def squared(self, surface: Surface, frame: int, factor: float) -> tuple[int, int, int]:
+        assert surface.count == self.surface.count
+        self.squares[frame] = factor * frame**2 + self.offset
+        self.calls[frame] += 1
+        return frame, self.calls[frame], os.getpid()
+
+    def shift(self, offset: int) -> None:
+        self.offset = offset
+
+    def fail(self, surface: Surface, frame: int) -> None:
+        raise ValueError(f"frame {frame}")
+
+    def die(self, surface: Surface, frame: int) -> None:
+        if frame == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.parametrize("make", CREWS)
+def test_all_crews_work_alike(make):
+    with make() as crew:
+        crew.start(Work(crew))
+        for call in (1, 2, 3):
+            found = crew.map("squared", [5, 0, 2, 7], 10.0)
+            assert [(frame, count) for frame, count, _ in found] == [
+                (frame, call) for frame in (5, 0, 2, 7)
+            ]
+        assert crew.state.squares[[5, 0, 2, 7, 3], 1].tolist() == [250, 0, 40, 490, 0]
+        crew.tell("shift", 1)
+        crew.map("squared", range(8), 1.0)
+        assert np.array_equal(crew.state.squares[:, 0], np.arange(8) ** 2 + 1)
+        with pytest.raises(ValueError, match="frame 4"):
+            crew.map("fail", [4])
+
+
+@needs_fork
+def test_processes_share_the_work_and_end():
+    with ForkedCrew(3) as crew:
+        crew.start(Work(crew))
+        workers = {process for _, _, process in crew.map("squared", range(8), 1.0)}
+        assert len(workers) == 3 and os.getpid() in workers
+        crew.start(Work(crew))
+        others = {process for _, _, process in crew.map("squared", range(8), 1.0)}
+        assert workers & others == {os.getpid()}
+    for process in (workers | others) - {os.getpid()}:
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)
+
+
+@needs_fork
+def test_a_killed_worker_is_told():
+    with ForkedCrew(2) as crew:
+        crew.start(Work(crew))
+        with pytest.raises(RuntimeError, match="fewer jobs"):
+            crew.map("die", [0, 1])
+
+
+def test_small_windows_are_not_worth_workers():
+    assert worthwhile_jobs(8, frames=64, triangles=30_000) == 8
+    assert worthwhile_jobs(None, frames=64, triangles=30_000) == min(16, available_processors())
+    assert worthwhile_jobs(8, frames=8, triangles=30_000) == 2
+    assert worthwhile_jobs(8, frames=1, triangles=30_000) == 1
+    assert worthwhile_jobs(8, frames=64, triangles=50) == 1
+
+
+def test_one_job_makes_no_worker():
+    surface = Surface(*icosphere(1))
+    assert type(make_crew(surface, 1)) is Crew
+    assert type(make_crew(surface, 2)) is (ForkedCrew if can_fork() else ThreadCrew)

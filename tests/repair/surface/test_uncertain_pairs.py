@@ -1,0 +1,92 @@
+"""Doubtful contacts: what touches nothing is left alone, what may touch is not."""
+
+import numpy as np
+import pytest
+
+from dtrepair.intersect.detector import Detector
+from dtrepair.repair.repairer import SceneRepairer
+from dtrepair.repair.scene.bodies import Body
+from dtrepair.repair.surface import uncertain_pairs as doubts
+from dtrepair.repair.surface.surface import BodyRange, Surface
+from dtrepair.repair.surface.uncertain_pairs import Doubts
+from tests.meshes import bent_tube
+
+ALONG = np.array([1.0, 0.0, 0.0])
+
+
+def capped_cylinder(around=24, along=4):
+    """A cylinder along x, closed by fans of slivers that lie in one plane each."""
+    angles = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
+    ring = np.stack([np.zeros(around), np.cos(angles), np.sin(angles)], axis=1)
+    points = np.concatenate([ring + 0.5 * k * ALONG for k in range(along + 1)])
+    faces = []
+    for row in range(0, along * around, around):
+        for k in range(around):
+            a, b = row + k, row + (k + 1) % around
+            faces += [[a, b, b + around], [a, b + around, a + around]]
+    for start, turn in ((0, -1), (along * around, 1)):
+        faces += [[start, start + k, start + k + 1][::turn] for k in range(1, around - 1)]
+    return points, np.array(faces, dtype=np.int32)
+
+
+def test_the_caps_are_in_doubt_and_touch_nothing():
+    points, faces = capped_cylinder()
+    detector = Detector(points, faces)
+    assert len(detector(points)) == 0 and len(detector(points, exact=False)) > 0
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_what_touches_nothing_is_left_alone(together):
+    tube, tube_faces = bent_tube(6.5, 8, 24)
+    rest = bent_tube(5.0, 8, 24)[0]
+    cylinder, cylinder_faces = capped_cylinder()
+    cylinder = cylinder - 50.0 * ALONG
+    scene = SceneRepairer([Body(rest, tube_faces), Body(cylinder, cylinder_faces)])
+    pose = [tube, cylinder]
+    frames = [(0.0, pose), (1.0, pose)]
+    stream = scene.animator.stream(frames, jobs=1)
+    moved, left = next(iter(stream)).results if together else scene(pose)
+    assert moved.before.pairs > 0 and moved.after.pairs == 0
+    assert np.array_equal(left.points, cylinder)
+
+
+def test_coplanar_contact_is_still_a_contact():
+    points, faces = capped_cylinder()
+    both = np.concatenate([points, points + 2.0 * ALONG])  # cap on cap
+    joined = np.concatenate([faces, faces + len(points)]).astype(np.int32)
+    count = len(points)
+    bodies = [BodyRange(0, count, 99.0), BodyRange(count, 2 * count, 99.0)]
+    surface = Surface(both, joined, bodies=bodies)
+    found = surface.pairs(both / surface.size)
+    exact = Detector(both, joined)(both)
+    assert len(exact) > 0 and {*map(tuple, exact)} <= {*map(tuple, found)}
+
+
+def test_what_is_flattened_does_not_pass_for_clean():
+    points, faces = capped_cylinder()
+    surface = Surface(points, faces)
+    flat = points / surface.size * ALONG
+    assert len(Detector(points, faces)(flat)) == 0 < len(surface.pairs(flat))
+
+
+def test_the_answer_does_not_depend_on_what_else_is_asked():
+    points, faces = capped_cylinder()
+    surface = Surface(points, faces)
+    bent = points / surface.size + 0.1 * np.sin(7.0 * points)[:, [1, 2, 0]]
+    active = np.arange(len(faces)) < 40
+    every, some = surface.pairs(bent), surface.pairs(bent, active=active)
+    assert np.array_equal(some, every[active[every].any(axis=1)])
+
+
+def test_verdicts_are_kept_and_the_memory_is_bounded(monkeypatch):
+    points, faces = capped_cylinder()
+    asked, settle = [], doubts.intersect
+    monkeypatch.setattr(doubts, "intersect", lambda a, b: asked.append(len(a)) or settle(a, b))
+    detector = Detector(points, faces)
+    own = Doubts(detector, points.astype(np.float32))
+    moved = points + ALONG
+    assert len(detector(moved, exact=own)) == len(detector(moved, exact=own)) == 0
+    assert len(asked) == 2  # of the rest, and once of this pose
+    monkeypatch.setattr(doubts, "MOST_KEPT", 1)
+    assert len(detector(points, exact=own)) == len(detector(moved, exact=own)) == 0
+    assert len(asked) == 4 and len(own._known) == asked[1]

@@ -1,0 +1,127 @@
+"""Registration of one rest onto another by markers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from dtrepair.numerics.geometry import diagonal
+from dtrepair.numerics.operators import Factor
+from dtrepair.transfer import register
+from dtrepair.transfer.matching.closest_point import closest_on_triangles
+from tests.meshes import icosphere, joined
+from tests.quadruped import SOURCE, TARGET, markers
+
+SIX = np.array([[0, 0], [20, 20], [45, 45], [70, 70], [100, 100], [130, 130]])
+
+
+@pytest.fixture(scope="module")
+def animals():
+    source, target = SOURCE.mesh(), TARGET.mesh()
+    return source, target, markers(SOURCE, source[0], TARGET, target[0])
+
+
+def distances_to_surface(queries, points, faces):
+    """Distance of each query to the surface, relative to its diagonal."""
+    near = cKDTree(points[faces].mean(axis=1)).query(queries, 12)[1]
+    found = [closest_on_triangles(queries, points[faces[column]]) for column in near.T]
+    return np.linalg.norm(np.array(found) - queries, axis=2).min(axis=0) / diagonal(points)
+
+
+def test_a_moved_scaled_and_turned_copy_is_met_exactly():
+    points, faces = icosphere(2)
+    points = points * (1.0, 1.4, 0.8)
+    target = 3.7 * Rotation.from_rotvec([0.4, 2.0, -0.6]).apply(points) + (40.0, -7.0, 3.0)
+    found = register(points, faces, target, faces, SIX)
+    assert np.abs(found - target).max() < 1e-9 * diagonal(target)
+
+
+def test_an_animal_lands_on_another_with_its_markers_exact(animals):
+    source, target, rows = animals
+    found = register(*source, *target, rows)
+    size = diagonal(target[0])
+    assert np.abs(found[rows[:, 0]] - target[0][rows[:, 1]]).max() < 1e-12 * size
+    distances = distances_to_surface(found, *target)
+    assert np.median(distances) < 5e-4
+    assert np.percentile(distances, 99) < 5e-3
+
+
+def test_the_result_does_not_depend_on_units_and_places(animals):
+    source, target, rows = animals
+    closest = (0.0, 10.0)
+    plain = register(*source, *target, rows, closest=closest)
+    turn = Rotation.from_rotvec([1.0, 0.3, 0.2])
+    moved = register(
+        0.01 * turn.apply(source[0]) + 5.0,
+        source[1],
+        100.0 * target[0],
+        target[1],
+        rows,
+        closest=closest,
+    )
+    assert np.abs(moved / 100.0 - plain).max() < 1e-8 * diagonal(target[0])
+
+
+def test_more_closest_points_bring_the_surfaces_together(animals):
+    source, target, rows = animals
+    smooth = register(*source, *target, rows, closest=(0.0,))
+    full = register(*source, *target, rows)
+    far, near = (distances_to_surface(points, *target).mean() for points in (smooth, full))
+    assert near < 0.25 * far
+
+
+def test_one_factor_for_each_closest_weight():
+    points, faces = icosphere(2)
+    before = Factor.count
+    register(points, faces, 2.0 * points, faces, SIX, closest=(0.0, 1.0, 5.0))
+    assert Factor.count - before == 3
+
+
+def test_pieces_without_markers_unused_vertices_and_slivers_come_along():
+    body, piece = icosphere(2), icosphere(1)
+    points, faces = joined(body, (0.2 * piece[0] + (0.0, 0.0, 1.4), piece[1]))
+    middle = 0.5 * (points[faces[0, 0]] + points[faces[0, 1]])
+    points = np.concatenate([points, middle[None], [[0.0, 0.0, -1.5]]])
+    sliver = [[faces[0, 0], faces[0, 1], len(points) - 2]]
+    faces = np.concatenate([faces, sliver]).astype(np.int32)
+    target = 2.0 * points + 1.0
+    found = register(points, faces, target, faces, SIX)
+    assert np.abs(found - target).max() < 1e-8 * diagonal(target)
+
+
+def test_torch_and_float32_come_back_as_they_came():
+    points, faces = icosphere(2)
+    single = register(points.astype(np.float32), faces, 2.0 * points, faces, SIX)
+    assert single.dtype == np.float32
+    tensors = [torch.from_numpy(array) for array in (points, faces, 2.0 * points, faces)]
+    found = register(*tensors, torch.from_numpy(SIX))
+    assert isinstance(found, torch.Tensor)
+    np.testing.assert_allclose(found.numpy(), 2.0 * points, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"markers": SIX[:2]}, "at least 3 markers, got 2"),
+        ({"markers": SIX[[0, 1, 2, 1]]}, "one marker"),
+        ({"markers": SIX + 100}, "source vertices 0..161"),
+        ({"closest": ()}, "closest should be weights"),
+        ({"closest": (1.0, -2.0)}, "closest should be weights"),
+        ({"neighbors": 0}, "neighbors should be at least 1"),
+        ({"source": np.full((162, 3), np.nan)}, "finite"),
+    ],
+)
+def test_wrong_arguments_are_refused(change, message):
+    points, faces = icosphere(2)
+    arguments = {
+        "source": points,
+        "source_faces": faces,
+        "target": points,
+        "target_faces": faces,
+        "markers": SIX,
+    }
+    with pytest.raises(ValueError, match=message):
+        register(**{**arguments, **change})

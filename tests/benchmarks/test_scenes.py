@@ -1,5 +1,7 @@
 """The stages that benchmarks/scenes.py measures are what they say."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from dtrepair.numerics.metrics import volume
 
 
 @pytest.mark.parametrize("name", STAGES)
-def test_objects_of_a_stage_meet_and_are_clean_for_themselves(name, tmp_path):
+def test_objects_of_a_stage_meet_and_are_clean_for_themselves(name, tmp_path: Path) -> None:
     stage = STAGES[name]()
     path = tmp_path / "stage.usda"
     write_stage(stage, path)
@@ -24,7 +26,7 @@ def test_objects_of_a_stage_meet_and_are_clean_for_themselves(name, tmp_path):
     assert count_dirty(world, world.weld(), "", find_pairs) > 0
 
 
-def test_what_the_shared_scenes_hold_is_named(shared_data):
+def test_what_the_shared_scenes_hold_is_named(shared_data: Path) -> None:
     for file, (objects, stiff) in SHARED.items():
         world = read_world(shared_data / "scenes" / file)
         assert all(any(path.startswith(own) for path in world.paths) for own in objects)

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -12,7 +13,7 @@ from dtrepair.cli.app import COMMANDS
 from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
 
 
-def test_version_and_help():
+def test_version_and_help() -> None:
     assert run("--version").out == f"dtrepair {__version__}\n"
     listed = run("--help")
     assert run() == listed
@@ -23,7 +24,7 @@ def test_version_and_help():
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_has_help_with_an_example(name):
+def test_every_command_has_help_with_an_example(name) -> None:
     shown = run(name, "--help")
     assert shown.code == 0
     assert "Example:" in shown.out and f"dtrepair {name}" in shown.out
@@ -31,7 +32,7 @@ def test_every_command_has_help_with_an_example(name):
     assert all("_" not in option for option in options)
 
 
-def test_help_loads_nothing_heavy_and_is_quick():
+def test_help_loads_nothing_heavy_and_is_quick() -> None:
     code = (
         "import sys, dtrepair.cli\n"
         "try: dtrepair.cli.main(['--help'])\n"
@@ -46,7 +47,7 @@ def test_help_loads_nothing_heavy_and_is_quick():
     assert time.perf_counter() - start < 1.5
 
 
-def test_python_m_dtrepair(tmp_path):
+def test_python_m_dtrepair(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "dtrepair", "check", str(tmp_path / "none.obj")],
         capture_output=True,
@@ -56,7 +57,7 @@ def test_python_m_dtrepair(tmp_path):
     assert done.stderr.count("\n") == 1 and "No such file" in done.stderr
 
 
-def test_usage_errors_are_one_line():
+def test_usage_errors_are_one_line() -> None:
     assert_fails(run("chek"), 2, "chek", "--help")
     assert_fails(run("check"), 2, "STAGE|MESH", "dtrepair check --help")
     assert_fails(run("check", "a.obj", "--nonsense"), 2, "--nonsense")
@@ -64,7 +65,7 @@ def test_usage_errors_are_one_line():
     assert_fails(run("check", "a.obj", "--jobs", "0"), 2, "--jobs")
 
 
-def test_interrupt_and_closed_pipe(monkeypatch):
+def test_interrupt_and_closed_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(**options):
         raise KeyboardInterrupt
 
@@ -72,7 +73,9 @@ def test_interrupt_and_closed_pipe(monkeypatch):
     assert_fails(run("check"), 130, "interrupted", "no output was written")
 
 
-def test_internal_errors_are_one_line_and_debug_shows_them(tmp_path, monkeypatch):
+def test_internal_errors_are_one_line_and_debug_shows_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tube_obj(tmp_path / "a.obj")
 
     def broken(*arguments, **options):
@@ -87,7 +90,7 @@ def test_internal_errors_are_one_line_and_debug_shows_them(tmp_path, monkeypatch
         run("check", path)
 
 
-def test_config_sets_defaults_that_the_command_line_overrides(tmp_path):
+def test_config_sets_defaults_that_the_command_line_overrides(tmp_path: Path) -> None:
     path = tube_obj(tmp_path / "a.obj")
     config = tmp_path / "c.toml"
     config.write_text('mode = "self"\n[check]\njobs = 1\n[repair]\nmethod = "paper"\n')
@@ -96,7 +99,7 @@ def test_config_sets_defaults_that_the_command_line_overrides(tmp_path):
     assert found.json["settings"]["mode"] == "inter" and found.code == 0
 
 
-def test_bad_configs_are_refused(tmp_path):
+def test_bad_configs_are_refused(tmp_path: Path) -> None:
     path = tube_obj(tmp_path / "a.obj")
     config = tmp_path / "c.toml"
     assert_fails(run("check", path, "--config", config), 2, "c.toml", "cannot be read")
@@ -123,7 +126,7 @@ def test_bad_configs_are_refused(tmp_path):
         ("ignore = [3, true]", ["ignore should be text, got True"]),
     ],
 )
-def test_values_of_wrong_types_are_refused(tmp_path, text, words):
+def test_values_of_wrong_types_are_refused(tmp_path: Path, text, words) -> None:
     config = tmp_path / "c.toml"
     config.write_text(text)
     output = ("-o", tmp_path / "b.obj")
@@ -131,7 +134,7 @@ def test_values_of_wrong_types_are_refused(tmp_path, text, words):
     assert_fails(run("repair", path, *output, "--config", config), 2, "c.toml", *words)
 
 
-def test_one_config_serves_every_command(tmp_path):
+def test_one_config_serves_every_command(tmp_path: Path) -> None:
     config = tmp_path / "c.toml"
     config.write_text(
         'rest = 1\ndiffusion = 50\nextra-keys = 3\nalone = true\n[[prim]]\npath = "/Root"\n'

@@ -1,6 +1,7 @@
 """`dtrepair demo`: the first command of the README."""
 
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -11,13 +12,13 @@ FILES = ["before_after.png", "demo.usda", "demo_repaired.usdc", "report.json"]
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory):
+def demo(tmp_path_factory: pytest.TempPathFactory):
     """A short clip: its middle frame is the deepest."""
     folder = tmp_path_factory.mktemp("demo") / "new"
     return folder, run("demo", folder, "--frames", 5)
 
 
-def test_files_and_table(demo):
+def test_files_and_table(demo) -> None:
     folder, done = demo
     assert done.code == 0 and done.err == ""
     assert sorted(path.name for path in folder.iterdir()) == FILES
@@ -25,7 +26,7 @@ def test_files_and_table(demo):
     assert "5 of 5 frames clean" in done.out
 
 
-def test_before_intersects_and_after_does_not(demo):
+def test_before_intersects_and_after_does_not(demo) -> None:
     folder, _ = demo
     before = run("check", folder / "demo.usda", "--json", "-").json
     assert run("check", folder / "demo_repaired.usdc").code == 0
@@ -35,7 +36,7 @@ def test_before_intersects_and_after_does_not(demo):
     assert report["summary"]["triangles_before"] == before["summary"]["triangles_before"]
 
 
-def test_frames_move_little(demo):
+def test_frames_move_little(demo) -> None:
     folder, _ = demo
     before = read_samples(folder / "demo.usda", "/Character/Body")
     after = read_samples(folder / "demo_repaired.usdc", "/Character/Body")
@@ -44,7 +45,7 @@ def test_frames_move_little(demo):
         assert abs(before[time] - after[time]).max() < 0.2  # metres, of a figure of 1.9
 
 
-def test_the_parent_moves(demo):
+def test_the_parent_moves(demo) -> None:
     from pxr import Usd, UsdGeom
 
     folder, _ = demo
@@ -55,7 +56,7 @@ def test_the_parent_moves(demo):
     assert matrices[0] != matrices[1]
 
 
-def test_without_pillow_the_rest_works(tmp_path, monkeypatch):
+def test_without_pillow_the_rest_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "PIL", None)
     done = run("demo", tmp_path, "--frames", 3)
     assert done.code == 0
@@ -63,11 +64,11 @@ def test_without_pillow_the_rest_works(tmp_path, monkeypatch):
     assert not (tmp_path / "before_after.png").exists()
 
 
-def test_a_device_that_is_not_there_leaves_nothing(tmp_path):
+def test_a_device_that_is_not_there_leaves_nothing(tmp_path: Path) -> None:
     assert_fails(run("demo", tmp_path / "new", "--device", "cuda:64"), 2, "--device")
     assert not (tmp_path / "new").exists()
 
 
-def test_directory_that_cannot_be_made(tmp_path):
+def test_directory_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     assert_fails(run("demo", tmp_path / "file" / "below"), 5, "cannot be made")

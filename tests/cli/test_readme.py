@@ -16,7 +16,7 @@ LINES = re.findall(r"^    (?:.* && venv/bin/)?(dtrepair .+)$", README, re.MULTIL
 
 
 @pytest.mark.parametrize("line", LINES)
-def test_commands_and_options_exist(line):
+def test_commands_and_options_exist(line) -> None:
     name, *arguments = shlex.split(line)[1:]
     assert name in COMMANDS
     command = group.get_command(click.Context(group), name)
@@ -24,23 +24,23 @@ def test_commands_and_options_exist(line):
     assert parsed.params
 
 
-def test_every_command_and_exit_code_is_shown():
+def test_every_command_and_exit_code_is_shown() -> None:
     assert {shlex.split(line)[1] for line in LINES} == set(COMMANDS)
     for code in range(6):
         assert f"\n| {code} |" in README
 
 
-def test_python_names_are_public():
+def test_python_names_are_public() -> None:
     used = set(re.findall(r"dtrepair\.(\w+)\(", README))
     assert used and used <= set(names)
 
 
-def test_files_that_are_named_exist():
+def test_files_that_are_named_exist() -> None:
     for target in re.findall(r"\]\(([\w/.]+)\)", README):
         assert (Path(__file__).parents[2] / target).is_file(), target
 
 
-def test_installing_names_what_is_there():
+def test_installing_names_what_is_there() -> None:
     root = Path(__file__).parents[2]
     extras = tomllib.loads((root / "pyproject.toml").read_text())["project"]
     lines = re.findall(r"^    .*pip install (.+?)(?: &&|$)", README, re.MULTILINE)

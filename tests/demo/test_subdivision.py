@@ -19,7 +19,7 @@ def volume(points, quads):
     return sum(np.einsum("ij,ij->", a, np.cross(p, q)) / 6 for p, q in ((b, c), (c, d)))
 
 
-def test_cube_has_the_textbook_points():
+def test_cube_has_the_textbook_points() -> None:
     matrix, quads = subdivide(QUADS, 8)
     points = matrix @ CUBE
     assert points.shape == (8 + 12 + 6, 3) and quads.shape == (24, 4)
@@ -28,7 +28,7 @@ def test_cube_has_the_textbook_points():
     assert np.allclose(np.sort(np.abs(points[20:]), axis=1), [0, 0, 1])
 
 
-def test_steps_keep_weights_orientation_and_closedness():
+def test_steps_keep_weights_orientation_and_closedness() -> None:
     points, quads = CUBE, QUADS
     volumes = [volume(points, quads)]
     for _ in range(3):
@@ -45,6 +45,6 @@ def test_steps_keep_weights_orientation_and_closedness():
     assert len(points) - edges + len(quads) == 2
 
 
-def test_open_surface_is_refused():
+def test_open_surface_is_refused() -> None:
     with pytest.raises(ValueError, match="expected a closed surface, got 4 edges"):
         subdivide(QUADS[:-1], 8)

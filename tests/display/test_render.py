@@ -1,6 +1,7 @@
 """Pictures: nearest surface wins, red where triangles intersect, blue behind, right way up."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,14 +30,14 @@ def kinds(image):
     }
 
 
-def test_area_of_a_square_is_exact():
+def test_area_of_a_square_is_exact() -> None:
     image = render(SQUARE, FACES, view=straight(SQUARE), size=106)
     assert image.shape == (106, 106, 3) and image.dtype == np.uint8
     # The view leaves 3 % of the half size free: the square covers 1 / 1.06 of the width.
     assert kinds(image)["surface"] == pytest.approx(1 / 1.06**2, abs=0.002)
 
 
-def test_intersecting_triangles_are_red():
+def test_intersecting_triangles_are_red() -> None:
     image = render(
         SQUARE, FACES, view=straight(SQUARE), size=106, intersecting=np.array([True, False])
     )
@@ -47,13 +48,13 @@ def test_intersecting_triangles_are_red():
     assert kinds(image[15:16, 15:16])["red"] == 0
 
 
-def test_back_faces_are_blue():
+def test_back_faces_are_blue() -> None:
     image = render(SQUARE, FACES[:, ::-1], view=straight(SQUARE), size=64)
     assert kinds(image)["blue"] > 0.8 and kinds(image)["surface"] < 0.05
 
 
 @pytest.mark.parametrize("order", [1, -1])
-def test_the_nearest_surface_hides_the_other(order):
+def test_the_nearest_surface_hides_the_other(order) -> None:
     points = np.concatenate([SQUARE, SQUARE * 0.5 + (0, 0, 1)])
     faces = np.concatenate([FACES, FACES + 4])[::order]
     mask = (faces >= 4).all(axis=1)
@@ -61,7 +62,7 @@ def test_the_nearest_surface_hides_the_other(order):
     assert kinds(image)["red"] == pytest.approx(0.25 / 1.06**2, abs=0.01)
 
 
-def test_a_hidden_surface_is_not_drawn():
+def test_a_hidden_surface_is_not_drawn() -> None:
     points = np.concatenate([SQUARE, SQUARE * 0.5 - (0, 0, 1)])
     faces = np.concatenate([FACES, FACES + 4])
     mask = (faces >= 4).all(axis=1)
@@ -70,7 +71,7 @@ def test_a_hidden_surface_is_not_drawn():
 
 
 @pytest.mark.parametrize(("up", "front"), [((0, 1, 0), (0, 0, 1)), ((0, 0, 1), (0, -1, 0))])
-def test_up_is_up_and_the_front_faces_the_viewer(up, front):
+def test_up_is_up_and_the_front_faces_the_viewer(up, front) -> None:
     view = straight(SQUARE, up=up)
     assert np.allclose(view.rotation @ up, [0, 1, 0])
     assert np.allclose(view.rotation @ front, [0, 0, 1])
@@ -79,7 +80,7 @@ def test_up_is_up_and_the_front_faces_the_viewer(up, front):
     assert np.linalg.det(turned) == pytest.approx(1)
 
 
-def test_best_view_looks_at_the_intersection():
+def test_best_view_looks_at_the_intersection() -> None:
     # Two squares back to back: the marked one looks away from the usual view.
     points = np.concatenate([SQUARE, SQUARE - (0, 0, 0.1)])
     faces = np.concatenate([FACES, FACES[:, ::-1] + 4]).astype(np.int32)
@@ -91,14 +92,14 @@ def test_best_view_looks_at_the_intersection():
     assert np.array_equal(best_view(points, faces, nothing).rotation, make_view([points]).rotation)
 
 
-def test_degenerate_and_distant_triangles_do_not_disturb():
+def test_degenerate_and_distant_triangles_do_not_disturb() -> None:
     points = np.concatenate([SQUARE, SQUARE[:1], [[50, 50, 0]]])
     faces = np.concatenate([FACES, [[0, 0, 1], [0, 4, 1]]]).astype(np.int32)
     with_them = render(points, faces, view=straight(SQUARE), size=64)
     assert np.array_equal(with_them, render(SQUARE, FACES, view=straight(SQUARE), size=64))
 
 
-def test_saved_file_holds_all_pictures_and_captions(tmp_path):
+def test_saved_file_holds_all_pictures_and_captions(tmp_path: Path) -> None:
     from PIL import Image
 
     image = render(SQUARE, FACES, view=straight(SQUARE), size=100)
@@ -113,7 +114,9 @@ def test_saved_file_holds_all_pictures_and_captions(tmp_path):
         assert read.size == (200, 200)
 
 
-def test_without_pillow_the_error_names_the_cure(tmp_path, monkeypatch):
+def test_without_pillow_the_error_names_the_cure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "PIL", None)
     image = render(SQUARE, FACES, view=straight(SQUARE), size=16)
     with pytest.raises(ImportError, match="pip install pillow"):

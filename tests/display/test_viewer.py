@@ -1,6 +1,7 @@
 """The window's contents, drawn by polyscope without a display; skipped where it is missing."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ def window():
         pytest.skip("no headless pictures here")
 
 
-def test_a_picture_follows_the_frame(window, tmp_path):
+def test_a_picture_follows_the_frame(window, tmp_path: Path) -> None:
     from PIL import Image
 
     red = []
@@ -43,7 +44,7 @@ def test_a_picture_follows_the_frame(window, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["p.png"]
 
 
-def test_the_slider_is_drawn(window):
+def test_the_slider_is_drawn(window) -> None:
     import polyscope
 
     polyscope.set_user_callback(window._slider)
@@ -53,13 +54,13 @@ def test_the_slider_is_drawn(window):
     assert polyscope.imgui.GetIO().IniSavingRate > 1e8
 
 
-def test_without_polyscope_the_cure_is_told(monkeypatch):
+def test_without_polyscope_the_cure_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "polyscope", None)
     with pytest.raises(ImportError, match=r"pip install 'dtrepair\[view\]'"):
         Viewer([viewed("one")], ["1"])
 
 
-def test_display(monkeypatch):
+def test_display(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(sys, "platform", "linux")

@@ -2,13 +2,14 @@
 
 import os
 import stat
+from pathlib import Path
 
 import pytest
 
 from dtrepair.files.atomic import atomic_output, write_atomically
 
 
-def test_content_and_usual_permissions(tmp_path):
+def test_content_and_usual_permissions(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     plain = tmp_path / "plain.txt"
     plain.write_text("x")
@@ -17,7 +18,7 @@ def test_content_and_usual_permissions(tmp_path):
     assert stat.S_IMODE(path.stat().st_mode) == stat.S_IMODE(plain.stat().st_mode)
 
 
-def test_an_error_keeps_the_old_file_and_leaves_nothing_else(tmp_path):
+def test_an_error_keeps_the_old_file_and_leaves_nothing_else(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("old")
     with pytest.raises(RuntimeError, match="stop"), atomic_output(path) as temporary:
@@ -27,13 +28,13 @@ def test_an_error_keeps_the_old_file_and_leaves_nothing_else(tmp_path):
     assert os.listdir(tmp_path) == ["a.txt"]
 
 
-def test_temporary_name_keeps_the_extension(tmp_path):
+def test_temporary_name_keeps_the_extension(tmp_path: Path) -> None:
     with atomic_output(tmp_path / "mesh.ply") as temporary:
         assert temporary.suffix == ".ply"
         assert temporary.parent == tmp_path
 
 
-def test_existing_permissions_are_kept(tmp_path):
+def test_existing_permissions_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("old")
     path.chmod(0o640)

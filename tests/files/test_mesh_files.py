@@ -1,6 +1,7 @@
 """Mesh files: order, polygons and texture survive; untouched points are bit-identical."""
 
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ f 4/4 3/3 7/1 6/2 1/1
 
 
 @pytest.fixture
-def obj_path(tmp_path):
+def obj_path(tmp_path: Path):
     path = tmp_path / "thing.obj"
     path.write_text(OBJ)
     return path
@@ -52,7 +53,7 @@ def moved(points):
     return result
 
 
-def test_obj_keeps_vertex_order_polygons_and_texture(obj_path):
+def test_obj_keeps_vertex_order_polygons_and_texture(obj_path) -> None:
     mesh = read_mesh(obj_path)
     assert mesh.points[0].tolist() == [0.1, 0.0, 0.0]
     assert mesh.points[6].tolist() == [1.7, 1.7, 0.1]
@@ -63,7 +64,7 @@ def test_obj_keeps_vertex_order_polygons_and_texture(obj_path):
     assert mesh.texture_corners[-5:].tolist() == [3, 2, 0, 1, 0]
 
 
-def test_faces_are_fans_in_polygon_order(obj_path):
+def test_faces_are_fans_in_polygon_order(obj_path) -> None:
     faces = read_mesh(obj_path).faces()
     assert faces.dtype == np.int32
     assert faces.tolist() == [
@@ -74,14 +75,16 @@ def test_faces_are_fans_in_polygon_order(obj_path):
     ]  # fmt: skip
 
 
-def test_untouched_obj_is_byte_identical(obj_path, tmp_path):
+def test_untouched_obj_is_byte_identical(obj_path, tmp_path: Path) -> None:
     mesh = read_mesh(obj_path)
     # What comes back from a repair went through float32.
     write_mesh(tmp_path / "out.obj", mesh, mesh.points.astype(np.float32))
     assert (tmp_path / "out.obj").read_bytes() == obj_path.read_bytes()
 
 
-def test_moved_obj_changes_only_the_moved_vertex_and_drops_normals(obj_path, tmp_path):
+def test_moved_obj_changes_only_the_moved_vertex_and_drops_normals(
+    obj_path, tmp_path: Path
+) -> None:
     mesh = read_mesh(obj_path)
     points = moved(mesh.points)
     write_mesh(tmp_path / "out.obj", mesh, points)
@@ -100,7 +103,7 @@ def test_moved_obj_changes_only_the_moved_vertex_and_drops_normals(obj_path, tmp
 
 
 @pytest.mark.parametrize("format", ["obj", "ply", "off"])
-def test_polygons_survive_between_formats(obj_path, tmp_path, format):
+def test_polygons_survive_between_formats(obj_path, tmp_path: Path, format) -> None:
     mesh = read_mesh(obj_path)
     write_mesh(tmp_path / f"out.{format}", mesh, mesh.points)
     back = read_mesh(tmp_path / f"out.{format}")
@@ -110,7 +113,7 @@ def test_polygons_survive_between_formats(obj_path, tmp_path, format):
 
 
 @pytest.mark.parametrize("format", ["ply", "off", "glb", "stl"])
-def test_second_writing_in_the_same_format(tmp_path, format):
+def test_second_writing_in_the_same_format(tmp_path: Path, format) -> None:
     points, polygons = quads_and_triangles()
     source = polygon_mesh("none", points, polygons)
     first, second, third = (tmp_path / f"{n}.{format}" for n in "abc")
@@ -132,7 +135,7 @@ def test_second_writing_in_the_same_format(tmp_path, format):
     )
 
 
-def test_stl_joins_equal_positions(tmp_path):
+def test_stl_joins_equal_positions(tmp_path: Path) -> None:
     points, polygons = quads_and_triangles()
     write_mesh(tmp_path / "a.stl", polygon_mesh("none", points, polygons), points)
     assert len(read_mesh(tmp_path / "a.stl").points) == 6
@@ -167,7 +170,7 @@ def make_ply(order):
 
 
 @pytest.mark.parametrize("order", ["", "<", ">"])
-def test_ply_keeps_its_other_properties(tmp_path, order):
+def test_ply_keeps_its_other_properties(tmp_path: Path, order) -> None:
     path = tmp_path / "a.ply"
     path.write_bytes(make_ply(order))
     mesh = read_mesh(path)
@@ -189,7 +192,7 @@ def test_ply_keeps_its_other_properties(tmp_path, order):
     assert b"comment kept" in (tmp_path / "c.ply").read_bytes()
 
 
-def test_texture_of_shared_vertices_survives_ply_to_obj_and_glb(tmp_path):
+def test_texture_of_shared_vertices_survives_ply_to_obj_and_glb(tmp_path: Path) -> None:
     (tmp_path / "a.ply").write_bytes(make_ply("<"))
     mesh = read_mesh(tmp_path / "a.ply")
     write_mesh(tmp_path / "a.obj", mesh, mesh.points)
@@ -199,7 +202,7 @@ def test_texture_of_shared_vertices_survives_ply_to_obj_and_glb(tmp_path):
     assert np.allclose(read_mesh(tmp_path / "a.glb").texture, mesh.texture, atol=1e-6)
 
 
-def test_losses_name_what_a_format_drops(obj_path, tmp_path):
+def test_losses_name_what_a_format_drops(obj_path, tmp_path: Path) -> None:
     mesh = read_mesh(obj_path)
     assert losses(mesh, "obj") == ()
     assert losses(mesh, "ply") == ("texture coordinates are dropped",)
@@ -209,7 +212,7 @@ def test_losses_name_what_a_format_drops(obj_path, tmp_path):
     assert losses(read_mesh(tmp_path / "a.stl"), "stl") == ()
 
 
-def test_vertex_normals_of_a_square():
+def test_vertex_normals_of_a_square() -> None:
     points = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [9, 9, 9]])
     normals = vertex_normals(points, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
     assert normals[:4].tolist() == [[0, 0, 1]] * 4
@@ -239,18 +242,18 @@ def test_vertex_normals_of_a_square():
         ("a", "", "expected a file extension"),
     ],
 )  # fmt: skip
-def test_unreadable_files_are_refused(tmp_path, name, content, message):
+def test_unreadable_files_are_refused(tmp_path: Path, name, content, message) -> None:
     (tmp_path / name).write_text(content)
     with pytest.raises(MeshFileError, match=message):
         read_mesh(tmp_path / name)
 
 
-def test_missing_file(tmp_path):
+def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(MeshFileError, match="No such file"):
         read_mesh(tmp_path / "none.obj")
 
 
-def test_several_meshes_are_refused(tmp_path):
+def test_several_meshes_are_refused(tmp_path: Path) -> None:
     import trimesh
 
     scene = trimesh.Scene([trimesh.creation.box(), trimesh.creation.box()])
@@ -259,7 +262,7 @@ def test_several_meshes_are_refused(tmp_path):
         read_mesh(tmp_path / "two.glb")
 
 
-def test_bad_points_and_formats_write_nothing(obj_path, tmp_path):
+def test_bad_points_and_formats_write_nothing(obj_path, tmp_path: Path) -> None:
     mesh = read_mesh(obj_path)
     before = sorted(os.listdir(tmp_path))
     with pytest.raises(ValueError, match=r"expected shape \(7, 3\)"):
@@ -273,7 +276,7 @@ def test_bad_points_and_formats_write_nothing(obj_path, tmp_path):
     assert sorted(os.listdir(tmp_path)) == before
 
 
-def test_shared_human_round_trip(shared_data, tmp_path):
+def test_shared_human_round_trip(shared_data: Path, tmp_path: Path) -> None:
     path = shared_data / "humans" / "human_male_rest.obj"
     mesh = read_mesh(path)
     assert (len(mesh.points), len(mesh.counts), len(mesh.faces())) == (13380, 13378, 26756)

@@ -14,7 +14,7 @@ def two_sheets(offset=0.1):
     return [points, upright], [faces, faces]
 
 
-def test_pairs_between_meshes():
+def test_pairs_between_meshes() -> None:
     points, faces = two_sheets()
     found = SceneCounter(points, faces)(points)
     assert found.total.pairs == found.total.inter_pairs > 0
@@ -24,13 +24,13 @@ def test_pairs_between_meshes():
 
 
 @pytest.mark.parametrize(("mode", "share"), [("both", 1), ("inter", 1), ("self", 0)])
-def test_mode(mode, share):
+def test_mode(mode, share) -> None:
     points, faces = two_sheets()
     everything = SceneCounter(points, faces)(points).total.pairs
     assert SceneCounter(points, faces, mode=mode)(points).total.pairs == share * everything
 
 
-def test_one_mesh_of_two_sheets_has_self_intersections_only():
+def test_one_mesh_of_two_sheets_has_self_intersections_only() -> None:
     points, faces = two_sheets()
     both = np.concatenate(points)
     joined = np.concatenate([faces[0], faces[1] + len(points[0])])
@@ -39,7 +39,7 @@ def test_one_mesh_of_two_sheets_has_self_intersections_only():
     assert found.total.pairs == SceneCounter(points, faces)(points).total.pairs
 
 
-def test_meshes_that_touch_count_although_their_vertices_coincide():
+def test_meshes_that_touch_count_although_their_vertices_coincide() -> None:
     """Welding joins the seams of one mesh, never two meshes."""
     points, faces = icosphere(1)
     apart = SceneCounter([points, points], [faces, faces])
@@ -49,7 +49,7 @@ def test_meshes_that_touch_count_although_their_vertices_coincide():
     assert whole([seams]).total.pairs == 0
 
 
-def test_unknown_mode_is_refused():
+def test_unknown_mode_is_refused() -> None:
     points, faces = two_sheets()
     with pytest.raises(ValueError, match="mode: expected one of self, inter, both, got 'all'"):
         SceneCounter(points, faces, mode="all")

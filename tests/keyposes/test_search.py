@@ -23,7 +23,7 @@ def random_poses(count=3, vertices=500):
     return [float32(10 * generator.standard_normal((vertices, 3))) for _ in range(count)]
 
 
-def test_linear_in_betweens_are_those_of_usd_bit_for_bit():
+def test_linear_in_betweens_are_those_of_usd_bit_for_bit() -> None:
     times, poses = (1.0, 8.5, 9.25), random_poses()
     stage = Usd.Stage.CreateInMemory()
     points = UsdGeom.Mesh.Define(stage, "/Mesh").CreatePointsAttr()
@@ -34,7 +34,7 @@ def test_linear_in_betweens_are_those_of_usd_bit_for_bit():
     del points, stage
 
 
-def test_cubic_in_betweens_follow_a_parabola_where_linear_ones_do_not():
+def test_cubic_in_betweens_follow_a_parabola_where_linear_ones_do_not() -> None:
     # Central differences are exact for a parabola over even keys, in the spans between inner ones.
     times = (0.0, 1.0, 2.0, 3.0)
     poses = [float32([[t, t * t, 1.0]]) for t in times]
@@ -47,7 +47,7 @@ def test_cubic_in_betweens_follow_a_parabola_where_linear_ones_do_not():
         between(times, poses, 1.3, interpolation="held")
 
 
-def test_tracks_refuse_keys_that_do_not_fit():
+def test_tracks_refuse_keys_that_do_not_fit() -> None:
     pose = np.zeros((1, 3), np.float32)
     with pytest.raises(ValueError, match="each of 2 times"):
         Track((1.0, 2.0), (pose,))
@@ -55,7 +55,7 @@ def test_tracks_refuse_keys_that_do_not_fit():
         Track((1.0, 1.0), (pose, pose))
 
 
-def test_tracks_take_keys_and_give_them_back():
+def test_tracks_take_keys_and_give_them_back() -> None:
     first, second, other = random_poses()
     track = Track((1.0, 3.0), (first, second))
     more = track.with_key(2.0, other)
@@ -69,14 +69,14 @@ def test_tracks_take_keys_and_give_them_back():
     assert more.reach(1.0, interpolation="cubic") == (-np.inf, 3.0)
 
 
-def test_a_still_mesh_changes_at_the_new_key_only():
+def test_a_still_mesh_changes_at_the_new_key_only() -> None:
     pose, other = random_poses(2)
     track = Track((), (pose,)).with_key(2.0, other, all_times=(1.0, 2.0, 3.0))
     assert track.times == (1.0, 2.0, 3.0)
     assert np.array_equal(track.at(1.0), pose) and np.array_equal(track.at(3.0), pose)
 
 
-def test_the_original_holds_until_a_key_changes():
+def test_the_original_holds_until_a_key_changes() -> None:
     first, second, other = random_poses()
     track = Track((1.0, 3.0), (first, second), original=lambda time: other)
     assert np.array_equal(track.at(2.0), other)
@@ -85,7 +85,7 @@ def test_the_original_holds_until_a_key_changes():
 
 
 @pytest.mark.parametrize("only_added", [False, True])
-def test_neighbours_are_moved_such_that_the_in_between_is_met(only_added):
+def test_neighbours_are_moved_such_that_the_in_between_is_met(only_added) -> None:
     first, second = random_poses(2)
     track = Track((0.0, 10.0), (first, second))
     pose = track.at(2.5)
@@ -100,7 +100,7 @@ def test_neighbours_are_moved_such_that_the_in_between_is_met(only_added):
     assert np.array_equal(track.poses[0][4:], first[4:])  # what did not move keeps every bit
 
 
-def test_given_keys_are_not_moved_far():
+def test_given_keys_are_not_moved_far() -> None:
     track = Track((0.0, 10.0), tuple(random_poses(2)))
     pose = track.at(5.0)
     diagonal = np.linalg.norm(np.ptp(pose, axis=0))
@@ -110,7 +110,7 @@ def test_given_keys_are_not_moved_far():
     assert neighbours_moved([track], 10.0, [pose], [pose + 1]) is None
 
 
-def test_scaled_displacements_keep_unmoved_bits():
+def test_scaled_displacements_keep_unmoved_bits() -> None:
     old, _ = random_poses(2)
     new = old.copy()
     new[0] += 1
@@ -153,7 +153,7 @@ def dirty(samples):
     return [sample.time for sample in samples if sample.pairs]
 
 
-def test_in_betweens_of_a_swing_through_the_body_become_clean():
+def test_in_betweens_of_a_swing_through_the_body_become_clean() -> None:
     track, solver = arm_track(1.0, -1.0, -0.8), ArmSolver()
     spans = [(0.0, 10.0), (10.0, 20.0)]
     options = KeyOptions(samples=8, keep_keys=True)
@@ -170,7 +170,7 @@ def test_in_betweens_of_a_swing_through_the_body_become_clean():
     assert again.tracks == (result,)
 
 
-def test_verification_changes_nothing():
+def test_verification_changes_nothing() -> None:
     track, solver = arm_track(1.0, -1.0), ArmSolver()
     found = verify_in_betweens([track], [(0.0, 10.0)], solver, options=KeyOptions(jobs=2))
     assert found.tracks == (track,) and solver.cases == 0
@@ -182,7 +182,7 @@ def test_verification_changes_nothing():
 
 
 @pytest.mark.parametrize("helpless", [True, False])
-def test_what_cannot_be_cleaned_is_told(helpless):
+def test_what_cannot_be_cleaned_is_told(helpless) -> None:
     # No solver, or no keys to add: the samples say what is left, and the keys stay.
     track = arm_track(1.0, -1.0)
     options = KeyOptions(extra=8 if helpless else 0)
@@ -192,7 +192,7 @@ def test_what_cannot_be_cleaned_is_told(helpless):
     assert found.tracks == (track,)
 
 
-def test_bad_options_are_refused():
+def test_bad_options_are_refused() -> None:
     for name in ("samples", "extra", "jobs"):
         with pytest.raises(ValueError, match=f"{name} should be at least"):
             KeyOptions(**{name: -1})

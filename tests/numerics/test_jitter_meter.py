@@ -14,7 +14,7 @@ def measured(before, after):
     return meter.value
 
 
-def test_equals_the_figure_of_the_whole_clip():
+def test_equals_the_figure_of_the_whole_clip() -> None:
     random = np.random.default_rng(3)
     before = random.normal(size=(7, 20, 3))
     after = before + 0.01 * random.normal(size=before.shape)
@@ -22,7 +22,7 @@ def test_equals_the_figure_of_the_whole_clip():
     assert measured(before, after) > 1e-3
 
 
-def test_steady_corrections_have_none():
+def test_steady_corrections_have_none() -> None:
     before = np.random.default_rng(4).normal(size=(5, 9, 3))
     ramp = np.arange(5)[:, None, None] * np.array([0.1, 0, 0])
     assert measured(before, before + ramp) == pytest.approx(0, abs=1e-14)

@@ -7,7 +7,7 @@ import numpy as np
 from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel, undamped
 
 
-def test_small_products_make_the_whole_one():
+def test_small_products_make_the_whole_one() -> None:
     kernel = gaussian_kernel(np.arange(60.0), 3.5)
     field = np.random.default_rng(0).normal(size=(60, 700, 3))
     expected = np.einsum("ts,svk->tvk", kernel, field)
@@ -16,7 +16,7 @@ def test_small_products_make_the_whole_one():
     assert apply_in_time(np.ones((2, 3)), np.zeros((3, 0, 3))).shape == (2, 0, 3)
 
 
-def test_a_lone_frame_keeps_its_length():
+def test_a_lone_frame_keeps_its_length() -> None:
     kernel = gaussian_kernel(np.arange(30.0), 3.5)
     field = np.zeros((30, 5, 3))
     field[12, 1] = [0.3, -0.4, 0.0]

@@ -49,7 +49,7 @@ def test_frames_of_the_published_method_come_in_order_for_any_jobs(jobs: int) ->
         assert_same(frame.results, scene(method="paper")([pose]))
 
 
-def test_a_device_takes_frames_in_batches(monkeypatch) -> None:
+def test_a_device_takes_frames_in_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paper, "DEVICE_LOOP", ("cpu", "cuda"))
     monkeypatch.setattr(SceneRepairer, "poses_at_once", 3)
     calls: list[int] = []
@@ -70,7 +70,9 @@ def test_a_device_takes_frames_in_batches(monkeypatch) -> None:
         assert one[0].after.pairs < max(one[0].before.pairs, 1)
 
 
-def test_a_pose_that_cannot_be_used_does_not_spoil_its_batch(monkeypatch) -> None:
+def test_a_pose_that_cannot_be_used_does_not_spoil_its_batch(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(SceneRepairer, "poses_at_once", 3)
     broken = POSES[0].copy()
     broken[0, 0] = np.nan

@@ -40,7 +40,7 @@ WHOLE = Report(
 )
 
 
-def test_parts_join_to_the_whole():
+def test_parts_join_to_the_whole() -> None:
     first = replace(WHOLE, frames=WHOLE.frames[:1], warnings=("one",), seconds={"detect": 3.0})
     second = replace(WHOLE, frames=WHOLE.frames[1:], warnings=("one", "two"))
     second = replace(second, seconds={"detect": 0.0, "solve": 4.0})
@@ -50,6 +50,6 @@ def test_parts_join_to_the_whole():
     assert backwards.document()["frames"] == WHOLE.document()["frames"]
 
 
-def test_frame_without_counts_keeps_its_message():
+def test_frame_without_counts_keeps_its_message() -> None:
     joined = join_reports([WHOLE.document()])
     assert joined.frames[2].before is None and joined.frames[2].message == "NaN"

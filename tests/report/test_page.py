@@ -58,7 +58,7 @@ def parsed(page):
     return tags.seen
 
 
-def test_page_is_well_formed_and_needs_nothing_else():
+def test_page_is_well_formed_and_needs_nothing_else() -> None:
     page = make_page(document(), [Picture("before", b"\x89PNG")])
     tags = parsed(page)
     assert not [tag for tag, _ in tags if tag in ("script", "link", "iframe")]
@@ -67,13 +67,13 @@ def test_page_is_well_formed_and_needs_nothing_else():
     assert images == ["data:image/png;base64,iVBORw=="]
 
 
-def test_names_and_messages_are_escaped():
+def test_names_and_messages_are_escaped() -> None:
     page = make_page(document())
     assert "a &lt;b&gt; &amp; c.usd" in page and "<b> &" not in page
     assert "bad &lt;points&gt;" in page
 
 
-def test_one_bar_each_and_heights_in_proportion():
+def test_one_bar_each_and_heights_in_proportion() -> None:
     bars = [a for tag, a in parsed(make_page(document())) if tag == "rect"]
     before = [float(bar["height"]) for bar in bars if bar["class"] == "before"]
     assert len(before) == 41
@@ -82,7 +82,7 @@ def test_one_bar_each_and_heights_in_proportion():
     assert all(float(bar["y"]) >= 0 and float(bar["x"]) <= 900 for bar in bars)
 
 
-def test_totals_and_table():
+def test_totals_and_table() -> None:
     page = make_page(document())
     assert "40 of 41" in page and "<b>8200</b>triangles before" in page
     assert "frames failed" in page
@@ -92,7 +92,7 @@ def test_totals_and_table():
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_small_reports(count):
+def test_small_reports(count) -> None:
     parsed(make_page(document(count, frames=document_frames(count))))
 
 
@@ -111,7 +111,7 @@ def transfer_section(**changes):
     return {**values, **changes}
 
 
-def test_a_transfer_has_a_table_of_its_own():
+def test_a_transfer_has_a_table_of_its_own() -> None:
     assert "<h2>Transfer</h2>" not in make_page(document())
     marked = {"count": 9, "distance_median": 0.01, "distance_max": 0.4}
     marked |= {"suspects": [3, 5], "swapped": [[3, 5]]}

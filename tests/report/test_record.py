@@ -3,6 +3,7 @@
 import copy
 import json
 import os
+from pathlib import Path
 
 import pytest
 
@@ -60,7 +61,7 @@ def make_report(**changes):
     return Report(**{**values, **changes})
 
 
-def test_document_carries_the_schema_name_and_the_totals():
+def test_document_carries_the_schema_name_and_the_totals() -> None:
     document = make_report().document()
     assert document["schema"] == SCHEMA_NAME == "dtrepair.report/1"
     summary = document["summary"]
@@ -72,18 +73,18 @@ def test_document_carries_the_schema_name_and_the_totals():
     assert summary["jitter"] is None
 
 
-def test_failed_frames_have_a_null_time_and_no_counts():
+def test_failed_frames_have_a_null_time_and_no_counts() -> None:
     frame = make_report().document()["frames"][1]
     assert frame["time"] is None and frame["before"] is None and frame["after"] is None
 
 
-def test_no_frames_is_a_valid_report():
+def test_no_frames_is_a_valid_report() -> None:
     document = make_report(frames=()).document()
     assert document["summary"]["frames"] == 0
     assert summarize(())["displacement_mean"] == 0.0
 
 
-def test_schema_agrees_with_an_independent_validator():
+def test_schema_agrees_with_an_independent_validator() -> None:
     jsonschema = pytest.importorskip("jsonschema")
     validator = jsonschema.Draft202012Validator(SCHEMA)
     document = make_report().document()
@@ -129,7 +130,7 @@ def broken_documents(document):
         (lambda d: d.pop("device"), r"report: expected the property 'device'"),
     ],
 )
-def test_errors_name_the_place(edit, place):
+def test_errors_name_the_place(edit, place) -> None:
     document = make_report().document()
     edit(document)
     with pytest.raises(ReportError, match=place):
@@ -137,18 +138,18 @@ def test_errors_name_the_place(edit, place):
 
 
 @pytest.mark.parametrize("status", STATUSES)
-def test_every_status_is_accepted(status):
+def test_every_status_is_accepted(status) -> None:
     make_report(frames=(FrameRecord(time=1.0, status=status),)).document()
 
 
-def test_values_that_are_not_json_are_refused():
+def test_values_that_are_not_json_are_refused() -> None:
     with pytest.raises(ReportError, match="finite"):
         make_report(seconds={"total": float("nan")}).document()
     with pytest.raises(ReportError, match="plain values"):
         make_report(settings={"a": object()}).document()
 
 
-def test_write_and_read_back(tmp_path):
+def test_write_and_read_back(tmp_path: Path) -> None:
     path = tmp_path / "report.json"
     write_report(make_report(), path)
     assert read_report(path) == make_report().document()
@@ -156,7 +157,7 @@ def test_write_and_read_back(tmp_path):
     assert path.read_text().endswith("}\n")
 
 
-def test_refused_report_leaves_the_old_file(tmp_path):
+def test_refused_report_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "report.json"
     path.write_text("old")
     with pytest.raises(ReportError):
@@ -165,12 +166,12 @@ def test_refused_report_leaves_the_old_file(tmp_path):
     assert os.listdir(tmp_path) == ["report.json"]
 
 
-def test_missing_directory_is_an_os_error(tmp_path):
+def test_missing_directory_is_an_os_error(tmp_path: Path) -> None:
     with pytest.raises(OSError):
         write_report(make_report(), tmp_path / "none" / "report.json")
 
 
-def test_reading_something_else_is_refused(tmp_path):
+def test_reading_something_else_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "report.json"
     path.write_text("{")
     with pytest.raises(ReportError, match="expected a JSON report"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -31,7 +32,7 @@ def animals():
     return source, source_faces, target, target_faces, pairs
 
 
-def test_a_round_trip_comes_back(animals):
+def test_a_round_trip_comes_back(animals) -> None:
     source, source_faces, target, target_faces, pairs = animals
     poses = SOURCE.walk(source, 6)
     there = Transfer(*animals)(poses)
@@ -41,7 +42,7 @@ def test_a_round_trip_comes_back(animals):
     assert off.max() < 0.06
 
 
-def test_a_frame_costs_a_fraction_of_the_registration(animals):
+def test_a_frame_costs_a_fraction_of_the_registration(animals) -> None:
     source, source_faces, target, target_faces, _ = animals
     rows = markers(SOURCE, source, TARGET, target)
     start = perf_counter()
@@ -58,7 +59,7 @@ def volume(points, faces):
     return np.linalg.det(corners).sum(axis=-1) / 6.0
 
 
-def test_volumes_triangles_and_motion_are_kept(animals):
+def test_volumes_triangles_and_motion_are_kept(animals) -> None:
     source, source_faces, target, target_faces, _ = animals
     poses = SOURCE.walk(source, 24)
     transfer = Transfer(*animals)
@@ -76,7 +77,7 @@ def test_volumes_triangles_and_motion_are_kept(animals):
     assert speeds[2] / speeds[3] < 1.5
 
 
-def test_noise_is_not_amplified(animals):
+def test_noise_is_not_amplified(animals) -> None:
     source, _, target, _, _ = animals
     transfer = Transfer(*animals)
     noise = 1e-3 * np.random.default_rng(0).normal(size=source.shape)
@@ -85,7 +86,7 @@ def test_noise_is_not_amplified(animals):
     assert gain * diagonal(source) / diagonal(target) < 1.1
 
 
-def test_blend_shapes_may_be_transferred_one_by_one(animals):
+def test_blend_shapes_may_be_transferred_one_by_one(animals) -> None:
     source = animals[0]
     transfer = Transfer(*animals)
     shapes = np.stack(
@@ -101,7 +102,7 @@ def test_blend_shapes_may_be_transferred_one_by_one(animals):
         transfer_blend_shapes(transfer, shapes[0])
 
 
-def test_the_real_animals_meet_their_bars(shared_data):
+def test_the_real_animals_meet_their_bars(shared_data: Path) -> None:
     folder = shared_data / "transfer"
 
     def obj(path):

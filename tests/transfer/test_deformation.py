@@ -34,19 +34,19 @@ def shapes():
 
 
 @pytest.mark.parametrize("weights", ["area", "cotan", "count", "uniform"])
-def test_identity_gives_the_pose_back(ball, weights):
+def test_identity_gives_the_pose_back(ball, weights) -> None:
     points, faces = ball
     transfer = Transfer(points, faces, points, faces, identity_pairs(faces), weights=weights)
     assert errors(transfer(bent(points)), bent(points)) < 1e-10
 
 
 @pytest.mark.parametrize(("weights", "bar"), [("area", 1e-11), ("count", 1e-9)])
-def test_rest_gives_rest(shapes, weights, bar):
+def test_rest_gives_rest(shapes, weights, bar) -> None:
     transfer = Transfer(*shapes, weights=weights)
     assert errors(transfer(shapes[0]), shapes[2]) < bar
 
 
-def test_rigid_motion_and_scale_of_the_pose_are_those_of_the_result(shapes):
+def test_rigid_motion_and_scale_of_the_pose_are_those_of_the_result(shapes) -> None:
     transfer = Transfer(*shapes)
     plain = transfer(bent(shapes[0]))
     centre = transfer.placement
@@ -58,14 +58,14 @@ def test_rigid_motion_and_scale_of_the_pose_are_those_of_the_result(shapes):
     np.testing.assert_allclose(step, centre.ratio * np.tile([1.0, 2.0, 3.0], (434, 1)), atol=1e-10)
 
 
-def test_rigid_motion_and_scale_of_the_pose_with_identity(ball):
+def test_rigid_motion_and_scale_of_the_pose_with_identity(ball) -> None:
     points, faces = ball
     transfer = Transfer(points, faces, points, faces, identity_pairs(faces))
     for pose in (points @ TURN.T + 7.0, 2.5 * points - 3.0):
         assert errors(transfer(pose), pose) < 1e-10
 
 
-def test_both_rests_turned_and_the_source_in_other_units(shapes):
+def test_both_rests_turned_and_the_source_in_other_units(shapes) -> None:
     source, source_faces, target, target_faces, pairs = shapes
     pose = bent(source)
     plain = Transfer(*shapes)(pose)
@@ -80,7 +80,7 @@ def test_both_rests_turned_and_the_source_in_other_units(shapes):
     assert errors(turned, plain @ TURN.T) < 1e-9
 
 
-def test_a_turned_target_needs_the_rotation(shapes):
+def test_a_turned_target_needs_the_rotation(shapes) -> None:
     source, source_faces, target, target_faces, pairs = shapes
     pose = bent(source)
     plain = Transfer(*shapes)(pose)
@@ -90,14 +90,14 @@ def test_a_turned_target_needs_the_rotation(shapes):
     assert errors(Transfer(*turned, up=up)(pose), plain @ TURN.T) > 0.1
 
 
-def test_a_larger_target_gives_a_larger_result(shapes):
+def test_a_larger_target_gives_a_larger_result(shapes) -> None:
     source, source_faces, target, target_faces, pairs = shapes
     plain = Transfer(*shapes)(bent(source))
     large = Transfer(source, source_faces, 7.0 * target, target_faces, pairs)(bent(source))
     assert errors(large, 7.0 * plain) < 1e-9
 
 
-def test_far_from_the_origin_nothing_is_lost(shapes):
+def test_far_from_the_origin_nothing_is_lost(shapes) -> None:
     source, source_faces, target, target_faces, pairs = shapes
     pose, far = bent(source), 1000.0 * diagonal(target)
     plain = Transfer(*shapes)(pose)
@@ -125,14 +125,14 @@ def renumbered(shapes, seed=5):
     return (*parts, rows[rng.permutation(len(rows))]), orders[0][0], orders[1][0]
 
 
-def test_the_numbering_does_not_matter(shapes):
+def test_the_numbering_does_not_matter(shapes) -> None:
     other, source_order, target_order = renumbered(shapes)
     pose = bent(shapes[0])
     plain = Transfer(*shapes)(pose)
     assert errors(Transfer(*other)(pose[source_order]), plain[target_order]) < 1e-10
 
 
-def test_the_numbering_does_not_matter_on_non_manifold_meshes_with_holes_to_fill(shapes):
+def test_the_numbering_does_not_matter_on_non_manifold_meshes_with_holes_to_fill(shapes) -> None:
     source, source_faces, target, target_faces, pairs = shapes
     fin = target[target_faces[:4, 0]] + np.array([0.0, 0.0, 0.5])
     target = np.concatenate([target, fin])
@@ -149,7 +149,7 @@ def test_the_numbering_does_not_matter_on_non_manifold_meshes_with_holes_to_fill
     assert errors(Transfer(*other)(pose[source_order]), plain[target_order]) < 1e-6
 
 
-def test_the_anchor_vertex_does_not_matter(shapes, monkeypatch):
+def test_the_anchor_vertex_does_not_matter(shapes, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = Transfer(*shapes)(bent(shapes[0]))
     monkeypatch.setattr(Placement, "anchors", lambda self: np.array([311], dtype=np.int32))
     assert errors(Transfer(*shapes)(bent(shapes[0])), plain) < 1e-10
@@ -187,14 +187,14 @@ def paper_solution(shapes, pose):
     return np.concatenate([np.zeros((1, 3)), solution[: count - 1]])
 
 
-def test_the_reduced_system_is_the_papers(shapes):
+def test_the_reduced_system_is_the_papers(shapes) -> None:
     pose = bent(shapes[0])
     found = Transfer(*shapes, weights="count")(pose)
     expected = paper_solution(shapes, pose)
     assert errors(found - found[0], expected) < 1e-10
 
 
-def test_area_weights_give_the_cotangent_laplacian(shapes):
+def test_area_weights_give_the_cotangent_laplacian(shapes) -> None:
     target, faces = shapes[2], shapes[3]
     matrix = poisson_system(
         target, faces, degenerate_triangles(target, faces), triangle_areas(target, faces)
@@ -206,7 +206,7 @@ def test_area_weights_give_the_cotangent_laplacian(shapes):
     )
 
 
-def test_holes_follow_their_surroundings_not_the_rest(ball):
+def test_holes_follow_their_surroundings_not_the_rest(ball) -> None:
     points, faces = ball
     pairs = identity_pairs(faces)
     matched = np.abs(points[faces].mean(axis=1)[:, 1]) < 1.0

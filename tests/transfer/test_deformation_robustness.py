@@ -30,7 +30,7 @@ def shapes():
     return *source, *target, match_triangles(*source, *target)
 
 
-def test_one_factor_for_any_number_of_poses(shapes):
+def test_one_factor_for_any_number_of_poses(shapes) -> None:
     before = Factor.count
     transfer = Transfer(*shapes)
     transfer(np.stack([bent(shapes[0], amount) for amount in np.linspace(0, 1, 20)]))
@@ -38,14 +38,14 @@ def test_one_factor_for_any_number_of_poses(shapes):
     assert Factor.count - before == 1
 
 
-def test_a_repeat_is_bitwise_and_batches_do_not_matter(shapes):
+def test_a_repeat_is_bitwise_and_batches_do_not_matter(shapes) -> None:
     poses = np.stack([bent(shapes[0], amount) for amount in (0.1, 0.5, 0.9)])
     once = Transfer(*shapes)(poses)
     np.testing.assert_array_equal(once, Transfer(*shapes)(poses))
     np.testing.assert_array_equal(once[1], Transfer(*shapes)(poses[1]))
 
 
-def test_one_or_two_threads_give_the_same_bits():
+def test_one_or_two_threads_give_the_same_bits() -> None:
     code = (
         "import hashlib, numpy as np\n"
         "from tests.meshes import torus\n"
@@ -70,7 +70,7 @@ def test_one_or_two_threads_give_the_same_bits():
     assert len(hashes) == 1
 
 
-def test_float32_and_torch_come_back_as_they_came(shapes):
+def test_float32_and_torch_come_back_as_they_came(shapes) -> None:
     transfer = Transfer(*shapes)
     pose = bent(shapes[0])
     exact = transfer(pose)
@@ -86,7 +86,7 @@ def test_float32_and_torch_come_back_as_they_came(shapes):
     np.testing.assert_array_equal(tensors(torch.from_numpy(pose)).numpy(), exact)
 
 
-def test_inputs_are_not_written_to(shapes):
+def test_inputs_are_not_written_to(shapes) -> None:
     kept = [array.copy() for array in shapes]
     pose = bent(shapes[0])
     before = pose.copy()
@@ -96,7 +96,7 @@ def test_inputs_are_not_written_to(shapes):
         np.testing.assert_array_equal(array, copy)
 
 
-def test_zero_area_triangles_change_nothing(ball):
+def test_zero_area_triangles_change_nothing(ball) -> None:
     points, faces = ball
     plain = Transfer(points, faces, points, faces, identity_pairs(faces))(bent(points))
     rng = np.random.default_rng(2)
@@ -117,7 +117,7 @@ def test_zero_area_triangles_change_nothing(ball):
 
 
 @pytest.mark.parametrize("height", [1e-3, 1e-5, 1e-7, 1e-9])
-def test_cap_triangles_do_not_disturb_their_neighbours(ball, height):
+def test_cap_triangles_do_not_disturb_their_neighbours(ball, height) -> None:
     points, faces = ball
     rng = np.random.default_rng(3)
     capped = rng.choice(len(faces), 200, replace=False)
@@ -147,7 +147,7 @@ def test_cap_triangles_do_not_disturb_their_neighbours(ball, height):
     assert errors(found, pose) < 1e-6
 
 
-def test_wrong_arguments_are_refused(shapes):
+def test_wrong_arguments_are_refused(shapes) -> None:
     source, source_faces, target, target_faces, pairs = shapes
     with pytest.raises(ValueError, match=r"weights should be .* got 'volume'"):
         Transfer(*shapes, weights="volume")
@@ -173,7 +173,9 @@ def test_wrong_arguments_are_refused(shapes):
         transfer(np.where(np.arange(288)[:, None] == 9, np.nan, source))
 
 
-def test_a_factor_that_failed_is_an_error_not_a_result(shapes, monkeypatch):
+def test_a_factor_that_failed_is_an_error_not_a_result(
+    shapes, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(Factor, "__call__", lambda self, rows: np.full(rows.shape, np.nan))
     with pytest.raises(ValueError, match=r"could not be factorised.*weights='area'"):
         Transfer(*shapes)

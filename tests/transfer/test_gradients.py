@@ -19,7 +19,7 @@ def gradients(points, faces, pose):
     return np.swapaxes(columns, 1, 2)
 
 
-def test_the_scaled_normal_scales_as_an_edge_and_has_the_root_of_the_double_area():
+def test_the_scaled_normal_scales_as_an_edge_and_has_the_root_of_the_double_area() -> None:
     points, faces = icosphere(1)
     once, twice = scaled_normals(points, faces), scaled_normals(2.0 * points, faces)
     np.testing.assert_allclose(twice, 2.0 * once, rtol=1e-14)
@@ -28,7 +28,7 @@ def test_the_scaled_normal_scales_as_an_edge_and_has_the_root_of_the_double_area
     np.testing.assert_allclose(scaled_normals(corner, triangle), [[0, 0, 3.0]], rtol=1e-15)
 
 
-def test_a_similarity_is_the_gradient_of_every_triangle():
+def test_a_similarity_is_the_gradient_of_every_triangle() -> None:
     points, faces = icosphere(1)
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     pose = 2.5 * points @ turn.T + (1e3, -2e3, 5e2)
@@ -36,7 +36,7 @@ def test_a_similarity_is_the_gradient_of_every_triangle():
     np.testing.assert_allclose(gradients(points, faces, pose), expected, atol=1e-11)
 
 
-def test_a_linear_map_is_met_in_the_plane_and_the_normal_follows_the_pose():
+def test_a_linear_map_is_met_in_the_plane_and_the_normal_follows_the_pose() -> None:
     points, faces = icosphere(1)
     shear = np.array([[1.0, 0.3, 0.0], [0.0, 1.2, 0.1], [0.2, 0.0, 0.9]])
     found = gradients(points, faces, points @ shear.T)
@@ -47,7 +47,7 @@ def test_a_linear_map_is_met_in_the_plane_and_the_normal_follows_the_pose():
     np.testing.assert_allclose(normals, scaled_normals(points @ shear.T, faces), atol=1e-13)
 
 
-def test_triangles_are_degenerate_by_height_over_longest_edge():
+def test_triangles_are_degenerate_by_height_over_longest_edge() -> None:
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 2e-6, 0], [0.5, 5e-7, 0], [0.5, 0, 0]])
     faces = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4], [0, 0, 1]], dtype=np.int32)
     for scale in (1e-6, 1.0, 1e6):
@@ -55,7 +55,7 @@ def test_triangles_are_degenerate_by_height_over_longest_edge():
         assert mask.tolist() == [False, True, True, True]
 
 
-def test_degenerate_triangles_have_zero_rows():
+def test_degenerate_triangles_have_zero_rows() -> None:
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0.5, 0, 0]])
     faces = np.array([[0, 1, 3], [0, 1, 2]], dtype=np.int32)
     operator = deformation_operator(points, faces, degenerate_triangles(points, faces))

@@ -27,7 +27,7 @@ def animals():
     return transfer, SOURCE.walk(source, 4)
 
 
-def test_pins_at_their_own_places_change_nothing(animals):
+def test_pins_at_their_own_places_change_nothing(animals) -> None:
     transfer, poses = animals
     vertices = np.arange(0, len(transfer.target), 113)
     free = transfer(poses)
@@ -35,7 +35,7 @@ def test_pins_at_their_own_places_change_nothing(animals):
     assert np.abs(held - free).max() < 1e-10 * diagonal(transfer.target)
 
 
-def test_the_schur_complement_equals_a_new_factorisation(animals):
+def test_the_schur_complement_equals_a_new_factorisation(animals) -> None:
     transfer, poses = animals
     vertices = np.array([7, 300, 1200, 2500, 4000, int(transfer.placement.anchors()[0])])
     rng = np.random.default_rng(1)
@@ -54,7 +54,7 @@ def test_the_schur_complement_equals_a_new_factorisation(animals):
     assert np.abs(held - free).max() > 0.01 * diagonal(free)
 
 
-def test_contacts_may_change_from_frame_to_frame_without_a_factorisation(animals):
+def test_contacts_may_change_from_frame_to_frame_without_a_factorisation(animals) -> None:
     transfer, poses = animals
     vertices = np.array([10, 500, 3000])
     free = transfer(poses)
@@ -70,7 +70,7 @@ def test_contacts_may_change_from_frame_to_frame_without_a_factorisation(animals
     np.testing.assert_array_equal(held[0, vertices], places[0])
 
 
-def test_only_the_pieces_with_pins_are_held():
+def test_only_the_pieces_with_pins_are_held() -> None:
     body, other = icosphere(2), icosphere(1)
     points, faces = joined(body, (0.3 * other[0] + (0.0, 2.0, 0.0), other[1]))
     transfer = Transfer(points, faces, points, faces, identity_pairs(faces), pieces="separate")
@@ -80,14 +80,14 @@ def test_only_the_pieces_with_pins_are_held():
     assert np.abs(held[162:] - pose[162:]).max() < 1e-12
 
 
-def test_torch_comes_back_as_torch(animals):
+def test_torch_comes_back_as_torch(animals) -> None:
     transfer, poses = animals
     places = torch.from_numpy(transfer(poses)[:, [3, 4]])
     held = Pins(transfer, torch.tensor([3, 4]))(torch.from_numpy(poses).float(), places)
     assert isinstance(held, torch.Tensor) and held.dtype == torch.float32
 
 
-def test_wrong_pins_are_refused(animals):
+def test_wrong_pins_are_refused(animals) -> None:
     transfer, poses = animals
     count = len(transfer.target)
     with pytest.raises(ValueError, match=f"0..{count - 1}, got {count}"):

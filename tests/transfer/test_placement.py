@@ -34,7 +34,7 @@ def animals():
     return source, source_faces, target, target_faces, pairs
 
 
-def test_pieces_that_move_separately_are_met_and_an_unused_vertex_rides_along():
+def test_pieces_that_move_separately_are_met_and_an_unused_vertex_rides_along() -> None:
     points, faces = joined(icosphere(2), torus(), icosphere(1))
     pieces = np.repeat([0, 1, 2], [162, 512, 42])
     points = points + 3.0 * np.eye(3)[pieces]
@@ -64,7 +64,7 @@ def with_eyes(animal, points, faces):
 
 
 @pytest.mark.parametrize("source_has_eyes", [True, False])
-def test_riding_pieces_keep_their_seat(animals, source_has_eyes):
+def test_riding_pieces_keep_their_seat(animals, source_has_eyes) -> None:
     body, body_faces, target, target_faces, _ = animals
     riding, riding_faces = with_eyes(TARGET, target, target_faces)
     source, source_faces = body, body_faces
@@ -88,7 +88,7 @@ def test_riding_pieces_keep_their_seat(animals, source_has_eyes):
         assert errors["separate"] > 0.05
 
 
-def test_the_root_does_not_depend_on_the_tessellation():
+def test_the_root_does_not_depend_on_the_tessellation() -> None:
     points, faces = torus(24, 12)
     upright = points[:, [0, 2, 1]] * (1.0, 1.0, -1.0)
     # The half with x > 0 gets four times as many triangles (split apart, so vertices repeat).
@@ -104,7 +104,7 @@ def test_the_root_does_not_depend_on_the_tessellation():
     assert np.abs(transfer(pose) - expected)[used].max() < 1e-10 * diagonal(mixed)
 
 
-def test_the_translation_is_scaled_by_the_heights_over_the_ground(animals):
+def test_the_translation_is_scaled_by_the_heights_over_the_ground(animals) -> None:
     source, source_faces, target, target_faces, pairs = animals
     transfer = Transfer(source, source_faces, target, target_faces, pairs)
     assert 1.2 < transfer.placement.ratio < 1.4
@@ -115,14 +115,14 @@ def test_the_translation_is_scaled_by_the_heights_over_the_ground(animals):
     np.testing.assert_allclose(given(source + step), target + 2.0 * step, atol=1e-10)
 
 
-def test_meshes_that_lie_flat_use_the_ratio_of_their_sizes():
+def test_meshes_that_lie_flat_use_the_ratio_of_their_sizes() -> None:
     points, faces = icosphere(1)
     flat = points * (1.0, 0.0, 1.0)
     transfer = Transfer(flat, faces, 3.0 * flat, faces, identity_pairs(faces))
     assert transfer.placement.ratio == pytest.approx(3.0, rel=1e-12)
 
 
-def test_feet_stay_on_the_ground_in_a_walk(animals):
+def test_feet_stay_on_the_ground_in_a_walk(animals) -> None:
     source, source_faces, target, target_faces, pairs = animals
     poses = SOURCE.walk(source, 12)
     height, ground = np.ptp(target[:, 1]), target[:, 1].min()
@@ -137,7 +137,7 @@ def test_feet_stay_on_the_ground_in_a_walk(animals):
     assert jump == pytest.approx(ground + 0.4 * lifted.placement.ratio, abs=1e-12)
 
 
-def test_the_ground_lies_across_the_given_up_axis(animals):
+def test_the_ground_lies_across_the_given_up_axis(animals) -> None:
     source, source_faces, target, target_faces, pairs = animals
     turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # y up to z up
     plain = Transfer(source, source_faces, target, target_faces, pairs, snap=True)

@@ -17,7 +17,7 @@ def simple(**options):
     return points, Transfer(points, faces, points, faces, identity_pairs(faces), **options)
 
 
-def test_an_exact_transfer_has_no_residual_and_no_warning():
+def test_an_exact_transfer_has_no_residual_and_no_warning() -> None:
     points, transfer = simple()
     poses = np.stack([points, points @ Rotation.from_rotvec([0, 1.0, 0]).as_matrix().T])
     report = examine(transfer, poses, transfer(poses))
@@ -28,14 +28,14 @@ def test_an_exact_transfer_has_no_residual_and_no_warning():
     assert report.coverage.unmatched == 0 and report.coverage.source_used == 1.0
 
 
-def test_the_residual_is_the_gradient_that_is_missing():
+def test_the_residual_is_the_gradient_that_is_missing() -> None:
     points, transfer = simple()
     # Twice the size where the rest was asked for: the gradient is off by the identity in the plane.
     found = residuals(transfer, points[None], 2.0 * points[None])
     np.testing.assert_allclose(found, np.sqrt(2.0), rtol=1e-12)
 
 
-def test_a_pose_in_other_units_is_reported():
+def test_a_pose_in_other_units_is_reported() -> None:
     points, transfer = simple()
     for factor, told in ((100.0, True), (0.5, True), (1.2, False)):
         report = examine(transfer, factor * points[None], transfer(factor * points[None]))
@@ -43,7 +43,7 @@ def test_a_pose_in_other_units_is_reported():
         assert any("other units" in warning for warning in report.warnings) is told
 
 
-def test_rests_that_face_other_ways_are_reported():
+def test_rests_that_face_other_ways_are_reported() -> None:
     points, faces = icosphere(2)
     points = points * np.array([1.0, 1.5, 0.8])
     turn = Rotation.from_rotvec([np.pi / 2, 0, 0]).as_matrix()
@@ -56,7 +56,7 @@ def test_rests_that_face_other_ways_are_reported():
         assert any("90 degrees apart" in warning for warning in report.warnings) is told
 
 
-def test_triangles_turned_inside_out_are_reported():
+def test_triangles_turned_inside_out_are_reported() -> None:
     points, transfer = simple()
     mirrored = points * np.array([1.0, -1.0, 1.0])
     report = examine(transfer, points[None], mirrored[None])
@@ -64,7 +64,7 @@ def test_triangles_turned_inside_out_are_reported():
     assert any("inside out" in warning for warning in report.warnings)
 
 
-def test_coverage_counts_holes_by_number_area_and_patch():
+def test_coverage_counts_holes_by_number_area_and_patch() -> None:
     points, faces = icosphere(2)
     left = points[faces].mean(axis=1)[:, 0]
     covered = identity_pairs(faces)[(left < 0.8) & (left > -0.9)]
@@ -76,7 +76,7 @@ def test_coverage_counts_holes_by_number_area_and_patch():
     assert "have no partner" in coverage.warnings[0]
 
 
-def test_an_ill_conditioned_system_is_reported(monkeypatch):
+def test_an_ill_conditioned_system_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     points, transfer = simple()
     placed = transfer.placement
     monkeypatch.setattr(transfer, "placement", lambda *arguments: placed(*arguments) * (1.0 + 1e-4))
@@ -84,7 +84,7 @@ def test_an_ill_conditioned_system_is_reported(monkeypatch):
     assert any("ill-conditioned" in warning for warning in report.warnings)
 
 
-def test_results_of_another_transfer_are_refused():
+def test_results_of_another_transfer_are_refused() -> None:
     points, transfer = simple()
     with pytest.raises(ValueError, match=r"result should have shape \(1, 162, 3\)"):
         examine(transfer, points[None], points[None, :-1])
@@ -94,7 +94,7 @@ def test_results_of_another_transfer_are_refused():
         examine(other, source[0][None], source[0][None])
 
 
-def test_long_animations_are_sampled_evenly_with_both_ends():
+def test_long_animations_are_sampled_evenly_with_both_ends() -> None:
     points, transfer = simple()
     scales = np.linspace(1.0, 1.4, 101)
     poses = scales[:, None, None] * points

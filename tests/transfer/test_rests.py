@@ -22,14 +22,14 @@ def matrix(linear):
     return result
 
 
-def test_scale_shear_and_reflection_are_taken_out():
+def test_scale_shear_and_reflection_are_taken_out() -> None:
     assert np.abs(rotation_of(TURN.T) - TURN).max() < 1e-14
     stretched = TURN @ np.diag([0.1, 3.0, 7.0])  # polar decomposition: stretch along own axes
     assert np.abs(rotation_of(stretched.T) - TURN).max() < 1e-13
     assert np.linalg.det(rotation_of(np.diag([-1.0, 1.0, 1.0]))) == pytest.approx(1.0)
 
 
-def test_local_axes_go_over_both_worlds():
+def test_local_axes_go_over_both_worlds() -> None:
     up = np.array([0.0, 1.0, 0.0])
     same = local_rotation(up, up, matrix(TURN), matrix(TURN))
     assert np.abs(same - np.eye(3)).max() < 1e-14
@@ -39,7 +39,7 @@ def test_local_axes_go_over_both_worlds():
     assert np.abs(turned @ up - (0, 0, 1)).max() < 1e-14
 
 
-def test_rests_are_aligned_by_their_pairs():
+def test_rests_are_aligned_by_their_pairs() -> None:
     points, faces = icosphere(1)
     points = points * (1.0, 2.0, 3.0)
     moved = 2.5 * points @ TURN.T + (1.0, 2.0, 3.0)
@@ -51,7 +51,7 @@ def test_rests_are_aligned_by_their_pairs():
         rotation_between_rests((points, faces), (moved, faces), pairs[:2])
 
 
-def test_winding_shows_in_the_volume():
+def test_winding_shows_in_the_volume() -> None:
     points, faces = icosphere(1)
     assert not inside_out(points, faces) and inside_out(points, faces[:, ::-1])
     assert inside_out(1e4 * points + 1e6, faces[:, ::-1])

@@ -1,6 +1,7 @@
 """`dtrepair check`: exact counts, exit codes, and what it prints."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from dtrepair.report.record import validate
 from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
 
 
-def test_mesh_file_with_intersections(tmp_path):
+def test_mesh_file_with_intersections(tmp_path: Path) -> None:
     path = tube_obj(tmp_path / "a.obj", CLOSED)
     found = run("check", path)
     assert found.code == 1 and found.err == ""
@@ -17,13 +18,13 @@ def test_mesh_file_with_intersections(tmp_path):
     assert found.out.splitlines()[-1].startswith("1 of 1 frame intersects: ")
 
 
-def test_clean_mesh_file(tmp_path):
+def test_clean_mesh_file(tmp_path: Path) -> None:
     found = run("check", tube_obj(tmp_path / "a.obj", OPEN))
     assert found.code == 0
     assert found.out.splitlines()[-1] == "no intersections in 1 frame"
 
 
-def test_counts_agree_with_the_library(tmp_path):
+def test_counts_agree_with_the_library(tmp_path: Path) -> None:
     from dtrepair import find_intersections
     from tests.command_line import tube_polygons, tube_pose
     from tests.meshes import split_quads
@@ -45,7 +46,7 @@ def test_counts_agree_with_the_library(tmp_path):
     }
 
 
-def test_stage_counts_each_frame(tmp_path):
+def test_stage_counts_each_frame(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN), times=(-2, 0.5, 7))
     found = run("check", path, "--json", tmp_path / "r.json")
     assert found.code == 1
@@ -58,14 +59,14 @@ def test_stage_counts_each_frame(tmp_path):
     assert [frame["status"] for frame in report["frames"]] == ["clean", "unchanged", "clean"]
 
 
-def test_frames_and_quiet(tmp_path):
+def test_frames_and_quiet(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
     assert run("check", path, "--frames", "1:3x2").code == 0
     quiet = run("check", path, "--frames", "-5:2", "-q")
     assert (quiet.code, quiet.out, quiet.err) == (1, "", "")
 
 
-def test_jobs_give_the_same_result_in_the_same_order(tmp_path):
+def test_jobs_give_the_same_result_in_the_same_order(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", np.linspace(OPEN, CLOSED, 9))
     one, four = (run("check", path, "--jobs", jobs).out for jobs in (1, 4))
     assert one == four and one.count("\n") == 11
@@ -78,7 +79,7 @@ def cube(size, centre):
 
 
 @pytest.fixture
-def two_cubes(tmp_path):
+def two_cubes(tmp_path: Path):
     """A cube that moves by its transform through a fixed one; both have points only once."""
     from usd_io import AuthoredMesh, write_animation
 
@@ -95,7 +96,7 @@ def two_cubes(tmp_path):
     return path
 
 
-def test_several_meshes_meet_in_world_space(two_cubes):
+def test_several_meshes_meet_in_world_space(two_cubes) -> None:
     report = run("check", two_cubes, "--json", "-").json
     assert [frame["time"] for frame in report["frames"]] == [1, 2, 3, 4]
     pairs = [frame["before"]["pairs"] for frame in report["frames"]]
@@ -111,7 +112,7 @@ def test_several_meshes_meet_in_world_space(two_cubes):
     assert "between" in table and "/Moving/Cube" in table
 
 
-def test_what_lies_wholly_inside_is_told(two_cubes):
+def test_what_lies_wholly_inside_is_told(two_cubes) -> None:
     told = "/Moving/Cube lies wholly inside /Still/Cube in frame 3"
     report = run("check", two_cubes, "--json", "-").json
     validate(report)
@@ -131,7 +132,7 @@ def write_obj(path, points, quads):
     path.write_text("\n".join(lines) + "\n")
 
 
-def test_parts_of_one_mesh_inside_each_other_are_told(tmp_path):
+def test_parts_of_one_mesh_inside_each_other_are_told(tmp_path: Path) -> None:
     outer, quads = cube(1.0, (0, 0, 0))
     inner = [cube(0.2, (x, 0, 0))[0] for x in (-0.2, 0.2)]
     points = np.concatenate([outer, *inner])
@@ -145,7 +146,7 @@ def test_parts_of_one_mesh_inside_each_other_are_told(tmp_path):
 
 
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
-def test_a_mirrored_mesh_has_its_inside_inside(two_cubes, mirror):
+def test_a_mirrored_mesh_has_its_inside_inside(two_cubes, mirror) -> None:
     from pxr import Usd, UsdGeom
 
     stage = Usd.Stage.Open(str(two_cubes))
@@ -155,14 +156,14 @@ def test_a_mirrored_mesh_has_its_inside_inside(two_cubes, mirror):
     assert "/Moving/Cube lies wholly inside /Still/Cube in frame 3" in found
 
 
-def test_mode_and_prim_choose_what_is_counted(two_cubes):
+def test_mode_and_prim_choose_what_is_counted(two_cubes) -> None:
     assert run("check", two_cubes, "--mode", "inter").code == 1
     assert run("check", two_cubes, "--mode", "self").code == 0
     assert run("check", two_cubes, "--prim", "/Moving//").code == 0
     assert run("check", two_cubes, "--exclude", "/Still//").code == 0
 
 
-def test_unusable_frames_end_with_4(tmp_path):
+def test_unusable_frames_end_with_4(tmp_path: Path) -> None:
     from pxr import Usd, UsdGeom
 
     path = tube_stage(tmp_path / "a.usda", (OPEN, OPEN, CLOSED))
@@ -198,7 +199,7 @@ def test_unusable_frames_end_with_4(tmp_path):
         (["{obj}", "--device", "tpu"], 2, ["--device", "'tpu'"]),
     ],
 )
-def test_errors(tmp_path, arguments, code, words):
+def test_errors(tmp_path: Path, arguments, code, words) -> None:
     names = {
         "obj": str(tube_obj(tmp_path / "a.obj")),
         "usd": str(tube_stage(tmp_path / "a.usda")),
@@ -215,7 +216,7 @@ STATIC = ["animals", "humans", "misc", "transfer"]
 
 
 @pytest.mark.parametrize("group", STATIC)
-def test_static_counts_are_those_of_the_independent_checker(shared_data, group):
+def test_static_counts_are_those_of_the_independent_checker(shared_data: Path, group) -> None:
     baseline = json.loads((shared_data / "baseline.json").read_text())["static"]
     entries = [entry for entry in baseline if entry["file"].startswith(group)]
     assert entries
@@ -227,7 +228,7 @@ def test_static_counts_are_those_of_the_independent_checker(shared_data, group):
         assert found.code == (1 if counts[1] else 0)
 
 
-def test_clip_counts_are_those_of_the_independent_checker(shared_data):
+def test_clip_counts_are_those_of_the_independent_checker(shared_data: Path) -> None:
     for entry in json.loads((shared_data / "baseline.json").read_text())["clips"]:
         frames = run("check", shared_data / entry["file"], "--json", "-").json["frames"]
         found = [(f["time"], f["before"]["triangles"], f["before"]["pairs"]) for f in frames]

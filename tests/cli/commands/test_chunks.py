@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import chain
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ FRAMES = 36
 
 
 @pytest.fixture
-def small_windows(monkeypatch):
+def small_windows(monkeypatch: pytest.MonkeyPatch):
     """Windows of 20 frames that overlap by 6."""
     monkeypatch.setattr(animation, "WINDOW", 20)
     monkeypatch.setattr(animation, "OVERLAP", 6)
@@ -33,7 +34,7 @@ def clip(path):
     return tube_stage(path, angles)
 
 
-def joined(tmp_path, path, count, *options):
+def joined(tmp_path: Path, path, count, *options):
     """The samples of the joined chunks, and how many frames each one wrote."""
     parts, frames = [], []
     for number in range(1, count + 1):
@@ -52,7 +53,7 @@ def assert_same(first, second):
     assert all(np.array_equal(first[time], second[time]) for time in first)
 
 
-def test_joined_chunks_are_one_run_bit_for_bit(tmp_path, small_windows):
+def test_joined_chunks_are_one_run_bit_for_bit(tmp_path: Path, small_windows) -> None:
     path = clip(tmp_path / "a.usdc")
     assert run("repair", path, "-o", tmp_path / "whole.usdc").code == 0
     samples, frames = joined(tmp_path, path, 2)
@@ -61,7 +62,7 @@ def test_joined_chunks_are_one_run_bit_for_bit(tmp_path, small_windows):
     assert run("check", tmp_path / "joined.usdc").code == 0
 
 
-def test_more_chunks_than_windows_leave_some_empty(tmp_path):
+def test_more_chunks_than_windows_leave_some_empty(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN, CLOSED))
     assert run("repair", path, "-o", tmp_path / "whole.usdc").code == 0
     samples, frames = joined(tmp_path, path, 2)
@@ -69,7 +70,7 @@ def test_more_chunks_than_windows_leave_some_empty(tmp_path):
     assert_same(samples, read_samples(tmp_path / "whole.usdc"))
 
 
-def test_frames_alone_are_split_evenly(tmp_path):
+def test_frames_alone_are_split_evenly(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN, CLOSED, CLOSED + 0.1, OPEN))
     assert run("repair", path, "-o", tmp_path / "whole.usdc", "--alone").code == 0
     samples, frames = joined(tmp_path, path, 2, "--alone")
@@ -77,7 +78,7 @@ def test_frames_alone_are_split_evenly(tmp_path):
     assert_same(samples, read_samples(tmp_path / "whole.usdc"))
 
 
-def test_unusable_frames_belong_to_one_chunk(tmp_path, small_windows):
+def test_unusable_frames_belong_to_one_chunk(tmp_path: Path, small_windows) -> None:
     from pxr import Sdf
 
     path = clip(tmp_path / "a.usdc")
@@ -96,13 +97,13 @@ def test_unusable_frames_belong_to_one_chunk(tmp_path, small_windows):
 
 
 @pytest.mark.parametrize("chunk", ["0/2", "3/2", "2", "a/b", "1/0", "-1/2"])
-def test_bad_chunks_are_refused(tmp_path, chunk):
+def test_bad_chunks_are_refused(tmp_path: Path, chunk) -> None:
     path = tube_stage(tmp_path / "a.usda")
     done = run("repair", path, "-o", tmp_path / "b.usdc", "--chunk", chunk)
     assert_fails(done, 2, "--chunk", "K/N")
 
 
-def test_a_missing_chunk_is_told_when_joining(tmp_path):
+def test_a_missing_chunk_is_told_when_joining(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (CLOSED, OPEN, CLOSED))
     parts = [tmp_path / f"part{number}.usdc" for number in (1, 2, 3)]
     for number, part in enumerate(parts, 1):
@@ -113,7 +114,7 @@ def test_a_missing_chunk_is_told_when_joining(tmp_path):
     assert run("join", *parts, "-o", tmp_path / "joined.usdc").code == 0
 
 
-def test_empty_chunks_and_plans_of_chunks_are_told(tmp_path):
+def test_empty_chunks_and_plans_of_chunks_are_told(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (CLOSED, OPEN, CLOSED))
     done = run("repair", path, "-o", tmp_path / "b.usdc", "--chunk", "1/2")
     assert done.code == 0 and "--chunk 1/2: has no frames" in done.err
@@ -121,14 +122,16 @@ def test_empty_chunks_and_plans_of_chunks_are_told(tmp_path):
     assert "1 frame (1) would be written" in done.out and "no frames" not in done.err
 
 
-def test_mesh_files_have_no_chunks(tmp_path):
+def test_mesh_files_have_no_chunks(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     done = run("repair", tmp_path / "a.obj", "-o", tmp_path / "b.obj", "--chunk", "1/2")
     assert done.code == 2 and "--chunk: only for USD stages" in done.err
 
 
 @pytest.mark.parametrize("command", [("check",), ("repair", "-o", "b.usdc", "--dry-run")])
-def test_a_mode_that_counts_nothing_is_told(tmp_path, monkeypatch, command):
+def test_a_mode_that_counts_nothing_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command
+) -> None:
     monkeypatch.chdir(tmp_path)
     path = tube_stage(tmp_path / "a.usda", (CLOSED,))
     done = run(*command[:1], path, "--mode", "inter", *command[1:])

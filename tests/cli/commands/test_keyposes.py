@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from tests.swinging_arm import arm_pose, arm_stage
 
 
 @pytest.fixture(scope="module")
-def swing(tmp_path_factory):
+def swing(tmp_path_factory: pytest.TempPathFactory):
     """The folder of a swing through the body, its repaired keys, and the report."""
     folder = tmp_path_factory.mktemp("swing")
     path = arm_stage(folder / "arm.usda", (1.0, -1.0, -0.8))
@@ -40,7 +41,7 @@ def in_betweens_by_usd(path, count):
     return found
 
 
-def test_all_in_betweens_are_clean_as_usd_interpolates_them(swing):
+def test_all_in_betweens_are_clean_as_usd_interpolates_them(swing) -> None:
     from dtrepair import find_intersections
     from tests.swinging_arm import arm_mesh
 
@@ -54,7 +55,7 @@ def test_all_in_betweens_are_clean_as_usd_interpolates_them(swing):
     assert "in-betweens clean" in done.out and "added keys" in done.out
 
 
-def test_given_keys_move_little_and_few_are_added(swing):
+def test_given_keys_move_little_and_few_are_added(swing) -> None:
     folder, _ = swing
     before, after = read_samples_of(folder / "arm.usda"), read_samples_of(folder / "b.usdc")
     diagonal = np.linalg.norm(np.ptp(before[1.0], axis=0))
@@ -67,7 +68,7 @@ def read_samples_of(path):
     return read_samples(path, "/Root/Arm")
 
 
-def test_report_tells_spans_and_keys(swing):
+def test_report_tells_spans_and_keys(swing) -> None:
     folder, _ = swing
     report = read_report(folder / "r.json")
     assert report["command"] == "keyposes" and report["keyposes"]["interpolation"] == "linear"
@@ -85,7 +86,7 @@ def test_report_tells_spans_and_keys(swing):
         validate(report)
 
 
-def test_verify_only_counts_and_writes_nothing(swing, tmp_path):
+def test_verify_only_counts_and_writes_nothing(swing, tmp_path: Path) -> None:
     folder, _ = swing
     files = sorted(folder.iterdir())
     dirty = run("keyposes", folder / "arm.usda", "--verify-only", "--report", tmp_path / "r.json")
@@ -99,7 +100,7 @@ def test_verify_only_counts_and_writes_nothing(swing, tmp_path):
     assert cubic.code == 1
 
 
-def test_verify_only_tells_the_keys_that_intersect(tmp_path):
+def test_verify_only_tells_the_keys_that_intersect(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
     done = run("keyposes", path, "--verify-only")
     assert done.code == 1 and "1 of 2 keys clean" in done.out
@@ -111,7 +112,7 @@ def test_verify_only_tells_the_keys_that_intersect(tmp_path):
     assert plan.code == 0 and "2 frames (1 to 2) would be counted" in plan.out
 
 
-def test_dirty_keys_are_repaired_and_clean_ones_stay(tmp_path):
+def test_dirty_keys_are_repaired_and_clean_ones_stay(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN), times=(-1, 0.5, 20))
     assert run("keyposes", path, "-o", tmp_path / "b.usdc").code == 0
     before, after = read_samples(path), read_samples(tmp_path / "b.usdc")
@@ -121,14 +122,14 @@ def test_dirty_keys_are_repaired_and_clean_ones_stay(tmp_path):
     assert run("keyposes", tmp_path / "b.usdc", "--verify-only").code == 0
 
 
-def test_what_is_left_ends_with_1(tmp_path):
+def test_what_is_left_ends_with_1(tmp_path: Path) -> None:
     path = arm_stage(tmp_path / "arm.usda")
     done = run("keyposes", path, "-o", tmp_path / "b.usdc", "--extra-keys", 0, "--keep-keys")
     assert done.code == 1 and "2 of 4 in-betweens clean" in done.out
     assert "still intersecting at 5, 7" in done.out
 
 
-def test_several_meshes_in_world_space(tmp_path):
+def test_several_meshes_in_world_space(tmp_path: Path) -> None:
     # The keys of the moving tube are clean; between them it passes through the still one.
     from tests.meshes import tube_quads
     from usd_io import AuthoredMesh, write_animation
@@ -150,7 +151,7 @@ def test_several_meshes_in_world_space(tmp_path):
 
 
 @pytest.fixture
-def bar_over_ball(tmp_path):
+def bar_over_ball(tmp_path: Path):
     """A bar, stretched by its parent, whose keys are clean; between them it runs into a ball."""
     from tests.meshes import icosphere
     from usd_io import AuthoredMesh, write_animation
@@ -169,7 +170,7 @@ def bar_over_ball(tmp_path):
     return path
 
 
-def test_a_rigid_mesh_keeps_its_shape_in_every_key(bar_over_ball, tmp_path):
+def test_a_rigid_mesh_keeps_its_shape_in_every_key(bar_over_ball, tmp_path: Path) -> None:
     out = tmp_path / "out.usdc"
     done = run("keyposes", bar_over_ball, "-o", out, "--rigid", "/Bar", "--collider", "/Ball//")
     assert done.code == 0, done
@@ -184,7 +185,7 @@ def test_a_rigid_mesh_keeps_its_shape_in_every_key(bar_over_ball, tmp_path):
         assert np.allclose(lengths(points), lengths(before[1]), rtol=1e-4)
 
 
-def test_ignored_contacts_need_no_keys(bar_over_ball, tmp_path):
+def test_ignored_contacts_need_no_keys(bar_over_ball, tmp_path: Path) -> None:
     ignored = ("--ignore", "/Bar,/Ball")
     assert run("keyposes", bar_over_ball, "--verify-only").code == 1
     assert run("keyposes", bar_over_ball, "--verify-only", *ignored).code == 0
@@ -193,7 +194,7 @@ def test_ignored_contacts_need_no_keys(bar_over_ball, tmp_path):
     assert read_samples(out, "/Bar/Mesh").keys() == read_samples(bar_over_ball, "/Bar/Mesh").keys()
 
 
-def test_selected_keys_and_unusable_ones(tmp_path):
+def test_selected_keys_and_unusable_ones(tmp_path: Path) -> None:
     from pxr import Usd
 
     path = arm_stage(tmp_path / "arm.usda", (1.0, -1.0, 1.0, 0.9))
@@ -211,7 +212,7 @@ def test_selected_keys_and_unusable_ones(tmp_path):
     del points, stage
 
 
-def test_dry_run_and_skip_existing(tmp_path):
+def test_dry_run_and_skip_existing(tmp_path: Path) -> None:
     path = arm_stage(tmp_path / "arm.usda")
     files = sorted(tmp_path.iterdir())
     plan = run("keyposes", path, "-o", tmp_path / "b.usdc", "--dry-run")
@@ -235,7 +236,7 @@ def test_dry_run_and_skip_existing(tmp_path):
         (["{dir}/none.usd", "--verify-only"], 3, ["no such file"]),
     ],
 )
-def test_errors_leave_no_file(tmp_path, arguments, code, words):
+def test_errors_leave_no_file(tmp_path: Path, arguments, code, words) -> None:
     names = {
         "obj": str(tube_obj(tmp_path / "a.obj")),
         "usd": str(arm_stage(tmp_path / "a.usda")),

@@ -20,7 +20,7 @@ FRAMES = 40
 
 
 @pytest.fixture(scope="module")
-def clip(tmp_path_factory):
+def clip(tmp_path_factory: pytest.TempPathFactory):
     """A clip that intersects here and there."""
     angles = 6.2 + 0.25 * np.sin(0.5 * np.arange(FRAMES))
     return tube_stage(tmp_path_factory.mktemp("clip") / "a.usdc", angles)
@@ -68,7 +68,7 @@ def runs(number):
 @pytest.mark.skipif(sys.platform != "linux", reason="worker processes are for Linux")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 @pytest.mark.parametrize("options", [[], ["--alone"]], ids=["together", "alone"])
-def test_no_worker_process_outlives_a_run(tmp_path, clip, options, number):
+def test_no_worker_process_outlives_a_run(tmp_path: Path, clip, options, number) -> None:
     output = tmp_path / "b.usdc"
     output.write_text("old")
     process = started(clip, output, "--jobs", 2, *options, mode=[])
@@ -88,7 +88,7 @@ def test_no_worker_process_outlives_a_run(tmp_path, clip, options, number):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="worker processes are for Linux")
-def test_one_job_starts_no_process(tmp_path, clip):
+def test_one_job_starts_no_process(tmp_path: Path, clip) -> None:
     output = tmp_path / "b.usdc"
     looks: Counter[str] = Counter()
     with started(clip, output, "--jobs", 1, "--frames", "1:8", mode=[]) as process:
@@ -106,7 +106,7 @@ def test_one_job_starts_no_process(tmp_path, clip):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_end_a_run_at_once(tmp_path, clip, number):
+def test_signals_end_a_run_at_once(tmp_path: Path, clip, number) -> None:
     output = tmp_path / "b.usdc"
     process = started(clip, output)
     wait_for_progress(tmp_path, process)
@@ -119,7 +119,7 @@ def test_signals_end_a_run_at_once(tmp_path, clip, number):
     assert listing(tmp_path) == [".b.usdc.resume"]
 
 
-def test_killed_runs_leave_the_old_output_and_resume(tmp_path, clip):
+def test_killed_runs_leave_the_old_output_and_resume(tmp_path: Path, clip) -> None:
     whole, output = tmp_path / "whole.usdc", tmp_path / "b.usdc"
     assert run("repair", clip, "-o", whole, "--alone").code == 0
     output.write_text("old")

@@ -1,5 +1,7 @@
 """Settings of single objects: tables of --config, primvars, --rigid, --ignore; mirrored ones."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ ROD, ROD_FACES = tube(8, 12, radius=0.12, length=1.2)
 
 
 @pytest.fixture
-def rod_in_ball(tmp_path):
+def rod_in_ball(tmp_path: Path):
     """A rod that a transform moves into a ball."""
     from usd_io import AuthoredMesh, write_animation
 
@@ -29,7 +31,7 @@ def rod_in_ball(tmp_path):
 
 
 @pytest.fixture
-def repaired(rod_in_ball, tmp_path):
+def repaired(rod_in_ball, tmp_path: Path):
     """Runs `repair`; the largest move of ball and rod, the rod's points at time 3, the report."""
 
     def repair(*options):
@@ -49,7 +51,7 @@ def repaired(rod_in_ball, tmp_path):
     return repair
 
 
-def config(tmp_path, text):
+def config(tmp_path: Path, text):
     path = tmp_path / "settings.toml"
     path.write_text(text)
     return path
@@ -75,14 +77,14 @@ def stretch(points):
     return float(np.abs(lengths[0] / lengths[1] - 1.0).max())
 
 
-def test_without_settings_both_move_and_bend(repaired):
+def test_without_settings_both_move_and_bend(repaired) -> None:
     ball, rod, points, report = repaired()
     assert ball > 0 < rod and stretch(points) > 3e-5
     assert report["settings"]["objects"] == {}
 
 
 @pytest.mark.parametrize("how", ["option", "table", "primvar", "attribute"])
-def test_a_rigid_object_keeps_its_shape(repaired, rod_in_ball, tmp_path, how):
+def test_a_rigid_object_keeps_its_shape(repaired, rod_in_ball, tmp_path: Path, how) -> None:
     options = ()
     if how == "option":
         options = ("--rigid", "/Scene/Rod")
@@ -98,7 +100,9 @@ def test_a_rigid_object_keeps_its_shape(repaired, rod_in_ball, tmp_path, how):
     assert report["settings"]["objects"] == {"/Scene/Rod/Mesh": {"rigid": True}}
 
 
-def test_tables_win_over_primvars_and_primvars_over_options(repaired, rod_in_ball, tmp_path):
+def test_tables_win_over_primvars_and_primvars_over_options(
+    repaired, rod_in_ball, tmp_path: Path
+) -> None:
     add_primvar(rod_in_ball, "/Scene/Ball", "dtrepair:mobility", "Float", 0.0)
     ball, rod, *_ = repaired("--diffusion", "50")
     assert ball == 0.0 < rod
@@ -113,13 +117,13 @@ def test_tables_win_over_primvars_and_primvars_over_options(repaired, rod_in_bal
     }
 
 
-def test_a_collider_never_moves_whatever_a_table_says(repaired, tmp_path):
+def test_a_collider_never_moves_whatever_a_table_says(repaired, tmp_path: Path) -> None:
     table = config(tmp_path, '[[prim]]\npath = "/Scene/Ball"\nmobility = 1.0\n')
     ball, rod, *_ = repaired("--config", table, "--collider", "/Scene/Ball/Mesh")
     assert ball == 0.0 < rod
 
 
-def test_pins_of_a_single_object(repaired, rod_in_ball, tmp_path):
+def test_pins_of_a_single_object(repaired, rod_in_ball, tmp_path: Path) -> None:
     from pxr import Sdf, Usd, UsdGeom
 
     stage = Usd.Stage.Open(str(rod_in_ball))
@@ -141,7 +145,7 @@ def test_pins_of_a_single_object(repaired, rod_in_ball, tmp_path):
     assert_fails(done, 2, "held", "no selected mesh")
 
 
-def test_ignored_pairs(repaired, rod_in_ball, tmp_path):
+def test_ignored_pairs(repaired, rod_in_ball, tmp_path: Path) -> None:
     ball, rod, _, report = repaired("--ignore", "/Scene/Ball,//{isa:Mesh, isa:Mesh} - //Ball//")
     assert ball == rod == 0.0
     assert report["summary"]["pairs_before"] == 0
@@ -153,7 +157,7 @@ def test_ignored_pairs(repaired, rod_in_ball, tmp_path):
 
 
 @pytest.mark.parametrize("text", ["/Scene/Rod", "/Scene/Rod,", "/a,/b,/c", "/Scene/Rod,/Nobody"])
-def test_bad_ignored_pairs(rod_in_ball, text):
+def test_bad_ignored_pairs(rod_in_ball, text) -> None:
     assert_fails(run("check", rod_in_ball, "--ignore", text), 2, "--ignore")
 
 
@@ -170,7 +174,7 @@ def test_bad_ignored_pairs(rod_in_ball, text):
         ("mobility = 1", ("[[prim]]", "path")),
     ],
 )
-def test_bad_tables_are_usage_errors(rod_in_ball, tmp_path, table, words):
+def test_bad_tables_are_usage_errors(rod_in_ball, tmp_path: Path, table, words) -> None:
     path = config(tmp_path, f"[[prim]]\n{table}\n")
     done = run("repair", rod_in_ball, "-o", tmp_path / "o.usda", "--config", path)
     assert_fails(done, 2, "settings.toml", *words)
@@ -186,19 +190,21 @@ def test_bad_tables_are_usage_errors(rod_in_ball, tmp_path, table, words):
         ("rigid", "Float", 0.5, ("true or false",)),
     ],
 )
-def test_bad_primvars_make_the_input_unusable(rod_in_ball, tmp_path, name, kind, value, words):
+def test_bad_primvars_make_the_input_unusable(
+    rod_in_ball, tmp_path: Path, name, kind, value, words
+) -> None:
     add_primvar(rod_in_ball, "/Scene/Rod", f"dtrepair:{name}", kind, value)
     done = run("repair", rod_in_ball, "-o", tmp_path / "o.usda")
     assert_fails(done, 3, "/Scene/Rod/Mesh", f"dtrepair:{name}", *words)
 
 
-def test_unknown_primvars_are_warned(rod_in_ball, tmp_path):
+def test_unknown_primvars_are_warned(rod_in_ball, tmp_path: Path) -> None:
     add_primvar(rod_in_ball, "/Scene/Rod", "dtrepair:difusion", "Float", 2.0)
     done = run("repair", rod_in_ball, "-o", tmp_path / "o.usda", "--dry-run")
     assert done.code == 0 and "dtrepair:difusion: unknown" in done.err
 
 
-def test_settings_are_for_stages_and_rigid_for_the_full_method(rod_in_ball, tmp_path):
+def test_settings_are_for_stages_and_rigid_for_the_full_method(rod_in_ball, tmp_path: Path) -> None:
     mesh = tube_obj(tmp_path / "a.obj")
     out = tmp_path / "b.obj"
     assert_fails(run("repair", mesh, "-o", out, "--rigid", "/a"), 2, "--rigid", "USD stages")
@@ -208,14 +214,14 @@ def test_settings_are_for_stages_and_rigid_for_the_full_method(rod_in_ball, tmp_
     assert_fails(done, 2, "--rigid", "--method paper")
 
 
-def test_the_plan_tells_the_roles(rod_in_ball, tmp_path):
+def test_the_plan_tells_the_roles(rod_in_ball, tmp_path: Path) -> None:
     table = config(tmp_path, '[[prim]]\npath = "/Scene/Rod"\nrigid = true\nmobility = 0.5\n')
     out = ("-o", tmp_path / "o.usda", "--collider", "/Scene/Ball/Mesh")
     done = run("repair", rod_in_ball, *out, "--config", table, "--dry-run")
     assert "rigid, mobility 0.5" in done.out and "collider" in done.out
 
 
-def test_a_mirrored_object_is_pushed_out_not_in(tmp_path):
+def test_a_mirrored_object_is_pushed_out_not_in(tmp_path: Path) -> None:
     from pxr import Usd
 
     from usd_io import AuthoredMesh, write_animation
@@ -235,7 +241,7 @@ def test_a_mirrored_object_is_pushed_out_not_in(tmp_path):
     assert moved[:, 0].mean() < 0 and np.linalg.norm(moved, axis=1).max() < 0.6
 
 
-def test_the_report_tells_who_met_whom_and_who_moved(rod_in_ball, tmp_path):
+def test_the_report_tells_who_met_whom_and_who_moved(rod_in_ball, tmp_path: Path) -> None:
     out, path, page = tmp_path / "o.usda", tmp_path / "r.json", tmp_path / "r.html"
     options = ("--rigid", "/Scene/Rod", "--collider", "/Scene/Ball/Mesh", "--report", path)
     done = run("repair", rod_in_ball, "-o", out, *options)
@@ -262,7 +268,7 @@ def test_the_report_tells_who_met_whom_and_who_moved(rod_in_ball, tmp_path):
     assert counted[0]["before"] == counted[0]["after"] == total["before"]
 
 
-def test_the_page_tells_what_is_ignored(rod_in_ball, tmp_path):
+def test_the_page_tells_what_is_ignored(rod_in_ball, tmp_path: Path) -> None:
     path, page = tmp_path / "r.json", tmp_path / "r.html"
     ignored = ("--ignore", "/Scene/Rod,/Scene/Ball")
     run("repair", rod_in_ball, "-o", tmp_path / "o.usda", *ignored, "--report", path)
@@ -271,7 +277,7 @@ def test_the_page_tells_what_is_ignored(rod_in_ball, tmp_path):
     assert "Not counted: contacts of /Scene/Rod,/Scene/Ball" in page.read_text()
 
 
-def test_objects_that_cannot_be_separated_are_named(rod_in_ball, tmp_path):
+def test_objects_that_cannot_be_separated_are_named(rod_in_ball, tmp_path: Path) -> None:
     tables = [f'[[prim]]\npath = "/Scene/{name}"\nmobility = 0\n' for name in ("Ball", "Rod")]
     table = config(tmp_path, "".join(tables))
     done = run("repair", rod_in_ball, "-o", tmp_path / "o.usda", "--config", table)
@@ -280,7 +286,7 @@ def test_objects_that_cannot_be_separated_are_named(rod_in_ball, tmp_path):
     assert "where nothing may move" in done.out
 
 
-def test_what_lies_wholly_inside_is_told(tmp_path):
+def test_what_lies_wholly_inside_is_told(tmp_path: Path) -> None:
     from usd_io import AuthoredMesh, write_animation
 
     into = np.tile(np.eye(4), (3, 1, 1))
@@ -303,7 +309,7 @@ def test_what_lies_wholly_inside_is_told(tmp_path):
     assert frames[1]["displacement_max"] > 0.3
 
 
-def test_a_collider_may_intersect_itself(rod_in_ball, tmp_path):
+def test_a_collider_may_intersect_itself(rod_in_ball, tmp_path: Path) -> None:
     from pxr import Usd
 
     stage = Usd.Stage.Open(str(rod_in_ball))

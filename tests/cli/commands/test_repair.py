@@ -3,6 +3,7 @@
 import json
 import os
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from tests.command_line import (
 )
 
 
-def test_mesh_file_is_repaired_in_place_of_its_points(tmp_path):
+def test_mesh_file_is_repaired_in_place_of_its_points(tmp_path: Path) -> None:
     path = tube_obj(tmp_path / "a.obj")
     done = run("repair", path, "-o", tmp_path / "b.obj", "--report", tmp_path / "r.json")
     assert done.code == 0 and done.err == ""
@@ -39,13 +40,13 @@ def test_mesh_file_is_repaired_in_place_of_its_points(tmp_path):
     assert 0 < frame["displacement_max"] < 0.2
 
 
-def test_clean_mesh_file_comes_back_byte_for_byte(tmp_path):
+def test_clean_mesh_file_comes_back_byte_for_byte(tmp_path: Path) -> None:
     path = tube_obj(tmp_path / "a.obj", OPEN)
     assert run("repair", path, "-o", tmp_path / "b.obj").code == 0
     assert (tmp_path / "b.obj").read_bytes() == path.read_bytes()
 
 
-def test_alone_leaves_clean_frames_bit_for_bit(tmp_path):
+def test_alone_leaves_clean_frames_bit_for_bit(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, 5.5, CLOSED + 0.2), times=(-1, 0.5, 2, 3))
     bytes_before = path.read_bytes()
     done = run("repair", path, "-o", tmp_path / "b.usdc", "--alone")
@@ -59,7 +60,7 @@ def test_alone_leaves_clean_frames_bit_for_bit(tmp_path):
     assert [row[0] for row in rows[:2]] == ["0.5", "3"]  # only frames with something to do
 
 
-def test_frames_away_from_contacts_stay_bit_for_bit(tmp_path):
+def test_frames_away_from_contacts_stay_bit_for_bit(tmp_path: Path) -> None:
     angles = np.r_[np.full(25, OPEN), CLOSED, np.full(25, OPEN)]
     path = tube_stage(tmp_path / "a.usdc", angles)
     assert run("repair", path, "-o", tmp_path / "b.usdc").code == 0
@@ -70,14 +71,14 @@ def test_frames_away_from_contacts_stay_bit_for_bit(tmp_path):
     assert min(changed) > 5 and max(changed) < 47
 
 
-def test_selected_frames_only(tmp_path):
+def test_selected_frames_only(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, CLOSED))
     assert run("repair", path, "-o", tmp_path / "b.usdc", "--frames", "2").code == 0
     before, after = read_samples(path), read_samples(tmp_path / "b.usdc")
     assert [np.array_equal(before[t], after[t]) for t in before] == [True, False, True]
 
 
-def test_points_at_the_default_time_are_written_there(tmp_path):
+def test_points_at_the_default_time_are_written_there(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (), rest=CLOSED)
     assert run("repair", path, "-o", tmp_path / "b.usda").code == 0
     assert read_samples(tmp_path / "b.usda") == {}
@@ -85,7 +86,7 @@ def test_points_at_the_default_time_are_written_there(tmp_path):
     assert run("check", path).code == 1
 
 
-def test_join_of_two_ranges_is_the_whole(tmp_path):
+def test_join_of_two_ranges_is_the_whole(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (CLOSED, OPEN, CLOSED + 0.1, CLOSED))
     for name, frames in (("b", "1:2"), ("c", "3:4")):
         done = run("repair", path, "-o", tmp_path / f"{name}.usdc", "--frames", frames)
@@ -102,7 +103,7 @@ def test_join_of_two_ranges_is_the_whole(tmp_path):
     assert again.code == 0 and "exists" in again.out
 
 
-def test_report_describes_the_run(tmp_path):
+def test_report_describes_the_run(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, CLOSED + 0.1))
     assert run("repair", path, "-o", tmp_path / "b.usdc", "--report", tmp_path / "r.json").code == 0
     report = read_report(tmp_path / "r.json")
@@ -118,7 +119,7 @@ def test_report_describes_the_run(tmp_path):
     assert [f["before"] for f in report["frames"]] == [f["before"] for f in check["frames"]]
 
 
-def test_unsolved_frames_end_with_1_and_advice(tmp_path):
+def test_unsolved_frames_end_with_1_and_advice(tmp_path: Path) -> None:
     # One iteration of the published loop does not separate the ends.
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
     done = run("repair", path, "-o", tmp_path / "b.usdc", "--method", "paper", "--iterations", 1)
@@ -130,7 +131,7 @@ def test_unsolved_frames_end_with_1_and_advice(tmp_path):
     assert check.json["summary"]["pairs_before"] <= before
 
 
-def test_failed_frame_is_kept_and_ends_with_4(tmp_path):
+def test_failed_frame_is_kept_and_ends_with_4(tmp_path: Path) -> None:
     from pxr import Usd
 
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, CLOSED))
@@ -148,7 +149,7 @@ def test_failed_frame_is_kept_and_ends_with_4(tmp_path):
     del points, stage
 
 
-def test_solver_errors_fail_one_frame_only(tmp_path, monkeypatch):
+def test_solver_errors_fail_one_frame_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from dtrepair.repair import repairer
 
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED + 0.1, CLOSED))
@@ -171,7 +172,7 @@ def test_solver_errors_fail_one_frame_only(tmp_path, monkeypatch):
     assert "Traceback" in again.err
 
 
-def test_blocked_sample_is_skipped_and_stays_blocked(tmp_path):
+def test_blocked_sample_is_skipped_and_stays_blocked(tmp_path: Path) -> None:
     from pxr import Sdf, Usd
 
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, CLOSED))
@@ -185,7 +186,7 @@ def test_blocked_sample_is_skipped_and_stays_blocked(tmp_path):
     assert stage.GetPrimAtPath("/Root/Tube").GetAttribute("points").Get(2) is None
 
 
-def test_dry_run_and_skip_existing_write_nothing(tmp_path):
+def test_dry_run_and_skip_existing_write_nothing(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda")
     before = sorted(tmp_path.iterdir())
     plan = run("repair", path, "-o", tmp_path / "b.usdc", "--dry-run")
@@ -197,7 +198,7 @@ def test_dry_run_and_skip_existing_write_nothing(tmp_path):
     assert (tmp_path / "b.usdc").read_text() == "old"
 
 
-def test_verbose_tells_each_frame_on_stderr(tmp_path):
+def test_verbose_tells_each_frame_on_stderr(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
     done = run("repair", path, "-o", tmp_path / "b.usdc", "-v")
     lines = done.err.splitlines()
@@ -208,7 +209,9 @@ def test_verbose_tells_each_frame_on_stderr(tmp_path):
     assert re.search(r" triangles, [1-9]\d* iterations?, ", alone[1])
 
 
-def test_an_error_in_the_middle_leaves_the_old_output(tmp_path, monkeypatch):
+def test_an_error_in_the_middle_leaves_the_old_output(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED))
     (tmp_path / "b.usdc").write_text("old")
     before = sorted(os.listdir(tmp_path))
@@ -245,7 +248,7 @@ def test_an_error_in_the_middle_leaves_the_old_output(tmp_path, monkeypatch):
         (["{dir}/none.usd", "-o", "{dir}/b.usdc"], 3, ["no such file"]),
     ],
 )
-def test_errors_leave_no_file(tmp_path, arguments, code, words):
+def test_errors_leave_no_file(tmp_path: Path, arguments, code, words) -> None:
     names = {
         "obj": str(tube_obj(tmp_path / "a.obj")),
         "usd": str(tube_stage(tmp_path / "a.usda")),
@@ -256,7 +259,9 @@ def test_errors_leave_no_file(tmp_path, arguments, code, words):
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_full_disk_ends_with_5_and_keeps_the_old_output(tmp_path, monkeypatch):
+def test_full_disk_ends_with_5_and_keeps_the_old_output(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tube_obj(tmp_path / "a.obj")
     (tmp_path / "b.obj").write_text("old")
 
@@ -269,7 +274,7 @@ def test_full_disk_ends_with_5_and_keeps_the_old_output(tmp_path, monkeypatch):
     assert (tmp_path / "b.obj").read_text() == "old"
 
 
-def test_settings_are_recorded_in_the_layer(tmp_path):
+def test_settings_are_recorded_in_the_layer(tmp_path: Path) -> None:
     from pxr import Sdf
 
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))

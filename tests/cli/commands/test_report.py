@@ -1,19 +1,21 @@
 """`dtrepair report`: a page from the report of a real run."""
 
+from pathlib import Path
+
 import pytest
 
 from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
 
 
 @pytest.fixture
-def finished(tmp_path):
+def finished(tmp_path: Path):
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, CLOSED + 0.1))
     report = tmp_path / "r.json"
     assert run("repair", path, "-o", tmp_path / "b.usdc", "--report", report).code == 0
     return tmp_path, report
 
 
-def test_page_with_pictures_before_and_after(finished):
+def test_page_with_pictures_before_and_after(finished) -> None:
     folder, report = finished
     done = run("report", report, "-o", folder / "r.html")
     assert done.code == 0 and done.err == ""
@@ -25,14 +27,16 @@ def test_page_with_pictures_before_and_after(finished):
     assert (folder / "r.html").read_text().count("data:image/png") == 2
 
 
-def test_pictures_of_a_check_and_of_a_mesh_file(tmp_path):
+def test_pictures_of_a_check_and_of_a_mesh_file(tmp_path: Path) -> None:
     path = tube_obj(tmp_path / "a.obj")
     assert run("check", path, "--json", tmp_path / "c.json").code == 1
     assert run("report", tmp_path / "c.json", "-o", tmp_path / "c.html").code == 0
     assert (tmp_path / "c.html").read_text().count("data:image/png") == 1
 
 
-def test_pictures_are_drawn_wherever_the_report_is(tmp_path, monkeypatch):
+def test_pictures_are_drawn_wherever_the_report_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     made, moved = tmp_path / "made", tmp_path / "moved"
     made.mkdir()
     monkeypatch.chdir(made)
@@ -51,7 +55,7 @@ def test_pictures_are_drawn_wherever_the_report_is(tmp_path, monkeypatch):
         assert (tmp_path / page).read_text().count("data:image/png") == 2
 
 
-def test_missing_input_leaves_out_the_pictures(finished):
+def test_missing_input_leaves_out_the_pictures(finished) -> None:
     folder, report = finished
     (folder / "b.usdc").unlink()
     done = run("report", report, "-o", folder / "r.html")
@@ -59,7 +63,7 @@ def test_missing_input_leaves_out_the_pictures(finished):
     assert "data:image" not in (folder / "r.html").read_text()
 
 
-def test_errors(finished):
+def test_errors(finished) -> None:
     folder, report = finished
     page = folder / "r.html"
     assert_fails(run("report", folder / "no.json", "-o", page), 3, "no.json", "cannot be read")
@@ -69,7 +73,7 @@ def test_errors(finished):
     assert not page.exists()
 
 
-def test_a_transfer_shows_its_figures_and_its_result(tmp_path):
+def test_a_transfer_shows_its_figures_and_its_result(tmp_path: Path) -> None:
     source = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED), rest=0.0)
     target = tube_obj(tmp_path / "b.obj", 0.0)
     report = tmp_path / "r.json"

@@ -1,5 +1,7 @@
 """`dtrepair repair --rest`: which rest a run takes, and which it refuses."""
 
+from pathlib import Path
+
 import numpy as np
 
 from dtrepair.report.record import read_report
@@ -16,14 +18,14 @@ from tests.command_line import (
 )
 
 
-def rest_origins(tmp_path, path, *options):
+def rest_origins(tmp_path: Path, path, *options):
     report = tmp_path / "rest.json"
     arguments = ["-o", tmp_path / "rest.usdc", "--frames", "2", "--report", report, *options]
     assert run("repair", path, *arguments).code in (0, 1)
     return read_report(report)["settings"]["rest"], read_report(report)["prims"][0]
 
 
-def test_rest_is_the_default_time_else_the_frame_with_fewest_intersections(tmp_path):
+def test_rest_is_the_default_time_else_the_frame_with_fewest_intersections(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, OPEN))
     assert rest_origins(tmp_path, path)[0] == ["default time"]
     bare = tube_stage(tmp_path / "b.usda", (CLOSED, CLOSED, OPEN), rest=None)
@@ -32,7 +34,7 @@ def test_rest_is_the_default_time_else_the_frame_with_fewest_intersections(tmp_p
     assert origins == ["frame 3"]
 
 
-def test_rest_by_option(tmp_path):
+def test_rest_by_option(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, OPEN))
     origins, prim = rest_origins(tmp_path, path, "--rest", "3")
     assert origins == ["frame 3"] and prim["rest_intersections"] == 0
@@ -47,7 +49,7 @@ def test_rest_by_option(tmp_path):
     assert rest_origins(tmp_path, path, "--rest", other)[0] == [str(other)]
 
 
-def test_bad_rests_are_refused(tmp_path):
+def test_bad_rests_are_refused(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (CLOSED, OPEN))
     out = ["-o", tmp_path / "b.usdc"]
     wrong = write_obj(tmp_path / "w.obj", np.eye(3), np.array([[0, 1, 2]]))
@@ -63,7 +65,7 @@ def test_bad_rests_are_refused(tmp_path):
     assert not (tmp_path / "b.usdc").exists()
 
 
-def test_intersecting_rest_is_a_warning(tmp_path):
+def test_intersecting_rest_is_a_warning(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED), rest=CLOSED)
     done = run("repair", path, "-o", tmp_path / "b.usdc", "-q", "--report", tmp_path / "r.json")
     assert done.err == "" and done.out == ""

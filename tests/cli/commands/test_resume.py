@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,14 +20,14 @@ FRAMES, WINDOW, OVERLAP = 40, 20, 6
 
 
 @pytest.fixture(scope="module")
-def clip(tmp_path_factory):
+def clip(tmp_path_factory: pytest.TempPathFactory):
     """A clip that intersects here and there."""
     angles = 6.2 + 0.25 * np.sin(0.5 * np.arange(FRAMES))
     return tube_stage(tmp_path_factory.mktemp("clip") / "a.usdc", angles)
 
 
 @pytest.fixture
-def windows(monkeypatch):
+def windows(monkeypatch: pytest.MonkeyPatch):
     """Small windows, and the number of those that were solved, not remembered."""
     small = partial(remember.RememberingAnimator, window=WINDOW, overlap=OVERLAP)
     monkeypatch.setattr(remember, "RememberingAnimator", small)
@@ -46,7 +47,7 @@ def listing(folder):
     return sorted(os.listdir(folder))
 
 
-def interrupted(monkeypatch, clip, output, at, *options):
+def interrupted(monkeypatch: pytest.MonkeyPatch, clip, output, at, *options):
     """Run until frame `at` is written, then press Ctrl-C."""
     say = repair_run.say
 
@@ -60,7 +61,9 @@ def interrupted(monkeypatch, clip, output, at, *options):
         return run("repair", clip, "-o", output, *options)
 
 
-def test_a_resumed_run_ends_with_the_same_bytes(tmp_path, monkeypatch, clip, windows):
+def test_a_resumed_run_ends_with_the_same_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip, windows
+) -> None:
     whole, output = tmp_path / "whole.usdc", tmp_path / "b.usdc"
     assert run("repair", clip, "-o", whole).code == 0
     assert len(windows) == 3 and listing(tmp_path) == ["whole.usdc"]
@@ -79,7 +82,9 @@ def test_a_resumed_run_ends_with_the_same_bytes(tmp_path, monkeypatch, clip, win
     assert listing(tmp_path) == ["b.usdc", "whole.usdc"]
 
 
-def test_frames_repaired_alone_are_resumed_one_by_one(tmp_path, monkeypatch, clip):
+def test_frames_repaired_alone_are_resumed_one_by_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip
+) -> None:
     assert run("repair", clip, "-o", tmp_path / "whole.usdc", "--alone").code == 0
     stopped = interrupted(monkeypatch, clip, tmp_path / "b.usdc", 30, "--alone", "--jobs", 1)
     assert_fails(stopped, 130, "--resume")
@@ -97,7 +102,9 @@ def test_frames_repaired_alone_are_resumed_one_by_one(tmp_path, monkeypatch, cli
     assert listing(tmp_path) == ["b.usdc", "whole.usdc"]
 
 
-def test_other_settings_or_inputs_start_over(tmp_path, monkeypatch, clip):
+def test_other_settings_or_inputs_start_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip
+) -> None:
     output = tmp_path / "b.usdc"
     options = ["--alone", "--frames", "1:20"]
     interrupted(monkeypatch, clip, output, 12, *options)
@@ -110,7 +117,9 @@ def test_other_settings_or_inputs_start_over(tmp_path, monkeypatch, clip):
     assert other.code == 0 and "is not resumed" in other.err
 
 
-def test_poses_that_changed_are_solved_again(tmp_path, monkeypatch, clip):
+def test_poses_that_changed_are_solved_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip
+) -> None:
     # The rest and the settings are the same, so the journal is used; the poses differ.
     options = ["--alone", "--frames", "1:8"]
     first = tube_stage(tmp_path / "a.usdc", np.full(8, CLOSED))
@@ -121,7 +130,9 @@ def test_poses_that_changed_are_solved_again(tmp_path, monkeypatch, clip):
     assert (tmp_path / "b.usdc").read_bytes() == (tmp_path / "c.usdc").read_bytes()
 
 
-def test_without_resume_a_run_starts_over_and_says_so(tmp_path, monkeypatch, clip):
+def test_without_resume_a_run_starts_over_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip
+) -> None:
     options = ["--alone", "--frames", "1:8"]
     interrupted(monkeypatch, clip, tmp_path / "b.usdc", 6, *options)
     done = run("repair", clip, "-o", tmp_path / "b.usdc", *options)
@@ -129,7 +140,9 @@ def test_without_resume_a_run_starts_over_and_says_so(tmp_path, monkeypatch, cli
     assert listing(tmp_path) == ["b.usdc"]
 
 
-def test_broken_entries_are_solved_again(tmp_path, monkeypatch, clip):
+def test_broken_entries_are_solved_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip
+) -> None:
     options = ["--alone", "--frames", "1:8"]
     assert run("repair", clip, "-o", tmp_path / "whole.usdc", *options).code == 0
     interrupted(monkeypatch, clip, tmp_path / "b.usdc", 7, *options)
@@ -144,7 +157,7 @@ def test_broken_entries_are_solved_again(tmp_path, monkeypatch, clip):
     assert (tmp_path / "b.usdc").read_bytes() == (tmp_path / "whole.usdc").read_bytes()
 
 
-def test_progress_that_cannot_be_kept_is_a_warning(tmp_path, clip):
+def test_progress_that_cannot_be_kept_is_a_warning(tmp_path: Path, clip) -> None:
     (tmp_path / ".b.usdc.resume").write_text("a file in the way")
     done = run("repair", clip, "-o", tmp_path / "b.usdc", "--alone", "--frames", "1:4")
     assert done.code == 0 and "progress cannot be kept" in done.err

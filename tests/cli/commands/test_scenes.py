@@ -1,5 +1,7 @@
 """`dtrepair repair` with several meshes, colliders and pins."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -18,7 +20,7 @@ from tests.meshes import icosphere, tube_quads
 
 
 @pytest.fixture
-def rod_in_ball(tmp_path):
+def rod_in_ball(tmp_path: Path):
     """A rod that a transform moves into a ball; both live under scaled or turned parents."""
     from usd_io import AuthoredMesh, write_animation
 
@@ -48,7 +50,7 @@ def moved(path, out, prim):
     return [not np.array_equal(a, b) for a, b in zip(*values, strict=True)]
 
 
-def test_two_meshes_are_separated_in_world_space(rod_in_ball, tmp_path):
+def test_two_meshes_are_separated_in_world_space(rod_in_ball, tmp_path: Path) -> None:
     out = tmp_path / "out.usdc"
     report = tmp_path / "r.json"
     assert run("check", rod_in_ball).code == 1
@@ -64,7 +66,7 @@ def test_two_meshes_are_separated_in_world_space(rod_in_ball, tmp_path):
 
 
 @pytest.fixture
-def different_ranges(tmp_path):
+def different_ranges(tmp_path: Path):
     """A ball squashed at times 1 to 4, a rod that goes right through it at 3, 5, 7 and 9."""
     from pxr import Usd
 
@@ -99,7 +101,9 @@ def different_ranges(tmp_path):
 
 
 @pytest.mark.parametrize("still", [None, "/Ball//", "/Rod//"])
-def test_different_frame_ranges_of_two_animated_meshes(different_ranges, tmp_path, still):
+def test_different_frame_ranges_of_two_animated_meshes(
+    different_ranges, tmp_path: Path, still
+) -> None:
     out, report = tmp_path / "out.usda", tmp_path / "r.json"
     options = ["--collider", still] if still else []
     assert run("check", different_ranges).code == 1
@@ -116,7 +120,7 @@ def test_different_frame_ranges_of_two_animated_meshes(different_ranges, tmp_pat
     assert frames[-1]["before"]["inter_pairs"] > 20
 
 
-def test_meshes_that_never_lie_clear_of_each_other_are_named(rod_in_ball, tmp_path):
+def test_meshes_that_never_lie_clear_of_each_other_are_named(rod_in_ball, tmp_path: Path) -> None:
     out = ("-o", tmp_path / "out.usda")
     told = "intersect in every frame in which their rest poses were placed"
     # Frame 1 tells, even if it is not selected.
@@ -140,7 +144,7 @@ def sink(path, folder):
     return other
 
 
-def test_frames_not_selected_stay_as_they_are(rod_in_ball, tmp_path):
+def test_frames_not_selected_stay_as_they_are(rod_in_ball, tmp_path: Path) -> None:
     # The points of both have no time samples, and the transform of the ball has none either.
     out = tmp_path / "out.usda"
     assert run("repair", rod_in_ball, "-o", out, "--frames", "2", "--alone").code == 0
@@ -148,7 +152,7 @@ def test_frames_not_selected_stay_as_they_are(rod_in_ball, tmp_path):
     assert moved(rod_in_ball, out, "/Rod/Mesh") == [False, True, False, False]
 
 
-def test_two_meshes_steadily(rod_in_ball, tmp_path):
+def test_two_meshes_steadily(rod_in_ball, tmp_path: Path) -> None:
     out = tmp_path / "out.usdc"
     done = run("repair", rod_in_ball, "-o", out)
     assert done.code == run("check", out).code == 0, done
@@ -157,7 +161,7 @@ def test_two_meshes_steadily(rod_in_ball, tmp_path):
 @pytest.mark.parametrize(
     ("still", "other"), [("/Ball/Mesh", "/Rod/Mesh"), ("/Rod/Mesh", "/Ball/Mesh")]
 )
-def test_a_collider_never_moves(rod_in_ball, tmp_path, still, other):
+def test_a_collider_never_moves(rod_in_ball, tmp_path: Path, still, other) -> None:
     out = tmp_path / "out.usda"
     done = run("repair", rod_in_ball, "-o", out, "--prim", other, "--collider", still)
     assert done.code == run("check", out).code == 0, done
@@ -167,7 +171,7 @@ def test_a_collider_never_moves(rod_in_ball, tmp_path, still, other):
     assert still.split("/")[1] not in out.read_text().split("subLayers")[1]
 
 
-def test_mode_self_leaves_contacts_between_meshes(rod_in_ball, tmp_path):
+def test_mode_self_leaves_contacts_between_meshes(rod_in_ball, tmp_path: Path) -> None:
     out = tmp_path / "out.usda"
     assert run("repair", rod_in_ball, "-o", out, "--mode", "self").code == 0
     assert not any(moved(rod_in_ball, out, "/Rod/Mesh"))
@@ -183,7 +187,7 @@ def add_pin(path, values, name="pin"):
     stage.Save()
 
 
-def test_pinned_vertices_keep_every_bit(tmp_path):
+def test_pinned_vertices_keep_every_bit(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
     fixed = np.arange(200) < 100  # one half of the tube
     add_pin(path, fixed.astype(float).tolist())
@@ -194,7 +198,7 @@ def test_pinned_vertices_keep_every_bit(tmp_path):
     assert not np.array_equal(before[~fixed], after[~fixed])
 
 
-def test_bad_pins_are_refused(tmp_path):
+def test_bad_pins_are_refused(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
     add_pin(path, [3.0] * 200)
     out = tmp_path / "b.usdc"
@@ -205,7 +209,7 @@ def test_bad_pins_are_refused(tmp_path):
     assert not out.exists()
 
 
-def test_a_mesh_that_holds_its_points_stays_put_between_its_samples(tmp_path):
+def test_a_mesh_that_holds_its_points_stays_put_between_its_samples(tmp_path: Path) -> None:
     """A mesh keyed at 1 and 5 beside one keyed at every frame: clean frames must not shift."""
     from pxr import Usd
 
@@ -245,7 +249,7 @@ def largest_move(path, out, time=2):
     return float(np.linalg.norm(after - before, axis=1).max())
 
 
-def test_maximum_displacement_is_kept_in_stage_units(tmp_path):
+def test_maximum_displacement_is_kept_in_stage_units(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
     stretch(path, 10.0)
     out = tmp_path / "b.usdc"
@@ -272,7 +276,7 @@ def gap(points):
 
 
 @pytest.mark.parametrize("alone", [["--alone"], []])
-def test_clearance_opens_the_gap(tmp_path, alone):
+def test_clearance_opens_the_gap(tmp_path: Path, alone) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
     gaps = []
     for clearance in ("0", "0.03"):
@@ -283,7 +287,7 @@ def test_clearance_opens_the_gap(tmp_path, alone):
 
 
 @pytest.mark.parametrize("alone", [["--alone"], []])
-def test_direction_leads_the_way(tmp_path, alone):
+def test_direction_leads_the_way(tmp_path: Path, alone) -> None:
     from pxr import Sdf, Usd, UsdGeom
 
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
@@ -310,14 +314,14 @@ def test_direction_leads_the_way(tmp_path, alone):
 @pytest.mark.parametrize(
     "option", [("--clearance", 0.1), ("--maximum-displacement", 1), ("--direction", "a=0,0,1")]
 )
-def test_options_without_effect_are_refused(tmp_path, option):
+def test_options_without_effect_are_refused(tmp_path: Path, option) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
     out = ["-o", tmp_path / "b.usdc"]
     paper = run("repair", path, *out, *option, "--method", "paper")
     assert_fails(paper, 2, option[0], "--method paper")
 
 
-def test_rest_contacts_can_be_left(tmp_path):
+def test_rest_contacts_can_be_left(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (CLOSED,), rest=CLOSED)
     out = tmp_path / "b.usdc"
     left = run("repair", path, "-o", out, "--rest-contacts", "leave")

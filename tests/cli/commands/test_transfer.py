@@ -23,7 +23,7 @@ TARGET = Quadruped(cells=9.0, body=0.85, width=0.38, leg=1.1, thickness=0.12, ne
 
 
 @pytest.fixture(scope="module")
-def animals(tmp_path_factory):
+def animals(tmp_path_factory: pytest.TempPathFactory):
     """Source and target rests with markers as files, and three poses of the source."""
     folder = tmp_path_factory.mktemp("animals")
     source, target = SOURCE.mesh(), TARGET.mesh()
@@ -53,7 +53,7 @@ def transferred(animals):
     return folder, done
 
 
-def test_mesh_files_give_a_new_stage(animals, transferred):
+def test_mesh_files_give_a_new_stage(animals, transferred) -> None:
     _, source, target, rows = animals
     folder, done = transferred
     assert done.code in (0, 1) and done.err == ""
@@ -67,7 +67,7 @@ def test_mesh_files_give_a_new_stage(animals, transferred):
     assert np.abs(found[0] - found[1]).max() > 0.1
 
 
-def test_the_report_tells_coverage_residual_and_markers(transferred):
+def test_the_report_tells_coverage_residual_and_markers(transferred) -> None:
     folder, done = transferred
     report = read_report(folder / "r.json")
     section = report["transfer"]
@@ -84,7 +84,7 @@ def test_the_report_tells_coverage_residual_and_markers(transferred):
         validate(report)
 
 
-def test_the_picture_shows_three_views(transferred):
+def test_the_picture_shows_three_views(transferred) -> None:
     from PIL import Image
 
     with Image.open(transferred[0] / "p.png") as picture:
@@ -94,7 +94,9 @@ def test_the_picture_shows_three_views(transferred):
     assert red[:, 1280:].sum() > 1000 and red[:, :640].sum() == 0
 
 
-def test_a_saved_correspondence_gives_the_same_animation(animals, transferred, tmp_path):
+def test_a_saved_correspondence_gives_the_same_animation(
+    animals, transferred, tmp_path: Path
+) -> None:
     folder = transferred[0]
     arguments = ("transfer", folder / "source.obj", folder / "target.obj")
     again = tmp_path / "again.usdc"
@@ -108,7 +110,7 @@ def test_a_saved_correspondence_gives_the_same_animation(animals, transferred, t
     assert_fails(done, 3, "c.npz", "match the meshes again")
 
 
-def test_markers_as_npz(animals, tmp_path):
+def test_markers_as_npz(animals, tmp_path: Path) -> None:
     folder, _, _, rows = animals
     np.savez(tmp_path / "m.npz", markers=rows)
     arguments = ("transfer", folder / "source.obj", folder / "target.obj", "--dry-run")
@@ -122,7 +124,7 @@ def test_markers_as_npz(animals, tmp_path):
     assert_fails(run(*arguments, *output, tmp_path / "bad.npz"), 3, "is not an npz")
 
 
-def test_swapped_markers_are_named(animals, tmp_path):
+def test_swapped_markers_are_named(animals, tmp_path: Path) -> None:
     folder, _, _, rows = animals
     rows = rows.copy()
     rows[[3, 40], 1] = rows[[40, 3], 1]
@@ -139,7 +141,7 @@ def test_swapped_markers_are_named(animals, tmp_path):
     assert any("swapped with marker 40?" in text for text in report["warnings"])
 
 
-def test_bad_markers_are_refused(animals, tmp_path):
+def test_bad_markers_are_refused(animals, tmp_path: Path) -> None:
     folder = animals[0]
     arguments = ("transfer", folder / "source.obj", folder / "target.obj")
     arguments += ("--poses", poses(folder)[0], "-o", tmp_path / "o.usdc")
@@ -157,7 +159,7 @@ def test_bad_markers_are_refused(animals, tmp_path):
     assert not (tmp_path / "o.usdc").exists()
 
 
-def test_ground_keeps_the_feet_down(animals, transferred, tmp_path):
+def test_ground_keeps_the_feet_down(animals, transferred, tmp_path: Path) -> None:
     folder, _, target, _ = animals
     arguments = ("transfer", folder / "source.obj", folder / "target.obj", "--poses")
     more = ("--correspondence", folder / "c.npz", "-o", tmp_path / "o.usdc", "--ground")
@@ -167,7 +169,7 @@ def test_ground_keeps_the_feet_down(animals, transferred, tmp_path):
     assert np.abs(np.array(lowest) - target[0][:, 1].min()).max() < 1e-5 * diagonal(target[0])
 
 
-def test_a_bad_pose_fails_alone(animals, tmp_path):
+def test_a_bad_pose_fails_alone(animals, tmp_path: Path) -> None:
     folder, source, _, _ = animals
     bad = tmp_path / "bad.obj"
     write_obj(bad, source[0][:-1], np.clip(source[1], 0, len(source[0]) - 2))
@@ -186,7 +188,7 @@ def test_a_bad_pose_fails_alone(animals, tmp_path):
     assert_fails(missing, 3, "missing.obj", "--poses")
 
 
-def test_the_horse_moves_the_camel(shared_data, tmp_path):
+def test_the_horse_moves_the_camel(shared_data: Path, tmp_path: Path) -> None:
     folder = shared_data / "transfer"
     done = run(
         *("transfer", folder / "horse/horse_ref.obj", folder / "camel/camel_ref.obj"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -22,12 +24,12 @@ from tests.command_line import (
 from usd_io import AuthoredMesh, write_animation
 
 
-def test_closed_and_open_tubes_are_what_the_tests_need():
+def test_closed_and_open_tubes_are_what_the_tests_need() -> None:
     assert OPEN < 2 * np.pi < CLOSED
 
 
 @pytest.fixture
-def shape_files(tmp_path):
+def shape_files(tmp_path: Path):
     """A straight tube, a thicker one, and two shapes of the first."""
     rest = tube_obj(tmp_path / "rest.obj", 0.0)
     write_obj(tmp_path / "thick.obj", tube_pose(0.0) * (1.3, 1.3, 1.0), tube_polygons())
@@ -41,7 +43,7 @@ def shape_files(tmp_path):
     )
 
 
-def test_shapes_become_blend_shapes(shape_files, tmp_path):
+def test_shapes_become_blend_shapes(shape_files, tmp_path: Path) -> None:
     rest, thick, shapes = shape_files
     output, clip = tmp_path / "o.usda", tmp_path / "clip.usda"
     arguments = ("transfer", rest, thick, "--poses", *shapes, "-o")
@@ -58,7 +60,7 @@ def test_shapes_become_blend_shapes(shape_files, tmp_path):
     assert read_report(tmp_path / "r.json")["settings"]["shapes"] is True
 
 
-def test_blend_shapes_of_a_stage_keep_their_weights(shape_files, tmp_path):
+def test_blend_shapes_of_a_stage_keep_their_weights(shape_files, tmp_path: Path) -> None:
     from pxr import Usd, UsdSkel
 
     rest, thick, shapes = shape_files
@@ -89,7 +91,7 @@ def test_blend_shapes_of_a_stage_keep_their_weights(shape_files, tmp_path):
     assert np.abs(usd_io.read_frame(mesh, 4.5) - blended).max() < 1e-5
 
 
-def test_shapes_that_cannot_be_are_told(shape_files, tmp_path):
+def test_shapes_that_cannot_be_are_told(shape_files, tmp_path: Path) -> None:
     rest, thick, shapes = shape_files
     source = target = tube_stage(tmp_path / "a.usda", (1.0, 2.0, CLOSED), rest=0.0)
     output = tmp_path / "c.usdc"

@@ -1,6 +1,7 @@
 """`dtrepair view`: pictures without a display; the window where polyscope is installed."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_s
 
 
 @pytest.fixture(autouse=True)
-def no_display(monkeypatch):
+def no_display(monkeypatch: pytest.MonkeyPatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
@@ -25,7 +26,7 @@ def red_pixels(path):
     return (pixels[..., 0] > 100) & (pixels[..., 1] < 60) & (pixels[..., 2] < 60)
 
 
-def test_a_picture_of_before_and_after(tmp_path):
+def test_a_picture_of_before_and_after(tmp_path: Path) -> None:
     stage = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
     clean = tube_stage(tmp_path / "b.usda", (OPEN, OPEN, OPEN))
     picture = tmp_path / "p.png"
@@ -37,7 +38,7 @@ def test_a_picture_of_before_and_after(tmp_path):
     assert red[:, :640].sum() > 50 and red[:, 640:].sum() == 0
 
 
-def test_frames_choose_what_is_drawn(tmp_path):
+def test_frames_choose_what_is_drawn(tmp_path: Path) -> None:
     stage = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
     picture = tmp_path / "p.png"
     assert run("view", stage, "--screenshot", picture).code == 0
@@ -46,13 +47,13 @@ def test_frames_choose_what_is_drawn(tmp_path):
     assert not red_pixels(picture).any()
 
 
-def test_a_mesh_file(tmp_path):
+def test_a_mesh_file(tmp_path: Path) -> None:
     mesh = tube_obj(tmp_path / "a.obj", CLOSED)
     assert run("view", mesh, "--screenshot", tmp_path / "p.png").code == 0
     assert red_pixels(tmp_path / "p.png").any()
 
 
-def test_errors(tmp_path, monkeypatch):
+def test_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = tube_obj(tmp_path / "a.obj", CLOSED)
     picture = ("--screenshot", tmp_path / "p.png")
     monkeypatch.setattr(viewer, "has_polyscope", lambda: True)
@@ -66,7 +67,7 @@ def test_errors(tmp_path, monkeypatch):
     assert_fails(run("view", mesh, *picture), 2, "pip install pillow")
 
 
-def test_pictures_are_png_or_jpg(tmp_path):
+def test_pictures_are_png_or_jpg(tmp_path: Path) -> None:
     mesh = tube_obj(tmp_path / "a.obj", CLOSED)
     assert run("view", mesh, "--screenshot", tmp_path / "p.JPG").code == 0
     for name in ("v.txt", "v"):
@@ -74,7 +75,7 @@ def test_pictures_are_png_or_jpg(tmp_path):
         assert not (tmp_path / name).exists()
 
 
-def test_an_unusable_frame_is_told(tmp_path):
+def test_an_unusable_frame_is_told(tmp_path: Path) -> None:
     from pxr import Usd
 
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
@@ -106,7 +107,9 @@ class FakeViewer:
         path.write_bytes(b"picture")
 
 
-def test_the_window_gets_both_meshes_and_all_frames(tmp_path, monkeypatch):
+def test_the_window_gets_both_meshes_and_all_frames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stage = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr(viewer, "has_polyscope", lambda: True)
@@ -120,7 +123,9 @@ def test_the_window_gets_both_meshes_and_all_frames(tmp_path, monkeypatch):
     assert not made.meshes[0].frame(0)[1].any()
 
 
-def test_a_screenshot_of_the_window_shows_the_worst_frame(tmp_path, monkeypatch):
+def test_a_screenshot_of_the_window_shows_the_worst_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stage = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
     taken = []
     monkeypatch.setenv("DISPLAY", ":0")
@@ -132,7 +137,9 @@ def test_a_screenshot_of_the_window_shows_the_worst_frame(tmp_path, monkeypatch)
     assert FakeViewer.made.first == 1 and not FakeViewer.made.shown
 
 
-def test_a_broken_display_falls_back_to_a_drawing(tmp_path, monkeypatch):
+def test_a_broken_display_falls_back_to_a_drawing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(*arguments, **options):
         raise RuntimeError("no backend")
 
@@ -145,5 +152,5 @@ def test_a_broken_display_falls_back_to_a_drawing(tmp_path, monkeypatch):
     assert_fails(run("view", mesh), 2, "cannot open a window", "--screenshot")
 
 
-def test_summary_says_that_a_window_opens():
+def test_summary_says_that_a_window_opens() -> None:
     assert "window" in view.command.help

@@ -18,7 +18,7 @@ class _Terminal(io.StringIO):
         return True
 
 
-def on_terminal(monkeypatch) -> _Terminal:
+def on_terminal(monkeypatch: pytest.MonkeyPatch) -> _Terminal:
     """From now on stderr says that it is a terminal; what is written there."""
     screen = _Terminal()
     monkeypatch.setattr(sys, "stderr", screen)
@@ -27,7 +27,7 @@ def on_terminal(monkeypatch) -> _Terminal:
 
 
 @pytest.fixture
-def shown(monkeypatch) -> list[float]:
+def shown(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """How many items the bar showed as done, update by update."""
     numbers: list[float] = []
 
@@ -40,7 +40,9 @@ def shown(monkeypatch) -> list[float]:
     return numbers
 
 
-def test_the_bar_counts_items_and_the_work_ahead_of_them(monkeypatch, shown) -> None:
+def test_the_bar_counts_items_and_the_work_ahead_of_them(
+    monkeypatch: pytest.MonkeyPatch, shown
+) -> None:
     terminal, console = on_terminal(monkeypatch), Console()
 
     def items():
@@ -55,7 +57,9 @@ def test_the_bar_counts_items_and_the_work_ahead_of_them(monkeypatch, shown) -> 
     assert "working" in terminal.getvalue() and "4/4" in terminal.getvalue()
 
 
-def test_work_ahead_is_heard_only_while_a_bar_is_shown(monkeypatch, shown) -> None:
+def test_work_ahead_is_heard_only_while_a_bar_is_shown(
+    monkeypatch: pytest.MonkeyPatch, shown
+) -> None:
     on_terminal(monkeypatch)
     console = Console()
     console.expect(3.0)
@@ -67,7 +71,7 @@ def test_work_ahead_is_heard_only_while_a_bar_is_shown(monkeypatch, shown) -> No
 
 
 @pytest.mark.parametrize("console", [Console(quiet=True), Console()])
-def test_no_bar_is_shown_to_files_or_when_quiet(console, monkeypatch) -> None:
+def test_no_bar_is_shown_to_files_or_when_quiet(console, monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = on_terminal(monkeypatch)
     if not console.quiet:
         monkeypatch.setattr(terminal, "isatty", lambda: False)

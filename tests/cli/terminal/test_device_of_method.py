@@ -8,7 +8,9 @@ from dtrepair import device
 from dtrepair.cli.terminal.failures import Failure, device_of_method, use_device
 
 
-def test_the_default_method_runs_on_the_cpu_and_that_is_told(monkeypatch) -> None:
+def test_the_default_method_runs_on_the_cpu_and_that_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(device, "resolve_device", lambda name: f"{name}:0")
     assert device_of_method("auto", "full") == ("cpu", [])
     assert device_of_method("auto", "paper") == ("auto:0", [])

@@ -1,5 +1,7 @@
 """How runs end: with which code, and with which line."""
 
+from pathlib import Path
+
 import click
 import numpy as np
 import pytest
@@ -31,7 +33,7 @@ def spoil(path, *times):
         ["transfer", "{rest}", "-o", "{out}", "--repair"],
     ],
 )
-def test_no_usable_frame_is_an_unusable_input(tmp_path, arguments):
+def test_no_usable_frame_is_an_unusable_input(tmp_path: Path, arguments) -> None:
     path, out = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN)), tmp_path / "b.usdc"
     rest = tube_stage(tmp_path / "rest.usda", (OPEN,))
     spoil(path, 1.0, 2.0)
@@ -43,7 +45,7 @@ def test_no_usable_frame_is_an_unusable_input(tmp_path, arguments):
     assert run(filled[0], path, *filled[1:], "-q").code == 4
 
 
-def test_a_chunk_without_a_usable_frame_is_written_for_join(tmp_path):
+def test_a_chunk_without_a_usable_frame_is_written_for_join(tmp_path: Path) -> None:
     path, parts = tube_stage(tmp_path / "a.usda", (CLOSED, OPEN)), []
     spoil(path, 2.0)
     for number, code in ((1, 0), (2, 4)):
@@ -54,7 +56,7 @@ def test_a_chunk_without_a_usable_frame_is_written_for_join(tmp_path):
     assert np.isnan(read_samples(tmp_path / "whole.usdc")[2.0]).all()
 
 
-def test_a_flat_transform_fails_without_the_name_of_an_exception(tmp_path):
+def test_a_flat_transform_fails_without_the_name_of_an_exception(tmp_path: Path) -> None:
     from pxr import Usd, UsdGeom
 
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED))
@@ -71,7 +73,9 @@ def test_a_flat_transform_fails_without_the_name_of_an_exception(tmp_path):
     assert_fails(done, 3, "no frame could be used: /Root/Tube at frame 1: ", "zero or infinite")
 
 
-def test_an_interrupt_inside_the_demo_is_no_internal_error(tmp_path, monkeypatch):
+def test_an_interrupt_inside_the_demo_is_no_internal_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from dtrepair.cli.commands import repair
 
     def interrupted(*arguments, **options):
@@ -82,7 +86,7 @@ def test_an_interrupt_inside_the_demo_is_no_internal_error(tmp_path, monkeypatch
     assert_fails(done, 130, "interrupted; no output was written")
 
 
-def test_an_output_is_not_called_an_input(tmp_path):
+def test_an_output_is_not_called_an_input(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda")
     out = ["-o", tmp_path / "b.usdc", "--report"]
     assert_fails(run("repair", path, *out, path), 2, "a.usda: is an input of this run")
@@ -90,7 +94,7 @@ def test_an_output_is_not_called_an_input(tmp_path):
 
 
 @pytest.mark.skipif(not can_fork(), reason="processes cannot be forked here")
-def test_a_trace_reaches_into_the_workers(tmp_path, monkeypatch):
+def test_a_trace_reaches_into_the_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from dtrepair.repair import repairer
 
     def deep_inside(self, points):
@@ -105,7 +109,9 @@ def test_a_trace_reaches_into_the_workers(tmp_path, monkeypatch):
     assert "deep_inside" not in run("repair", path, *out, "--alone").err
 
 
-def test_a_trace_tells_why_frames_are_not_repaired_together(tmp_path, monkeypatch):
+def test_a_trace_tells_why_frames_are_not_repaired_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from dtrepair.repair.clip.animation import AnimationRepairer
 
     def deep_inside(self, poses, **options):

@@ -6,6 +6,8 @@ import sys
 import threading
 import time
 
+import pytest
+
 from dtrepair.cli.terminal.interrupts import GRACE, Interrupts, Terminated, exit_code, watched
 
 BUSY = """
@@ -22,7 +24,7 @@ with watched() as interrupts:
 """
 
 
-def test_busy_threads_do_not_hold_up_the_end():
+def test_busy_threads_do_not_hold_up_the_end() -> None:
     process = subprocess.Popen(
         [sys.executable, "-c", BUSY], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -37,7 +39,7 @@ def test_busy_threads_do_not_hold_up_the_end():
     assert "dtrepair: error: interrupted; no output was written; advice\n" in err
 
 
-def test_handlers_are_put_back():
+def test_handlers_are_put_back() -> None:
     before = signal.getsignal(signal.SIGTERM)
     with watched():
         assert signal.getsignal(signal.SIGTERM) != before
@@ -45,7 +47,7 @@ def test_handlers_are_put_back():
     assert signal.set_wakeup_fd(-1) == -1
 
 
-def test_other_threads_do_without():
+def test_other_threads_do_without() -> None:
     found = []
 
     def enter():
@@ -58,7 +60,7 @@ def test_other_threads_do_without():
     assert isinstance(found[0], Interrupts)
 
 
-def test_exit_codes_and_one_line(capsys):
+def test_exit_codes_and_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(KeyboardInterrupt()) == 130 and exit_code(Terminated()) == 143
     interrupts = Interrupts()
     interrupts.say()

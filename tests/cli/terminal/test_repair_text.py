@@ -1,5 +1,7 @@
 """Advice of many frames: one line for each kind."""
 
+from pathlib import Path
+
 import trimesh
 
 from dtrepair.cli.terminal.repair_text import advice_lines
@@ -51,7 +53,7 @@ def test_a_single_frame_needs_no_number() -> None:
     assert list(advice_lines(records("added key", ""))) == []
 
 
-def test_a_clip_that_cannot_be_solved_has_one_line_of_advice(tmp_path):
+def test_a_clip_that_cannot_be_solved_has_one_line_of_advice(tmp_path: Path) -> None:
     angles = (OPEN, *(CLOSED + 0.05 * step for step in range(4)))
     path = tube_stage(tmp_path / "a.usda", angles)
     limit = ("--maximum-displacement", 1e-4)
@@ -62,13 +64,13 @@ def test_a_clip_that_cannot_be_solved_has_one_line_of_advice(tmp_path):
     assert advice[0].endswith(": raise --maximum-displacement, or raise the diffusion")
 
 
-def test_a_plan_of_one_frame(tmp_path):
+def test_a_plan_of_one_frame(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (), rest=CLOSED)
     plan = run("repair", path, "-o", tmp_path / "b.usda", "--dry-run")
     assert "1 frame (default) would be written to " in plan.out
 
 
-def test_pairs_closer_than_the_clearance_are_told(tmp_path):
+def test_pairs_closer_than_the_clearance_are_told(tmp_path: Path) -> None:
     points, faces = knot()
     trimesh.Trimesh(points, faces, process=False).export(tmp_path / "a.obj")
     # The strands move out of contact, and no farther.

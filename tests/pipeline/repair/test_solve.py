@@ -2,6 +2,7 @@
 
 import weakref
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,7 +19,7 @@ from tests.command_line import CLOSED, OPEN, tube_pose, tube_stage
 
 
 @pytest.fixture
-def source(tmp_path):
+def source(tmp_path: Path):
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN, CLOSED, OPEN))
     return open_source(str(path), Selection())
 
@@ -46,7 +47,7 @@ def replaced(repairer, solve):
     return repairer
 
 
-def test_order_and_status(source, repairer):
+def test_order_and_status(source, repairer) -> None:
     done = list(repair_frames(frames_of(source), repairer))
     assert [item.frame.time for item in done] == [1, 2, 3, 4, 5]
     assert [item.points[0] is not None for item in done] == [False, True, False, True, False]
@@ -54,7 +55,7 @@ def test_order_and_status(source, repairer):
 
 
 @pytest.mark.parametrize("ahead", [1, 3, 99])
-def test_a_solver_may_look_ahead(source, repairer, ahead):
+def test_a_solver_may_look_ahead(source, repairer, ahead) -> None:
     single = repairer.solve
     longest = []
 
@@ -78,7 +79,7 @@ def test_a_solver_may_look_ahead(source, repairer, ahead):
     assert statuses == ["failed", "clean", "clean", "skipped", "clean"]
 
 
-def test_frames_are_solved_together_and_steadily(source, repairer):
+def test_frames_are_solved_together_and_steadily(source, repairer) -> None:
     frames = frames_of(source)
     jitter = []
     for alone in (True, False):
@@ -95,7 +96,7 @@ def test_frames_are_solved_together_and_steadily(source, repairer):
 
 
 @pytest.mark.parametrize("before", [0, 2])
-def test_frames_that_cannot_be_solved_together_are_solved_alone(source, repairer, before):
+def test_frames_that_cannot_be_solved_together_are_solved_alone(source, repairer, before) -> None:
     def stream(poses, *, jobs):
         for number, (time, points) in enumerate(poses):
             if number == before:
@@ -112,7 +113,7 @@ def test_frames_that_cannot_be_solved_together_are_solved_alone(source, repairer
     assert f"frames from {before + 1} are repaired alone: Arith" in repairer.warnings[0]
 
 
-def test_only_unusable_frames(repairer):
+def test_only_unusable_frames(repairer) -> None:
     done = list(repair_frames([Frame(1.0, failure="x"), Frame(2.0, blocked="/A")], repairer))
     assert [item.record.status for item in done] == ["failed", "skipped"]
 
@@ -125,7 +126,7 @@ def result_with(points):
     return [RepairResult(points, nothing, nothing, 1, Status.CLEAN)]
 
 
-def test_claims_of_the_solver_are_not_believed(source, repairer):
+def test_claims_of_the_solver_are_not_believed(source, repairer) -> None:
     """It returns the intersecting input, slightly shifted, and says clean."""
     repairer.repairer = lambda points: result_with(points[0])
     lying = replaced(repairer, lambda time, points: result_with(points[0] + np.float32(0.5)))
@@ -136,7 +137,7 @@ def test_claims_of_the_solver_are_not_believed(source, repairer):
     assert done[1].record.displacement_max == 0.0
 
 
-def test_clean_frames_may_move_with_their_neighbours(source, repairer):
+def test_clean_frames_may_move_with_their_neighbours(source, repairer) -> None:
     opener = tube_pose(OPEN - 0.1)
     moving = replaced(repairer, lambda time, points: result_with(opener))
     done = list(repair_frames(frames_of(source), moving))
@@ -148,7 +149,7 @@ def test_clean_frames_may_move_with_their_neighbours(source, repairer):
     assert done[0].points == (None,) and done[0].record.after.pairs == 0
 
 
-def test_errors_take_the_place_of_a_frame(source, repairer):
+def test_errors_take_the_place_of_a_frame(source, repairer) -> None:
     def solve(time, points):
         return ArithmeticError("no") if time == 2 else result_with(points[0])
 
@@ -158,7 +159,7 @@ def test_errors_take_the_place_of_a_frame(source, repairer):
     assert [item.record.status for item in done][2:3] == ["clean"]
 
 
-def test_frames_are_forgotten_once_they_are_written(source, repairer):
+def test_frames_are_forgotten_once_they_are_written(source, repairer) -> None:
     """However long the clip: no more than a window is held, and what is just being checked."""
     repairer.alone, window = False, 8
     repairer.repairer.animator = AnimationRepairer(repairer.repairer, window=window, overlap=2)

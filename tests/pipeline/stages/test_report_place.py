@@ -1,5 +1,7 @@
 """`--report -`: the report alone on stdout, for every command that has it."""
 
+from pathlib import Path
+
 import pytest
 
 from dtrepair.report.schema import validate
@@ -7,7 +9,9 @@ from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_stage
 
 
 @pytest.mark.parametrize("command", ["repair", "keyposes"])
-def test_stdout_holds_the_report_alone(tmp_path, monkeypatch, command):
+def test_stdout_holds_the_report_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command
+) -> None:
     monkeypatch.chdir(tmp_path)
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
     output = tmp_path / "b.usdc"
@@ -23,7 +27,7 @@ def test_stdout_holds_the_report_alone(tmp_path, monkeypatch, command):
     assert quiet.err == "" and quiet.json["command"] == command
 
 
-def test_a_transfer_too(tmp_path, monkeypatch):
+def test_a_transfer_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     path = tube_stage(tmp_path / "a.usda", (OPEN, OPEN))
     done = run("transfer", path, path, "-o", tmp_path / "b.usdc", "--report", "-")
@@ -32,7 +36,7 @@ def test_a_transfer_too(tmp_path, monkeypatch):
     assert not (tmp_path / "-").exists()
 
 
-def test_other_places_are_checked_first(tmp_path):
+def test_other_places_are_checked_first(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
     output = ("-o", tmp_path / "b.usdc", "--report")
     assert_fails(run("repair", path, *output, tmp_path), 5, "is a directory")

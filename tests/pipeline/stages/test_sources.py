@@ -1,5 +1,7 @@
 """The view of a stage that the commands work with."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -27,11 +29,11 @@ def two_tubes(path, offset):
 
 
 @pytest.fixture
-def near_and_far(tmp_path):
+def near_and_far(tmp_path: Path):
     return [two_tubes(tmp_path / f"{n}.usda", at) for n, at in (("n", (0, 0, 0)), ("f", FAR))]
 
 
-def test_a_scene_far_from_the_origin_is_counted_and_repaired_as_a_near_one(near_and_far):
+def test_a_scene_far_from_the_origin_is_counted_and_repaired_as_a_near_one(near_and_far) -> None:
     near, far = near_and_far
     counts = [run("check", path, "--json", "-").json["summary"] for path in near_and_far]
     assert counts[0] == counts[1] and counts[0]["triangles_before"] > 0
@@ -46,7 +48,7 @@ def test_a_scene_far_from_the_origin_is_counted_and_repaired_as_a_near_one(near_
     assert np.allclose(*results, rtol=0.0, atol=1e-4)
 
 
-def test_world_points_of_a_far_scene_lie_about_its_middle(near_and_far):
+def test_world_points_of_a_far_scene_lie_about_its_middle(near_and_far) -> None:
     source = open_source(str(near_and_far[1]), Selection())
     mesh = source.meshes[0]
     points = source.read(mesh, 1.0)

@@ -16,7 +16,7 @@ from tests.repair.clip.test_animation import crossings, pincers, results_of, rou
 
 
 @pytest.fixture
-def embrace(monkeypatch):
+def embrace(monkeypatch: pytest.MonkeyPatch):
     """Rest, faces and frames (T, V, 3) of a character that drives its forearms into its body."""
     turns = {
         "left_arm": (62, -14, -55),
@@ -67,7 +67,9 @@ def test_frames_far_in_time_keep_every_bit_in_a_clip_of_several_windows() -> Non
     assert not kept[dirty].all(axis=1).any()
 
 
-def test_taken_out_displacements_come_back_where_they_are_needed(monkeypatch) -> None:
+def test_taken_out_displacements_come_back_where_they_are_needed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     rest, faces, frames = swing()
     monkeypatch.setattr(shot, "STILL", 0.02)
     repaired = results_of(Repairer(rest, faces), frames)

@@ -26,7 +26,7 @@ def walk(count, cuts=(), seed=0):
 
 
 @pytest.mark.parametrize("cuts", [(), (17,), (1, 30, 31)])
-def test_windows_are_those_of_the_stream(monkeypatch, cuts):
+def test_windows_are_those_of_the_stream(monkeypatch: pytest.MonkeyPatch, cuts) -> None:
     poses, (points, faces) = walk(75, cuts), icosphere(1)
     scene = SceneRepairer([Body(points, faces)])
     seen = []
@@ -47,7 +47,7 @@ def test_windows_are_those_of_the_stream(monkeypatch, cuts):
     assert [w.start for w in layout if not w.follows] == starts == [0, *cuts]
 
 
-def test_layout_of_one_shot():
+def test_layout_of_one_shot() -> None:
     layout = window_layout(np.arange(40.0), np.full(39, 0.01), **SIZES)
     assert layout == [
         Window(0, 20, 14, False),
@@ -59,14 +59,14 @@ def test_layout_of_one_shot():
     assert exact == [Window(0, 20, 14, False), Window(14, 20, 20, True)]
 
 
-def test_a_chunk_needs_one_window_before_and_a_frame_after():
+def test_a_chunk_needs_one_window_before_and_a_frame_after() -> None:
     times, motions = np.arange(100.0), np.full(99, 0.01)
     assert frames_to_solve(times, motions, (0, 1), **SIZES) == (0, 21)
     assert frames_to_solve(times, motions, (3, 4), **SIZES) == (28, 63)
     assert frames_to_solve(times, motions, (5, 7), **SIZES) == (56, 100)
 
 
-def test_a_start_that_looks_like_a_cut_is_avoided():
+def test_a_start_that_looks_like_a_cut_is_avoided() -> None:
     # Alone, a fast frame after the first one would look like a cut: nothing was before it.
     times, motions = np.arange(100.0), np.full(99, 0.01)
     motions[27:30] = (0.1, 0.1, 0.01)

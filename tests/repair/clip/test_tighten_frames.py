@@ -40,7 +40,7 @@ def test_displacements_become_smaller_and_no_frame_dirty(pushed) -> None:
 
 
 def test_frames_that_cannot_be_pushed_go_back_only_around_their_contacts(
-    pushed, monkeypatch
+    pushed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before, start = moved(pushed), pushed.snapshot()
     monkeypatch.setattr(pushed, "sweep", lambda *_: np.zeros_like(pushed.original))

@@ -131,7 +131,7 @@ class NoHost(TorchDispatchMode):
 @pytest.mark.parametrize("kernel", KERNELS.values(), ids=str)
 @pytest.mark.parametrize("optimizer", [kind() for kind in OPTIMIZERS.values()], ids=str)
 def test_an_iteration_asks_the_host_for_nothing(
-    monkeypatch, optimizer: Optimizer, kernel: Kernel
+    monkeypatch: pytest.MonkeyPatch, optimizer: Optimizer, kernel: Kernel
 ) -> None:
     _, on_device = both(optimizer=optimizer, kernel=kernel, iterations=2)
     on_device(poses(1.0))
@@ -163,7 +163,9 @@ def test_an_overflow_is_retried_larger_with_the_same_result(capacity: tuple[int,
     ],
     ids=["torch", "warp", "cublas"],
 )
-def test_a_batch_that_does_not_fit_is_halved(monkeypatch, error: RuntimeError) -> None:
+def test_a_batch_that_does_not_fit_is_halved(
+    monkeypatch: pytest.MonkeyPatch, error: RuntimeError
+) -> None:
     _, on_device = both(iterations=8)
     expected = on_device(poses(1.0, 0.9, 0.95, 0.97, 0.93))
     made, largest = [], 2
@@ -191,7 +193,7 @@ def test_no_poses_are_no_work() -> None:
     assert len(result.points) == 0 and result.history.shape[1] == 0
 
 
-def test_other_errors_are_not_taken_for_lack_of_memory(monkeypatch) -> None:
+def test_other_errors_are_not_taken_for_lack_of_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(self) -> None:
         raise RuntimeError("illegal address")
 

@@ -60,7 +60,7 @@ def test_a_mesh_of_one_part_has_no_separators() -> None:
     assert (blocks(field) - diffusion(field)).abs().max() < 1e-12
 
 
-def test_large_meshes_get_blocks_and_small_ones_a_matrix(monkeypatch) -> None:
+def test_large_meshes_get_blocks_and_small_ones_a_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
     diffusion, points = operator(BALL)
     assert isinstance(diffusion.on(points, device="cpu"), DenseDiffusion)
     monkeypatch.setattr(diffusion_module, "DENSE", 100)

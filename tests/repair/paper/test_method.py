@@ -36,7 +36,7 @@ def test_poses_at_once_are_those_one_by_one() -> None:
 
 
 @pytest.mark.parametrize("bodies", [1, 2])
-def test_the_loop_of_a_device_cleans_as_well(monkeypatch, bodies: int) -> None:
+def test_the_loop_of_a_device_cleans_as_well(monkeypatch: pytest.MonkeyPatch, bodies: int) -> None:
     surface, poses = tube()
     if bodies == 2:
         points, faces = overlapping_spheres()
@@ -56,7 +56,9 @@ def test_the_loop_of_a_device_cleans_as_well(monkeypatch, bodies: int) -> None:
             assert not np.array_equal(solved.points[half:], pose[half:])
 
 
-def test_an_operator_that_does_not_fit_on_the_device_is_a_clear_error(monkeypatch) -> None:
+def test_an_operator_that_does_not_fit_on_the_device_is_a_clear_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def full(*_: object, **__: object) -> None:
         raise RuntimeError("CUDA error: out of memory")
 

@@ -7,6 +7,7 @@ import signal
 import sys
 import time
 from contextlib import suppress
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,7 +19,7 @@ from dtrepair.repair.parallel.process_pool import AHEAD, can_fork, forked_map
 pytestmark = pytest.mark.skipif(not can_fork(), reason="needs processes that can be forked")
 
 
-def test_answers_come_in_order_from_other_processes():
+def test_answers_come_in_order_from_other_processes() -> None:
     def square(number):
         time.sleep(0.05 if number % 2 == 0 else 0.0)
         return os.getpid(), np.full(100_000, number**2)
@@ -29,11 +30,11 @@ def test_answers_come_in_order_from_other_processes():
     assert 2 <= len(processes) <= 3 and os.getpid() not in processes
 
 
-def test_one_job_stays_in_this_process():
+def test_one_job_stays_in_this_process() -> None:
     assert set(forked_map(lambda _: os.getpid(), range(3), jobs=1)) == {os.getpid()}
 
 
-def test_items_are_taken_when_a_process_is_free():
+def test_items_are_taken_when_a_process_is_free() -> None:
     taken = []
 
     def items():
@@ -47,14 +48,14 @@ def test_items_are_taken_when_a_process_is_free():
     assert list(answers) == list(range(1, 20))
 
 
-def test_a_slow_item_keeps_only_one_process():
+def test_a_slow_item_keeps_only_one_process() -> None:
     started = time.perf_counter()
     found = forked_map(lambda number: time.sleep(0.4 if number == 0 else 0.1), range(5), jobs=2)
     assert list(found) == [None] * 5
     assert time.perf_counter() - started < 0.75
 
 
-def test_an_exception_is_raised_here():
+def test_an_exception_is_raised_here() -> None:
     def fail(number):
         if number == 1:
             raise ValueError(f"no {number}")
@@ -66,7 +67,7 @@ def test_an_exception_is_raised_here():
         next(answers)
 
 
-def test_an_exception_tells_where_it_was_raised():
+def test_an_exception_tells_where_it_was_raised() -> None:
     def deep_inside(number):
         raise ValueError(f"no {number}")
 
@@ -83,7 +84,7 @@ def test_an_exception_tells_where_it_was_raised():
         assert "in deep_inside" in note
 
 
-def test_a_killed_process_is_told():
+def test_a_killed_process_is_told() -> None:
     def killed(_):
         os.kill(os.getpid(), signal.SIGKILL)
 
@@ -91,7 +92,7 @@ def test_a_killed_process_is_told():
         list(forked_map(killed, [0], jobs=2))
 
 
-def test_a_signal_during_the_fork_is_not_lost(monkeypatch):
+def test_a_signal_during_the_fork_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     forked, fork = [], os.fork
 
     def interrupted_fork():
@@ -110,7 +111,9 @@ def test_a_signal_during_the_fork_is_not_lost(monkeypatch):
         os.kill(forked[0], 0)
 
 
-def test_a_signal_before_the_fork_stays_out_of_the_process(monkeypatch, tmp_path):
+def test_a_signal_before_the_fork_stays_out_of_the_process(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     fork = os.fork
 
     def interrupted_fork():
@@ -129,7 +132,7 @@ def test_a_signal_before_the_fork_stays_out_of_the_process(monkeypatch, tmp_path
     assert not escaped.exists()
 
 
-def test_no_process_outlives_the_iterator(tmp_path):
+def test_no_process_outlives_the_iterator(tmp_path: Path) -> None:
     def wait(number):
         (tmp_path / str(number)).write_text(str(os.getpid()))
         time.sleep(0 if number == 0 else 60)
@@ -144,7 +147,7 @@ def test_no_process_outlives_the_iterator(tmp_path):
 
 
 @pytest.mark.parametrize("who", ["torch", "warp"])
-def test_a_process_that_works_on_a_gpu_is_not_forked(monkeypatch, who):
+def test_a_process_that_works_on_a_gpu_is_not_forked(monkeypatch: pytest.MonkeyPatch, who) -> None:
     devices = [SimpleNamespace(has_context=who == "warp")]
     cuda = SimpleNamespace(is_initialized=lambda: who == "torch")
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(cuda=cuda))
@@ -156,7 +159,7 @@ def test_a_process_that_works_on_a_gpu_is_not_forked(monkeypatch, who):
     assert can_fork()
 
 
-def test_processes_do_not_share_the_cores_with_threads_of_linear_algebra():
+def test_processes_do_not_share_the_cores_with_threads_of_linear_algebra() -> None:
     def threads(_):
         return max(library["num_threads"] for library in threadpool_info())
 

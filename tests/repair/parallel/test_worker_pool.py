@@ -51,7 +51,7 @@ class Work:
 
 
 @pytest.mark.parametrize("make", CREWS)
-def test_all_crews_work_alike(make):
+def test_all_crews_work_alike(make) -> None:
     with make() as crew:
         crew.start(Work(crew))
         for call in (1, 2, 3):
@@ -68,7 +68,7 @@ def test_all_crews_work_alike(make):
 
 
 @needs_fork
-def test_processes_share_the_work_and_end():
+def test_processes_share_the_work_and_end() -> None:
     with ForkedCrew(3) as crew:
         crew.start(Work(crew))
         workers = {process for _, _, process in crew.map("squared", range(8), 1.0)}
@@ -82,14 +82,14 @@ def test_processes_share_the_work_and_end():
 
 
 @needs_fork
-def test_a_killed_worker_is_told():
+def test_a_killed_worker_is_told() -> None:
     with ForkedCrew(2) as crew:
         crew.start(Work(crew))
         with pytest.raises(RuntimeError, match="fewer jobs"):
             crew.map("die", [0, 1])
 
 
-def test_small_windows_are_not_worth_workers():
+def test_small_windows_are_not_worth_workers() -> None:
     assert worthwhile_jobs(8, frames=64, triangles=30_000) == 8
     assert worthwhile_jobs(None, frames=64, triangles=30_000) == min(16, available_processors())
     assert worthwhile_jobs(8, frames=8, triangles=30_000) == 2
@@ -97,7 +97,7 @@ def test_small_windows_are_not_worth_workers():
     assert worthwhile_jobs(8, frames=64, triangles=50) == 1
 
 
-def test_one_job_makes_no_worker():
+def test_one_job_makes_no_worker() -> None:
     surface = Surface(*icosphere(1))
     assert type(make_crew(surface, 1)) is Crew
     assert type(make_crew(surface, 2)) is (ForkedCrew if can_fork() else ThreadCrew)

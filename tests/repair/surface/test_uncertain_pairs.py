@@ -29,14 +29,14 @@ def capped_cylinder(around=24, along=4):
     return points, np.array(faces, dtype=np.int32)
 
 
-def test_the_caps_are_in_doubt_and_touch_nothing():
+def test_the_caps_are_in_doubt_and_touch_nothing() -> None:
     points, faces = capped_cylinder()
     detector = Detector(points, faces)
     assert len(detector(points)) == 0 and len(detector(points, exact=False)) > 0
 
 
 @pytest.mark.parametrize("together", [False, True])
-def test_what_touches_nothing_is_left_alone(together):
+def test_what_touches_nothing_is_left_alone(together) -> None:
     tube, tube_faces = bent_tube(6.5, 8, 24)
     rest = bent_tube(5.0, 8, 24)[0]
     cylinder, cylinder_faces = capped_cylinder()
@@ -50,7 +50,7 @@ def test_what_touches_nothing_is_left_alone(together):
     assert np.array_equal(left.points, cylinder)
 
 
-def test_coplanar_contact_is_still_a_contact():
+def test_coplanar_contact_is_still_a_contact() -> None:
     points, faces = capped_cylinder()
     both = np.concatenate([points, points + 2.0 * ALONG])  # cap on cap
     joined = np.concatenate([faces, faces + len(points)]).astype(np.int32)
@@ -62,14 +62,14 @@ def test_coplanar_contact_is_still_a_contact():
     assert len(exact) > 0 and {*map(tuple, exact)} <= {*map(tuple, found)}
 
 
-def test_what_is_flattened_does_not_pass_for_clean():
+def test_what_is_flattened_does_not_pass_for_clean() -> None:
     points, faces = capped_cylinder()
     surface = Surface(points, faces)
     flat = points / surface.size * ALONG
     assert len(Detector(points, faces)(flat)) == 0 < len(surface.pairs(flat))
 
 
-def test_the_answer_does_not_depend_on_what_else_is_asked():
+def test_the_answer_does_not_depend_on_what_else_is_asked() -> None:
     points, faces = capped_cylinder()
     surface = Surface(points, faces)
     bent = points / surface.size + 0.1 * np.sin(7.0 * points)[:, [1, 2, 0]]
@@ -78,7 +78,7 @@ def test_the_answer_does_not_depend_on_what_else_is_asked():
     assert np.array_equal(some, every[active[every].any(axis=1)])
 
 
-def test_verdicts_are_kept_and_the_memory_is_bounded(monkeypatch):
+def test_verdicts_are_kept_and_the_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     points, faces = capped_cylinder()
     asked, settle = [], doubts.intersect
     monkeypatch.setattr(doubts, "intersect", lambda a, b: asked.append(len(a)) or settle(a, b))

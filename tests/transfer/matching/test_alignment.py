@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from dtrepair.transfer import rotation_between, similarity
 
 
-def test_a_similarity_is_found_exactly():
+def test_a_similarity_is_found_exactly() -> None:
     rng = np.random.default_rng(0)
     source = rng.normal(size=(7, 3))
     turn = Rotation.from_rotvec([0.3, -1.2, 0.7])
@@ -21,13 +21,13 @@ def test_a_similarity_is_found_exactly():
     assert found.angle == pytest.approx(np.degrees(turn.magnitude()), rel=1e-10)
 
 
-def test_a_similarity_of_coplanar_points_is_a_rotation_never_a_reflection():
+def test_a_similarity_of_coplanar_points_is_a_rotation_never_a_reflection() -> None:
     source = np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0]])
     mirrored = source * (-1.0, 1.0, 1.0)
     assert np.linalg.det(similarity(source, mirrored).rotation) == pytest.approx(1.0)
 
 
-def test_too_few_markers_and_markers_on_a_line_are_refused():
+def test_too_few_markers_and_markers_on_a_line_are_refused() -> None:
     points = np.random.default_rng(0).normal(size=(4, 3))
     with pytest.raises(ValueError, match="at least 3 markers, got 2"):
         similarity(points[:2], points[:2])
@@ -38,7 +38,7 @@ def test_too_few_markers_and_markers_on_a_line_are_refused():
         similarity(points, line)
 
 
-def test_points_that_are_no_pairs_are_refused():
+def test_points_that_are_no_pairs_are_refused() -> None:
     with pytest.raises(ValueError, match="pairs of points, got 4 and 5"):
         similarity(np.eye(4, 3), np.eye(5, 3))
     with pytest.raises(ValueError, match="shape"):
@@ -54,7 +54,7 @@ def test_points_that_are_no_pairs_are_refused():
         ((0, 0, 1), (0, 0, -2)),
     ],
 )
-def test_the_rotation_between_two_axes_is_the_smallest(first, second):
+def test_the_rotation_between_two_axes_is_the_smallest(first, second) -> None:
     found = rotation_between(first, second)
     units = [np.array(axis, dtype=float) / np.linalg.norm(axis) for axis in (first, second)]
     np.testing.assert_allclose(found @ units[0], units[1], atol=1e-14)
@@ -64,11 +64,11 @@ def test_the_rotation_between_two_axes_is_the_smallest(first, second):
     assert angle == pytest.approx(np.arccos(np.clip(units[0] @ units[1], -1, 1)), abs=1e-7)
 
 
-def test_from_z_up_to_y_up_sideways_stays():
+def test_from_z_up_to_y_up_sideways_stays() -> None:
     expected = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
     np.testing.assert_allclose(rotation_between((0, 0, 1), (0, 1, 0)), expected, atol=1e-15)
 
 
-def test_an_axis_of_no_length_is_refused():
+def test_an_axis_of_no_length_is_refused() -> None:
     with pytest.raises(ValueError, match="target_up should be a vector"):
         rotation_between((0, 0, 1), (0, 0, 0))

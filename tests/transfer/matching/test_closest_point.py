@@ -21,13 +21,13 @@ from tests.meshes import icosphere
         ((-0.5, 3.0, 0.0), (0.0, 1.0, 0.0)),  # corner c
     ],
 )
-def test_every_region_of_a_triangle(point, expected):
+def test_every_region_of_a_triangle(point, expected) -> None:
     corners = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]])
     found = closest_on_triangles(np.array([point]), corners)
     np.testing.assert_allclose(found, [expected], atol=1e-15)
 
 
-def test_no_sample_of_the_triangle_is_closer():
+def test_no_sample_of_the_triangle_is_closer() -> None:
     rng = np.random.default_rng(0)
     points, corners = rng.normal(size=(200, 3)), rng.normal(size=(200, 3, 3))
     corners[:20, 2] = 0.5 * (corners[:20, 0] + corners[:20, 1])  # no area
@@ -40,7 +40,7 @@ def test_no_sample_of_the_triangle_is_closer():
     assert (others - best).mean() < 0.05
 
 
-def test_the_closest_compatible_point_of_a_sphere_is_the_projection():
+def test_the_closest_compatible_point_of_a_sphere_is_the_projection() -> None:
     points, faces = icosphere(3)
     queries = 1.3 * icosphere(1)[0]
     found, valid = ClosestSurface(points, faces, 16)(queries, queries)
@@ -48,7 +48,7 @@ def test_the_closest_compatible_point_of_a_sphere_is_the_projection():
     np.testing.assert_allclose(found, queries / 1.3, atol=5e-3)
 
 
-def test_queries_that_face_the_other_way_have_no_closest_point():
+def test_queries_that_face_the_other_way_have_no_closest_point() -> None:
     points, faces = icosphere(3)
     queries = 1.3 * icosphere(1)[0]
     assert not ClosestSurface(points, faces, 4)(queries, -queries)[1].any()

@@ -19,7 +19,7 @@ from tests.meshes import grid, icosphere, joined, torus
 from tests.quadruped import SOURCE, TARGET, markers
 
 
-def test_identity_pairs_are_every_triangle_with_itself():
+def test_identity_pairs_are_every_triangle_with_itself() -> None:
     faces = icosphere(1)[1]
     pairs = identity_pairs(faces, faces.copy())
     assert pairs.dtype == np.int32
@@ -27,20 +27,20 @@ def test_identity_pairs_are_every_triangle_with_itself():
 
 
 @pytest.mark.parametrize("other", [icosphere(0)[1], icosphere(1)[1][::-1]])
-def test_identity_pairs_refuse_another_topology(other):
+def test_identity_pairs_refuse_another_topology(other) -> None:
     with pytest.raises(ValueError, match=r"same triangles.*give markers"):
         identity_pairs(icosphere(1)[1], other)
 
 
 @pytest.mark.parametrize("mesh", [icosphere(3), torus(), grid(12, 9)])
-def test_a_rest_matches_itself_exactly(mesh):
+def test_a_rest_matches_itself_exactly(mesh) -> None:
     points, faces = mesh
     np.testing.assert_array_equal(
         match_triangles(points, faces, points, faces), identity_pairs(faces)
     )
 
 
-def test_matching_is_the_closest_compatible_centroid_both_ways():
+def test_matching_is_the_closest_compatible_centroid_both_ways() -> None:
     rng = np.random.default_rng(3)
     (first, first_faces), (second, second_faces) = icosphere(2), torus(14, 9, 0.9, 0.25)
     first = first + 0.02 * rng.normal(size=first.shape)
@@ -56,13 +56,13 @@ def test_matching_is_the_closest_compatible_centroid_both_ways():
     assert {tuple(pair) for pair in found.tolist()} == expected
 
 
-def test_normals_that_disagree_do_not_match():
+def test_normals_that_disagree_do_not_match() -> None:
     points, faces = icosphere(1)
     with pytest.raises(ValueError, match="wound outward"):
         match_triangles(points, faces, points, faces[:, ::-1], neighbors=1)
 
 
-def test_the_distance_limit_leaves_far_triangles_out():
+def test_the_distance_limit_leaves_far_triangles_out() -> None:
     near, far = icosphere(1), icosphere(1)
     target = joined(near, (far[0] + (10.0, 0, 0), far[1]))
     pairs = match_triangles(*near, *target, max_distance=0.5)
@@ -70,7 +70,7 @@ def test_the_distance_limit_leaves_far_triangles_out():
     assert match_triangles(*near, *target)[:, 1].max() >= len(near[1])
 
 
-def test_matching_checks_its_arguments_and_answers_torch_with_torch():
+def test_matching_checks_its_arguments_and_answers_torch_with_torch() -> None:
     points, faces = icosphere(1)
     with pytest.raises(ValueError, match="neighbors should be at least 1, got 0"):
         match_triangles(points, faces, points, faces, neighbors=0)
@@ -81,7 +81,7 @@ def test_matching_checks_its_arguments_and_answers_torch_with_torch():
     np.testing.assert_array_equal(pairs.numpy(), identity_pairs(faces))
 
 
-def test_registered_animals_are_covered():
+def test_registered_animals_are_covered() -> None:
     (source, source_faces), (target, target_faces) = SOURCE.mesh(), TARGET.mesh()
     rows = markers(SOURCE, source, TARGET, target)
     registered = register(source, source_faces, target, target_faces, rows)
@@ -102,23 +102,23 @@ def test_registered_animals_are_covered():
         (np.array([[0, -1]]), "target triangles 0..7, got index -1 in row 0"),
     ],
 )
-def test_wrong_pairs_are_refused(pairs, message):
+def test_wrong_pairs_are_refused(pairs, message) -> None:
     with pytest.raises(ValueError, match=message):
         checked_pairs(pairs, 5, 8)
 
 
-def test_pairs_come_back_sorted_and_once():
+def test_pairs_come_back_sorted_and_once() -> None:
     rows = checked_pairs(np.array([[3, 1], [0, 2], [3, 1], [0, 1]]), 5, 8)
     assert rows.tolist() == [[0, 1], [0, 2], [3, 1]]
 
 
-def test_the_average_leaves_out_unusable_source_triangles():
+def test_the_average_leaves_out_unusable_source_triangles() -> None:
     pairs = np.array([[0, 0], [1, 0], [2, 0], [2, 1]], dtype=np.int32)
     average = averaging_operator(pairs, np.array([True, True, False]), 2).toarray()
     np.testing.assert_array_equal(average, [[0.5, 0.5, 0.0], [0.0, 0.0, 0.0]])
 
 
-def test_the_fill_is_harmonic_and_within_the_bounds_of_its_surroundings():
+def test_the_fill_is_harmonic_and_within_the_bounds_of_its_surroundings() -> None:
     points, faces = icosphere(2)
     matched = points[faces].mean(axis=1)[:, 2] < 0.6
     fill = HarmonicFill(points, faces, matched)
@@ -142,7 +142,7 @@ def test_the_fill_is_harmonic_and_within_the_bounds_of_its_surroundings():
     np.testing.assert_allclose(fill(np.ones((len(values), 2))), 1.0, atol=1e-13)
 
 
-def test_a_piece_without_partners_takes_the_value_of_the_nearest_matched_triangle():
+def test_a_piece_without_partners_takes_the_value_of_the_nearest_matched_triangle() -> None:
     body, piece = icosphere(1), icosphere(0)
     points, faces = joined(body, (0.1 * piece[0] + (0.0, 0.0, 1.2), piece[1]))
     matched = np.arange(len(faces)) < len(body[1])
@@ -154,7 +154,7 @@ def test_a_piece_without_partners_takes_the_value_of_the_nearest_matched_triangl
     np.testing.assert_allclose(filled, np.broadcast_to(nearest, filled.shape), atol=1e-12)
 
 
-def test_the_fill_needs_something_matched():
+def test_the_fill_needs_something_matched() -> None:
     points, faces = icosphere(0)
     with pytest.raises(ValueError, match="no target triangle has a usable source"):
         HarmonicFill(points, faces, np.zeros(len(faces), dtype=bool))

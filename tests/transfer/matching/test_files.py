@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -32,7 +34,7 @@ def written(folder, text, name="pairs.cons"):
         "3\r\n1, 2\r\n3, 4\r\n5, 6\r\n",
     ],
 )
-def test_markers_of_every_layout(tmp_path, text):
+def test_markers_of_every_layout(tmp_path: Path, text) -> None:
     rows = read_markers(written(tmp_path, text), source_count=9, target_count=9)
     assert rows.dtype == np.int32
     np.testing.assert_array_equal(rows, [[1, 2], [3, 4], [5, 6]])
@@ -54,20 +56,20 @@ def test_markers_of_every_layout(tmp_path, text):
         ("1 2\n-1 3\n", "got index -1"),
     ],
 )
-def test_wrong_marker_files_name_the_file_and_the_line(tmp_path, text, message):
+def test_wrong_marker_files_name_the_file_and_the_line(tmp_path: Path, text, message) -> None:
     path = written(tmp_path, text)
     with pytest.raises(ValueError, match=message) as caught:
         read_markers(path, source_count=8, target_count=8)
     assert str(caught.value).startswith(str(path))
 
 
-def test_markers_without_counts_are_read_but_never_negative(tmp_path):
+def test_markers_without_counts_are_read_but_never_negative(tmp_path: Path) -> None:
     assert read_markers(written(tmp_path, "1000 2\n")).tolist() == [[1000, 2]]
     with pytest.raises(ValueError, match="index -1"):
         read_markers(written(tmp_path, "4 2\n-1 3\n"))
 
 
-def test_bytes_that_are_no_text_and_missing_files(tmp_path):
+def test_bytes_that_are_no_text_and_missing_files(tmp_path: Path) -> None:
     path = tmp_path / "noise.cons"
     path.write_bytes(b"\xff\xfe\x00\x81")
     with pytest.raises(ValueError, match="expected a text file"):
@@ -76,7 +78,7 @@ def test_bytes_that_are_no_text_and_missing_files(tmp_path):
         read_markers(tmp_path / "missing.cons")
 
 
-def test_tricorrs_hold_a_distance_that_is_not_needed(tmp_path):
+def test_tricorrs_hold_a_distance_that_is_not_needed(tmp_path: Path) -> None:
     path = written(tmp_path, "2\n0, 4, 0.125\n3, 1, 1e-4\n", "horse.tricorrs")
     assert read_correspondence(path, SOURCE, TARGET).tolist() == [[0, 4], [3, 1]]
     path = written(tmp_path, "2\n0, 4, 0.125\n300, 1, 1e-4\n", "horse.tricorrs")
@@ -87,7 +89,7 @@ def test_tricorrs_hold_a_distance_that_is_not_needed(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["pairs.npz", "pairs.txt"])
-def test_a_written_correspondence_reads_back(tmp_path, name):
+def test_a_written_correspondence_reads_back(tmp_path: Path, name) -> None:
     pairs = np.array([[0, 3], [2, 1], [79, 79]])
     write_correspondence(tmp_path / name, pairs, SOURCE, TARGET)
     found = read_correspondence(tmp_path / name, SOURCE.astype(np.int64), TARGET)
@@ -95,7 +97,7 @@ def test_a_written_correspondence_reads_back(tmp_path, name):
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
-def test_a_correspondence_of_other_meshes_is_refused(tmp_path):
+def test_a_correspondence_of_other_meshes_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "pairs.npz"
     write_correspondence(path, identity_pairs(SOURCE), SOURCE, SOURCE)
     with pytest.raises(ValueError, match="made for a target of 80 triangles, got one of 320"):
@@ -108,7 +110,7 @@ def test_a_correspondence_of_other_meshes_is_refused(tmp_path):
         read_correspondence(path, SOURCE, SOURCE[:, [1, 2, 0]])
 
 
-def test_files_that_are_no_correspondence_are_refused(tmp_path):
+def test_files_that_are_no_correspondence_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "pairs.npz"
     path.write_bytes(b"PK nothing")
     with pytest.raises(ValueError, match="written by write_correspondence"):

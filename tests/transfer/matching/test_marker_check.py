@@ -15,7 +15,7 @@ def animals():
     return source, target, markers(SOURCE, source[0], TARGET, target[0])
 
 
-def test_good_markers_raise_no_suspicion(animals):
+def test_good_markers_raise_no_suspicion(animals) -> None:
     source, target, rows = animals
     found = check_markers(*source, *target, rows)
     assert found.suspects == () and found.swapped == () and found.warnings == ()
@@ -24,7 +24,7 @@ def test_good_markers_raise_no_suspicion(animals):
 
 
 @pytest.mark.parametrize(("first", "second"), [(0, 30), (12, 47), (60, 85)])
-def test_a_swapped_pair_is_named_and_the_others_stay_good(animals, first, second):
+def test_a_swapped_pair_is_named_and_the_others_stay_good(animals, first, second) -> None:
     source, target, rows = animals
     wrong = rows.copy()
     wrong[[first, second], 1] = wrong[[second, first], 1]
@@ -37,7 +37,7 @@ def test_a_swapped_pair_is_named_and_the_others_stay_good(animals, first, second
     assert f"target vertex {wrong[first, 1]}" in found.warnings[0]
 
 
-def test_two_swapped_pairs_are_both_named(animals):
+def test_two_swapped_pairs_are_both_named(animals) -> None:
     source, target, rows = animals
     wrong = rows.copy()
     wrong[[0, 30, 12, 47], 1] = wrong[[30, 0, 47, 12], 1]
@@ -45,7 +45,7 @@ def test_two_swapped_pairs_are_both_named(animals):
     assert set(found.swapped) == {(0, 30), (12, 47)}
 
 
-def test_a_misplaced_marker_is_named(animals):
+def test_a_misplaced_marker_is_named(animals) -> None:
     source, target, rows = animals
     wrong = rows.copy()
     free = np.setdiff1d(np.arange(len(target[0])), rows[:, 1])
@@ -57,7 +57,7 @@ def test_a_misplaced_marker_is_named(animals):
     assert "marker 20" in found.warnings[0] and "misplaced?" in found.warnings[0]
 
 
-def test_duplicates_are_refused(animals):
+def test_duplicates_are_refused(animals) -> None:
     source, target, rows = animals
     with pytest.raises(ValueError, match="should have one marker"):
         check_markers(*source, *target, np.concatenate([rows, rows[:1]]))

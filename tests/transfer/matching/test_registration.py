@@ -31,7 +31,7 @@ def distances_to_surface(queries, points, faces):
     return np.linalg.norm(np.array(found) - queries, axis=2).min(axis=0) / diagonal(points)
 
 
-def test_a_moved_scaled_and_turned_copy_is_met_exactly():
+def test_a_moved_scaled_and_turned_copy_is_met_exactly() -> None:
     points, faces = icosphere(2)
     points = points * (1.0, 1.4, 0.8)
     target = 3.7 * Rotation.from_rotvec([0.4, 2.0, -0.6]).apply(points) + (40.0, -7.0, 3.0)
@@ -39,7 +39,7 @@ def test_a_moved_scaled_and_turned_copy_is_met_exactly():
     assert np.abs(found - target).max() < 1e-9 * diagonal(target)
 
 
-def test_an_animal_lands_on_another_with_its_markers_exact(animals):
+def test_an_animal_lands_on_another_with_its_markers_exact(animals) -> None:
     source, target, rows = animals
     found = register(*source, *target, rows)
     size = diagonal(target[0])
@@ -49,7 +49,7 @@ def test_an_animal_lands_on_another_with_its_markers_exact(animals):
     assert np.percentile(distances, 99) < 5e-3
 
 
-def test_the_result_does_not_depend_on_units_and_places(animals):
+def test_the_result_does_not_depend_on_units_and_places(animals) -> None:
     source, target, rows = animals
     closest = (0.0, 10.0)
     plain = register(*source, *target, rows, closest=closest)
@@ -65,7 +65,7 @@ def test_the_result_does_not_depend_on_units_and_places(animals):
     assert np.abs(moved / 100.0 - plain).max() < 1e-8 * diagonal(target[0])
 
 
-def test_more_closest_points_bring_the_surfaces_together(animals):
+def test_more_closest_points_bring_the_surfaces_together(animals) -> None:
     source, target, rows = animals
     smooth = register(*source, *target, rows, closest=(0.0,))
     full = register(*source, *target, rows)
@@ -73,14 +73,14 @@ def test_more_closest_points_bring_the_surfaces_together(animals):
     assert near < 0.25 * far
 
 
-def test_one_factor_for_each_closest_weight():
+def test_one_factor_for_each_closest_weight() -> None:
     points, faces = icosphere(2)
     before = Factor.count
     register(points, faces, 2.0 * points, faces, SIX, closest=(0.0, 1.0, 5.0))
     assert Factor.count - before == 3
 
 
-def test_pieces_without_markers_unused_vertices_and_slivers_come_along():
+def test_pieces_without_markers_unused_vertices_and_slivers_come_along() -> None:
     body, piece = icosphere(2), icosphere(1)
     points, faces = joined(body, (0.2 * piece[0] + (0.0, 0.0, 1.4), piece[1]))
     middle = 0.5 * (points[faces[0, 0]] + points[faces[0, 1]])
@@ -92,7 +92,7 @@ def test_pieces_without_markers_unused_vertices_and_slivers_come_along():
     assert np.abs(found - target).max() < 1e-8 * diagonal(target)
 
 
-def test_torch_and_float32_come_back_as_they_came():
+def test_torch_and_float32_come_back_as_they_came() -> None:
     points, faces = icosphere(2)
     single = register(points.astype(np.float32), faces, 2.0 * points, faces, SIX)
     assert single.dtype == np.float32
@@ -114,7 +114,7 @@ def test_torch_and_float32_come_back_as_they_came():
         ({"source": np.full((162, 3), np.nan)}, "finite"),
     ],
 )
-def test_wrong_arguments_are_refused(change, message):
+def test_wrong_arguments_are_refused(change, message) -> None:
     points, faces = icosphere(2)
     arguments = {
         "source": points,

@@ -1,5 +1,7 @@
 """Weights of vertices: primvars and GeomSubsets, and what is refused."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pxr import Sdf, UsdGeom
@@ -12,7 +14,7 @@ RAMP = [k / 7 for k in range(8)]
 
 
 @pytest.fixture
-def cube(tmp_path):
+def cube(tmp_path: Path):
     """A function that saves the cube after a change and reads it as a mesh."""
     stage = new_stage(tmp_path / "a.usda")
     geometry = define_cube(stage)
@@ -40,7 +42,7 @@ def subset(name, kind, indices):
     return change
 
 
-def test_vertex_primvar_with_and_without_its_namespace(cube):
+def test_vertex_primvar_with_and_without_its_namespace(cube) -> None:
     mesh = cube(primvar("pin", RAMP))
     assert np.allclose(read_vertex_weights(mesh, "pin"), RAMP, atol=1e-7)
     assert np.allclose(read_vertex_weights(mesh, "primvars:pin"), RAMP, atol=1e-7)
@@ -54,19 +56,19 @@ def test_vertex_primvar_with_and_without_its_namespace(cube):
         ([0.0, 1.0] * 4, "vertex", Sdf.ValueTypeNames.DoubleArray),
     ],
 )
-def test_other_number_types(cube, values, interpolation, kind):
+def test_other_number_types(cube, values, interpolation, kind) -> None:
     mesh = cube(primvar("pin", values, interpolation, kind))
     assert read_vertex_weights(mesh, "pin").tolist() == [0, 1] * 4
 
 
-def test_constant_and_animated_primvars(cube):
+def test_constant_and_animated_primvars(cube) -> None:
     assert read_vertex_weights(cube(primvar("a", [0.25], "constant")), "a").tolist() == [0.25] * 8
     scalar = primvar("b", 0.5, "constant", Sdf.ValueTypeNames.Float)
     assert read_vertex_weights(cube(scalar), "b").tolist() == [0.5] * 8
     assert np.allclose(read_vertex_weights(cube(primvar("c", RAMP, time=3)), "c"), RAMP)
 
 
-def test_indexed_primvar(cube):
+def test_indexed_primvar(cube) -> None:
     def change(geometry):
         made = UsdGeom.PrimvarsAPI(geometry).CreatePrimvar(
             "pin", Sdf.ValueTypeNames.FloatArray, "vertex"
@@ -77,7 +79,7 @@ def test_indexed_primvar(cube):
     assert read_vertex_weights(cube(change), "pin").tolist() == [1, 0, 0, 0, 0, 0, 0, 1]
 
 
-def test_subsets_of_points_and_faces(cube):
+def test_subsets_of_points_and_faces(cube) -> None:
     assert read_vertex_weights(cube(subset("tip", "point", [1, 6])), "tip").tolist() == [
         0, 1, 0, 0, 0, 0, 1, 0,
     ]  # fmt: skip
@@ -85,7 +87,7 @@ def test_subsets_of_points_and_faces(cube):
     assert np.flatnonzero(weights).tolist() == sorted(CUBE_QUADS[2])
 
 
-def test_nothing_of_that_name(cube):
+def test_nothing_of_that_name(cube) -> None:
     assert read_vertex_weights(cube(primvar("pin", RAMP)), "pins") is None
 
 
@@ -102,12 +104,12 @@ def test_nothing_of_that_name(cube):
         (subset("pin", "edge", [0]), "face or point, got edge"),
     ],
 )
-def test_unusable_weights_are_refused(cube, change, message):
+def test_unusable_weights_are_refused(cube, change, message) -> None:
     with pytest.raises(StageError, match=message):
         read_vertex_weights(cube(change), "pin")
 
 
-def test_vectors_of_vertices(cube):
+def test_vectors_of_vertices(cube) -> None:
     kind = Sdf.ValueTypeNames.Vector3fArray
     mesh = cube(primvar("out", [(k, 0, -k) for k in range(8)], kind=kind))
     vectors = read_vertex_directions(mesh, "out")
@@ -127,6 +129,6 @@ def test_vectors_of_vertices(cube):
         ),
     ],
 )
-def test_unusable_vectors_are_refused(cube, change, message):
+def test_unusable_vectors_are_refused(cube, change, message) -> None:
     with pytest.raises(StageError, match=message):
         read_vertex_directions(cube(change), "out")

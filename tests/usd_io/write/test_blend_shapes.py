@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom, UsdSkel
@@ -34,13 +36,13 @@ def only_mesh(path):
 
 
 @pytest.fixture
-def written(tmp_path):
+def written(tmp_path: Path):
     mesh = AuthoredMesh("/Face/Mesh", CUBE_QUADS, rest=CUBE)
     write_shapes(tmp_path / "face.usda", mesh, two_shapes(), up="Z", fps=30.0, record={"a": 1})
     return tmp_path / "face.usda"
 
 
-def test_a_new_stage_reads_back(written):
+def test_a_new_stage_reads_back(written) -> None:
     opened, mesh = only_mesh(written)
     shapes = two_shapes()
     found = read_blend_shapes(mesh)
@@ -54,7 +56,7 @@ def test_a_new_stage_reads_back(written):
     assert stage.GetRootLayer().customLayerData["dtrepair"]["a"] == 1
 
 
-def test_the_mesh_moves_with_the_weights(written):
+def test_the_mesh_moves_with_the_weights(written) -> None:
     _opened, mesh = only_mesh(written)
     shapes = two_shapes()
     for time, row in zip(shapes.times, shapes.weights, strict=True):
@@ -62,14 +64,14 @@ def test_the_mesh_moves_with_the_weights(written):
         assert np.abs(usd_io.read_frame(mesh, time) - expected).max() < 1e-6
 
 
-def test_only_moving_points_are_stored(written):
+def test_only_moving_points_are_stored(written) -> None:
     opened, _ = only_mesh(written)
     shape = UsdSkel.BlendShape(opened.stage.GetPrimAtPath("/Face/Mesh/smile"))
     assert list(shape.GetPointIndicesAttr().Get()) == [3]
     assert len(shape.GetOffsetsAttr().Get()) == 1
 
 
-def test_a_layer_over_a_stage(tmp_path):
+def test_a_layer_over_a_stage(tmp_path: Path) -> None:
     path = cube_file(tmp_path / "cube.usda")
     before = path.read_bytes()
     output = tmp_path / "sub" / "shapes.usdc"
@@ -86,7 +88,7 @@ def test_a_layer_over_a_stage(tmp_path):
     assert not layer.GetAttributeAtPath("/Root/Cube.points")
 
 
-def test_targets_that_cannot_have_shapes(written, tmp_path):
+def test_targets_that_cannot_have_shapes(written, tmp_path: Path) -> None:
     with pytest.raises(usd_io.StageError, match="skinned already"):
         write_shapes_over(tmp_path / "o.usda", *only_mesh(written), two_shapes())
     path = tmp_path / "root.usda"
@@ -99,11 +101,11 @@ def test_targets_that_cannot_have_shapes(written, tmp_path):
     assert not (tmp_path / "o.usda").exists()
 
 
-def test_a_mesh_without_shapes_has_none(tmp_path):
+def test_a_mesh_without_shapes_has_none(tmp_path: Path) -> None:
     assert read_blend_shapes(only_mesh(cube_file(tmp_path / "a.usda"))[1]) is None
 
 
-def test_weights_that_are_missing_show_each_shape_in_turn(written):
+def test_weights_that_are_missing_show_each_shape_in_turn(written) -> None:
     opened, mesh = only_mesh(written)
     opened.stage.GetPrimAtPath("/Face/ShapeAnimation").GetAttribute("blendShapeWeights").Clear()
     found = read_blend_shapes(mesh)
@@ -111,7 +113,7 @@ def test_weights_that_are_missing_show_each_shape_in_turn(written):
     assert (found.times == (1.0, 2.0)).all() and (in_turn(2)[1] == np.eye(2)).all()
 
 
-def test_in_between_shapes_are_named(written):
+def test_in_between_shapes_are_named(written) -> None:
     opened, mesh = only_mesh(written)
     shape = UsdSkel.BlendShape(opened.stage.GetPrimAtPath("/Face/Mesh/smile"))
     shape.CreateInbetween("half").SetWeight(0.5)
@@ -119,7 +121,7 @@ def test_in_between_shapes_are_named(written):
     assert found is not None and [name.split(":")[0] for name in found.skipped] == ["smile"]
 
 
-def test_damaged_shapes_are_refused(written):
+def test_damaged_shapes_are_refused(written) -> None:
     opened, mesh = only_mesh(written)
     shape = UsdSkel.BlendShape(opened.stage.GetPrimAtPath("/Face/Mesh/smile"))
     for indices in ([8], [-1], [1, 2]):
@@ -135,13 +137,13 @@ def test_damaged_shapes_are_refused(written):
         read_blend_shapes(mesh)
 
 
-def test_names_are_made_valid_and_unique():
+def test_names_are_made_valid_and_unique() -> None:
     names = valid_names(["smile", "9", "a b", "a-b", "smile"])
     assert names == ("smile", "_9", "a_b", "a_b_2", "smile_2")
     assert all(Sdf.Path.IsValidIdentifier(name) for name in names)
 
 
-def test_other_clients_see_valid_stages(written):
+def test_other_clients_see_valid_stages(written) -> None:
     stage = Usd.Stage.Open(str(written))
     cache = UsdSkel.Cache()
     root = UsdSkel.Root(stage.GetPrimAtPath("/Face"))

@@ -4,6 +4,7 @@ import os
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -25,7 +26,7 @@ def folder_of(directory, process, *, host=None, output="b.usdc"):
     return folder
 
 
-def test_folders_of_killed_runs_are_removed(tmp_path, ended):
+def test_folders_of_killed_runs_are_removed(tmp_path: Path, ended) -> None:
     stale = folder_of(tmp_path, ended)
     kept = [
         folder_of(tmp_path, os.getpid()),
@@ -39,7 +40,7 @@ def test_folders_of_killed_runs_are_removed(tmp_path, ended):
     assert not stale.exists() and all(folder.exists() for folder in kept)
 
 
-def test_own_folders_are_removed_on_demand(tmp_path):
+def test_own_folders_are_removed_on_demand(tmp_path: Path) -> None:
     path = tmp_path / "b.usdc"
     made = make_temporary_folder(str(path))
     other = make_temporary_folder(str(tmp_path / "c.usdc"))
@@ -48,6 +49,6 @@ def test_own_folders_are_removed_on_demand(tmp_path):
     remove_stale_folders(str(tmp_path / "none" / "b.usdc"))  # nothing there, nothing happens
 
 
-def test_missing_directories_are_an_error(tmp_path):
+def test_missing_directories_are_an_error(tmp_path: Path) -> None:
     with pytest.raises(OSError):
         make_temporary_folder(str(tmp_path / "none" / "b.usdc"))

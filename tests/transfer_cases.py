@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dtrepair.numerics.geometry import diagonal
@@ -10,7 +11,7 @@ from dtrepair.numerics.geometry import diagonal
 TURN = Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix()
 
 
-def bent(points, amount=0.8):
+def bent(points: NDArray[np.float64], amount: float = 0.8) -> NDArray[np.float64]:
     """A smooth deformation that is no similarity: bending and swelling."""
     angle = amount * (points[:, 0] - points[:, 0].mean())
     wide = 1.0 + 0.3 * np.sin(2.0 * points[:, 1])
@@ -20,6 +21,6 @@ def bent(points, amount=0.8):
     return np.stack([x, y, z], axis=1)
 
 
-def errors(found, expected):
+def errors(found: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
     """Largest deviation relative to the diagonal of the expected points."""
     return np.abs(found - expected).max() / diagonal(expected.reshape(-1, 3))

@@ -1,5 +1,7 @@
 """The stages that benchmarks/scenes.py measures are what they say."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ from dtrepair.numerics.metrics import volume
 
 
 @pytest.mark.parametrize("name", STAGES)
-def test_objects_of_a_stage_meet_and_are_clean_for_themselves(name, tmp_path: Path) -> None:
+def test_objects_of_a_stage_meet_and_are_clean_for_themselves(name: str, tmp_path: Path) -> None:
     stage = STAGES[name]()
     path = tmp_path / "stage.usda"
     write_stage(stage, path)

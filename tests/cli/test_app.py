@@ -1,5 +1,7 @@
 """The group: help, version, lazy loading, one-line errors and exit codes."""
 
+from __future__ import annotations
+
 import subprocess
 import sys
 import time
@@ -24,7 +26,7 @@ def test_version_and_help() -> None:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_has_help_with_an_example(name) -> None:
+def test_every_command_has_help_with_an_example(name: str) -> None:
     shown = run(name, "--help")
     assert shown.code == 0
     assert "Example:" in shown.out and f"dtrepair {name}" in shown.out
@@ -66,7 +68,7 @@ def test_usage_errors_are_one_line() -> None:
 
 
 def test_interrupt_and_closed_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupt(**options):
+    def interrupt(**options: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(app.group, "main", interrupt)
@@ -78,7 +80,7 @@ def test_internal_errors_are_one_line_and_debug_shows_them(
 ) -> None:
     path = tube_obj(tmp_path / "a.obj")
 
-    def broken(*arguments, **options):
+    def broken(*arguments: object, **options: object) -> None:
         raise RuntimeError("wires crossed")
 
     monkeypatch.setattr("dtrepair.cli.commands.check.open_source", broken)
@@ -126,7 +128,7 @@ def test_bad_configs_are_refused(tmp_path: Path) -> None:
         ("ignore = [3, true]", ["ignore should be text, got True"]),
     ],
 )
-def test_values_of_wrong_types_are_refused(tmp_path: Path, text, words) -> None:
+def test_values_of_wrong_types_are_refused(tmp_path: Path, text: str, words: list[str]) -> None:
     config = tmp_path / "c.toml"
     config.write_text(text)
     output = ("-o", tmp_path / "b.obj")

@@ -1,24 +1,26 @@
 """`dtrepair demo`: the first command of the README."""
 
+from __future__ import annotations
+
 import sys
 from pathlib import Path
 
 import pytest
 
 from dtrepair.report.record import read_report
-from tests.command_line import assert_fails, read_samples, run
+from tests.command_line import Outcome, assert_fails, read_samples, run
 
 FILES = ["before_after.png", "demo.usda", "demo_repaired.usdc", "report.json"]
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory):
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Outcome]:
     """A short clip: its middle frame is the deepest."""
     folder = tmp_path_factory.mktemp("demo") / "new"
     return folder, run("demo", folder, "--frames", 5)
 
 
-def test_files_and_table(demo) -> None:
+def test_files_and_table(demo: tuple[Path, Outcome]) -> None:
     folder, done = demo
     assert done.code == 0 and done.err == ""
     assert sorted(path.name for path in folder.iterdir()) == FILES
@@ -26,7 +28,7 @@ def test_files_and_table(demo) -> None:
     assert "5 of 5 frames clean" in done.out
 
 
-def test_before_intersects_and_after_does_not(demo) -> None:
+def test_before_intersects_and_after_does_not(demo: tuple[Path, Outcome]) -> None:
     folder, _ = demo
     before = run("check", folder / "demo.usda", "--json", "-").json
     assert run("check", folder / "demo_repaired.usdc").code == 0
@@ -36,7 +38,7 @@ def test_before_intersects_and_after_does_not(demo) -> None:
     assert report["summary"]["triangles_before"] == before["summary"]["triangles_before"]
 
 
-def test_frames_move_little(demo) -> None:
+def test_frames_move_little(demo: tuple[Path, Outcome]) -> None:
     folder, _ = demo
     before = read_samples(folder / "demo.usda", "/Character/Body")
     after = read_samples(folder / "demo_repaired.usdc", "/Character/Body")
@@ -45,7 +47,7 @@ def test_frames_move_little(demo) -> None:
         assert abs(before[time] - after[time]).max() < 0.2  # metres, of a figure of 1.9
 
 
-def test_the_parent_moves(demo) -> None:
+def test_the_parent_moves(demo: tuple[Path, Outcome]) -> None:
     from pxr import Usd, UsdGeom
 
     folder, _ = demo

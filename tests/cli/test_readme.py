@@ -1,5 +1,7 @@
 """What the README tells people to type is understood."""
 
+from __future__ import annotations
+
 import re
 import shlex
 import tomllib
@@ -16,7 +18,7 @@ LINES = re.findall(r"^    (?:.* && venv/bin/)?(dtrepair .+)$", README, re.MULTIL
 
 
 @pytest.mark.parametrize("line", LINES)
-def test_commands_and_options_exist(line) -> None:
+def test_commands_and_options_exist(line: str) -> None:
     name, *arguments = shlex.split(line)[1:]
     assert name in COMMANDS
     command = group.get_command(click.Context(group), name)

@@ -1,9 +1,12 @@
 """Catmull-Clark against the values of the unit cube, and what every step must keep."""
 
+from __future__ import annotations
+
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.demo.subdivision import subdivide
 
@@ -14,7 +17,7 @@ QUADS = np.array(
 )
 
 
-def volume(points, quads):
+def volume(points: NDArray[np.float64], quads: NDArray[np.int32]) -> float:
     a, b, c, d = (points[quads[:, k]] for k in range(4))
     return sum(np.einsum("ij,ij->", a, np.cross(p, q)) / 6 for p, q in ((b, c), (c, d)))
 

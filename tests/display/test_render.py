@@ -1,22 +1,26 @@
 """Pictures: nearest surface wins, red where triangles intersect, blue behind, right way up."""
 
+from __future__ import annotations
+
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from dtrepair.display.render import BACKGROUND, best_view, make_view, render, save_pictures
+from dtrepair.display.render import BACKGROUND, View, best_view, make_view, render, save_pictures
 
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=float)
 FACES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
 
 
-def straight(*poses, **options):
+def straight(*poses: NDArray[np.float64], **options: Any) -> View:
     return make_view(poses, azimuth=0, elevation=0, **options)
 
 
-def kinds(image):
+def kinds(image: NDArray[np.uint8]) -> dict[str, float]:
     """Split pixels into surface, red, blue and background, as fractions."""
     pixels = image.reshape(-1, 3).astype(int)
     back = (pixels == BACKGROUND).all(axis=1)
@@ -54,7 +58,7 @@ def test_back_faces_are_blue() -> None:
 
 
 @pytest.mark.parametrize("order", [1, -1])
-def test_the_nearest_surface_hides_the_other(order) -> None:
+def test_the_nearest_surface_hides_the_other(order: Any) -> None:
     points = np.concatenate([SQUARE, SQUARE * 0.5 + (0, 0, 1)])
     faces = np.concatenate([FACES, FACES + 4])[::order]
     mask = (faces >= 4).all(axis=1)
@@ -71,7 +75,7 @@ def test_a_hidden_surface_is_not_drawn() -> None:
 
 
 @pytest.mark.parametrize(("up", "front"), [((0, 1, 0), (0, 0, 1)), ((0, 0, 1), (0, -1, 0))])
-def test_up_is_up_and_the_front_faces_the_viewer(up, front) -> None:
+def test_up_is_up_and_the_front_faces_the_viewer(up: Any, front: Any) -> None:
     view = straight(SQUARE, up=up)
     assert np.allclose(view.rotation @ up, [0, 1, 0])
     assert np.allclose(view.rotation @ front, [0, 0, 1])

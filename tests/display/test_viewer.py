@@ -1,10 +1,13 @@
 """The window's contents, drawn by polyscope without a display; skipped where it is missing."""
 
+from __future__ import annotations
+
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.display.viewer import Viewed, Viewer, has_display
 from tests.meshes import bent_tube
@@ -12,17 +15,17 @@ from tests.meshes import bent_tube
 ANGLES = (5.0, 6.5)
 
 
-def viewed(name):
+def viewed(name: str) -> Viewed:
     faces = bent_tube(1.0)[1]
 
-    def frame(index):
+    def frame(index: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         return bent_tube(ANGLES[index])[0], np.arange(len(faces)) < 640 * index
 
     return Viewed(name, faces, frame)
 
 
 @pytest.fixture
-def window():
+def window() -> Viewer:
     pytest.importorskip("polyscope")
     try:
         return Viewer([viewed("before"), viewed("after")], ["1", "2"], headless=True)
@@ -30,7 +33,7 @@ def window():
         pytest.skip("no headless pictures here")
 
 
-def test_a_picture_follows_the_frame(window, tmp_path: Path) -> None:
+def test_a_picture_follows_the_frame(window: Viewer, tmp_path: Path) -> None:
     from PIL import Image
 
     red = []
@@ -44,7 +47,7 @@ def test_a_picture_follows_the_frame(window, tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["p.png"]
 
 
-def test_the_slider_is_drawn(window) -> None:
+def test_the_slider_is_drawn(window: Viewer) -> None:
     import polyscope
 
     polyscope.set_user_callback(window._slider)

@@ -1,10 +1,13 @@
 """Mesh files: order, polygons and texture survive; untouched points are bit-identical."""
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.files.mesh_files import MeshFileError, losses, read_mesh, write_mesh
 from dtrepair.files.polygon_mesh import polygon_mesh, vertex_normals
@@ -36,24 +39,24 @@ f 4/4 3/3 7/1 6/2 1/1
 
 
 @pytest.fixture
-def obj_path(tmp_path: Path):
+def obj_path(tmp_path: Path) -> Path:
     path = tmp_path / "thing.obj"
     path.write_text(OBJ)
     return path
 
 
-def quads_and_triangles():
+def quads_and_triangles() -> tuple[NDArray[np.float64], list[list[int]]]:
     points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0.1], [2, 1, 0.1]]
     return np.array(points), [[0, 1, 2, 3], [1, 4, 5, 2], [0, 3, 5]]
 
 
-def moved(points):
+def moved(points: NDArray[np.float64]) -> NDArray[np.float64]:
     result = np.array(points)
     result[2] += (0.01, -0.02, 1 / 3)
     return result
 
 
-def test_obj_keeps_vertex_order_polygons_and_texture(obj_path) -> None:
+def test_obj_keeps_vertex_order_polygons_and_texture(obj_path: Path) -> None:
     mesh = read_mesh(obj_path)
     assert mesh.points[0].tolist() == [0.1, 0.0, 0.0]
     assert mesh.points[6].tolist() == [1.7, 1.7, 0.1]
@@ -64,7 +67,7 @@ def test_obj_keeps_vertex_order_polygons_and_texture(obj_path) -> None:
     assert mesh.texture_corners[-5:].tolist() == [3, 2, 0, 1, 0]
 
 
-def test_faces_are_fans_in_polygon_order(obj_path) -> None:
+def test_faces_are_fans_in_polygon_order(obj_path: Path) -> None:
     faces = read_mesh(obj_path).faces()
     assert faces.dtype == np.int32
     assert faces.tolist() == [
@@ -75,7 +78,7 @@ def test_faces_are_fans_in_polygon_order(obj_path) -> None:
     ]  # fmt: skip
 
 
-def test_untouched_obj_is_byte_identical(obj_path, tmp_path: Path) -> None:
+def test_untouched_obj_is_byte_identical(obj_path: Path, tmp_path: Path) -> None:
     mesh = read_mesh(obj_path)
     # What comes back from a repair went through float32.
     write_mesh(tmp_path / "out.obj", mesh, mesh.points.astype(np.float32))
@@ -83,7 +86,7 @@ def test_untouched_obj_is_byte_identical(obj_path, tmp_path: Path) -> None:
 
 
 def test_moved_obj_changes_only_the_moved_vertex_and_drops_normals(
-    obj_path, tmp_path: Path
+    obj_path: Path, tmp_path: Path
 ) -> None:
     mesh = read_mesh(obj_path)
     points = moved(mesh.points)
@@ -103,7 +106,7 @@ def test_moved_obj_changes_only_the_moved_vertex_and_drops_normals(
 
 
 @pytest.mark.parametrize("format", ["obj", "ply", "off"])
-def test_polygons_survive_between_formats(obj_path, tmp_path: Path, format) -> None:
+def test_polygons_survive_between_formats(obj_path: Path, tmp_path: Path, format: str) -> None:
     mesh = read_mesh(obj_path)
     write_mesh(tmp_path / f"out.{format}", mesh, mesh.points)
     back = read_mesh(tmp_path / f"out.{format}")
@@ -113,7 +116,7 @@ def test_polygons_survive_between_formats(obj_path, tmp_path: Path, format) -> N
 
 
 @pytest.mark.parametrize("format", ["ply", "off", "glb", "stl"])
-def test_second_writing_in_the_same_format(tmp_path: Path, format) -> None:
+def test_second_writing_in_the_same_format(tmp_path: Path, format: str) -> None:
     points, polygons = quads_and_triangles()
     source = polygon_mesh("none", points, polygons)
     first, second, third = (tmp_path / f"{n}.{format}" for n in "abc")
@@ -141,7 +144,7 @@ def test_stl_joins_equal_positions(tmp_path: Path) -> None:
     assert len(read_mesh(tmp_path / "a.stl").points) == 6
 
 
-def make_ply(order):
+def make_ply(order: str) -> bytes:
     points, polygons = quads_and_triangles()
     normals = vertex_normals(points, polygon_mesh("none", points, polygons).faces())
     names = ("x", "y", "z", "nx", "ny", "nz", "s", "t")
@@ -170,7 +173,7 @@ def make_ply(order):
 
 
 @pytest.mark.parametrize("order", ["", "<", ">"])
-def test_ply_keeps_its_other_properties(tmp_path: Path, order) -> None:
+def test_ply_keeps_its_other_properties(tmp_path: Path, order: str) -> None:
     path = tmp_path / "a.ply"
     path.write_bytes(make_ply(order))
     mesh = read_mesh(path)
@@ -202,7 +205,7 @@ def test_texture_of_shared_vertices_survives_ply_to_obj_and_glb(tmp_path: Path) 
     assert np.allclose(read_mesh(tmp_path / "a.glb").texture, mesh.texture, atol=1e-6)
 
 
-def test_losses_name_what_a_format_drops(obj_path, tmp_path: Path) -> None:
+def test_losses_name_what_a_format_drops(obj_path: Path, tmp_path: Path) -> None:
     mesh = read_mesh(obj_path)
     assert losses(mesh, "obj") == ()
     assert losses(mesh, "ply") == ("texture coordinates are dropped",)
@@ -242,7 +245,9 @@ def test_vertex_normals_of_a_square() -> None:
         ("a", "", "expected a file extension"),
     ],
 )  # fmt: skip
-def test_unreadable_files_are_refused(tmp_path: Path, name, content, message) -> None:
+def test_unreadable_files_are_refused(
+    tmp_path: Path, name: str, content: bytes | str, message: str
+) -> None:
     (tmp_path / name).write_text(content)
     with pytest.raises(MeshFileError, match=message):
         read_mesh(tmp_path / name)
@@ -262,7 +267,7 @@ def test_several_meshes_are_refused(tmp_path: Path) -> None:
         read_mesh(tmp_path / "two.glb")
 
 
-def test_bad_points_and_formats_write_nothing(obj_path, tmp_path: Path) -> None:
+def test_bad_points_and_formats_write_nothing(obj_path: Path, tmp_path: Path) -> None:
     mesh = read_mesh(obj_path)
     before = sorted(os.listdir(tmp_path))
     with pytest.raises(ValueError, match=r"expected shape \(7, 3\)"):

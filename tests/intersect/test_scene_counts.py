@@ -1,13 +1,18 @@
 """Counts of several meshes in one space, per mesh and together."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.intersect.scene_counts import SceneCounter
 from tests.meshes import grid, icosphere
 
 
-def two_sheets(offset=0.1):
+def two_sheets(offset: float = 0.1) -> tuple[list[NDArray[np.float64]], list[NDArray[np.int32]]]:
     """A horizontal and a vertical sheet that cross, as two meshes."""
     points, faces = grid(4, 4)
     upright = np.stack([points[:, 0], np.full(len(points), 0.5 + offset), points[:, 1] - 0.4], 1)
@@ -24,7 +29,7 @@ def test_pairs_between_meshes() -> None:
 
 
 @pytest.mark.parametrize(("mode", "share"), [("both", 1), ("inter", 1), ("self", 0)])
-def test_mode(mode, share) -> None:
+def test_mode(mode: Any, share: float) -> None:
     points, faces = two_sheets()
     everything = SceneCounter(points, faces)(points).total.pairs
     assert SceneCounter(points, faces, mode=mode)(points).total.pairs == share * everything

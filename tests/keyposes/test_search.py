@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike, NDArray
 from pxr import Usd, UsdGeom, Vt
 
 from dtrepair import Repairer, RepairOptions, find_intersections
 from dtrepair.keyposes.changes import NEIGHBOUR_LIMIT, neighbours_moved, scaled
 from dtrepair.keyposes.search import clean_in_betweens, verify_in_betweens
-from dtrepair.keyposes.spans import KeyOptions
+from dtrepair.keyposes.spans import KeyOptions, Sample
 from dtrepair.keyposes.tracks import Track, between
 from tests.swinging_arm import arm_mesh, arm_pose
 
 
-def float32(points):
+def float32(points: ArrayLike) -> NDArray[np.float32]:
     return np.asarray(points, dtype=np.float32)
 
 
-def random_poses(count=3, vertices=500):
+def random_poses(count: int = 3, vertices: int = 500) -> list[NDArray[np.float32]]:
     generator = np.random.default_rng(7)
     return [float32(10 * generator.standard_normal((vertices, 3))) for _ in range(count)]
 
@@ -85,7 +89,7 @@ def test_the_original_holds_until_a_key_changes() -> None:
 
 
 @pytest.mark.parametrize("only_added", [False, True])
-def test_neighbours_are_moved_such_that_the_in_between_is_met(only_added) -> None:
+def test_neighbours_are_moved_such_that_the_in_between_is_met(only_added: bool) -> None:
     first, second = random_poses(2)
     track = Track((0.0, 10.0), (first, second))
     pose = track.at(2.5)
@@ -121,7 +125,7 @@ def test_scaled_displacements_keep_unmoved_bits() -> None:
 class ArmSolver:
     """Counts and repairs the arm; `cases` are repairs asked for."""
 
-    def __init__(self, *, helpless=False):
+    def __init__(self, *, helpless: bool = False) -> None:
         _, self.faces = arm_mesh(1.0)
         self.repairer = (
             None
@@ -130,26 +134,30 @@ class ArmSolver:
         )
         self.cases = 0
 
-    def pairs(self, time, poses):
+    def pairs(self, time: float, poses: Sequence[NDArray[Any]]) -> int:
         return len(find_intersections(poses[0], self.faces))
 
-    def repair(self, time, poses):
+    def repair(
+        self, time: float, poses: Sequence[NDArray[Any]]
+    ) -> tuple[NDArray[np.float64], ...] | None:
         self.cases += 1
         if self.repairer is None:
             return None
         result = self.repairer(poses[0])
         return (result.points,) if result.after.pairs < result.before.pairs else None
 
-    def allowed(self, index, time, given, pose):
+    def allowed(
+        self, index: int, time: float, given: NDArray[Any], pose: NDArray[Any]
+    ) -> NDArray[Any]:
         return pose
 
 
-def arm_track(*swings):
+def arm_track(*swings: float) -> Track:
     times = tuple(10.0 * k for k in range(len(swings)))
     return Track(times, tuple(float32(arm_pose(swing)) for swing in swings))
 
 
-def dirty(samples):
+def dirty(samples: Iterable[Sample]) -> list[float]:
     return [sample.time for sample in samples if sample.pairs]
 
 
@@ -182,7 +190,7 @@ def test_verification_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("helpless", [True, False])
-def test_what_cannot_be_cleaned_is_told(helpless) -> None:
+def test_what_cannot_be_cleaned_is_told(helpless: bool) -> None:
     # No solver, or no keys to add: the samples say what is left, and the keys stay.
     track = arm_track(1.0, -1.0)
     options = KeyOptions(extra=8 if helpless else 0)

@@ -1,13 +1,16 @@
 """The running jitter is the jitter of the whole clip."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.numerics.jitter_meter import JitterMeter
 from dtrepair.numerics.metrics import jitter
 
 
-def measured(before, after):
+def measured(before: NDArray[np.float64], after: NDArray[np.float64]) -> float:
     meter = JitterMeter()
     for a, b in zip(before, after, strict=True):
         meter.add(a, b)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from dtrepair.repair.independent import in_batches
-from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.options import RepairOptions, RepairResult
 from dtrepair.repair.paper import method as paper
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
@@ -19,12 +21,12 @@ REST, FACES = bent_tube(0.1, around=12, along=40, radius=0.08)
 POSES = [bent_tube(angle, around=12, along=40, radius=0.08)[0] for angle in (6.4, 1.0, 6.6, 6.5)]
 
 
-def scene(**options) -> SceneRepairer:
+def scene(**options: Any) -> SceneRepairer:
     """The tube as a scene."""
     return SceneRepairer([Body(REST, FACES)], options=RepairOptions(**options))
 
 
-def assert_same(one, other) -> None:
+def assert_same(one: Iterable[RepairResult], other: Iterable[RepairResult]) -> None:
     """Results of a pose that agree but for the clock."""
     for a, b in zip(one, other, strict=True):
         assert np.array_equal(a.points, b.points)
@@ -55,7 +57,7 @@ def test_a_device_takes_frames_in_batches(monkeypatch: pytest.MonkeyPatch) -> No
     calls: list[int] = []
     batch = SceneRepairer.batch
 
-    def noted(self, poses):
+    def noted(self, poses: Any) -> Any:
         calls.append(len(poses))
         return batch(self, poses)
 

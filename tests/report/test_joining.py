@@ -15,7 +15,7 @@ from dtrepair.report.record import (
 )
 
 
-def frame(time, pairs):
+def frame(time: float | None, pairs: int) -> FrameRecord:
     before = CountRecord(triangles=2 * pairs, pairs=pairs)
     return FrameRecord(
         time=time,

@@ -1,7 +1,10 @@
 """The HTML page: self-contained, escaped, with the numbers of the report."""
 
+from __future__ import annotations
+
 import re
 from html.parser import HTMLParser
+from typing import Any
 
 import pytest
 
@@ -9,7 +12,7 @@ from dtrepair.report.page import Picture, make_page
 from dtrepair.report.record import CountRecord, FrameRecord, PrimRecord, Report
 
 
-def document(count=40, **changes):
+def document(count: int = 40, **changes: Any) -> dict[str, Any]:
     frames = [
         FrameRecord(
             time=float(k),
@@ -35,23 +38,23 @@ def document(count=40, **changes):
 class Tags(HTMLParser):
     """Collects start tags, and checks that what is opened is closed."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__()
         self.seen, self.open = [], []
 
-    def handle_starttag(self, tag, attributes):
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
         self.seen.append((tag, dict(attributes)))
         if tag not in ("meta", "img"):
             self.open.append(tag)
 
-    def handle_startendtag(self, tag, attributes):
+    def handle_startendtag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
         self.seen.append((tag, dict(attributes)))
 
-    def handle_endtag(self, tag):
+    def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
 
 
-def parsed(page):
+def parsed(page: str) -> list[tuple[str, dict[str, str | None]]]:
     tags = Tags()
     tags.feed(page)
     assert tags.open == []
@@ -92,15 +95,15 @@ def test_totals_and_table() -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_small_reports(count) -> None:
+def test_small_reports(count: int) -> None:
     parsed(make_page(document(count, frames=document_frames(count))))
 
 
-def document_frames(count):
+def document_frames(count: int) -> tuple[FrameRecord, ...]:
     return tuple(FrameRecord(time=None, status="skipped") for _ in range(count))
 
 
-def transfer_section(**changes):
+def transfer_section(**changes: Any) -> dict[str, Any]:
     figures = ("residual_median", "residual_p95", "residual_max", "inside_out", "unit_ratio")
     values = {
         **dict.fromkeys((*figures, "turn_degrees", "rest_error"), 0.25),

@@ -1,9 +1,13 @@
 """The JSON report: what is written follows the schema; what does not is refused."""
 
+from __future__ import annotations
+
 import copy
 import json
 import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -24,8 +28,10 @@ from dtrepair.report.record import (
     write_report,
 )
 
+Document = dict[str, Any]
 
-def make_report(**changes):
+
+def make_report(**changes: Any) -> Report:
     frames = (
         FrameRecord(
             time=1.0,
@@ -95,8 +101,8 @@ def test_schema_agrees_with_an_independent_validator() -> None:
             validate(broken)
 
 
-def broken_documents(document):
-    def change(edit):
+def broken_documents(document: Document) -> Iterator[Any]:
+    def change(edit: Callable[[Document], object]) -> Document:
         copied = copy.deepcopy(document)
         edit(copied)
         return copied
@@ -130,7 +136,7 @@ def broken_documents(document):
         (lambda d: d.pop("device"), r"report: expected the property 'device'"),
     ],
 )
-def test_errors_name_the_place(edit, place) -> None:
+def test_errors_name_the_place(edit: Callable[[Document], object], place: str) -> None:
     document = make_report().document()
     edit(document)
     with pytest.raises(ReportError, match=place):
@@ -138,7 +144,7 @@ def test_errors_name_the_place(edit, place) -> None:
 
 
 @pytest.mark.parametrize("status", STATUSES)
-def test_every_status_is_accepted(status) -> None:
+def test_every_status_is_accepted(status: Any) -> None:
     make_report(frames=(FrameRecord(time=1.0, status=status),)).document()
 
 

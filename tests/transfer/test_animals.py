@@ -7,6 +7,7 @@ from time import perf_counter
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import diagonal
 from dtrepair.transfer import (
@@ -19,12 +20,21 @@ from dtrepair.transfer import (
     transfer_blend_shapes,
 )
 from dtrepair.transfer.report import flipped_parts
+from tests.meshes import Mesh
 from tests.quadruped import SOURCE, TARGET, markers
 from tests.transfer_cases import errors
 
+Animals = tuple[
+    NDArray[np.float64],
+    NDArray[np.int32],
+    NDArray[np.float64],
+    NDArray[np.int32],
+    NDArray[np.int64],
+]
+
 
 @pytest.fixture(scope="module")
-def animals():
+def animals() -> Animals:
     (source, source_faces), (target, target_faces) = SOURCE.mesh(), TARGET.mesh()
     rows = markers(SOURCE, source, TARGET, target)
     registered = register(source, source_faces, target, target_faces, rows)
@@ -32,7 +42,7 @@ def animals():
     return source, source_faces, target, target_faces, pairs
 
 
-def test_a_round_trip_comes_back(animals) -> None:
+def test_a_round_trip_comes_back(animals: Animals) -> None:
     source, source_faces, target, target_faces, pairs = animals
     poses = SOURCE.walk(source, 6)
     there = Transfer(*animals)(poses)
@@ -42,7 +52,7 @@ def test_a_round_trip_comes_back(animals) -> None:
     assert off.max() < 0.06
 
 
-def test_a_frame_costs_a_fraction_of_the_registration(animals) -> None:
+def test_a_frame_costs_a_fraction_of_the_registration(animals: Animals) -> None:
     source, source_faces, target, target_faces, _ = animals
     rows = markers(SOURCE, source, TARGET, target)
     start = perf_counter()
@@ -54,12 +64,12 @@ def test_a_frame_costs_a_fraction_of_the_registration(animals) -> None:
     assert (perf_counter() - start) / len(poses) < registration / 50
 
 
-def volume(points, faces):
+def volume(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
     corners = points[..., faces, :]
     return np.linalg.det(corners).sum(axis=-1) / 6.0
 
 
-def test_volumes_triangles_and_motion_are_kept(animals) -> None:
+def test_volumes_triangles_and_motion_are_kept(animals: Animals) -> None:
     source, source_faces, target, target_faces, _ = animals
     poses = SOURCE.walk(source, 24)
     transfer = Transfer(*animals)
@@ -77,7 +87,7 @@ def test_volumes_triangles_and_motion_are_kept(animals) -> None:
     assert speeds[2] / speeds[3] < 1.5
 
 
-def test_noise_is_not_amplified(animals) -> None:
+def test_noise_is_not_amplified(animals: Animals) -> None:
     source, _, target, _, _ = animals
     transfer = Transfer(*animals)
     noise = 1e-3 * np.random.default_rng(0).normal(size=source.shape)
@@ -86,7 +96,7 @@ def test_noise_is_not_amplified(animals) -> None:
     assert gain * diagonal(source) / diagonal(target) < 1.1
 
 
-def test_blend_shapes_may_be_transferred_one_by_one(animals) -> None:
+def test_blend_shapes_may_be_transferred_one_by_one(animals: Animals) -> None:
     source = animals[0]
     transfer = Transfer(*animals)
     shapes = np.stack(
@@ -105,7 +115,7 @@ def test_blend_shapes_may_be_transferred_one_by_one(animals) -> None:
 def test_the_real_animals_meet_their_bars(shared_data: Path) -> None:
     folder = shared_data / "transfer"
 
-    def obj(path):
+    def obj(path: Path) -> Mesh:
         lines = path.read_text().splitlines()
         points = [line.split()[1:4] for line in lines if line.startswith("v ")]
         corners = [line.split()[1:4] for line in lines if line.startswith("f ")]

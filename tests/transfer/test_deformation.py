@@ -5,8 +5,11 @@ Thresholds are relative to the bounding-box diagonal of the target unless said o
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
@@ -16,37 +19,45 @@ from dtrepair.transfer import Transfer, identity_pairs, match_triangles
 from dtrepair.transfer.gradients import degenerate_triangles
 from dtrepair.transfer.placement import Placement
 from dtrepair.transfer.poisson import poisson_system
-from tests.meshes import icosphere, joined, torus
+from tests.meshes import Mesh, icosphere, joined, torus
 from tests.transfer_cases import TURN, bent, errors
+
+Shapes = tuple[
+    NDArray[np.float64],
+    NDArray[np.int32],
+    NDArray[np.float64],
+    NDArray[np.int32],
+    NDArray[np.int64],
+]
 
 
 @pytest.fixture(scope="module")
-def ball():
+def ball() -> Mesh:
     points, faces = icosphere(3)
     return points * np.array([1.0, 1.5, 0.8]), faces
 
 
 @pytest.fixture(scope="module")
-def shapes():
+def shapes() -> Shapes:
     """Two tori of different proportion, tessellation and correspondence many to many."""
     source, target = torus(24, 12), torus(31, 14, 1.1, 0.35)
     return *source, *target, match_triangles(*source, *target)
 
 
 @pytest.mark.parametrize("weights", ["area", "cotan", "count", "uniform"])
-def test_identity_gives_the_pose_back(ball, weights) -> None:
+def test_identity_gives_the_pose_back(ball: Mesh, weights: Any) -> None:
     points, faces = ball
     transfer = Transfer(points, faces, points, faces, identity_pairs(faces), weights=weights)
     assert errors(transfer(bent(points)), bent(points)) < 1e-10
 
 
 @pytest.mark.parametrize(("weights", "bar"), [("area", 1e-11), ("count", 1e-9)])
-def test_rest_gives_rest(shapes, weights, bar) -> None:
+def test_rest_gives_rest(shapes: Shapes, weights: Any, bar: float) -> None:
     transfer = Transfer(*shapes, weights=weights)
     assert errors(transfer(shapes[0]), shapes[2]) < bar
 
 
-def test_rigid_motion_and_scale_of_the_pose_are_those_of_the_result(shapes) -> None:
+def test_rigid_motion_and_scale_of_the_pose_are_those_of_the_result(shapes: Shapes) -> None:
     transfer = Transfer(*shapes)
     plain = transfer(bent(shapes[0]))
     centre = transfer.placement
@@ -58,14 +69,14 @@ def test_rigid_motion_and_scale_of_the_pose_are_those_of_the_result(shapes) -> N
     np.testing.assert_allclose(step, centre.ratio * np.tile([1.0, 2.0, 3.0], (434, 1)), atol=1e-10)
 
 
-def test_rigid_motion_and_scale_of_the_pose_with_identity(ball) -> None:
+def test_rigid_motion_and_scale_of_the_pose_with_identity(ball: Mesh) -> None:
     points, faces = ball
     transfer = Transfer(points, faces, points, faces, identity_pairs(faces))
     for pose in (points @ TURN.T + 7.0, 2.5 * points - 3.0):
         assert errors(transfer(pose), pose) < 1e-10
 
 
-def test_both_rests_turned_and_the_source_in_other_units(shapes) -> None:
+def test_both_rests_turned_and_the_source_in_other_units(shapes: Shapes) -> None:
     source, source_faces, target, target_faces, pairs = shapes
     pose = bent(source)
     plain = Transfer(*shapes)(pose)
@@ -80,7 +91,7 @@ def test_both_rests_turned_and_the_source_in_other_units(shapes) -> None:
     assert errors(turned, plain @ TURN.T) < 1e-9
 
 
-def test_a_turned_target_needs_the_rotation(shapes) -> None:
+def test_a_turned_target_needs_the_rotation(shapes: Shapes) -> None:
     source, source_faces, target, target_faces, pairs = shapes
     pose = bent(source)
     plain = Transfer(*shapes)(pose)
@@ -90,14 +101,14 @@ def test_a_turned_target_needs_the_rotation(shapes) -> None:
     assert errors(Transfer(*turned, up=up)(pose), plain @ TURN.T) > 0.1
 
 
-def test_a_larger_target_gives_a_larger_result(shapes) -> None:
+def test_a_larger_target_gives_a_larger_result(shapes: Shapes) -> None:
     source, source_faces, target, target_faces, pairs = shapes
     plain = Transfer(*shapes)(bent(source))
     large = Transfer(source, source_faces, 7.0 * target, target_faces, pairs)(bent(source))
     assert errors(large, 7.0 * plain) < 1e-9
 
 
-def test_far_from_the_origin_nothing_is_lost(shapes) -> None:
+def test_far_from_the_origin_nothing_is_lost(shapes: Shapes) -> None:
     source, source_faces, target, target_faces, pairs = shapes
     pose, far = bent(source), 1000.0 * diagonal(target)
     plain = Transfer(*shapes)(pose)
@@ -105,7 +116,9 @@ def test_far_from_the_origin_nothing_is_lost(shapes) -> None:
     assert errors(moved - far, plain) < 1e-9
 
 
-def renumbered(shapes, seed=5):
+def renumbered(
+    shapes: Shapes, seed: int = 5
+) -> tuple[Shapes, NDArray[np.int64], NDArray[np.int64]]:
     """The same meshes with vertices, faces and corners in another order, and the target's map."""
     source, source_faces, target, target_faces, pairs = shapes
     rng = np.random.default_rng(seed)
@@ -125,14 +138,16 @@ def renumbered(shapes, seed=5):
     return (*parts, rows[rng.permutation(len(rows))]), orders[0][0], orders[1][0]
 
 
-def test_the_numbering_does_not_matter(shapes) -> None:
+def test_the_numbering_does_not_matter(shapes: Shapes) -> None:
     other, source_order, target_order = renumbered(shapes)
     pose = bent(shapes[0])
     plain = Transfer(*shapes)(pose)
     assert errors(Transfer(*other)(pose[source_order]), plain[target_order]) < 1e-10
 
 
-def test_the_numbering_does_not_matter_on_non_manifold_meshes_with_holes_to_fill(shapes) -> None:
+def test_the_numbering_does_not_matter_on_non_manifold_meshes_with_holes_to_fill(
+    shapes: Shapes,
+) -> None:
     source, source_faces, target, target_faces, pairs = shapes
     fin = target[target_faces[:4, 0]] + np.array([0.0, 0.0, 0.5])
     target = np.concatenate([target, fin])
@@ -149,18 +164,18 @@ def test_the_numbering_does_not_matter_on_non_manifold_meshes_with_holes_to_fill
     assert errors(Transfer(*other)(pose[source_order]), plain[target_order]) < 1e-6
 
 
-def test_the_anchor_vertex_does_not_matter(shapes, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_anchor_vertex_does_not_matter(shapes: Shapes, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = Transfer(*shapes)(bent(shapes[0]))
     monkeypatch.setattr(Placement, "anchors", lambda self: np.array([311], dtype=np.int32))
     assert errors(Transfer(*shapes)(bent(shapes[0])), plain) < 1e-10
 
 
-def paper_solution(shapes, pose):
+def paper_solution(shapes: Shapes, pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sumner & Popovic 2004, eq. 8, as printed: a fourth vertex for each target triangle."""
     source, source_faces, target, target_faces, pairs = shapes
     count, triangles = len(target), len(target_faces)
 
-    def frames(points, faces):
+    def frames(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
         first, second = (
             points[faces[:, 1]] - points[faces[:, 0]],
             points[faces[:, 2]] - points[faces[:, 0]],
@@ -187,14 +202,14 @@ def paper_solution(shapes, pose):
     return np.concatenate([np.zeros((1, 3)), solution[: count - 1]])
 
 
-def test_the_reduced_system_is_the_papers(shapes) -> None:
+def test_the_reduced_system_is_the_papers(shapes: Shapes) -> None:
     pose = bent(shapes[0])
     found = Transfer(*shapes, weights="count")(pose)
     expected = paper_solution(shapes, pose)
     assert errors(found - found[0], expected) < 1e-10
 
 
-def test_area_weights_give_the_cotangent_laplacian(shapes) -> None:
+def test_area_weights_give_the_cotangent_laplacian(shapes: Shapes) -> None:
     target, faces = shapes[2], shapes[3]
     matrix = poisson_system(
         target, faces, degenerate_triangles(target, faces), triangle_areas(target, faces)
@@ -206,7 +221,7 @@ def test_area_weights_give_the_cotangent_laplacian(shapes) -> None:
     )
 
 
-def test_holes_follow_their_surroundings_not_the_rest(ball) -> None:
+def test_holes_follow_their_surroundings_not_the_rest(ball: Mesh) -> None:
     points, faces = ball
     pairs = identity_pairs(faces)
     matched = np.abs(points[faces].mean(axis=1)[:, 1]) < 1.0

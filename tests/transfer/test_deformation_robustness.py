@@ -10,27 +10,36 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
 from dtrepair.numerics.operators import Factor
 from dtrepair.transfer import Transfer, identity_pairs, match_triangles
-from tests.meshes import icosphere, torus
+from tests.meshes import Mesh, icosphere, torus
 from tests.transfer_cases import TURN, bent, errors
+
+Shapes = tuple[
+    NDArray[np.float64],
+    NDArray[np.int32],
+    NDArray[np.float64],
+    NDArray[np.int32],
+    NDArray[np.int64],
+]
 
 
 @pytest.fixture(scope="module")
-def ball():
+def ball() -> Mesh:
     points, faces = icosphere(3)
     return points * np.array([1.0, 1.5, 0.8]), faces
 
 
 @pytest.fixture(scope="module")
-def shapes():
+def shapes() -> Shapes:
     """Two tori of different proportion, tessellation and correspondence many to many."""
     source, target = torus(24, 12), torus(31, 14, 1.1, 0.35)
     return *source, *target, match_triangles(*source, *target)
 
 
-def test_one_factor_for_any_number_of_poses(shapes) -> None:
+def test_one_factor_for_any_number_of_poses(shapes: Shapes) -> None:
     before = Factor.count
     transfer = Transfer(*shapes)
     transfer(np.stack([bent(shapes[0], amount) for amount in np.linspace(0, 1, 20)]))
@@ -38,7 +47,7 @@ def test_one_factor_for_any_number_of_poses(shapes) -> None:
     assert Factor.count - before == 1
 
 
-def test_a_repeat_is_bitwise_and_batches_do_not_matter(shapes) -> None:
+def test_a_repeat_is_bitwise_and_batches_do_not_matter(shapes: Shapes) -> None:
     poses = np.stack([bent(shapes[0], amount) for amount in (0.1, 0.5, 0.9)])
     once = Transfer(*shapes)(poses)
     np.testing.assert_array_equal(once, Transfer(*shapes)(poses))
@@ -70,7 +79,7 @@ def test_one_or_two_threads_give_the_same_bits() -> None:
     assert len(hashes) == 1
 
 
-def test_float32_and_torch_come_back_as_they_came(shapes) -> None:
+def test_float32_and_torch_come_back_as_they_came(shapes: Shapes) -> None:
     transfer = Transfer(*shapes)
     pose = bent(shapes[0])
     exact = transfer(pose)
@@ -86,7 +95,7 @@ def test_float32_and_torch_come_back_as_they_came(shapes) -> None:
     np.testing.assert_array_equal(tensors(torch.from_numpy(pose)).numpy(), exact)
 
 
-def test_inputs_are_not_written_to(shapes) -> None:
+def test_inputs_are_not_written_to(shapes: Shapes) -> None:
     kept = [array.copy() for array in shapes]
     pose = bent(shapes[0])
     before = pose.copy()
@@ -96,7 +105,7 @@ def test_inputs_are_not_written_to(shapes) -> None:
         np.testing.assert_array_equal(array, copy)
 
 
-def test_zero_area_triangles_change_nothing(ball) -> None:
+def test_zero_area_triangles_change_nothing(ball: Mesh) -> None:
     points, faces = ball
     plain = Transfer(points, faces, points, faces, identity_pairs(faces))(bent(points))
     rng = np.random.default_rng(2)
@@ -117,7 +126,7 @@ def test_zero_area_triangles_change_nothing(ball) -> None:
 
 
 @pytest.mark.parametrize("height", [1e-3, 1e-5, 1e-7, 1e-9])
-def test_cap_triangles_do_not_disturb_their_neighbours(ball, height) -> None:
+def test_cap_triangles_do_not_disturb_their_neighbours(ball: Mesh, height: float) -> None:
     points, faces = ball
     rng = np.random.default_rng(3)
     capped = rng.choice(len(faces), 200, replace=False)
@@ -147,7 +156,7 @@ def test_cap_triangles_do_not_disturb_their_neighbours(ball, height) -> None:
     assert errors(found, pose) < 1e-6
 
 
-def test_wrong_arguments_are_refused(shapes) -> None:
+def test_wrong_arguments_are_refused(shapes: Shapes) -> None:
     source, source_faces, target, target_faces, pairs = shapes
     with pytest.raises(ValueError, match=r"weights should be .* got 'volume'"):
         Transfer(*shapes, weights="volume")
@@ -174,7 +183,7 @@ def test_wrong_arguments_are_refused(shapes) -> None:
 
 
 def test_a_factor_that_failed_is_an_error_not_a_result(
-    shapes, monkeypatch: pytest.MonkeyPatch
+    shapes: Shapes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Factor, "__call__", lambda self, rows: np.full(rows.shape, np.nan))
     with pytest.raises(ValueError, match=r"could not be factorised.*weights='area'"):

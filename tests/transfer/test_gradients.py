@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dtrepair.transfer.gradients import (
     deformation_operator,
@@ -13,7 +14,9 @@ from dtrepair.transfer.gradients import (
 from tests.meshes import icosphere
 
 
-def gradients(points, faces, pose):
+def gradients(
+    points: NDArray[np.float64], faces: NDArray[np.int32], pose: NDArray[np.float64]
+) -> NDArray[np.float64]:
     operator = deformation_operator(points, faces, degenerate_triangles(points, faces))
     columns = (operator @ stacked(pose, faces)).reshape(-1, 3, 3)
     return np.swapaxes(columns, 1, 2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
@@ -14,9 +15,11 @@ from dtrepair.transfer import Pins, Transfer, identity_pairs, match_triangles, r
 from tests.meshes import icosphere, joined
 from tests.quadruped import SOURCE, TARGET, markers
 
+Animals = tuple[Transfer, NDArray[np.float64]]
+
 
 @pytest.fixture(scope="module")
-def animals():
+def animals() -> Animals:
     (source, source_faces), (target, target_faces) = SOURCE.mesh(), TARGET.mesh()
     rows = markers(SOURCE, source, TARGET, target)
     registered = register(
@@ -27,7 +30,7 @@ def animals():
     return transfer, SOURCE.walk(source, 4)
 
 
-def test_pins_at_their_own_places_change_nothing(animals) -> None:
+def test_pins_at_their_own_places_change_nothing(animals: Animals) -> None:
     transfer, poses = animals
     vertices = np.arange(0, len(transfer.target), 113)
     free = transfer(poses)
@@ -35,7 +38,7 @@ def test_pins_at_their_own_places_change_nothing(animals) -> None:
     assert np.abs(held - free).max() < 1e-10 * diagonal(transfer.target)
 
 
-def test_the_schur_complement_equals_a_new_factorisation(animals) -> None:
+def test_the_schur_complement_equals_a_new_factorisation(animals: Animals) -> None:
     transfer, poses = animals
     vertices = np.array([7, 300, 1200, 2500, 4000, int(transfer.placement.anchors()[0])])
     rng = np.random.default_rng(1)
@@ -54,7 +57,7 @@ def test_the_schur_complement_equals_a_new_factorisation(animals) -> None:
     assert np.abs(held - free).max() > 0.01 * diagonal(free)
 
 
-def test_contacts_may_change_from_frame_to_frame_without_a_factorisation(animals) -> None:
+def test_contacts_may_change_from_frame_to_frame_without_a_factorisation(animals: Animals) -> None:
     transfer, poses = animals
     vertices = np.array([10, 500, 3000])
     free = transfer(poses)
@@ -80,14 +83,14 @@ def test_only_the_pieces_with_pins_are_held() -> None:
     assert np.abs(held[162:] - pose[162:]).max() < 1e-12
 
 
-def test_torch_comes_back_as_torch(animals) -> None:
+def test_torch_comes_back_as_torch(animals: Animals) -> None:
     transfer, poses = animals
     places = torch.from_numpy(transfer(poses)[:, [3, 4]])
     held = Pins(transfer, torch.tensor([3, 4]))(torch.from_numpy(poses).float(), places)
     assert isinstance(held, torch.Tensor) and held.dtype == torch.float32
 
 
-def test_wrong_pins_are_refused(animals) -> None:
+def test_wrong_pins_are_refused(animals: Animals) -> None:
     transfer, poses = animals
     count = len(transfer.target)
     with pytest.raises(ValueError, match=f"0..{count - 1}, got {count}"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dtrepair.numerics.geometry import diagonal
@@ -14,11 +15,25 @@ from dtrepair.transfer import (
     register,
     similarity,
 )
-from tests.meshes import icosphere, joined, subdivided, torus
-from tests.quadruped import SOURCE, TARGET, markers
+from tests.meshes import Mesh, icosphere, joined, subdivided, torus
+from tests.quadruped import SOURCE, TARGET, Quadruped, markers
+
+Animals = tuple[
+    NDArray[np.float64],
+    NDArray[np.int32],
+    NDArray[np.float64],
+    NDArray[np.int32],
+    NDArray[np.int64],
+]
 
 
-def correspondence(source, source_faces, target, target_faces, rows):
+def correspondence(
+    source: NDArray[np.float64],
+    source_faces: NDArray[np.int32],
+    target: NDArray[np.float64],
+    target_faces: NDArray[np.int32],
+    rows: NDArray[np.int32],
+) -> NDArray[np.int64]:
     """Pairs by registration with few steps: the figures do not need more."""
     registered = register(
         source, source_faces, target, target_faces, rows, closest=(0.0, 10.0, 1000.0)
@@ -27,7 +42,7 @@ def correspondence(source, source_faces, target, target_faces, rows):
 
 
 @pytest.fixture(scope="module")
-def animals():
+def animals() -> Animals:
     (source, source_faces), (target, target_faces) = SOURCE.mesh(), TARGET.mesh()
     rows = markers(SOURCE, source, TARGET, target)
     pairs = correspondence(source, source_faces, target, target_faces, rows)
@@ -52,7 +67,7 @@ def test_pieces_that_move_separately_are_met_and_an_unused_vertex_rides_along() 
     np.testing.assert_allclose(moved[-1], points[-1] + 5.0, atol=1e-12)
 
 
-def with_eyes(animal, points, faces):
+def with_eyes(animal: Quadruped, points: NDArray[np.float64], faces: NDArray[np.int32]) -> Mesh:
     """The animal with two small balls that touch its head; their vertices come last."""
     ball = icosphere(2)
     size = 0.12
@@ -64,7 +79,7 @@ def with_eyes(animal, points, faces):
 
 
 @pytest.mark.parametrize("source_has_eyes", [True, False])
-def test_riding_pieces_keep_their_seat(animals, source_has_eyes) -> None:
+def test_riding_pieces_keep_their_seat(animals: Animals, source_has_eyes: bool) -> None:
     body, body_faces, target, target_faces, _ = animals
     riding, riding_faces = with_eyes(TARGET, target, target_faces)
     source, source_faces = body, body_faces
@@ -104,7 +119,7 @@ def test_the_root_does_not_depend_on_the_tessellation() -> None:
     assert np.abs(transfer(pose) - expected)[used].max() < 1e-10 * diagonal(mixed)
 
 
-def test_the_translation_is_scaled_by_the_heights_over_the_ground(animals) -> None:
+def test_the_translation_is_scaled_by_the_heights_over_the_ground(animals: Animals) -> None:
     source, source_faces, target, target_faces, pairs = animals
     transfer = Transfer(source, source_faces, target, target_faces, pairs)
     assert 1.2 < transfer.placement.ratio < 1.4
@@ -122,7 +137,7 @@ def test_meshes_that_lie_flat_use_the_ratio_of_their_sizes() -> None:
     assert transfer.placement.ratio == pytest.approx(3.0, rel=1e-12)
 
 
-def test_feet_stay_on_the_ground_in_a_walk(animals) -> None:
+def test_feet_stay_on_the_ground_in_a_walk(animals: Animals) -> None:
     source, source_faces, target, target_faces, pairs = animals
     poses = SOURCE.walk(source, 12)
     height, ground = np.ptp(target[:, 1]), target[:, 1].min()
@@ -137,7 +152,7 @@ def test_feet_stay_on_the_ground_in_a_walk(animals) -> None:
     assert jump == pytest.approx(ground + 0.4 * lifted.placement.ratio, abs=1e-12)
 
 
-def test_the_ground_lies_across_the_given_up_axis(animals) -> None:
+def test_the_ground_lies_across_the_given_up_axis(animals: Animals) -> None:
     source, source_faces, target, target_faces, pairs = animals
     turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # y up to z up
     plain = Transfer(source, source_faces, target, target_faces, pairs, snap=True)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dtrepair.transfer import Transfer, examine, identity_pairs, match_triangles, measure_coverage
@@ -11,7 +14,7 @@ from dtrepair.transfer.report import residuals
 from tests.meshes import icosphere, torus
 
 
-def simple(**options):
+def simple(**options: Any) -> tuple[NDArray[np.float64], Transfer]:
     points, faces = icosphere(2)
     points = points * np.array([1.0, 1.5, 0.8])
     return points, Transfer(points, faces, points, faces, identity_pairs(faces), **options)

@@ -1,7 +1,10 @@
 """Axes, alignment and winding of two rests."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.transfer.rests import (
     inside_out,
@@ -14,7 +17,7 @@ from tests.meshes import grid, icosphere
 from tests.transfer_cases import TURN
 
 
-def matrix(linear):
+def matrix(linear: NDArray[np.float64]) -> NDArray[np.float64]:
     """A row-vector matrix (4, 4) with a shift, of a column-vector map (3, 3)."""
     result = np.eye(4)
     result[:3, :3] = linear.T

@@ -1,10 +1,13 @@
 """`dtrepair check`: exact counts, exit codes, and what it prints."""
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.report.record import validate
 from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
@@ -72,14 +75,16 @@ def test_jobs_give_the_same_result_in_the_same_order(tmp_path: Path) -> None:
     assert one == four and one.count("\n") == 11
 
 
-def cube(size, centre):
+def cube(
+    size: float, centre: tuple[float, float, float]
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     points = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
     quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     return (points - 0.5) * size + centre, np.array(quads, dtype=np.int32)
 
 
 @pytest.fixture
-def two_cubes(tmp_path: Path):
+def two_cubes(tmp_path: Path) -> Path:
     """A cube that moves by its transform through a fixed one; both have points only once."""
     from usd_io import AuthoredMesh, write_animation
 
@@ -96,7 +101,7 @@ def two_cubes(tmp_path: Path):
     return path
 
 
-def test_several_meshes_meet_in_world_space(two_cubes) -> None:
+def test_several_meshes_meet_in_world_space(two_cubes: Path) -> None:
     report = run("check", two_cubes, "--json", "-").json
     assert [frame["time"] for frame in report["frames"]] == [1, 2, 3, 4]
     pairs = [frame["before"]["pairs"] for frame in report["frames"]]
@@ -112,7 +117,7 @@ def test_several_meshes_meet_in_world_space(two_cubes) -> None:
     assert "between" in table and "/Moving/Cube" in table
 
 
-def test_what_lies_wholly_inside_is_told(two_cubes) -> None:
+def test_what_lies_wholly_inside_is_told(two_cubes: Path) -> None:
     told = "/Moving/Cube lies wholly inside /Still/Cube in frame 3"
     report = run("check", two_cubes, "--json", "-").json
     validate(report)
@@ -126,7 +131,7 @@ def test_what_lies_wholly_inside_is_told(two_cubes) -> None:
         assert "wholly inside" not in run("check", two_cubes, *left_out).out
 
 
-def write_obj(path, points, quads):
+def write_obj(path: Path, points: NDArray[np.float64], quads: NDArray[np.int32]) -> None:
     lines = [f"v {x} {y} {z}" for x, y, z in points]
     lines += ["f " + " ".join(str(k + 1) for k in quad) for quad in quads]
     path.write_text("\n".join(lines) + "\n")
@@ -146,7 +151,7 @@ def test_parts_of_one_mesh_inside_each_other_are_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
-def test_a_mirrored_mesh_has_its_inside_inside(two_cubes, mirror) -> None:
+def test_a_mirrored_mesh_has_its_inside_inside(two_cubes: Path, mirror: float) -> None:
     from pxr import Usd, UsdGeom
 
     stage = Usd.Stage.Open(str(two_cubes))
@@ -156,7 +161,7 @@ def test_a_mirrored_mesh_has_its_inside_inside(two_cubes, mirror) -> None:
     assert "/Moving/Cube lies wholly inside /Still/Cube in frame 3" in found
 
 
-def test_mode_and_prim_choose_what_is_counted(two_cubes) -> None:
+def test_mode_and_prim_choose_what_is_counted(two_cubes: Path) -> None:
     assert run("check", two_cubes, "--mode", "inter").code == 1
     assert run("check", two_cubes, "--mode", "self").code == 0
     assert run("check", two_cubes, "--prim", "/Moving//").code == 0
@@ -199,7 +204,7 @@ def test_unusable_frames_end_with_4(tmp_path: Path) -> None:
         (["{obj}", "--device", "tpu"], 2, ["--device", "'tpu'"]),
     ],
 )
-def test_errors(tmp_path: Path, arguments, code, words) -> None:
+def test_errors(tmp_path: Path, arguments: list[str], code: int, words: list[str]) -> None:
     names = {
         "obj": str(tube_obj(tmp_path / "a.obj")),
         "usd": str(tube_stage(tmp_path / "a.usda")),
@@ -216,7 +221,7 @@ STATIC = ["animals", "humans", "misc", "transfer"]
 
 
 @pytest.mark.parametrize("group", STATIC)
-def test_static_counts_are_those_of_the_independent_checker(shared_data: Path, group) -> None:
+def test_static_counts_are_those_of_the_independent_checker(shared_data: Path, group: str) -> None:
     baseline = json.loads((shared_data / "baseline.json").read_text())["static"]
     entries = [entry for entry in baseline if entry["file"].startswith(group)]
     assert entries

@@ -7,34 +7,39 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.repair import repairer
 from dtrepair.repair.clip import animation
 from dtrepair.report.record import read_report
 from tests.command_line import CLOSED, OPEN, assert_fails, read_samples, run, tube_stage
 
+Samples = dict[float, NDArray[np.float32]]
+
 FRAMES = 36
 
 
 @pytest.fixture
-def small_windows(monkeypatch: pytest.MonkeyPatch):
+def small_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows of 20 frames that overlap by 6."""
     monkeypatch.setattr(animation, "WINDOW", 20)
     monkeypatch.setattr(animation, "OVERLAP", 6)
 
-    def small(scene):
+    def small(scene: repairer.SceneRepairer) -> animation.AnimationRepairer:
         return animation.AnimationRepairer(scene, window=20, overlap=6)
 
     monkeypatch.setattr(repairer, "AnimationRepairer", small)
     monkeypatch.setattr("dtrepair.cli.commands.repair.open_journal", lambda *some, **more: None)
 
 
-def clip(path):
+def clip(path: Path) -> Path:
     angles = 6.2 + 0.25 * np.sin(0.5 * np.arange(FRAMES))
     return tube_stage(path, angles)
 
 
-def joined(tmp_path: Path, path, count, *options):
+def joined(
+    tmp_path: Path, path: Path, count: int, *options: object
+) -> tuple[Samples, list[list[float]]]:
     """The samples of the joined chunks, and how many frames each one wrote."""
     parts, frames = [], []
     for number in range(1, count + 1):
@@ -48,12 +53,12 @@ def joined(tmp_path: Path, path, count, *options):
     return read_samples(tmp_path / "joined.usdc"), frames
 
 
-def assert_same(first, second):
+def assert_same(first: Samples, second: Samples) -> None:
     assert list(first) == list(second)
     assert all(np.array_equal(first[time], second[time]) for time in first)
 
 
-def test_joined_chunks_are_one_run_bit_for_bit(tmp_path: Path, small_windows) -> None:
+def test_joined_chunks_are_one_run_bit_for_bit(tmp_path: Path, small_windows: None) -> None:
     path = clip(tmp_path / "a.usdc")
     assert run("repair", path, "-o", tmp_path / "whole.usdc").code == 0
     samples, frames = joined(tmp_path, path, 2)
@@ -78,7 +83,7 @@ def test_frames_alone_are_split_evenly(tmp_path: Path) -> None:
     assert_same(samples, read_samples(tmp_path / "whole.usdc"))
 
 
-def test_unusable_frames_belong_to_one_chunk(tmp_path: Path, small_windows) -> None:
+def test_unusable_frames_belong_to_one_chunk(tmp_path: Path, small_windows: None) -> None:
     from pxr import Sdf
 
     path = clip(tmp_path / "a.usdc")
@@ -97,7 +102,7 @@ def test_unusable_frames_belong_to_one_chunk(tmp_path: Path, small_windows) -> N
 
 
 @pytest.mark.parametrize("chunk", ["0/2", "3/2", "2", "a/b", "1/0", "-1/2"])
-def test_bad_chunks_are_refused(tmp_path: Path, chunk) -> None:
+def test_bad_chunks_are_refused(tmp_path: Path, chunk: str) -> None:
     path = tube_stage(tmp_path / "a.usda")
     done = run("repair", path, "-o", tmp_path / "b.usdc", "--chunk", chunk)
     assert_fails(done, 2, "--chunk", "K/N")
@@ -130,7 +135,7 @@ def test_mesh_files_have_no_chunks(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("command", [("check",), ("repair", "-o", "b.usdc", "--dry-run")])
 def test_a_mode_that_counts_nothing_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     path = tube_stage(tmp_path / "a.usda", (CLOSED,))

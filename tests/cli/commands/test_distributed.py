@@ -15,13 +15,13 @@ FRAMES = 70  # two windows
 
 
 @pytest.fixture
-def clip(tmp_path: Path):
+def clip(tmp_path: Path) -> Path:
     return tube_stage(tmp_path / "a.usdc", 6.2 + 0.25 * np.sin(0.5 * np.arange(FRAMES)))
 
 
 # Of the cluster's own event loops, at their end.
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
-def test_two_workers_write_what_one_run_writes(tmp_path: Path, clip) -> None:
+def test_two_workers_write_what_one_run_writes(tmp_path: Path, clip: Path) -> None:
     reports = []
     for name, options in {"whole": [], "parts": ["--distributed", "local", "--jobs", 2]}.items():
         output, report = tmp_path / f"{name}.usdc", tmp_path / f"{name}.json"
@@ -39,20 +39,24 @@ def test_two_workers_write_what_one_run_writes(tmp_path: Path, clip) -> None:
     assert not list(tmp_path.glob(".*"))
 
 
-def test_cluster_that_is_not_there(tmp_path: Path, clip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cluster_that_is_not_there(
+    tmp_path: Path, clip: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     done = run("repair", clip, "-o", tmp_path / "b.usdc", "--distributed", "no address")
     assert_fails(done, 2, "--distributed", "no address")
     assert not (tmp_path / "b.usdc").exists()
 
 
-def test_chunks_of_its_own_are_refused(tmp_path: Path, clip) -> None:
+def test_chunks_of_its_own_are_refused(tmp_path: Path, clip: Path) -> None:
     options = ["--distributed", "local"]
     for more in (["--chunk", "1/2"], ["--resume"]):
         done = run("repair", clip, "-o", tmp_path / "b.usdc", *options, *more)
         assert_fails(done, 2, "--distributed", more[0])
 
 
-def test_chunk_tells_what_was_wrong(tmp_path: Path, clip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunk_tells_what_was_wrong(
+    tmp_path: Path, clip: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     code, message = repair_chunk(str(tmp_path), ["missing.usd", "-o", "b.usdc"])
     assert code == 3 and "missing.usd" in message

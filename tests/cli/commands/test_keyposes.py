@@ -7,15 +7,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike, NDArray
 
 from dtrepair.report.record import read_report
 from dtrepair.report.schema import ReportError, validate
-from tests.command_line import CLOSED, OPEN, assert_fails, read_samples, run, tube_obj, tube_stage
+from tests.command_line import (
+    CLOSED,
+    OPEN,
+    Outcome,
+    assert_fails,
+    read_samples,
+    run,
+    tube_obj,
+    tube_stage,
+)
 from tests.swinging_arm import arm_pose, arm_stage
 
 
 @pytest.fixture(scope="module")
-def swing(tmp_path_factory: pytest.TempPathFactory):
+def swing(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Outcome]:
     """The folder of a swing through the body, its repaired keys, and the report."""
     folder = tmp_path_factory.mktemp("swing")
     path = arm_stage(folder / "arm.usda", (1.0, -1.0, -0.8))
@@ -25,7 +35,7 @@ def swing(tmp_path_factory: pytest.TempPathFactory):
     return folder, done
 
 
-def in_betweens_by_usd(path, count):
+def in_betweens_by_usd(path: Path, count: int) -> list[NDArray[np.float32]]:
     """Points of the arm as USD interpolates them, `count` between any two keys."""
     from pxr import Usd
 
@@ -41,7 +51,7 @@ def in_betweens_by_usd(path, count):
     return found
 
 
-def test_all_in_betweens_are_clean_as_usd_interpolates_them(swing) -> None:
+def test_all_in_betweens_are_clean_as_usd_interpolates_them(swing: tuple[Path, Outcome]) -> None:
     from dtrepair import find_intersections
     from tests.swinging_arm import arm_mesh
 
@@ -55,7 +65,7 @@ def test_all_in_betweens_are_clean_as_usd_interpolates_them(swing) -> None:
     assert "in-betweens clean" in done.out and "added keys" in done.out
 
 
-def test_given_keys_move_little_and_few_are_added(swing) -> None:
+def test_given_keys_move_little_and_few_are_added(swing: tuple[Path, Outcome]) -> None:
     folder, _ = swing
     before, after = read_samples_of(folder / "arm.usda"), read_samples_of(folder / "b.usdc")
     diagonal = np.linalg.norm(np.ptp(before[1.0], axis=0))
@@ -64,11 +74,11 @@ def test_given_keys_move_little_and_few_are_added(swing) -> None:
     assert 1 <= len(after) - len(before) <= 3
 
 
-def read_samples_of(path):
+def read_samples_of(path: Path) -> dict[float, NDArray[np.float32]]:
     return read_samples(path, "/Root/Arm")
 
 
-def test_report_tells_spans_and_keys(swing) -> None:
+def test_report_tells_spans_and_keys(swing: tuple[Path, Outcome]) -> None:
     folder, _ = swing
     report = read_report(folder / "r.json")
     assert report["command"] == "keyposes" and report["keyposes"]["interpolation"] == "linear"
@@ -86,7 +96,7 @@ def test_report_tells_spans_and_keys(swing) -> None:
         validate(report)
 
 
-def test_verify_only_counts_and_writes_nothing(swing, tmp_path: Path) -> None:
+def test_verify_only_counts_and_writes_nothing(swing: tuple[Path, Outcome], tmp_path: Path) -> None:
     folder, _ = swing
     files = sorted(folder.iterdir())
     dirty = run("keyposes", folder / "arm.usda", "--verify-only", "--report", tmp_path / "r.json")
@@ -151,7 +161,7 @@ def test_several_meshes_in_world_space(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def bar_over_ball(tmp_path: Path):
+def bar_over_ball(tmp_path: Path) -> Path:
     """A bar, stretched by its parent, whose keys are clean; between them it runs into a ball."""
     from tests.meshes import icosphere
     from usd_io import AuthoredMesh, write_animation
@@ -170,7 +180,7 @@ def bar_over_ball(tmp_path: Path):
     return path
 
 
-def test_a_rigid_mesh_keeps_its_shape_in_every_key(bar_over_ball, tmp_path: Path) -> None:
+def test_a_rigid_mesh_keeps_its_shape_in_every_key(bar_over_ball: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.usdc"
     done = run("keyposes", bar_over_ball, "-o", out, "--rigid", "/Bar", "--collider", "/Ball//")
     assert done.code == 0, done
@@ -178,14 +188,14 @@ def test_a_rigid_mesh_keeps_its_shape_in_every_key(bar_over_ball, tmp_path: Path
     assert len(after) > len(before)
     world = np.array([1.0, 2.0, 1.0])
 
-    def lengths(points):
+    def lengths(points: ArrayLike) -> NDArray[np.float64]:
         return np.linalg.norm(np.diff(np.asarray(points) * world, axis=0), axis=1)
 
     for points in after.values():
         assert np.allclose(lengths(points), lengths(before[1]), rtol=1e-4)
 
 
-def test_ignored_contacts_need_no_keys(bar_over_ball, tmp_path: Path) -> None:
+def test_ignored_contacts_need_no_keys(bar_over_ball: Path, tmp_path: Path) -> None:
     ignored = ("--ignore", "/Bar,/Ball")
     assert run("keyposes", bar_over_ball, "--verify-only").code == 1
     assert run("keyposes", bar_over_ball, "--verify-only", *ignored).code == 0
@@ -236,7 +246,9 @@ def test_dry_run_and_skip_existing(tmp_path: Path) -> None:
         (["{dir}/none.usd", "--verify-only"], 3, ["no such file"]),
     ],
 )
-def test_errors_leave_no_file(tmp_path: Path, arguments, code, words) -> None:
+def test_errors_leave_no_file(
+    tmp_path: Path, arguments: list[str], code: int, words: list[str]
+) -> None:
     names = {
         "obj": str(tube_obj(tmp_path / "a.obj")),
         "usd": str(arm_stage(tmp_path / "a.usda")),

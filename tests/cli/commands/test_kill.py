@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,17 +21,19 @@ FRAMES = 40
 
 
 @pytest.fixture(scope="module")
-def clip(tmp_path_factory: pytest.TempPathFactory):
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A clip that intersects here and there."""
     angles = 6.2 + 0.25 * np.sin(0.5 * np.arange(FRAMES))
     return tube_stage(tmp_path_factory.mktemp("clip") / "a.usdc", angles)
 
 
-def listing(folder):
+def listing(folder: Path) -> list[str]:
     return sorted(os.listdir(folder))
 
 
-def started(clip, output, *options, mode=("--alone",)):
+def started(
+    clip: Path, output: Path, *options: object, mode: Sequence[str] = ("--alone",)
+) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "dtrepair", "repair", clip, "-o", output, *mode, *options]
     return subprocess.Popen(
         [str(part) for part in command],
@@ -41,14 +44,14 @@ def started(clip, output, *options, mode=("--alone",)):
     )
 
 
-def wait_for_progress(folder, process):
+def wait_for_progress(folder: Path, process: subprocess.Popen[str]) -> None:
     """Wait until a frame is kept; the process must not end before."""
     while not list(folder.glob(".b.usdc.resume/[0-9a-f]*.npz")):
         assert process.poll() is None, process.communicate()
         time.sleep(0.01)
 
 
-def workers_of(process):
+def workers_of(process: subprocess.Popen[str]) -> list[str]:
     """Numbers of the worker processes, once there are any."""
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
     while not (found := children.read_text().split()):
@@ -57,7 +60,7 @@ def workers_of(process):
     return found
 
 
-def runs(number):
+def runs(number: int | str) -> bool:
     """Whether a process is there and has not ended."""
     try:
         return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
@@ -68,7 +71,9 @@ def runs(number):
 @pytest.mark.skipif(sys.platform != "linux", reason="worker processes are for Linux")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 @pytest.mark.parametrize("options", [[], ["--alone"]], ids=["together", "alone"])
-def test_no_worker_process_outlives_a_run(tmp_path: Path, clip, options, number) -> None:
+def test_no_worker_process_outlives_a_run(
+    tmp_path: Path, clip: Path, options: list[str], number: signal.Signals
+) -> None:
     output = tmp_path / "b.usdc"
     output.write_text("old")
     process = started(clip, output, "--jobs", 2, *options, mode=[])
@@ -88,7 +93,7 @@ def test_no_worker_process_outlives_a_run(tmp_path: Path, clip, options, number)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="worker processes are for Linux")
-def test_one_job_starts_no_process(tmp_path: Path, clip) -> None:
+def test_one_job_starts_no_process(tmp_path: Path, clip: Path) -> None:
     output = tmp_path / "b.usdc"
     looks: Counter[str] = Counter()
     with started(clip, output, "--jobs", 1, "--frames", "1:8", mode=[]) as process:
@@ -106,7 +111,7 @@ def test_one_job_starts_no_process(tmp_path: Path, clip) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_end_a_run_at_once(tmp_path: Path, clip, number) -> None:
+def test_signals_end_a_run_at_once(tmp_path: Path, clip: Path, number: signal.Signals) -> None:
     output = tmp_path / "b.usdc"
     process = started(clip, output)
     wait_for_progress(tmp_path, process)
@@ -119,7 +124,7 @@ def test_signals_end_a_run_at_once(tmp_path: Path, clip, number) -> None:
     assert listing(tmp_path) == [".b.usdc.resume"]
 
 
-def test_killed_runs_leave_the_old_output_and_resume(tmp_path: Path, clip) -> None:
+def test_killed_runs_leave_the_old_output_and_resume(tmp_path: Path, clip: Path) -> None:
     whole, output = tmp_path / "whole.usdc", tmp_path / "b.usdc"
     assert run("repair", clip, "-o", whole, "--alone").code == 0
     output.write_text("old")

@@ -1,21 +1,29 @@
 """Settings of single objects: tables of --config, primvars, --rigid, --ignore; mirrored ones."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import unique_edges
 from dtrepair.report.record import read_report
 from tests.command_line import assert_fails, run, tube_obj
 from tests.meshes import icosphere, tube
 
+Moved = tuple[float, float, NDArray[np.float64], dict[str, Any]]
+Repair = Callable[..., Moved]
+
 BALL, BALL_FACES = icosphere(2, radius=0.5)
 ROD, ROD_FACES = tube(8, 12, radius=0.12, length=1.2)
 
 
 @pytest.fixture
-def rod_in_ball(tmp_path: Path):
+def rod_in_ball(tmp_path: Path) -> Path:
     """A rod that a transform moves into a ball."""
     from usd_io import AuthoredMesh, write_animation
 
@@ -31,10 +39,10 @@ def rod_in_ball(tmp_path: Path):
 
 
 @pytest.fixture
-def repaired(rod_in_ball, tmp_path: Path):
+def repaired(rod_in_ball: Path, tmp_path: Path) -> Repair:
     """Runs `repair`; the largest move of ball and rod, the rod's points at time 3, the report."""
 
-    def repair(*options):
+    def repair(*options: object) -> Moved:
         from pxr import Usd
 
         out, report = tmp_path / "out.usda", tmp_path / "report.json"
@@ -51,13 +59,15 @@ def repaired(rod_in_ball, tmp_path: Path):
     return repair
 
 
-def config(tmp_path: Path, text):
+def config(tmp_path: Path, text: str) -> Path:
     path = tmp_path / "settings.toml"
     path.write_text(text)
     return path
 
 
-def add_primvar(path, prim, name, kind, value, *, primvar=True):
+def add_primvar(
+    path: Path, prim: str, name: str, kind: str, value: Any, *, primvar: bool = True
+) -> None:
     from pxr import Sdf, Usd, UsdGeom
 
     stage = Usd.Stage.Open(str(path))
@@ -71,20 +81,22 @@ def add_primvar(path, prim, name, kind, value, *, primvar=True):
     stage.Save()
 
 
-def stretch(points):
+def stretch(points: NDArray[np.float64]) -> float:
     edges = unique_edges(ROD_FACES)
     lengths = [np.linalg.norm(p[edges[:, 0]] - p[edges[:, 1]], axis=1) for p in (points, ROD)]
     return float(np.abs(lengths[0] / lengths[1] - 1.0).max())
 
 
-def test_without_settings_both_move_and_bend(repaired) -> None:
+def test_without_settings_both_move_and_bend(repaired: Repair) -> None:
     ball, rod, points, report = repaired()
     assert ball > 0 < rod and stretch(points) > 3e-5
     assert report["settings"]["objects"] == {}
 
 
 @pytest.mark.parametrize("how", ["option", "table", "primvar", "attribute"])
-def test_a_rigid_object_keeps_its_shape(repaired, rod_in_ball, tmp_path: Path, how) -> None:
+def test_a_rigid_object_keeps_its_shape(
+    repaired: Repair, rod_in_ball: Path, tmp_path: Path, how: str
+) -> None:
     options = ()
     if how == "option":
         options = ("--rigid", "/Scene/Rod")
@@ -101,7 +113,7 @@ def test_a_rigid_object_keeps_its_shape(repaired, rod_in_ball, tmp_path: Path, h
 
 
 def test_tables_win_over_primvars_and_primvars_over_options(
-    repaired, rod_in_ball, tmp_path: Path
+    repaired: Repair, rod_in_ball: Path, tmp_path: Path
 ) -> None:
     add_primvar(rod_in_ball, "/Scene/Ball", "dtrepair:mobility", "Float", 0.0)
     ball, rod, *_ = repaired("--diffusion", "50")
@@ -117,13 +129,13 @@ def test_tables_win_over_primvars_and_primvars_over_options(
     }
 
 
-def test_a_collider_never_moves_whatever_a_table_says(repaired, tmp_path: Path) -> None:
+def test_a_collider_never_moves_whatever_a_table_says(repaired: Repair, tmp_path: Path) -> None:
     table = config(tmp_path, '[[prim]]\npath = "/Scene/Ball"\nmobility = 1.0\n')
     ball, rod, *_ = repaired("--config", table, "--collider", "/Scene/Ball/Mesh")
     assert ball == 0.0 < rod
 
 
-def test_pins_of_a_single_object(repaired, rod_in_ball, tmp_path: Path) -> None:
+def test_pins_of_a_single_object(repaired: Repair, rod_in_ball: Path, tmp_path: Path) -> None:
     from pxr import Sdf, Usd, UsdGeom
 
     stage = Usd.Stage.Open(str(rod_in_ball))
@@ -145,7 +157,7 @@ def test_pins_of_a_single_object(repaired, rod_in_ball, tmp_path: Path) -> None:
     assert_fails(done, 2, "held", "no selected mesh")
 
 
-def test_ignored_pairs(repaired, rod_in_ball, tmp_path: Path) -> None:
+def test_ignored_pairs(repaired: Repair, rod_in_ball: Path, tmp_path: Path) -> None:
     ball, rod, _, report = repaired("--ignore", "/Scene/Ball,//{isa:Mesh, isa:Mesh} - //Ball//")
     assert ball == rod == 0.0
     assert report["summary"]["pairs_before"] == 0
@@ -157,7 +169,7 @@ def test_ignored_pairs(repaired, rod_in_ball, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["/Scene/Rod", "/Scene/Rod,", "/a,/b,/c", "/Scene/Rod,/Nobody"])
-def test_bad_ignored_pairs(rod_in_ball, text) -> None:
+def test_bad_ignored_pairs(rod_in_ball: Path, text: str) -> None:
     assert_fails(run("check", rod_in_ball, "--ignore", text), 2, "--ignore")
 
 
@@ -174,7 +186,9 @@ def test_bad_ignored_pairs(rod_in_ball, text) -> None:
         ("mobility = 1", ("[[prim]]", "path")),
     ],
 )
-def test_bad_tables_are_usage_errors(rod_in_ball, tmp_path: Path, table, words) -> None:
+def test_bad_tables_are_usage_errors(
+    rod_in_ball: Path, tmp_path: Path, table: str, words: tuple[str, ...]
+) -> None:
     path = config(tmp_path, f"[[prim]]\n{table}\n")
     done = run("repair", rod_in_ball, "-o", tmp_path / "o.usda", "--config", path)
     assert_fails(done, 2, "settings.toml", *words)
@@ -191,20 +205,22 @@ def test_bad_tables_are_usage_errors(rod_in_ball, tmp_path: Path, table, words) 
     ],
 )
 def test_bad_primvars_make_the_input_unusable(
-    rod_in_ball, tmp_path: Path, name, kind, value, words
+    rod_in_ball: Path, tmp_path: Path, name: str, kind: str, value: Any, words: tuple[str, ...]
 ) -> None:
     add_primvar(rod_in_ball, "/Scene/Rod", f"dtrepair:{name}", kind, value)
     done = run("repair", rod_in_ball, "-o", tmp_path / "o.usda")
     assert_fails(done, 3, "/Scene/Rod/Mesh", f"dtrepair:{name}", *words)
 
 
-def test_unknown_primvars_are_warned(rod_in_ball, tmp_path: Path) -> None:
+def test_unknown_primvars_are_warned(rod_in_ball: Path, tmp_path: Path) -> None:
     add_primvar(rod_in_ball, "/Scene/Rod", "dtrepair:difusion", "Float", 2.0)
     done = run("repair", rod_in_ball, "-o", tmp_path / "o.usda", "--dry-run")
     assert done.code == 0 and "dtrepair:difusion: unknown" in done.err
 
 
-def test_settings_are_for_stages_and_rigid_for_the_full_method(rod_in_ball, tmp_path: Path) -> None:
+def test_settings_are_for_stages_and_rigid_for_the_full_method(
+    rod_in_ball: Path, tmp_path: Path
+) -> None:
     mesh = tube_obj(tmp_path / "a.obj")
     out = tmp_path / "b.obj"
     assert_fails(run("repair", mesh, "-o", out, "--rigid", "/a"), 2, "--rigid", "USD stages")
@@ -214,7 +230,7 @@ def test_settings_are_for_stages_and_rigid_for_the_full_method(rod_in_ball, tmp_
     assert_fails(done, 2, "--rigid", "--method paper")
 
 
-def test_the_plan_tells_the_roles(rod_in_ball, tmp_path: Path) -> None:
+def test_the_plan_tells_the_roles(rod_in_ball: Path, tmp_path: Path) -> None:
     table = config(tmp_path, '[[prim]]\npath = "/Scene/Rod"\nrigid = true\nmobility = 0.5\n')
     out = ("-o", tmp_path / "o.usda", "--collider", "/Scene/Ball/Mesh")
     done = run("repair", rod_in_ball, *out, "--config", table, "--dry-run")
@@ -241,7 +257,7 @@ def test_a_mirrored_object_is_pushed_out_not_in(tmp_path: Path) -> None:
     assert moved[:, 0].mean() < 0 and np.linalg.norm(moved, axis=1).max() < 0.6
 
 
-def test_the_report_tells_who_met_whom_and_who_moved(rod_in_ball, tmp_path: Path) -> None:
+def test_the_report_tells_who_met_whom_and_who_moved(rod_in_ball: Path, tmp_path: Path) -> None:
     out, path, page = tmp_path / "o.usda", tmp_path / "r.json", tmp_path / "r.html"
     options = ("--rigid", "/Scene/Rod", "--collider", "/Scene/Ball/Mesh", "--report", path)
     done = run("repair", rod_in_ball, "-o", out, *options)
@@ -268,7 +284,7 @@ def test_the_report_tells_who_met_whom_and_who_moved(rod_in_ball, tmp_path: Path
     assert counted[0]["before"] == counted[0]["after"] == total["before"]
 
 
-def test_the_page_tells_what_is_ignored(rod_in_ball, tmp_path: Path) -> None:
+def test_the_page_tells_what_is_ignored(rod_in_ball: Path, tmp_path: Path) -> None:
     path, page = tmp_path / "r.json", tmp_path / "r.html"
     ignored = ("--ignore", "/Scene/Rod,/Scene/Ball")
     run("repair", rod_in_ball, "-o", tmp_path / "o.usda", *ignored, "--report", path)
@@ -277,7 +293,7 @@ def test_the_page_tells_what_is_ignored(rod_in_ball, tmp_path: Path) -> None:
     assert "Not counted: contacts of /Scene/Rod,/Scene/Ball" in page.read_text()
 
 
-def test_objects_that_cannot_be_separated_are_named(rod_in_ball, tmp_path: Path) -> None:
+def test_objects_that_cannot_be_separated_are_named(rod_in_ball: Path, tmp_path: Path) -> None:
     tables = [f'[[prim]]\npath = "/Scene/{name}"\nmobility = 0\n' for name in ("Ball", "Rod")]
     table = config(tmp_path, "".join(tables))
     done = run("repair", rod_in_ball, "-o", tmp_path / "o.usda", "--config", table)
@@ -309,7 +325,7 @@ def test_what_lies_wholly_inside_is_told(tmp_path: Path) -> None:
     assert frames[1]["displacement_max"] > 0.3
 
 
-def test_a_collider_may_intersect_itself(rod_in_ball, tmp_path: Path) -> None:
+def test_a_collider_may_intersect_itself(rod_in_ball: Path, tmp_path: Path) -> None:
     from pxr import Usd
 
     stage = Usd.Stage.Open(str(rod_in_ball))

@@ -1,5 +1,7 @@
 """`dtrepair repair`: what is written, what is left alone, and how a run ends."""
 
+from __future__ import annotations
+
 import json
 import os
 import re
@@ -7,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.files.mesh_files import read_mesh
+from dtrepair.repair.options import RepairResult
 from dtrepair.report.record import read_report
 from tests.command_line import (
     CLOSED,
@@ -156,7 +160,7 @@ def test_solver_errors_fail_one_frame_only(tmp_path: Path, monkeypatch: pytest.M
     calls = []
     solve = repairer.SceneRepairer.__call__
 
-    def sometimes(self, points):
+    def sometimes(self, points: NDArray[np.float64]) -> RepairResult:
         calls.append(1)
         if len(calls) == 2:
             raise ArithmeticError("no factor")
@@ -216,7 +220,7 @@ def test_an_error_in_the_middle_leaves_the_old_output(
     (tmp_path / "b.usdc").write_text("old")
     before = sorted(os.listdir(tmp_path))
 
-    def stop(*arguments):
+    def stop(*arguments: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("dtrepair.pipeline.repair.run.say", stop)
@@ -248,7 +252,9 @@ def test_an_error_in_the_middle_leaves_the_old_output(
         (["{dir}/none.usd", "-o", "{dir}/b.usdc"], 3, ["no such file"]),
     ],
 )
-def test_errors_leave_no_file(tmp_path: Path, arguments, code, words) -> None:
+def test_errors_leave_no_file(
+    tmp_path: Path, arguments: list[str], code: int, words: list[str]
+) -> None:
     names = {
         "obj": str(tube_obj(tmp_path / "a.obj")),
         "usd": str(tube_stage(tmp_path / "a.usda")),
@@ -265,7 +271,7 @@ def test_full_disk_ends_with_5_and_keeps_the_old_output(
     path = tube_obj(tmp_path / "a.obj")
     (tmp_path / "b.obj").write_text("old")
 
-    def full(*arguments):
+    def full(*arguments: object) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("dtrepair.files.mesh_files.write_atomically", full)

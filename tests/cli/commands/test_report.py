@@ -1,5 +1,7 @@
 """`dtrepair report`: a page from the report of a real run."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import pytest
@@ -8,14 +10,14 @@ from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_s
 
 
 @pytest.fixture
-def finished(tmp_path: Path):
+def finished(tmp_path: Path) -> tuple[Path, Path]:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, CLOSED + 0.1))
     report = tmp_path / "r.json"
     assert run("repair", path, "-o", tmp_path / "b.usdc", "--report", report).code == 0
     return tmp_path, report
 
 
-def test_page_with_pictures_before_and_after(finished) -> None:
+def test_page_with_pictures_before_and_after(finished: tuple[Path, Path]) -> None:
     folder, report = finished
     done = run("report", report, "-o", folder / "r.html")
     assert done.code == 0 and done.err == ""
@@ -55,7 +57,7 @@ def test_pictures_are_drawn_wherever_the_report_is(
         assert (tmp_path / page).read_text().count("data:image/png") == 2
 
 
-def test_missing_input_leaves_out_the_pictures(finished) -> None:
+def test_missing_input_leaves_out_the_pictures(finished: tuple[Path, Path]) -> None:
     folder, report = finished
     (folder / "b.usdc").unlink()
     done = run("report", report, "-o", folder / "r.html")
@@ -63,7 +65,7 @@ def test_missing_input_leaves_out_the_pictures(finished) -> None:
     assert "data:image" not in (folder / "r.html").read_text()
 
 
-def test_errors(finished) -> None:
+def test_errors(finished: tuple[Path, Path]) -> None:
     folder, report = finished
     page = folder / "r.html"
     assert_fails(run("report", folder / "no.json", "-o", page), 3, "no.json", "cannot be read")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,20 +15,20 @@ from dtrepair.repair import repairer
 from dtrepair.repair import solution_cache as remember
 from dtrepair.repair.clip import animation
 from dtrepair.repair.clip.window_method import ShotMethod
-from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_stage
+from tests.command_line import CLOSED, OPEN, Outcome, assert_fails, run, tube_stage
 
 FRAMES, WINDOW, OVERLAP = 40, 20, 6
 
 
 @pytest.fixture(scope="module")
-def clip(tmp_path_factory: pytest.TempPathFactory):
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A clip that intersects here and there."""
     angles = 6.2 + 0.25 * np.sin(0.5 * np.arange(FRAMES))
     return tube_stage(tmp_path_factory.mktemp("clip") / "a.usdc", angles)
 
 
 @pytest.fixture
-def windows(monkeypatch: pytest.MonkeyPatch):
+def windows(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Small windows, and the number of those that were solved, not remembered."""
     small = partial(remember.RememberingAnimator, window=WINDOW, overlap=OVERLAP)
     monkeypatch.setattr(remember, "RememberingAnimator", small)
@@ -35,7 +36,7 @@ def windows(monkeypatch: pytest.MonkeyPatch):
     solved = []
     solve = ShotMethod.__call__
 
-    def counted(self, *arguments, **options):
+    def counted(self, *arguments: Any, **options: Any) -> Any:
         solved.append(1)
         return solve(self, *arguments, **options)
 
@@ -43,15 +44,17 @@ def windows(monkeypatch: pytest.MonkeyPatch):
     return solved
 
 
-def listing(folder):
+def listing(folder: Path) -> list[str]:
     return sorted(os.listdir(folder))
 
 
-def interrupted(monkeypatch: pytest.MonkeyPatch, clip, output, at, *options):
+def interrupted(
+    monkeypatch: pytest.MonkeyPatch, clip: Path, output: Path, at: float, *options: object
+) -> Outcome:
     """Run until frame `at` is written, then press Ctrl-C."""
     say = repair_run.say
 
-    def press(console, repaired):
+    def press(console: Any, repaired: Any) -> None:
         if repaired.frame.time == at:
             raise KeyboardInterrupt
         say(console, repaired)
@@ -62,7 +65,7 @@ def interrupted(monkeypatch: pytest.MonkeyPatch, clip, output, at, *options):
 
 
 def test_a_resumed_run_ends_with_the_same_bytes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip, windows
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path, windows: list[int]
 ) -> None:
     whole, output = tmp_path / "whole.usdc", tmp_path / "b.usdc"
     assert run("repair", clip, "-o", whole).code == 0
@@ -83,7 +86,7 @@ def test_a_resumed_run_ends_with_the_same_bytes(
 
 
 def test_frames_repaired_alone_are_resumed_one_by_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path
 ) -> None:
     assert run("repair", clip, "-o", tmp_path / "whole.usdc", "--alone").code == 0
     stopped = interrupted(monkeypatch, clip, tmp_path / "b.usdc", 30, "--alone", "--jobs", 1)
@@ -91,7 +94,7 @@ def test_frames_repaired_alone_are_resumed_one_by_one(
     calls = []
     solve = repairer.SceneRepairer.__call__
 
-    def counted(self, points):
+    def counted(self, points: Any) -> Any:
         calls.append(1)
         return solve(self, points)
 
@@ -103,7 +106,7 @@ def test_frames_repaired_alone_are_resumed_one_by_one(
 
 
 def test_other_settings_or_inputs_start_over(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path
 ) -> None:
     output = tmp_path / "b.usdc"
     options = ["--alone", "--frames", "1:20"]
@@ -118,7 +121,7 @@ def test_other_settings_or_inputs_start_over(
 
 
 def test_poses_that_changed_are_solved_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path
 ) -> None:
     # The rest and the settings are the same, so the journal is used; the poses differ.
     options = ["--alone", "--frames", "1:8"]
@@ -131,7 +134,7 @@ def test_poses_that_changed_are_solved_again(
 
 
 def test_without_resume_a_run_starts_over_and_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path
 ) -> None:
     options = ["--alone", "--frames", "1:8"]
     interrupted(monkeypatch, clip, tmp_path / "b.usdc", 6, *options)
@@ -141,7 +144,7 @@ def test_without_resume_a_run_starts_over_and_says_so(
 
 
 def test_broken_entries_are_solved_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path
 ) -> None:
     options = ["--alone", "--frames", "1:8"]
     assert run("repair", clip, "-o", tmp_path / "whole.usdc", *options).code == 0
@@ -157,7 +160,7 @@ def test_broken_entries_are_solved_again(
     assert (tmp_path / "b.usdc").read_bytes() == (tmp_path / "whole.usdc").read_bytes()
 
 
-def test_progress_that_cannot_be_kept_is_a_warning(tmp_path: Path, clip) -> None:
+def test_progress_that_cannot_be_kept_is_a_warning(tmp_path: Path, clip: Path) -> None:
     (tmp_path / ".b.usdc.resume").write_text("a file in the way")
     done = run("repair", clip, "-o", tmp_path / "b.usdc", "--alone", "--frames", "1:4")
     assert done.code == 0 and "progress cannot be kept" in done.err

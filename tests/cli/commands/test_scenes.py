@@ -1,9 +1,14 @@
 """`dtrepair repair` with several meshes, colliders and pins."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.report.record import read_report
 from tests.command_line import (
@@ -20,7 +25,7 @@ from tests.meshes import icosphere, tube_quads
 
 
 @pytest.fixture
-def rod_in_ball(tmp_path: Path):
+def rod_in_ball(tmp_path: Path) -> Path:
     """A rod that a transform moves into a ball; both live under scaled or turned parents."""
     from usd_io import AuthoredMesh, write_animation
 
@@ -38,7 +43,7 @@ def rod_in_ball(tmp_path: Path):
     return path
 
 
-def moved(path, out, prim):
+def moved(path: Path, out: Path, prim: str) -> list[bool]:
     """Whether a mesh's points differ from the input's at each time code that was written."""
     from pxr import Usd
 
@@ -50,7 +55,7 @@ def moved(path, out, prim):
     return [not np.array_equal(a, b) for a, b in zip(*values, strict=True)]
 
 
-def test_two_meshes_are_separated_in_world_space(rod_in_ball, tmp_path: Path) -> None:
+def test_two_meshes_are_separated_in_world_space(rod_in_ball: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.usdc"
     report = tmp_path / "r.json"
     assert run("check", rod_in_ball).code == 1
@@ -66,7 +71,7 @@ def test_two_meshes_are_separated_in_world_space(rod_in_ball, tmp_path: Path) ->
 
 
 @pytest.fixture
-def different_ranges(tmp_path: Path):
+def different_ranges(tmp_path: Path) -> Path:
     """A ball squashed at times 1 to 4, a rod that goes right through it at 3, 5, 7 and 9."""
     from pxr import Usd
 
@@ -102,7 +107,7 @@ def different_ranges(tmp_path: Path):
 
 @pytest.mark.parametrize("still", [None, "/Ball//", "/Rod//"])
 def test_different_frame_ranges_of_two_animated_meshes(
-    different_ranges, tmp_path: Path, still
+    different_ranges: Path, tmp_path: Path, still: str | None
 ) -> None:
     out, report = tmp_path / "out.usda", tmp_path / "r.json"
     options = ["--collider", still] if still else []
@@ -120,7 +125,9 @@ def test_different_frame_ranges_of_two_animated_meshes(
     assert frames[-1]["before"]["inter_pairs"] > 20
 
 
-def test_meshes_that_never_lie_clear_of_each_other_are_named(rod_in_ball, tmp_path: Path) -> None:
+def test_meshes_that_never_lie_clear_of_each_other_are_named(
+    rod_in_ball: Path, tmp_path: Path
+) -> None:
     out = ("-o", tmp_path / "out.usda")
     told = "intersect in every frame in which their rest poses were placed"
     # Frame 1 tells, even if it is not selected.
@@ -131,7 +138,7 @@ def test_meshes_that_never_lie_clear_of_each_other_are_named(rod_in_ball, tmp_pa
     assert told not in run("repair", still, *out, "--ignore", "/Ball,/Rod").err
 
 
-def sink(path, folder):
+def sink(path: Path, folder: Path) -> Path:
     """The scene with the rod in the ball at every time."""
     from pxr import Usd
 
@@ -144,7 +151,7 @@ def sink(path, folder):
     return other
 
 
-def test_frames_not_selected_stay_as_they_are(rod_in_ball, tmp_path: Path) -> None:
+def test_frames_not_selected_stay_as_they_are(rod_in_ball: Path, tmp_path: Path) -> None:
     # The points of both have no time samples, and the transform of the ball has none either.
     out = tmp_path / "out.usda"
     assert run("repair", rod_in_ball, "-o", out, "--frames", "2", "--alone").code == 0
@@ -152,7 +159,7 @@ def test_frames_not_selected_stay_as_they_are(rod_in_ball, tmp_path: Path) -> No
     assert moved(rod_in_ball, out, "/Rod/Mesh") == [False, True, False, False]
 
 
-def test_two_meshes_steadily(rod_in_ball, tmp_path: Path) -> None:
+def test_two_meshes_steadily(rod_in_ball: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.usdc"
     done = run("repair", rod_in_ball, "-o", out)
     assert done.code == run("check", out).code == 0, done
@@ -161,7 +168,7 @@ def test_two_meshes_steadily(rod_in_ball, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("still", "other"), [("/Ball/Mesh", "/Rod/Mesh"), ("/Rod/Mesh", "/Ball/Mesh")]
 )
-def test_a_collider_never_moves(rod_in_ball, tmp_path: Path, still, other) -> None:
+def test_a_collider_never_moves(rod_in_ball: Path, tmp_path: Path, still: str, other: str) -> None:
     out = tmp_path / "out.usda"
     done = run("repair", rod_in_ball, "-o", out, "--prim", other, "--collider", still)
     assert done.code == run("check", out).code == 0, done
@@ -171,14 +178,14 @@ def test_a_collider_never_moves(rod_in_ball, tmp_path: Path, still, other) -> No
     assert still.split("/")[1] not in out.read_text().split("subLayers")[1]
 
 
-def test_mode_self_leaves_contacts_between_meshes(rod_in_ball, tmp_path: Path) -> None:
+def test_mode_self_leaves_contacts_between_meshes(rod_in_ball: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.usda"
     assert run("repair", rod_in_ball, "-o", out, "--mode", "self").code == 0
     assert not any(moved(rod_in_ball, out, "/Rod/Mesh"))
     assert run("check", out).code == 1
 
 
-def add_pin(path, values, name="pin"):
+def add_pin(path: Path, values: Sequence[float] | NDArray[np.float64], name: str = "pin") -> None:
     from pxr import Sdf, Usd, UsdGeom
 
     stage = Usd.Stage.Open(str(path))
@@ -243,7 +250,7 @@ def test_a_mesh_that_holds_its_points_stays_put_between_its_samples(tmp_path: Pa
         assert np.allclose(np.array(result.Get(time)), points, atol=1e-6)
 
 
-def largest_move(path, out, time=2):
+def largest_move(path: Path, out: Path, time: float = 2) -> float:
     """Largest distance a vertex of the tube moved at a time, in its own units."""
     before, after = read_samples(path)[time], read_samples(out)[time]
     return float(np.linalg.norm(after - before, axis=1).max())
@@ -261,7 +268,7 @@ def test_maximum_displacement_is_kept_in_stage_units(tmp_path: Path) -> None:
     assert largest_move(path, out) <= limit / 10 * (1 + 1e-5)
 
 
-def stretch(path, factor):
+def stretch(path: Path, factor: float) -> None:
     from pxr import Usd, UsdGeom
 
     stage = Usd.Stage.Open(str(path))
@@ -269,14 +276,14 @@ def stretch(path, factor):
     stage.Save()
 
 
-def gap(points):
+def gap(points: NDArray[Any]) -> float:
     """Smallest distance between vertices of the two ends of the tube."""
     first, last = points[:40], points[-40:]
     return float(np.linalg.norm(first[:, None] - last[None], axis=2).min())
 
 
 @pytest.mark.parametrize("alone", [["--alone"], []])
-def test_clearance_opens_the_gap(tmp_path: Path, alone) -> None:
+def test_clearance_opens_the_gap(tmp_path: Path, alone: list[str]) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
     gaps = []
     for clearance in ("0", "0.03"):
@@ -287,7 +294,7 @@ def test_clearance_opens_the_gap(tmp_path: Path, alone) -> None:
 
 
 @pytest.mark.parametrize("alone", [["--alone"], []])
-def test_direction_leads_the_way(tmp_path: Path, alone) -> None:
+def test_direction_leads_the_way(tmp_path: Path, alone: list[str]) -> None:
     from pxr import Sdf, Usd, UsdGeom
 
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
@@ -314,7 +321,7 @@ def test_direction_leads_the_way(tmp_path: Path, alone) -> None:
 @pytest.mark.parametrize(
     "option", [("--clearance", 0.1), ("--maximum-displacement", 1), ("--direction", "a=0,0,1")]
 )
-def test_options_without_effect_are_refused(tmp_path: Path, option) -> None:
+def test_options_without_effect_are_refused(tmp_path: Path, option: tuple[str, object]) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
     out = ["-o", tmp_path / "b.usdc"]
     paper = run("repair", path, *out, *option, "--method", "paper")

@@ -6,24 +6,29 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import diagonal
 from dtrepair.report.record import read_report, validate
 from dtrepair.transfer import Transfer, match_triangles, register
 from tests.command_line import (
+    Outcome,
     assert_fails,
     read_samples,
     run,
     write_obj,
 )
+from tests.meshes import Mesh
 from tests.quadruped import Quadruped, markers
+
+Animals = tuple[Path, Mesh, Mesh, NDArray[np.int32]]
 
 SOURCE = Quadruped(cells=8.0)
 TARGET = Quadruped(cells=9.0, body=0.85, width=0.38, leg=1.1, thickness=0.12, neck=0.8)
 
 
 @pytest.fixture(scope="module")
-def animals(tmp_path_factory: pytest.TempPathFactory):
+def animals(tmp_path_factory: pytest.TempPathFactory) -> Animals:
     """Source and target rests with markers as files, and three poses of the source."""
     folder = tmp_path_factory.mktemp("animals")
     source, target = SOURCE.mesh(), TARGET.mesh()
@@ -41,7 +46,7 @@ def poses(folder: Path) -> list[Path]:
 
 
 @pytest.fixture(scope="module")
-def transferred(animals):
+def transferred(animals: Animals) -> tuple[Path, Outcome]:
     """One run with everything that is written beside the animation."""
     folder = animals[0]
     done = run(
@@ -53,7 +58,7 @@ def transferred(animals):
     return folder, done
 
 
-def test_mesh_files_give_a_new_stage(animals, transferred) -> None:
+def test_mesh_files_give_a_new_stage(animals: Animals, transferred: tuple[Path, Outcome]) -> None:
     _, source, target, rows = animals
     folder, done = transferred
     assert done.code in (0, 1) and done.err == ""
@@ -67,7 +72,7 @@ def test_mesh_files_give_a_new_stage(animals, transferred) -> None:
     assert np.abs(found[0] - found[1]).max() > 0.1
 
 
-def test_the_report_tells_coverage_residual_and_markers(transferred) -> None:
+def test_the_report_tells_coverage_residual_and_markers(transferred: tuple[Path, Outcome]) -> None:
     folder, done = transferred
     report = read_report(folder / "r.json")
     section = report["transfer"]
@@ -84,7 +89,7 @@ def test_the_report_tells_coverage_residual_and_markers(transferred) -> None:
         validate(report)
 
 
-def test_the_picture_shows_three_views(transferred) -> None:
+def test_the_picture_shows_three_views(transferred: tuple[Path, Outcome]) -> None:
     from PIL import Image
 
     with Image.open(transferred[0] / "p.png") as picture:
@@ -95,7 +100,7 @@ def test_the_picture_shows_three_views(transferred) -> None:
 
 
 def test_a_saved_correspondence_gives_the_same_animation(
-    animals, transferred, tmp_path: Path
+    animals: Animals, transferred: tuple[Path, Outcome], tmp_path: Path
 ) -> None:
     folder = transferred[0]
     arguments = ("transfer", folder / "source.obj", folder / "target.obj")
@@ -110,7 +115,7 @@ def test_a_saved_correspondence_gives_the_same_animation(
     assert_fails(done, 3, "c.npz", "match the meshes again")
 
 
-def test_markers_as_npz(animals, tmp_path: Path) -> None:
+def test_markers_as_npz(animals: Animals, tmp_path: Path) -> None:
     folder, _, _, rows = animals
     np.savez(tmp_path / "m.npz", markers=rows)
     arguments = ("transfer", folder / "source.obj", folder / "target.obj", "--dry-run")
@@ -124,7 +129,7 @@ def test_markers_as_npz(animals, tmp_path: Path) -> None:
     assert_fails(run(*arguments, *output, tmp_path / "bad.npz"), 3, "is not an npz")
 
 
-def test_swapped_markers_are_named(animals, tmp_path: Path) -> None:
+def test_swapped_markers_are_named(animals: Animals, tmp_path: Path) -> None:
     folder, _, _, rows = animals
     rows = rows.copy()
     rows[[3, 40], 1] = rows[[40, 3], 1]
@@ -141,7 +146,7 @@ def test_swapped_markers_are_named(animals, tmp_path: Path) -> None:
     assert any("swapped with marker 40?" in text for text in report["warnings"])
 
 
-def test_bad_markers_are_refused(animals, tmp_path: Path) -> None:
+def test_bad_markers_are_refused(animals: Animals, tmp_path: Path) -> None:
     folder = animals[0]
     arguments = ("transfer", folder / "source.obj", folder / "target.obj")
     arguments += ("--poses", poses(folder)[0], "-o", tmp_path / "o.usdc")
@@ -159,7 +164,9 @@ def test_bad_markers_are_refused(animals, tmp_path: Path) -> None:
     assert not (tmp_path / "o.usdc").exists()
 
 
-def test_ground_keeps_the_feet_down(animals, transferred, tmp_path: Path) -> None:
+def test_ground_keeps_the_feet_down(
+    animals: Animals, transferred: tuple[Path, Outcome], tmp_path: Path
+) -> None:
     folder, _, target, _ = animals
     arguments = ("transfer", folder / "source.obj", folder / "target.obj", "--poses")
     more = ("--correspondence", folder / "c.npz", "-o", tmp_path / "o.usdc", "--ground")
@@ -169,7 +176,7 @@ def test_ground_keeps_the_feet_down(animals, transferred, tmp_path: Path) -> Non
     assert np.abs(np.array(lowest) - target[0][:, 1].min()).max() < 1e-5 * diagonal(target[0])
 
 
-def test_a_bad_pose_fails_alone(animals, tmp_path: Path) -> None:
+def test_a_bad_pose_fails_alone(animals: Animals, tmp_path: Path) -> None:
     folder, source, _, _ = animals
     bad = tmp_path / "bad.obj"
     write_obj(bad, source[0][:-1], np.clip(source[1], 0, len(source[0]) - 2))

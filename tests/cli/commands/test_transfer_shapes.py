@@ -23,13 +23,15 @@ from tests.command_line import (
 )
 from usd_io import AuthoredMesh, write_animation
 
+ShapeFiles = tuple[Path, Path, list[Path]]
+
 
 def test_closed_and_open_tubes_are_what_the_tests_need() -> None:
     assert OPEN < 2 * np.pi < CLOSED
 
 
 @pytest.fixture
-def shape_files(tmp_path: Path):
+def shape_files(tmp_path: Path) -> ShapeFiles:
     """A straight tube, a thicker one, and two shapes of the first."""
     rest = tube_obj(tmp_path / "rest.obj", 0.0)
     write_obj(tmp_path / "thick.obj", tube_pose(0.0) * (1.3, 1.3, 1.0), tube_polygons())
@@ -43,7 +45,7 @@ def shape_files(tmp_path: Path):
     )
 
 
-def test_shapes_become_blend_shapes(shape_files, tmp_path: Path) -> None:
+def test_shapes_become_blend_shapes(shape_files: ShapeFiles, tmp_path: Path) -> None:
     rest, thick, shapes = shape_files
     output, clip = tmp_path / "o.usda", tmp_path / "clip.usda"
     arguments = ("transfer", rest, thick, "--poses", *shapes, "-o")
@@ -60,7 +62,9 @@ def test_shapes_become_blend_shapes(shape_files, tmp_path: Path) -> None:
     assert read_report(tmp_path / "r.json")["settings"]["shapes"] is True
 
 
-def test_blend_shapes_of_a_stage_keep_their_weights(shape_files, tmp_path: Path) -> None:
+def test_blend_shapes_of_a_stage_keep_their_weights(
+    shape_files: ShapeFiles, tmp_path: Path
+) -> None:
     from pxr import Usd, UsdSkel
 
     rest, thick, shapes = shape_files
@@ -91,7 +95,7 @@ def test_blend_shapes_of_a_stage_keep_their_weights(shape_files, tmp_path: Path)
     assert np.abs(usd_io.read_frame(mesh, 4.5) - blended).max() < 1e-5
 
 
-def test_shapes_that_cannot_be_are_told(shape_files, tmp_path: Path) -> None:
+def test_shapes_that_cannot_be_are_told(shape_files: ShapeFiles, tmp_path: Path) -> None:
     rest, thick, shapes = shape_files
     source = target = tube_stage(tmp_path / "a.usda", (1.0, 2.0, CLOSED), rest=0.0)
     output = tmp_path / "c.usdc"

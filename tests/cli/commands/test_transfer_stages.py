@@ -28,7 +28,7 @@ TIMES = (1.5, 2.25, 7.0)
 
 
 @pytest.fixture
-def stages(tmp_path: Path):
+def stages(tmp_path: Path) -> tuple[Path, Path, Path]:
     """An animated tube and another tube, thicker, of the same topology."""
     source = tube_stage(tmp_path / "a.usda", (1.0, 2.0, CLOSED), rest=0.0, times=TIMES)
     thick = tube_pose(0.0) * (1.3, 1.3, 1.0)
@@ -37,7 +37,7 @@ def stages(tmp_path: Path):
     return source, tmp_path / "b.usda", tmp_path / "c.usdc"
 
 
-def test_a_stage_as_target_gives_a_layer_over_it(stages) -> None:
+def test_a_stage_as_target_gives_a_layer_over_it(stages: tuple[Path, Path, Path]) -> None:
     from pxr import Sdf, Usd
 
     source, target, output = stages
@@ -53,7 +53,7 @@ def test_a_stage_as_target_gives_a_layer_over_it(stages) -> None:
     assert layer.customLayerData["dtrepair"]["transfer"]["correspondence"] == "topology"
 
 
-def test_the_source_onto_itself_comes_back(stages, tmp_path: Path) -> None:
+def test_the_source_onto_itself_comes_back(stages: tuple[Path, Path, Path], tmp_path: Path) -> None:
     source, _, output = stages
     rest = tube_obj(tmp_path / "rest.obj", 0.0)
     assert run("transfer", source, rest, "-o", output).code == 1
@@ -63,7 +63,7 @@ def test_the_source_onto_itself_comes_back(stages, tmp_path: Path) -> None:
         assert np.abs(found[time] - expected[time]).max() < 1e-5
 
 
-def test_repair_ends_at_zero_intersections(stages) -> None:
+def test_repair_ends_at_zero_intersections(stages: tuple[Path, Path, Path]) -> None:
     source, target, output = stages
     report = output.with_suffix(".json")
     done = run("transfer", source, target, "-o", output, "--repair", "--report", report)
@@ -75,7 +75,7 @@ def test_repair_ends_at_zero_intersections(stages) -> None:
     assert "3 of 3 frames clean" in done.out and "repaired" in done.out
 
 
-def test_frames_may_be_repaired_alone(stages) -> None:
+def test_frames_may_be_repaired_alone(stages: tuple[Path, Path, Path]) -> None:
     source, target, output = stages
     report = output.with_suffix(".json")
     arguments = ("transfer", source, target, "-o", output, "--repair", "--report", report)
@@ -86,14 +86,16 @@ def test_frames_may_be_repaired_alone(stages) -> None:
     assert_fails(run(*arguments[:5], "--alone"), 2, "--alone", "--repair")
 
 
-def test_without_repair_intersections_are_told(stages) -> None:
+def test_without_repair_intersections_are_told(stages: tuple[Path, Path, Path]) -> None:
     source, target, output = stages
     done = run("transfer", source, target, "-o", output)
     assert done.code == 1 and "--repair removes them" in done.out
     assert run("check", output, "--frames", "7").code == 1
 
 
-def test_rates_and_ranges_follow_the_source(stages, tmp_path: Path) -> None:
+def test_rates_and_ranges_follow_the_source(
+    stages: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
     from pxr import Usd
 
     source, target, output = stages
@@ -113,7 +115,9 @@ def test_rates_and_ranges_follow_the_source(stages, tmp_path: Path) -> None:
     assert tuple(read_samples(output, "/Hero/Tube")) == TIMES
 
 
-def test_an_animation_of_the_target_is_replaced(stages, tmp_path: Path) -> None:
+def test_an_animation_of_the_target_is_replaced(
+    stages: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
     source = stages[0]
     target = tube_stage(tmp_path / "t.usda", (0.5, 0.6, 0.7), rest=0.0)
     done = run("transfer", source, target, "-o", stages[2])
@@ -130,7 +134,9 @@ def turned_target(path: Path, *, up: str = "Z", scale: float = 1.0, units: float
     return path
 
 
-def test_up_axes_are_turned_into_each_other(stages, tmp_path: Path) -> None:
+def test_up_axes_are_turned_into_each_other(
+    stages: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
     source, _, output = stages
     target = turned_target(tmp_path / "z.usda", scale=3.0)
     done = run("transfer", source, target, "-o", output)
@@ -142,7 +148,9 @@ def test_up_axes_are_turned_into_each_other(stages, tmp_path: Path) -> None:
         assert np.abs(found[time] - shift - 3.0 * expected[time] @ TURN_X.T).max() < 1e-4
 
 
-def test_rests_that_face_other_ways_are_told_and_aligned(stages, tmp_path: Path) -> None:
+def test_rests_that_face_other_ways_are_told_and_aligned(
+    stages: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
     source, _, output = stages
     target = turned_target(tmp_path / "z.usda", up="Y")
     done = run("transfer", source, target, "-o", output)
@@ -172,7 +180,7 @@ def test_motion_of_the_sources_transform_is_taken_along(tmp_path: Path) -> None:
     assert np.abs(travel - np.array([[0, 0, 0], [1, 0, 0], [3, 0, 0]])).max() < 1e-4
 
 
-def test_pins_hold_vertices(stages, tmp_path: Path) -> None:
+def test_pins_hold_vertices(stages: tuple[Path, Path, Path], tmp_path: Path) -> None:
     source, target, output = stages
     vertices = np.arange(8)
     places = tube_pose(0.0)[vertices] * (1.3, 1.3, 1.0)
@@ -190,7 +198,7 @@ def test_pins_hold_vertices(stages, tmp_path: Path) -> None:
     assert np.abs(found[7.0][vertices] - places).max() > 0.1
 
 
-def test_pins_named_on_the_target(stages) -> None:
+def test_pins_named_on_the_target(stages: tuple[Path, Path, Path]) -> None:
     from pxr import Usd, UsdGeom
 
     source, target, output = stages
@@ -206,7 +214,7 @@ def test_pins_named_on_the_target(stages) -> None:
     assert_fails(run("transfer", source, target, "-o", output, "--pin", "no"), 2, "--pin no")
 
 
-def test_bad_pins_are_refused(stages, tmp_path: Path) -> None:
+def test_bad_pins_are_refused(stages: tuple[Path, Path, Path], tmp_path: Path) -> None:
     source, target, output = stages
     arguments = ("transfer", source, target, "-o", output, "--pin", tmp_path / "p.npz")
     np.savez(tmp_path / "p.npz", vertices=[0, 9999])
@@ -220,7 +228,9 @@ def test_bad_pins_are_refused(stages, tmp_path: Path) -> None:
     assert_fails(run(*arguments, "--ground"), 2, "--ground")
 
 
-def test_a_rest_file_with_an_animated_stage(stages, tmp_path: Path) -> None:
+def test_a_rest_file_with_an_animated_stage(
+    stages: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
     source = tube_stage(tmp_path / "anim.usda", (1.0, 2.0), rest=None)
     rest = tube_obj(tmp_path / "rest.obj", 0.0)
     done = run("transfer", rest, rest, "--poses", source, "-o", stages[2])
@@ -231,7 +241,7 @@ def test_a_rest_file_with_an_animated_stage(stages, tmp_path: Path) -> None:
     assert "its rest pose is taken from frame 1" in guessed.err
 
 
-def test_rests_an_artist_should_look_at(stages, tmp_path: Path) -> None:
+def test_rests_an_artist_should_look_at(stages: tuple[Path, Path, Path], tmp_path: Path) -> None:
     source, _, output = stages
     quads = tube_polygons()
     doubled = np.concatenate([quads, quads[:1]])
@@ -259,7 +269,7 @@ def test_poses_in_other_units_are_told(tmp_path: Path) -> None:
     assert "in other units" in done.err
 
 
-def test_dry_run_and_skip_existing_write_nothing(stages) -> None:
+def test_dry_run_and_skip_existing_write_nothing(stages: tuple[Path, Path, Path]) -> None:
     source, target, output = stages
     shown = run("transfer", source, target, "-o", output, "--dry-run")
     assert shown.code == 0 and "3 frames (1.5 to 7) would be written" in shown.out
@@ -272,7 +282,7 @@ def test_dry_run_and_skip_existing_write_nothing(stages) -> None:
     assert skipped.code == 0 and "skipped" in skipped.out and output.read_text() == "mine"
 
 
-def test_usage_errors(stages, tmp_path: Path) -> None:
+def test_usage_errors(stages: tuple[Path, Path, Path], tmp_path: Path) -> None:
     source, target, output = stages
     mesh = tube_obj(tmp_path / "m.obj", 0.0)
     assert_fails(run("transfer", mesh, target, "-o", output), 2, "--poses")
@@ -290,7 +300,7 @@ def test_usage_errors(stages, tmp_path: Path) -> None:
     assert_fails(run("transfer", source, target, "-o", output, *report), 2, "another output")
 
 
-def test_one_of_several_meshes_is_chosen(stages, tmp_path: Path) -> None:
+def test_one_of_several_meshes_is_chosen(stages: tuple[Path, Path, Path], tmp_path: Path) -> None:
     source, _, output = stages
     meshes = [
         AuthoredMesh(path=f"/Hero/{name}", faces=tube_polygons(), rest=tube_pose(0.0))
@@ -303,7 +313,9 @@ def test_one_of_several_meshes_is_chosen(stages, tmp_path: Path) -> None:
     assert authored_properties(output) == {"/Hero/Coat.points", "/Hero/Coat.extent"}
 
 
-def test_polygons_and_texture_reach_the_new_stage(stages, tmp_path: Path) -> None:
+def test_polygons_and_texture_reach_the_new_stage(
+    stages: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
     from pxr import Usd, UsdGeom
 
     quads = tube_polygons()

@@ -1,24 +1,29 @@
 """`dtrepair view`: pictures without a display; the window where polyscope is installed."""
 
+from __future__ import annotations
+
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.cli.commands import view
 from dtrepair.display import viewer
+from dtrepair.display.viewer import Viewed
 from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
 
 
 @pytest.fixture(autouse=True)
-def no_display(monkeypatch: pytest.MonkeyPatch):
+def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
 
 
-def red_pixels(path):
+def red_pixels(path: Path) -> NDArray[np.bool_]:
     from PIL import Image
 
     with Image.open(path) as picture:
@@ -95,15 +100,23 @@ class FakeViewer:
 
     made = None
 
-    def __init__(self, meshes, labels, *, up, first=0, headless=False):
+    def __init__(
+        self,
+        meshes: list[Viewed],
+        labels: list[str],
+        *,
+        up: Any,
+        first: int = 0,
+        headless: bool = False,
+    ) -> None:
         FakeViewer.made = self
         self.meshes, self.labels, self.first, self.up = meshes, labels, first, up
         self.shown = False
 
-    def show(self):
+    def show(self) -> None:
         self.shown = True
 
-    def screenshot(self, path):
+    def screenshot(self, path: Path) -> None:
         path.write_bytes(b"picture")
 
 
@@ -140,7 +153,7 @@ def test_a_screenshot_of_the_window_shows_the_worst_frame(
 def test_a_broken_display_falls_back_to_a_drawing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(*arguments, **options):
+    def broken(*arguments: object, **options: object) -> None:
         raise RuntimeError("no backend")
 
     mesh = tube_obj(tmp_path / "a.obj", CLOSED)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import sys
+from collections.abc import Iterator
+from typing import Any
 
 import pytest
 import rich.progress
@@ -32,7 +34,7 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     numbers: list[float] = []
 
     class Recording(rich.progress.Progress):
-        def update(self, *given, completed, **fields) -> None:
+        def update(self, *given: Any, completed: Any, **fields: Any) -> None:
             numbers.append(completed)
             super().update(*given, completed=completed, **fields)
 
@@ -41,11 +43,11 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def test_the_bar_counts_items_and_the_work_ahead_of_them(
-    monkeypatch: pytest.MonkeyPatch, shown
+    monkeypatch: pytest.MonkeyPatch, shown: list[float]
 ) -> None:
     terminal, console = on_terminal(monkeypatch), Console()
 
-    def items():
+    def items() -> Iterator[str]:
         yield "first"
         for ahead in (0.5, 2.0, 1.0, 9.0):
             console.expect(ahead)
@@ -58,7 +60,7 @@ def test_the_bar_counts_items_and_the_work_ahead_of_them(
 
 
 def test_work_ahead_is_heard_only_while_a_bar_is_shown(
-    monkeypatch: pytest.MonkeyPatch, shown
+    monkeypatch: pytest.MonkeyPatch, shown: list[float]
 ) -> None:
     on_terminal(monkeypatch)
     console = Console()
@@ -71,7 +73,9 @@ def test_work_ahead_is_heard_only_while_a_bar_is_shown(
 
 
 @pytest.mark.parametrize("console", [Console(quiet=True), Console()])
-def test_no_bar_is_shown_to_files_or_when_quiet(console, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_bar_is_shown_to_files_or_when_quiet(
+    console: Console, monkeypatch: pytest.MonkeyPatch
+) -> None:
     terminal = on_terminal(monkeypatch)
     if not console.quiet:
         monkeypatch.setattr(terminal, "isatty", lambda: False)

@@ -1,5 +1,7 @@
 """How runs end: with which code, and with which line."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import click
@@ -10,7 +12,7 @@ from dtrepair.repair.parallel.process_pool import can_fork
 from tests.command_line import CLOSED, OPEN, assert_fails, read_samples, run, tube_pose, tube_stage
 
 
-def spoil(path, *times):
+def spoil(path: Path, *times: float) -> None:
     """Put the points of the tube at some times to NaN."""
     from pxr import Sdf
 
@@ -33,7 +35,7 @@ def spoil(path, *times):
         ["transfer", "{rest}", "-o", "{out}", "--repair"],
     ],
 )
-def test_no_usable_frame_is_an_unusable_input(tmp_path: Path, arguments) -> None:
+def test_no_usable_frame_is_an_unusable_input(tmp_path: Path, arguments: list[str]) -> None:
     path, out = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN)), tmp_path / "b.usdc"
     rest = tube_stage(tmp_path / "rest.usda", (OPEN,))
     spoil(path, 1.0, 2.0)
@@ -78,7 +80,7 @@ def test_an_interrupt_inside_the_demo_is_no_internal_error(
 ) -> None:
     from dtrepair.cli.commands import repair
 
-    def interrupted(*arguments, **options):
+    def interrupted(*arguments: object, **options: object) -> None:
         raise click.Abort from KeyboardInterrupt()
 
     monkeypatch.setattr(repair.command, "main", interrupted)
@@ -97,7 +99,7 @@ def test_an_output_is_not_called_an_input(tmp_path: Path) -> None:
 def test_a_trace_reaches_into_the_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from dtrepair.repair import repairer
 
-    def deep_inside(self, points):
+    def deep_inside(self, points: object) -> None:
         raise ArithmeticError("no factor")
 
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, CLOSED))
@@ -114,7 +116,7 @@ def test_a_trace_tells_why_frames_are_not_repaired_together(
 ) -> None:
     from dtrepair.repair.clip.animation import AnimationRepairer
 
-    def deep_inside(self, poses, **options):
+    def deep_inside(self, poses: object, **options: object) -> None:
         raise ArithmeticError("no window")
 
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, CLOSED))

@@ -1,5 +1,7 @@
 """Signals: an orderly end, a forced one where threads are busy, handlers put back."""
 
+from __future__ import annotations
+
 import signal
 import subprocess
 import sys
@@ -50,7 +52,7 @@ def test_handlers_are_put_back() -> None:
 def test_other_threads_do_without() -> None:
     found = []
 
-    def enter():
+    def enter() -> None:
         with watched() as interrupts:
             found.append(interrupts)
 

@@ -1,45 +1,51 @@
 """The loop between reading and writing: order, looking ahead, verification of what is written."""
 
+from __future__ import annotations
+
 import weakref
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.cli.options.shared import Selection
 from dtrepair.numerics.jitter_meter import JitterMeter
 from dtrepair.pipeline.repair.solve import FrameRepairer, repair_frames
 from dtrepair.pipeline.stages.frames import Frame, make_counter, read_frames
-from dtrepair.pipeline.stages.sources import open_source
+from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.repair.clip.animation import AnimationRepairer
+from dtrepair.repair.options import RepairResult
 from dtrepair.repair.repairer import Body, SceneRepairer
 from tests.command_line import CLOSED, OPEN, tube_pose, tube_stage
 
 
 @pytest.fixture
-def source(tmp_path: Path):
+def source(tmp_path: Path) -> Source:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN, CLOSED, OPEN))
     return open_source(str(path), Selection())
 
 
 @pytest.fixture
-def repairer(source):
+def repairer(source: Source) -> FrameRepairer:
     mesh = source.meshes[0]
     scene = SceneRepairer([Body(mesh.rest, mesh.faces)])
     counter = make_counter(source, mode="both", device="cpu")
     return FrameRepairer(source, scene, counter, alone=True)
 
 
-def frames_of(source):
+def frames_of(source: Source) -> list[Frame]:
     return list(read_frames(source, source.times))
 
 
-def replaced(repairer, solve):
+def replaced(repairer: FrameRepairer, solve: Callable[[float, Any], Any]) -> FrameRepairer:
     """The repairer with another solver: (time, points) -> solution."""
 
-    def all_of_them(poses):
+    def all_of_them(poses: Iterator[Any]) -> Iterator[Any]:
         for time, points in poses:
             yield solve(time, points)
 
@@ -47,7 +53,7 @@ def replaced(repairer, solve):
     return repairer
 
 
-def test_order_and_status(source, repairer) -> None:
+def test_order_and_status(source: Source, repairer: FrameRepairer) -> None:
     done = list(repair_frames(frames_of(source), repairer))
     assert [item.frame.time for item in done] == [1, 2, 3, 4, 5]
     assert [item.points[0] is not None for item in done] == [False, True, False, True, False]
@@ -55,11 +61,11 @@ def test_order_and_status(source, repairer) -> None:
 
 
 @pytest.mark.parametrize("ahead", [1, 3, 99])
-def test_a_solver_may_look_ahead(source, repairer, ahead) -> None:
+def test_a_solver_may_look_ahead(source: Source, repairer: FrameRepairer, ahead: int) -> None:
     single = repairer.solve
     longest = []
 
-    def in_windows(poses):
+    def in_windows(poses: Iterator[Any]) -> Iterator[Any]:
         window = []
         for pose in poses:
             window.append(pose)
@@ -79,7 +85,7 @@ def test_a_solver_may_look_ahead(source, repairer, ahead) -> None:
     assert statuses == ["failed", "clean", "clean", "skipped", "clean"]
 
 
-def test_frames_are_solved_together_and_steadily(source, repairer) -> None:
+def test_frames_are_solved_together_and_steadily(source: Source, repairer: FrameRepairer) -> None:
     frames = frames_of(source)
     jitter = []
     for alone in (True, False):
@@ -96,8 +102,10 @@ def test_frames_are_solved_together_and_steadily(source, repairer) -> None:
 
 
 @pytest.mark.parametrize("before", [0, 2])
-def test_frames_that_cannot_be_solved_together_are_solved_alone(source, repairer, before) -> None:
-    def stream(poses, *, jobs):
+def test_frames_that_cannot_be_solved_together_are_solved_alone(
+    source: Source, repairer: FrameRepairer, before: int
+) -> None:
+    def stream(poses: Iterator[Any], *, jobs: int) -> Iterator[Any]:
         for number, (time, points) in enumerate(poses):
             if number == before:
                 next(poses)  # it looked ahead
@@ -113,12 +121,12 @@ def test_frames_that_cannot_be_solved_together_are_solved_alone(source, repairer
     assert f"frames from {before + 1} are repaired alone: Arith" in repairer.warnings[0]
 
 
-def test_only_unusable_frames(repairer) -> None:
+def test_only_unusable_frames(repairer: FrameRepairer) -> None:
     done = list(repair_frames([Frame(1.0, failure="x"), Frame(2.0, blocked="/A")], repairer))
     assert [item.record.status for item in done] == ["failed", "skipped"]
 
 
-def result_with(points):
+def result_with(points: NDArray[Any]) -> list[RepairResult]:
     """What a solver returns that believes its points are clean."""
     from dtrepair.repair.options import Count, RepairResult, Status
 
@@ -126,7 +134,7 @@ def result_with(points):
     return [RepairResult(points, nothing, nothing, 1, Status.CLEAN)]
 
 
-def test_claims_of_the_solver_are_not_believed(source, repairer) -> None:
+def test_claims_of_the_solver_are_not_believed(source: Source, repairer: FrameRepairer) -> None:
     """It returns the intersecting input, slightly shifted, and says clean."""
     repairer.repairer = lambda points: result_with(points[0])
     lying = replaced(repairer, lambda time, points: result_with(points[0] + np.float32(0.5)))
@@ -137,7 +145,9 @@ def test_claims_of_the_solver_are_not_believed(source, repairer) -> None:
     assert done[1].record.displacement_max == 0.0
 
 
-def test_clean_frames_may_move_with_their_neighbours(source, repairer) -> None:
+def test_clean_frames_may_move_with_their_neighbours(
+    source: Source, repairer: FrameRepairer
+) -> None:
     opener = tube_pose(OPEN - 0.1)
     moving = replaced(repairer, lambda time, points: result_with(opener))
     done = list(repair_frames(frames_of(source), moving))
@@ -149,8 +159,8 @@ def test_clean_frames_may_move_with_their_neighbours(source, repairer) -> None:
     assert done[0].points == (None,) and done[0].record.after.pairs == 0
 
 
-def test_errors_take_the_place_of_a_frame(source, repairer) -> None:
-    def solve(time, points):
+def test_errors_take_the_place_of_a_frame(source: Source, repairer: FrameRepairer) -> None:
+    def solve(time: float, points: list[NDArray[Any]]) -> list[RepairResult] | ArithmeticError:
         return ArithmeticError("no") if time == 2 else result_with(points[0])
 
     done = list(repair_frames(frames_of(source), replaced(repairer, solve)))
@@ -159,13 +169,15 @@ def test_errors_take_the_place_of_a_frame(source, repairer) -> None:
     assert [item.record.status for item in done][2:3] == ["clean"]
 
 
-def test_frames_are_forgotten_once_they_are_written(source, repairer) -> None:
+def test_frames_are_forgotten_once_they_are_written(
+    source: Source, repairer: FrameRepairer
+) -> None:
     """However long the clip: no more than a window is held, and what is just being checked."""
     repairer.alone, window = False, 8
     repairer.repairer.animator = AnimationRepairer(repairer.repairer, window=window, overlap=2)
     given, alive, most = frames_of(source), [], 0
 
-    def frames():
+    def frames() -> Iterator[Frame]:
         for index in range(60):
             frame = replace(given[index % 5], time=float(index))
             alive.append(weakref.ref(frame))

@@ -1,5 +1,7 @@
 """`--report -`: the report alone on stdout, for every command that has it."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,7 @@ from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_stage
 
 @pytest.mark.parametrize("command", ["repair", "keyposes"])
 def test_stdout_holds_the_report_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: list[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))

@@ -1,5 +1,7 @@
 """The view of a stage that the commands work with."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ from tests.command_line import CLOSED, OPEN, read_samples, run, tube_polygons, t
 FAR = (1e7, -3e6, 12.5)
 
 
-def two_tubes(path, offset):
+def two_tubes(path: Path, offset: tuple[float, float, float]) -> Path:
     """A stage of a tube that closes, and a still one beside it, far out or not."""
     from pxr import Usd, UsdGeom, Vt
 
@@ -29,11 +31,13 @@ def two_tubes(path, offset):
 
 
 @pytest.fixture
-def near_and_far(tmp_path: Path):
+def near_and_far(tmp_path: Path) -> list[Path]:
     return [two_tubes(tmp_path / f"{n}.usda", at) for n, at in (("n", (0, 0, 0)), ("f", FAR))]
 
 
-def test_a_scene_far_from_the_origin_is_counted_and_repaired_as_a_near_one(near_and_far) -> None:
+def test_a_scene_far_from_the_origin_is_counted_and_repaired_as_a_near_one(
+    near_and_far: list[Path],
+) -> None:
     near, far = near_and_far
     counts = [run("check", path, "--json", "-").json["summary"] for path in near_and_far]
     assert counts[0] == counts[1] and counts[0]["triangles_before"] > 0
@@ -48,7 +52,7 @@ def test_a_scene_far_from_the_origin_is_counted_and_repaired_as_a_near_one(near_
     assert np.allclose(*results, rtol=0.0, atol=1e-4)
 
 
-def test_world_points_of_a_far_scene_lie_about_its_middle(near_and_far) -> None:
+def test_world_points_of_a_far_scene_lie_about_its_middle(near_and_far: list[Path]) -> None:
     source = open_source(str(near_and_far[1]), Selection())
     mesh = source.meshes[0]
     points = source.read(mesh, 1.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,8 @@ from dtrepair.numerics.operators import Factor
 from dtrepair.repair.clip.animation import AnimationRepairer
 from tests.meshes import icosphere, swept
 from usd_io import open_stage, read_meshes, read_points
+
+Swung = tuple[Repairer, NDArray[np.float64], NDArray[np.float64]]
 
 Poses = NDArray[np.float64]
 
@@ -48,7 +51,7 @@ def crossings(rest: Poses, faces: NDArray[np.int32], frames: Poses) -> list[int]
     return [len(detector(pose, weld=weld_map(pose))) for pose in frames]
 
 
-def results_of(repairer: Repairer, frames: Poses, **options) -> Poses:
+def results_of(repairer: Repairer, frames: Poses, **options: Any) -> Poses:
     return np.stack([result.points for result in repairer.animation(frames, **options)])
 
 
@@ -64,14 +67,14 @@ def swung() -> tuple[Repairer, Poses, Poses]:
     return repairer, frames, results_of(repairer, frames)
 
 
-def test_every_frame_is_clean(swung) -> None:
+def test_every_frame_is_clean(swung: Swung) -> None:
     _, frames, repaired = swung
     rest, faces, _ = swing()
     assert sum(count > 0 for count in crossings(rest, faces, frames)) >= 5
     assert sum(crossings(rest, faces, repaired)) == 0
 
 
-def test_steadier_and_hardly_farther_than_frames_alone(swung) -> None:
+def test_steadier_and_hardly_farther_than_frames_alone(swung: Swung) -> None:
     repairer, frames, repaired = swung
     alone = np.stack([repairer(pose).points for pose in frames])
     assert jitter(frames, alone) > 0
@@ -82,7 +85,7 @@ def test_steadier_and_hardly_farther_than_frames_alone(swung) -> None:
     assert together < 2.5 * apart
 
 
-def test_result_accelerates_no_more_than_the_input(swung) -> None:
+def test_result_accelerates_no_more_than_the_input(swung: Swung) -> None:
     _, frames, repaired = swung
     acceleration = [
         np.linalg.norm(np.diff(p, 2, axis=0), axis=2).mean() for p in (frames, repaired)
@@ -90,7 +93,7 @@ def test_result_accelerates_no_more_than_the_input(swung) -> None:
     assert acceleration[1] < 1.15 * acceleration[0]
 
 
-def test_frames_beyond_the_reach_of_contacts_keep_every_bit(swung) -> None:
+def test_frames_beyond_the_reach_of_contacts_keep_every_bit(swung: Swung) -> None:
     _, frames, repaired = swung
     rest, faces, _ = swing()
     dirty = np.flatnonzero(crossings(rest, faces, frames))
@@ -100,7 +103,7 @@ def test_frames_beyond_the_reach_of_contacts_keep_every_bit(swung) -> None:
     assert len(moved) < len(frames)
 
 
-def test_contacts_ease_in_and_out(swung) -> None:
+def test_contacts_ease_in_and_out(swung: Swung) -> None:
     _, frames, repaired = swung
     size = [displacements(a, b).max() for a, b in zip(frames, repaired, strict=True)]
     assert np.abs(np.diff(size)).max() < 0.35 * max(size)
@@ -117,14 +120,14 @@ def test_one_factor_for_all_frames_and_clips() -> None:
     assert Factor.count == before + 1
 
 
-def test_deterministic_whatever_the_number_of_threads(swung) -> None:
+def test_deterministic_whatever_the_number_of_threads(swung: Swung) -> None:
     repairer, frames, repaired = swung
     rest, faces, _ = swing()
     for other, jobs in ((repairer, 2), (Repairer(rest, faces), 1)):
         assert (results_of(other, frames, jobs=jobs) == repaired).all()
 
 
-def test_cut_ends_a_run(swung) -> None:
+def test_cut_ends_a_run(swung: Swung) -> None:
     repairer, frames, _ = swung
     first, second = frames[10:18], frames[13:21, :, [1, 2, 0]] + 5.0
     both = results_of(repairer, np.concatenate([first, second]))

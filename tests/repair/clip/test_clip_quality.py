@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair import Repairer, RepairOptions, Status
 from dtrepair.demo import character as demo_character
@@ -14,9 +15,11 @@ from dtrepair.repair.full.mend import mend
 from dtrepair.repair.surface.surface import Surface
 from tests.repair.clip.test_animation import crossings, pincers, results_of, roughness, swing
 
+Clip = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]
+
 
 @pytest.fixture
-def embrace(monkeypatch: pytest.MonkeyPatch):
+def embrace(monkeypatch: pytest.MonkeyPatch) -> Clip:
     """Rest, faces and frames (T, V, 3) of a character that drives its forearms into its body."""
     turns = {
         "left_arm": (62, -14, -55),
@@ -32,7 +35,7 @@ def embrace(monkeypatch: pytest.MonkeyPatch):
     return character.rest, faces, character.points.astype(np.float32).astype(np.float64)
 
 
-def test_forearms_through_the_body_come_out_clean_and_steady(embrace) -> None:
+def test_forearms_through_the_body_come_out_clean_and_steady(embrace: Clip) -> None:
     rest, faces, frames = embrace
     results = Repairer(rest, faces).animation(frames)
     repaired = np.stack([result.points for result in results])
@@ -96,7 +99,7 @@ def test_the_last_resort_starts_from_the_input() -> None:
     flat[:, 1:] = 0.0
     asked = []
 
-    def alone(_surface, pose):
+    def alone(_surface: Surface, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         asked.append(pose)
         return surface.rest
 
@@ -156,7 +159,7 @@ def test_clearance_holds_in_clips() -> None:
     assert min(tips) > max(0.9 * clearance, min(plain))
 
 
-def _gap(points) -> float:
+def _gap(points: NDArray[np.float64]) -> float:
     """Smallest distance between vertices of the two arms of the pincers."""
     count = len(pincers(0.4)[0])
     first, second = points[: count // 4], points[-(count // 4) :]

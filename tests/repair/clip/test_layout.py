@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.repair.clip import animation
 from dtrepair.repair.clip.frames import read_frames
@@ -14,7 +18,7 @@ from tests.meshes import icosphere
 SIZES = {"window": 20, "overlap": 6}
 
 
-def walk(count, cuts=(), seed=0):
+def walk(count: int, cuts: Sequence[int] = (), seed: int = 0) -> list[NDArray[np.float64]]:
     """Poses of a sphere that wobbles, and jumps at cuts."""
     points, _ = icosphere(1)
     generator = np.random.default_rng(seed)
@@ -26,12 +30,16 @@ def walk(count, cuts=(), seed=0):
 
 
 @pytest.mark.parametrize("cuts", [(), (17,), (1, 30, 31)])
-def test_windows_are_those_of_the_stream(monkeypatch: pytest.MonkeyPatch, cuts) -> None:
+def test_windows_are_those_of_the_stream(
+    monkeypatch: pytest.MonkeyPatch, cuts: Sequence[int]
+) -> None:
     poses, (points, faces) = walk(75, cuts), icosphere(1)
     scene = SceneRepairer([Body(points, faces)])
     seen = []
 
-    def window(self, frames, tail, *, keep):
+    def window(
+        self, frames: Any, tail: Any, *, keep: int
+    ) -> tuple[list[animation.Repaired], list[NDArray[np.float64]]]:
         seen.append((int(frames[0].time), int(frames[-1].time) + 1, len(frames) - keep))
         done = [animation.Repaired(frame.time, []) for frame in frames[: len(frames) - keep]]
         return done, [frame.centred for frame in frames[len(frames) - keep :]]

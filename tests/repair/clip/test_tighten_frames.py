@@ -33,14 +33,14 @@ def moved(state: SpaceTime) -> float:
     return float(np.linalg.norm(state.poses - state.original, axis=2).mean())
 
 
-def test_displacements_become_smaller_and_no_frame_dirty(pushed) -> None:
+def test_displacements_become_smaller_and_no_frame_dirty(pushed: SpaceTime) -> None:
     before = moved(pushed)
     tighten_frames(pushed, 3)
     assert not pushed.dirty and moved(pushed) < 0.97 * before
 
 
 def test_frames_that_cannot_be_pushed_go_back_only_around_their_contacts(
-    pushed, monkeypatch: pytest.MonkeyPatch
+    pushed: SpaceTime, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before, start = moved(pushed), pushed.snapshot()
     monkeypatch.setattr(pushed, "sweep", lambda *_: np.zeros_like(pushed.original))
@@ -55,7 +55,7 @@ def test_frames_that_cannot_be_pushed_go_back_only_around_their_contacts(
     assert not pushed.dirty and moved(pushed) == before
 
 
-def test_what_goes_back_fades_out_over_the_surface(pushed) -> None:
+def test_what_goes_back_fades_out_over_the_surface(pushed: SpaceTime) -> None:
     surface = pushed.surface
     pushed.pairs[15] = np.array([[0, 1]], dtype=np.int32)
     part = shot_tightening._around(pushed, 15, 4)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import find_intersections
 from dtrepair.numerics.geometry import FloatArray
@@ -27,7 +30,7 @@ def field_of(count: int) -> FloatArray:
 
 @pytest.mark.parametrize("fill", FILLS)
 @pytest.mark.parametrize("mesh", [icosphere(3), tube(12, 20), grid(16, 16)])
-def test_only_masked_vertices_change(fill, mesh: Mesh) -> None:
+def test_only_masked_vertices_change(fill: Callable[..., NDArray[np.float64]], mesh: Mesh) -> None:
     surface, mask = patch(mesh, 100, 3)
     field = field_of(surface.count)
     kept = field.copy()
@@ -62,7 +65,9 @@ def test_a_bilaplacian_patch_is_the_smoothest(mesh: Mesh) -> None:
 
 
 @pytest.mark.parametrize("fill", FILLS)
-def test_linear_fields_on_a_regular_grid_come_back(fill) -> None:
+def test_linear_fields_on_a_regular_grid_come_back(
+    fill: Callable[..., NDArray[np.float64]],
+) -> None:
     # The umbrella of the inner vertices of a regular grid is symmetric: linear is harmonic.
     surface, mask = patch(grid(16, 16), 8 * 17 + 8, 4)
     points = surface.rest
@@ -72,7 +77,7 @@ def test_linear_fields_on_a_regular_grid_come_back(fill) -> None:
 
 
 @pytest.mark.parametrize("fill", FILLS)
-def test_fills_do_not_depend_on_what_they_replace(fill) -> None:
+def test_fills_do_not_depend_on_what_they_replace(fill: Callable[..., NDArray[np.float64]]) -> None:
     surface, mask = patch(icosphere(3), 100, 3)
     one = field_of(surface.count)
     other = np.where(mask[:, None], 1e6, one)
@@ -81,7 +86,9 @@ def test_fills_do_not_depend_on_what_they_replace(fill) -> None:
 
 
 @pytest.mark.parametrize("fill", FILLS)
-def test_a_patch_without_surroundings_stays_finite(fill) -> None:
+def test_a_patch_without_surroundings_stays_finite(
+    fill: Callable[..., NDArray[np.float64]],
+) -> None:
     points, faces = icosphere(1)
     everything = np.ones(len(points), dtype=bool)
     filled = fill(uniform_laplacian(faces, len(points)), points, everything)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ def unit(mesh: Mesh) -> Mesh:
     return points / extent(points), faces
 
 
-def make(mesh: Mesh, **options) -> tuple[Descent, torch.Tensor]:
+def make(mesh: Mesh, **options: Any) -> tuple[Descent, torch.Tensor]:
     """The descent of a mesh and its points (1, V, 3)."""
     points, faces = mesh
     laplacian = cotangent_laplacian(points, faces)

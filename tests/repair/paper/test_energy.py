@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import torch
@@ -48,13 +50,15 @@ def crossing(frames: int = 2, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
     return points, torch.arange(12).view(4, 3), torch.tensor(pairs)
 
 
-def planes_of(points: Tensor, faces: Tensor, pairs: Tensor):
+def planes_of(points: Tensor, faces: Tensor, pairs: Tensor) -> Planes:
     """The fixed planes in the order of the directed pairs."""
     fixed = faces[torch.cat([pairs[:, 2], pairs[:, 1]])]
     return triangle_planes(points[pairs[:, 0].repeat(2)[:, None], fixed])
 
 
-def central_differences(function, points: Tensor, step: float) -> Tensor:
+def central_differences(
+    function: Callable[[Tensor], Tensor], points: Tensor, step: float
+) -> Tensor:
     """Gradient of a scalar function of points by central differences."""
     gradient = torch.zeros_like(points)
     for index in np.ndindex(*points.shape):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +26,9 @@ STRAIGHT = unit(bent_tube(3.0, around=16, along=60, radius=0.08))[0]
 GENTLE = GradientDescent(rate=2.0)
 
 
-def both(*, batch: int = 64, capacity=None, **options) -> tuple[Descent, DeviceDescent]:
+def both(
+    *, batch: int = 64, capacity: tuple[int, int] | None = None, **options: Any
+) -> tuple[Descent, DeviceDescent]:
     """The loop of the CPU, with the pairs that a device finds, and that of a device."""
     descent, _ = make(TUBE, **options)
     detector = Detector(*TUBE)
@@ -62,7 +65,7 @@ def test_results_are_those_of_the_loop_on_the_cpu(optimizer: Optimizer) -> None:
 
 
 @pytest.mark.parametrize("kernel", KERNELS.values(), ids=str)
-def test_every_energy_has_its_loop(kernel) -> None:
+def test_every_energy_has_its_loop(kernel: Kernel) -> None:
     on_cpu, on_device = both(kernel=kernel, optimizer=OPTIMIZERS["uniform-adam"](), iterations=6)
     expected, received = on_cpu(poses(1.0)), on_device(poses(1.0))
     assert torch.equal(received.history, expected.history)
@@ -120,7 +123,7 @@ def test_frames_that_diverge_keep_their_best() -> None:
 class NoHost(TorchDispatchMode):
     """Refuses what has to wait for a value: a number asked for, a size that depends on one."""
 
-    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         name = func.overloadpacket.__name__
         # A number among the tensors of `torch.where` is one on the host: it has to be copied.
         refused = ("_local_scalar_dense", "nonzero", "masked_select", "unique", "scalar_tensor")
@@ -171,7 +174,7 @@ def test_a_batch_that_does_not_fit_is_halved(
     made, largest = [], 2
     original = FixedDetection.__init__
 
-    def limited(self, detector, frames, *args, **options) -> None:
+    def limited(self, detector: Detector, frames: int, *args: Any, **options: Any) -> None:
         made.append(frames)
         if frames > largest:
             raise error

@@ -11,13 +11,13 @@ from dtrepair.numerics.operators import cotangent_laplacian, lumped_mass
 from dtrepair.repair.paper import diffusion as diffusion_module
 from dtrepair.repair.paper.diffusion import DenseDiffusion, Diffusion
 from dtrepair.repair.paper.gpu_diffusion import BlockDiffusion, cut
-from tests.meshes import icosphere, joined, torus
+from tests.meshes import Mesh, icosphere, joined, torus
 
 BALL, RING = icosphere(3), torus(40, 20)
 PAIR = joined(BALL, RING)
 
 
-def operator(mesh, *, masses: bool = False) -> tuple[Diffusion, np.ndarray]:
+def operator(mesh: Mesh, *, masses: bool = False) -> tuple[Diffusion, np.ndarray]:
     """The diffusion of a mesh and its points."""
     points, faces = mesh
     mass = lumped_mass(points, faces) if masses else None
@@ -27,7 +27,7 @@ def operator(mesh, *, masses: bool = False) -> tuple[Diffusion, np.ndarray]:
 
 @pytest.mark.parametrize("masses", [False, True], ids=["identity", "mass"])
 @pytest.mark.parametrize("mesh", [BALL, RING, PAIR], ids=["ball", "ring", "two parts"])
-def test_blocks_solve_as_the_factor_does(mesh, masses: bool) -> None:
+def test_blocks_solve_as_the_factor_does(mesh: Mesh, masses: bool) -> None:
     diffusion, points = operator(mesh, masses=masses)
     field = torch.from_numpy(np.random.default_rng(0).normal(size=(2, len(points), 3)))
     matrix = sparse.csr_matrix(diffusion.matrix)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,9 @@ POINTS, FACES = overlapping_spheres()
 LAPLACIAN = cotangent_laplacian(POINTS, FACES)
 
 
-def setup(kernel: Kernel, **options) -> tuple[Descent, FixedDetection, torch.Tensor, torch.Tensor]:
+def setup(
+    kernel: Kernel, **options: Any
+) -> tuple[Descent, FixedDetection, torch.Tensor, torch.Tensor]:
     """A descent, the detection of two poses, the poses and their pairs."""
     poses = np.stack([POINTS, POINTS * 1.01])
     detector = Detector(POINTS, FACES)

@@ -6,12 +6,15 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from dtrepair.repair.parallel.process_pool import AHEAD, can_fork, forked_map
@@ -20,7 +23,7 @@ pytestmark = pytest.mark.skipif(not can_fork(), reason="needs processes that can
 
 
 def test_answers_come_in_order_from_other_processes() -> None:
-    def square(number):
+    def square(number: int) -> tuple[int, NDArray[Any]]:
         time.sleep(0.05 if number % 2 == 0 else 0.0)
         return os.getpid(), np.full(100_000, number**2)
 
@@ -37,7 +40,7 @@ def test_one_job_stays_in_this_process() -> None:
 def test_items_are_taken_when_a_process_is_free() -> None:
     taken = []
 
-    def items():
+    def items() -> Iterator[int]:
         for number in range(20):
             taken.append(number)
             yield number
@@ -56,7 +59,7 @@ def test_a_slow_item_keeps_only_one_process() -> None:
 
 
 def test_an_exception_is_raised_here() -> None:
-    def fail(number):
+    def fail(number: int) -> int:
         if number == 1:
             raise ValueError(f"no {number}")
         return number
@@ -68,10 +71,10 @@ def test_an_exception_is_raised_here() -> None:
 
 
 def test_an_exception_tells_where_it_was_raised() -> None:
-    def deep_inside(number):
+    def deep_inside(number: int) -> None:
         raise ValueError(f"no {number}")
 
-    def answered(number):
+    def answered(number: int) -> ValueError | None:
         try:
             deep_inside(number)
         except ValueError as error:
@@ -85,7 +88,7 @@ def test_an_exception_tells_where_it_was_raised() -> None:
 
 
 def test_a_killed_process_is_told() -> None:
-    def killed(_):
+    def killed(_: object) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
     with pytest.raises(RuntimeError, match="fewer jobs"):
@@ -95,7 +98,7 @@ def test_a_killed_process_is_told() -> None:
 def test_a_signal_during_the_fork_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     forked, fork = [], os.fork
 
-    def interrupted_fork():
+    def interrupted_fork() -> int:
         number = fork()
         if number:
             forked.append(number)
@@ -116,7 +119,7 @@ def test_a_signal_before_the_fork_stays_out_of_the_process(
 ) -> None:
     fork = os.fork
 
-    def interrupted_fork():
+    def interrupted_fork() -> int:
         signal.raise_signal(signal.SIGINT)
         return fork()
 
@@ -133,7 +136,7 @@ def test_a_signal_before_the_fork_stays_out_of_the_process(
 
 
 def test_no_process_outlives_the_iterator(tmp_path: Path) -> None:
-    def wait(number):
+    def wait(number: int) -> None:
         (tmp_path / str(number)).write_text(str(os.getpid()))
         time.sleep(0 if number == 0 else 60)
 
@@ -147,7 +150,9 @@ def test_no_process_outlives_the_iterator(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("who", ["torch", "warp"])
-def test_a_process_that_works_on_a_gpu_is_not_forked(monkeypatch: pytest.MonkeyPatch, who) -> None:
+def test_a_process_that_works_on_a_gpu_is_not_forked(
+    monkeypatch: pytest.MonkeyPatch, who: str
+) -> None:
     devices = [SimpleNamespace(has_context=who == "warp")]
     cuda = SimpleNamespace(is_initialized=lambda: who == "torch")
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(cuda=cuda))
@@ -160,7 +165,7 @@ def test_a_process_that_works_on_a_gpu_is_not_forked(monkeypatch: pytest.MonkeyP
 
 
 def test_processes_do_not_share_the_cores_with_threads_of_linear_algebra() -> None:
-    def threads(_):
+    def threads(_: object) -> int:
         return max(library["num_threads"] for library in threadpool_info())
 
     with threadpool_limits(2):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -51,7 +52,7 @@ class Work:
 
 
 @pytest.mark.parametrize("make", CREWS)
-def test_all_crews_work_alike(make) -> None:
+def test_all_crews_work_alike(make: Callable[[], Crew]) -> None:
     with make() as crew:
         crew.start(Work(crew))
         for call in (1, 2, 3):

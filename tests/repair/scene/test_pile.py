@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -108,7 +111,15 @@ def test_only_what_has_a_way_out_is_tried_again(monkeypatch: pytest.MonkeyPatch)
     poses = [ball, *(ball + side for side in sides)]
     named: list[set[int]] = []
 
-    def noted(scene, system, starts, pairs, frames, sheets=(), hooked=frozenset()):
+    def noted(
+        scene: Any,
+        system: Any,
+        starts: Any,
+        pairs: Any,
+        frames: Any,
+        sheets: Iterable[int] = (),
+        hooked: frozenset[int] = frozenset(),
+    ) -> Any:
         named.append(set(sheets))
         return starts
 

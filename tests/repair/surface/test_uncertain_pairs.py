@@ -1,7 +1,10 @@
 """Doubtful contacts: what touches nothing is left alone, what may touch is not."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector
 from dtrepair.repair.repairer import SceneRepairer
@@ -14,7 +17,9 @@ from tests.meshes import bent_tube
 ALONG = np.array([1.0, 0.0, 0.0])
 
 
-def capped_cylinder(around=24, along=4):
+def capped_cylinder(
+    around: int = 24, along: int = 4
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """A cylinder along x, closed by fans of slivers that lie in one plane each."""
     angles = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
     ring = np.stack([np.zeros(around), np.cos(angles), np.sin(angles)], axis=1)
@@ -36,7 +41,7 @@ def test_the_caps_are_in_doubt_and_touch_nothing() -> None:
 
 
 @pytest.mark.parametrize("together", [False, True])
-def test_what_touches_nothing_is_left_alone(together) -> None:
+def test_what_touches_nothing_is_left_alone(together: bool) -> None:
     tube, tube_faces = bent_tube(6.5, 8, 24)
     rest = bent_tube(5.0, 8, 24)[0]
     cylinder, cylinder_faces = capped_cylinder()

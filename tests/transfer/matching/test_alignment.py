@@ -54,7 +54,9 @@ def test_points_that_are_no_pairs_are_refused() -> None:
         ((0, 0, 1), (0, 0, -2)),
     ],
 )
-def test_the_rotation_between_two_axes_is_the_smallest(first, second) -> None:
+def test_the_rotation_between_two_axes_is_the_smallest(
+    first: tuple[float, float, float], second: tuple[float, float, float]
+) -> None:
     found = rotation_between(first, second)
     units = [np.array(axis, dtype=float) / np.linalg.norm(axis) for axis in (first, second)]
     np.testing.assert_allclose(found @ units[0], units[1], atol=1e-14)

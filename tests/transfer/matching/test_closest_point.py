@@ -21,7 +21,9 @@ from tests.meshes import icosphere
         ((-0.5, 3.0, 0.0), (0.0, 1.0, 0.0)),  # corner c
     ],
 )
-def test_every_region_of_a_triangle(point, expected) -> None:
+def test_every_region_of_a_triangle(
+    point: tuple[float, float, float], expected: tuple[float, float, float]
+) -> None:
     corners = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]])
     found = closest_on_triangles(np.array([point]), corners)
     np.testing.assert_allclose(found, [expected], atol=1e-15)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import triangle_normals
 from dtrepair.transfer import measure_coverage, register
@@ -15,7 +18,7 @@ from dtrepair.transfer.matching.correspondence import (
     identity_pairs,
     match_triangles,
 )
-from tests.meshes import grid, icosphere, joined, torus
+from tests.meshes import Mesh, grid, icosphere, joined, torus
 from tests.quadruped import SOURCE, TARGET, markers
 
 
@@ -27,13 +30,13 @@ def test_identity_pairs_are_every_triangle_with_itself() -> None:
 
 
 @pytest.mark.parametrize("other", [icosphere(0)[1], icosphere(1)[1][::-1]])
-def test_identity_pairs_refuse_another_topology(other) -> None:
+def test_identity_pairs_refuse_another_topology(other: NDArray[np.int32]) -> None:
     with pytest.raises(ValueError, match=r"same triangles.*give markers"):
         identity_pairs(icosphere(1)[1], other)
 
 
 @pytest.mark.parametrize("mesh", [icosphere(3), torus(), grid(12, 9)])
-def test_a_rest_matches_itself_exactly(mesh) -> None:
+def test_a_rest_matches_itself_exactly(mesh: Mesh) -> None:
     points, faces = mesh
     np.testing.assert_array_equal(
         match_triangles(points, faces, points, faces), identity_pairs(faces)
@@ -102,7 +105,7 @@ def test_registered_animals_are_covered() -> None:
         (np.array([[0, -1]]), "target triangles 0..7, got index -1 in row 0"),
     ],
 )
-def test_wrong_pairs_are_refused(pairs, message) -> None:
+def test_wrong_pairs_are_refused(pairs: NDArray[Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         checked_pairs(pairs, 5, 8)
 

@@ -18,7 +18,7 @@ from tests.meshes import icosphere, torus
 SOURCE, TARGET = icosphere(1)[1], torus(8, 5)[1]
 
 
-def written(folder, text, name="pairs.cons"):
+def written(folder: Path, text: str, name: str = "pairs.cons") -> Path:
     path = folder / name
     path.write_text(text)
     return path
@@ -34,7 +34,7 @@ def written(folder, text, name="pairs.cons"):
         "3\r\n1, 2\r\n3, 4\r\n5, 6\r\n",
     ],
 )
-def test_markers_of_every_layout(tmp_path: Path, text) -> None:
+def test_markers_of_every_layout(tmp_path: Path, text: str) -> None:
     rows = read_markers(written(tmp_path, text), source_count=9, target_count=9)
     assert rows.dtype == np.int32
     np.testing.assert_array_equal(rows, [[1, 2], [3, 4], [5, 6]])
@@ -56,7 +56,9 @@ def test_markers_of_every_layout(tmp_path: Path, text) -> None:
         ("1 2\n-1 3\n", "got index -1"),
     ],
 )
-def test_wrong_marker_files_name_the_file_and_the_line(tmp_path: Path, text, message) -> None:
+def test_wrong_marker_files_name_the_file_and_the_line(
+    tmp_path: Path, text: str, message: str
+) -> None:
     path = written(tmp_path, text)
     with pytest.raises(ValueError, match=message) as caught:
         read_markers(path, source_count=8, target_count=8)
@@ -89,7 +91,7 @@ def test_tricorrs_hold_a_distance_that_is_not_needed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["pairs.npz", "pairs.txt"])
-def test_a_written_correspondence_reads_back(tmp_path: Path, name) -> None:
+def test_a_written_correspondence_reads_back(tmp_path: Path, name: str) -> None:
     pairs = np.array([[0, 3], [2, 1], [79, 79]])
     write_correspondence(tmp_path / name, pairs, SOURCE, TARGET)
     found = read_correspondence(tmp_path / name, SOURCE.astype(np.int64), TARGET)

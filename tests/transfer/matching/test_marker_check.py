@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.transfer import check_markers
+from tests.meshes import Mesh
 from tests.quadruped import SOURCE, TARGET, markers
+
+Animals = tuple[Mesh, Mesh, NDArray[np.int32]]
 
 
 @pytest.fixture(scope="module")
-def animals():
+def animals() -> Animals:
     source, target = SOURCE.mesh(), TARGET.mesh()
     return source, target, markers(SOURCE, source[0], TARGET, target[0])
 
 
-def test_good_markers_raise_no_suspicion(animals) -> None:
+def test_good_markers_raise_no_suspicion(animals: Animals) -> None:
     source, target, rows = animals
     found = check_markers(*source, *target, rows)
     assert found.suspects == () and found.swapped == () and found.warnings == ()
@@ -24,7 +28,9 @@ def test_good_markers_raise_no_suspicion(animals) -> None:
 
 
 @pytest.mark.parametrize(("first", "second"), [(0, 30), (12, 47), (60, 85)])
-def test_a_swapped_pair_is_named_and_the_others_stay_good(animals, first, second) -> None:
+def test_a_swapped_pair_is_named_and_the_others_stay_good(
+    animals: Animals, first: int, second: int
+) -> None:
     source, target, rows = animals
     wrong = rows.copy()
     wrong[[first, second], 1] = wrong[[second, first], 1]
@@ -37,7 +43,7 @@ def test_a_swapped_pair_is_named_and_the_others_stay_good(animals, first, second
     assert f"target vertex {wrong[first, 1]}" in found.warnings[0]
 
 
-def test_two_swapped_pairs_are_both_named(animals) -> None:
+def test_two_swapped_pairs_are_both_named(animals: Animals) -> None:
     source, target, rows = animals
     wrong = rows.copy()
     wrong[[0, 30, 12, 47], 1] = wrong[[30, 0, 47, 12], 1]
@@ -45,7 +51,7 @@ def test_two_swapped_pairs_are_both_named(animals) -> None:
     assert set(found.swapped) == {(0, 30), (12, 47)}
 
 
-def test_a_misplaced_marker_is_named(animals) -> None:
+def test_a_misplaced_marker_is_named(animals: Animals) -> None:
     source, target, rows = animals
     wrong = rows.copy()
     free = np.setdiff1d(np.arange(len(target[0])), rows[:, 1])
@@ -57,7 +63,7 @@ def test_a_misplaced_marker_is_named(animals) -> None:
     assert "marker 20" in found.warnings[0] and "misplaced?" in found.warnings[0]
 
 
-def test_duplicates_are_refused(animals) -> None:
+def test_duplicates_are_refused(animals: Animals) -> None:
     source, target, rows = animals
     with pytest.raises(ValueError, match="should have one marker"):
         check_markers(*source, *target, np.concatenate([rows, rows[:1]]))

@@ -19,6 +19,6 @@ from dtrepair.transfer.matching.markers import checked_markers
         ([[1, 7], [2, 7], [3, 1]], "target vertex should have one marker.*vertex 7 .* 0 and 1"),
     ],
 )
-def test_wrong_markers_are_refused(rows, message) -> None:
+def test_wrong_markers_are_refused(rows: list[list[float]], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         checked_markers(np.array(rows), 9, 10)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -12,19 +15,23 @@ from dtrepair.numerics.geometry import diagonal
 from dtrepair.numerics.operators import Factor
 from dtrepair.transfer import register
 from dtrepair.transfer.matching.closest_point import closest_on_triangles
-from tests.meshes import icosphere, joined
+from tests.meshes import Mesh, icosphere, joined
 from tests.quadruped import SOURCE, TARGET, markers
+
+Animals = tuple[Mesh, Mesh, NDArray[np.int32]]
 
 SIX = np.array([[0, 0], [20, 20], [45, 45], [70, 70], [100, 100], [130, 130]])
 
 
 @pytest.fixture(scope="module")
-def animals():
+def animals() -> Animals:
     source, target = SOURCE.mesh(), TARGET.mesh()
     return source, target, markers(SOURCE, source[0], TARGET, target[0])
 
 
-def distances_to_surface(queries, points, faces):
+def distances_to_surface(
+    queries: NDArray[np.float64], points: NDArray[np.float64], faces: NDArray[np.int32]
+) -> NDArray[np.float64]:
     """Distance of each query to the surface, relative to its diagonal."""
     near = cKDTree(points[faces].mean(axis=1)).query(queries, 12)[1]
     found = [closest_on_triangles(queries, points[faces[column]]) for column in near.T]
@@ -39,7 +46,7 @@ def test_a_moved_scaled_and_turned_copy_is_met_exactly() -> None:
     assert np.abs(found - target).max() < 1e-9 * diagonal(target)
 
 
-def test_an_animal_lands_on_another_with_its_markers_exact(animals) -> None:
+def test_an_animal_lands_on_another_with_its_markers_exact(animals: Animals) -> None:
     source, target, rows = animals
     found = register(*source, *target, rows)
     size = diagonal(target[0])
@@ -49,7 +56,7 @@ def test_an_animal_lands_on_another_with_its_markers_exact(animals) -> None:
     assert np.percentile(distances, 99) < 5e-3
 
 
-def test_the_result_does_not_depend_on_units_and_places(animals) -> None:
+def test_the_result_does_not_depend_on_units_and_places(animals: Animals) -> None:
     source, target, rows = animals
     closest = (0.0, 10.0)
     plain = register(*source, *target, rows, closest=closest)
@@ -65,7 +72,7 @@ def test_the_result_does_not_depend_on_units_and_places(animals) -> None:
     assert np.abs(moved / 100.0 - plain).max() < 1e-8 * diagonal(target[0])
 
 
-def test_more_closest_points_bring_the_surfaces_together(animals) -> None:
+def test_more_closest_points_bring_the_surfaces_together(animals: Animals) -> None:
     source, target, rows = animals
     smooth = register(*source, *target, rows, closest=(0.0,))
     full = register(*source, *target, rows)
@@ -114,7 +121,7 @@ def test_torch_and_float32_come_back_as_they_came() -> None:
         ({"source": np.full((162, 3), np.nan)}, "finite"),
     ],
 )
-def test_wrong_arguments_are_refused(change, message) -> None:
+def test_wrong_arguments_are_refused(change: dict[str, Any], message: str) -> None:
     points, faces = icosphere(2)
     arguments = {
         "source": points,

@@ -21,7 +21,7 @@ from usd_io.write.blend_shapes import (
 )
 
 
-def two_shapes():
+def two_shapes() -> BlendShapes:
     """One corner out, and a shift of all points; exact in float32."""
     offsets = np.zeros((2, 8, 3))
     offsets[0, 3] = (0.5, 0.25, 0.0)
@@ -30,19 +30,19 @@ def two_shapes():
     return BlendShapes(("smile", "rise"), offsets, np.array([1.0, 2.5, 4.0]), weights)
 
 
-def only_mesh(path):
+def only_mesh(path: Path) -> tuple[usd_io.OpenedStage, usd_io.AnimatedMesh]:
     opened = usd_io.open_stage(path)
     return opened, usd_io.read_meshes(opened).meshes[0]
 
 
 @pytest.fixture
-def written(tmp_path: Path):
+def written(tmp_path: Path) -> Path:
     mesh = AuthoredMesh("/Face/Mesh", CUBE_QUADS, rest=CUBE)
     write_shapes(tmp_path / "face.usda", mesh, two_shapes(), up="Z", fps=30.0, record={"a": 1})
     return tmp_path / "face.usda"
 
 
-def test_a_new_stage_reads_back(written) -> None:
+def test_a_new_stage_reads_back(written: Path) -> None:
     opened, mesh = only_mesh(written)
     shapes = two_shapes()
     found = read_blend_shapes(mesh)
@@ -56,7 +56,7 @@ def test_a_new_stage_reads_back(written) -> None:
     assert stage.GetRootLayer().customLayerData["dtrepair"]["a"] == 1
 
 
-def test_the_mesh_moves_with_the_weights(written) -> None:
+def test_the_mesh_moves_with_the_weights(written: Path) -> None:
     _opened, mesh = only_mesh(written)
     shapes = two_shapes()
     for time, row in zip(shapes.times, shapes.weights, strict=True):
@@ -64,7 +64,7 @@ def test_the_mesh_moves_with_the_weights(written) -> None:
         assert np.abs(usd_io.read_frame(mesh, time) - expected).max() < 1e-6
 
 
-def test_only_moving_points_are_stored(written) -> None:
+def test_only_moving_points_are_stored(written: Path) -> None:
     opened, _ = only_mesh(written)
     shape = UsdSkel.BlendShape(opened.stage.GetPrimAtPath("/Face/Mesh/smile"))
     assert list(shape.GetPointIndicesAttr().Get()) == [3]
@@ -88,7 +88,7 @@ def test_a_layer_over_a_stage(tmp_path: Path) -> None:
     assert not layer.GetAttributeAtPath("/Root/Cube.points")
 
 
-def test_targets_that_cannot_have_shapes(written, tmp_path: Path) -> None:
+def test_targets_that_cannot_have_shapes(written: Path, tmp_path: Path) -> None:
     with pytest.raises(usd_io.StageError, match="skinned already"):
         write_shapes_over(tmp_path / "o.usda", *only_mesh(written), two_shapes())
     path = tmp_path / "root.usda"
@@ -105,7 +105,7 @@ def test_a_mesh_without_shapes_has_none(tmp_path: Path) -> None:
     assert read_blend_shapes(only_mesh(cube_file(tmp_path / "a.usda"))[1]) is None
 
 
-def test_weights_that_are_missing_show_each_shape_in_turn(written) -> None:
+def test_weights_that_are_missing_show_each_shape_in_turn(written: Path) -> None:
     opened, mesh = only_mesh(written)
     opened.stage.GetPrimAtPath("/Face/ShapeAnimation").GetAttribute("blendShapeWeights").Clear()
     found = read_blend_shapes(mesh)
@@ -113,7 +113,7 @@ def test_weights_that_are_missing_show_each_shape_in_turn(written) -> None:
     assert (found.times == (1.0, 2.0)).all() and (in_turn(2)[1] == np.eye(2)).all()
 
 
-def test_in_between_shapes_are_named(written) -> None:
+def test_in_between_shapes_are_named(written: Path) -> None:
     opened, mesh = only_mesh(written)
     shape = UsdSkel.BlendShape(opened.stage.GetPrimAtPath("/Face/Mesh/smile"))
     shape.CreateInbetween("half").SetWeight(0.5)
@@ -121,7 +121,7 @@ def test_in_between_shapes_are_named(written) -> None:
     assert found is not None and [name.split(":")[0] for name in found.skipped] == ["smile"]
 
 
-def test_damaged_shapes_are_refused(written) -> None:
+def test_damaged_shapes_are_refused(written: Path) -> None:
     opened, mesh = only_mesh(written)
     shape = UsdSkel.BlendShape(opened.stage.GetPrimAtPath("/Face/Mesh/smile"))
     for indices in ([8], [-1], [1, 2]):
@@ -143,7 +143,7 @@ def test_names_are_made_valid_and_unique() -> None:
     assert all(Sdf.Path.IsValidIdentifier(name) for name in names)
 
 
-def test_other_clients_see_valid_stages(written) -> None:
+def test_other_clients_see_valid_stages(written: Path) -> None:
     stage = Usd.Stage.Open(str(written))
     cache = UsdSkel.Cache()
     root = UsdSkel.Root(stage.GetPrimAtPath("/Face"))

@@ -1,5 +1,7 @@
 """Temporary folders of outputs: named after their process, removed when it is gone."""
 
+from __future__ import annotations
+
 import os
 import socket
 import subprocess
@@ -12,21 +14,23 @@ from usd_io.write.temporary import make_temporary_folder, remove_own_folders, re
 
 
 @pytest.fixture
-def ended():
+def ended() -> int:
     """The number of a process that has ended."""
     process = subprocess.Popen([sys.executable, "-c", ""])
     process.wait()
     return process.pid
 
 
-def folder_of(directory, process, *, host=None, output="b.usdc"):
+def folder_of(
+    directory: Path, process: int, *, host: str | None = None, output: str = "b.usdc"
+) -> Path:
     folder = directory / f".{output}.{host or socket.gethostname()}-{process}.abc.tmp"
     folder.mkdir()
     (folder / "b.usdc").write_text("part")
     return folder
 
 
-def test_folders_of_killed_runs_are_removed(tmp_path: Path, ended) -> None:
+def test_folders_of_killed_runs_are_removed(tmp_path: Path, ended: int) -> None:
     stale = folder_of(tmp_path, ended)
     kept = [
         folder_of(tmp_path, os.getpid()),

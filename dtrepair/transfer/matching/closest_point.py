@@ -7,19 +7,26 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_normals
+from dtrepair.transfer.gradients import degenerate_triangles
 
 
 class ClosestSurface:
     """Closest points of a surface whose normals agree; built once per target."""
 
     def __init__(self, points: FloatArray, faces: IntArray, neighbors: int) -> None:
-        """`neighbors` centroids are looked at for each query."""
+        """`neighbors` centroids are looked at for each query.
+
+        Degenerate triangles, which have no normal, are left out; ValueError if there are no others.
+        """
         if neighbors < 1:
             raise ValueError(f"neighbors should be at least 1, got {neighbors}")
-        self._corners = points[faces]
-        self._normals = triangle_normals(points, faces)
+        usable = faces[~degenerate_triangles(points, faces)]
+        if not len(usable):
+            raise ValueError("the target should have triangles with an area, got none")
+        self._corners = points[usable]
+        self._normals = triangle_normals(points, usable)
         self._tree = cKDTree(self._corners.mean(axis=1))
-        self._neighbors = np.arange(1, min(neighbors, len(faces)) + 1)
+        self._neighbors = np.arange(1, min(neighbors, len(usable)) + 1)
 
     def __call__(
         self, points: FloatArray, normals: FloatArray

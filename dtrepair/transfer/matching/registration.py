@@ -61,7 +61,7 @@ def register(
     points = system.aligned
     for weight in closest:
         if weight > 0:
-            attracted, valid = surface(points, _vertex_normals(points, mesh[1]))
+            attracted, valid = surface(points, _vertex_normals(points, system.usable_faces))
             points = system.solve(np.where(valid, weight, 0.0), attracted)
         else:
             points = system.solve(np.zeros(len(points)), points)
@@ -91,8 +91,10 @@ class RegistrationSystem:
         self._centre, self._size = target[0].mean(axis=0), diagonal(target[0])
         self.target = (target[0] - self._centre) / self._size
         self.aligned = (align(source[0]) - self._centre) / self._size
+        degenerate = degenerate_triangles(self.aligned, source[1])
+        self.usable_faces = source[1][~degenerate]
         self.matrix, self.right = _smoothness_system(
-            self.aligned, source[1], markers[:, 0], smoothness, identity
+            self.aligned, source[1], degenerate, markers[:, 0], smoothness, identity
         )
         self.fixed = markers[:, 0].astype(np.int64)
         self.values = self.target[markers[:, 1]]
@@ -123,10 +125,20 @@ class RegistrationSystem:
 
 
 def _smoothness_system(
-    points: FloatArray, faces: IntArray, marked: IntArray, smoothness: float, identity: float
+    points: FloatArray,
+    faces: IntArray,
+    degenerate: NDArray[np.bool_],
+    marked: IntArray,
+    smoothness: float,
+    identity: float,
 ) -> tuple[sparse.csr_matrix, FloatArray]:
-    """Matrix (V + F, V + F) and right-hand side (V + F, 3) of the smoothness and identity terms."""
-    degenerate = degenerate_triangles(points, faces)
+    """Matrix (V + F, V + F) and right-hand side (V + F, 3) of the smoothness and identity terms.
+
+    A degenerate triangle has no gradient: its edges are kept as weakly as the identity term, and
+    its middle corner stays at its place on the longest edge. This, and what ties a loose piece,
+    weighs as much as the smoothness: nothing else fixes them before points attract, and a weak
+    term would make the matrix ill-conditioned.
+    """
     gradients = deformation_operator(points, faces, degenerate)
     links = shared_edges(faces)
     links = links[~degenerate[links].any(axis=1)]
@@ -141,41 +153,61 @@ def _smoothness_system(
     jump = sparse.kron(jumps, sparse.eye(3), format="csr") @ gradients
     matrix = smoothness * (jump.T @ jump) + identity * (gradients.T @ gradients)
     right = identity * (gradients.T @ np.tile(np.eye(3), (len(faces), 1)))
-    ties, tied = _ties(points, faces, degenerate, marked)
-    padded = sparse.hstack([ties, sparse.csr_matrix((ties.shape[0], len(faces)))])
     # The fourth vertex of a degenerate triangle is in no equation: any positive entry will do.
-    idle = np.concatenate([np.zeros(len(points)), 1.0 * degenerate])
-    matrix = matrix + identity * (padded.T @ padded) + sparse.diags(idle)
-    return matrix.tocsr(), right + identity * (padded.T @ tied)
+    matrix = matrix + sparse.diags(np.concatenate([np.zeros(len(points)), 1.0 * degenerate]))
+    slivers = faces[degenerate]
+    for terms, weight in (
+        (_edges(points, slivers.ravel(), np.roll(slivers, -1, axis=1).ravel()), identity),
+        (_places_on_edges(points, slivers), smoothness + identity),
+        (_ties(points, faces, marked), smoothness + identity),
+    ):
+        padded = sparse.hstack([terms, sparse.csr_matrix((terms.shape[0], len(faces)))])
+        matrix = matrix + weight * (padded.T @ padded)
+        right += weight * (padded.T @ (terms @ points))
+    return matrix.tocsr(), right
 
 
-def _ties(
-    points: FloatArray, faces: IntArray, degenerate: NDArray[np.bool_], marked: IntArray
-) -> tuple[sparse.csr_matrix, FloatArray]:
-    """Edge terms (E, V) and the edges they should keep (E, 3), where gradients say nothing.
+def _ties(points: FloatArray, faces: IntArray, marked: IntArray) -> sparse.csr_matrix:
+    """Edges (E, V) from each piece without a marker, and each unused vertex, to a piece with one.
 
-    They hold the vertices of degenerate triangles, and tie each piece without a marker, and each
-    unused vertex, to the closest vertex of a piece that has one.
+    They join the closest vertices.
     """
-    first = faces[degenerate].ravel()
-    second = np.roll(faces[degenerate], -1, axis=1).ravel()
     labels = components(faces, len(points))
     held = np.isin(labels, labels[marked])
-    loose = np.flatnonzero(~held)
-    if len(loose):
-        body = np.flatnonzero(held)
-        distances, nearest = cKDTree(points[body]).query(points[loose])
-        order = np.lexsort((distances, labels[loose]))
-        chosen = order[np.unique(labels[loose][order], return_index=True)[1]]
-        first = np.concatenate([first, body[nearest[chosen]]])
-        second = np.concatenate([second, loose[chosen]])
+    loose, body = np.flatnonzero(~held), np.flatnonzero(held)
+    distances, nearest = cKDTree(points[body]).query(points[loose])
+    order = np.lexsort((distances, labels[loose]))
+    chosen = order[np.unique(labels[loose][order], return_index=True)[1]]
+    return _edges(points, body[nearest[chosen]], loose[chosen])
+
+
+def _edges(
+    points: FloatArray, first: NDArray[np.integer], second: NDArray[np.integer]
+) -> sparse.csr_matrix:
+    """Operator (E, V): the second point of each edge minus the first."""
     rows = np.arange(len(first))
-    shape = (len(first), len(points))
-    ones = np.ones(len(first))
-    difference = sparse.coo_matrix((ones, (rows, second)), shape) - sparse.coo_matrix(
-        (ones, (rows, first)), shape
-    )
-    return difference.tocsr(), points[second] - points[first]
+    signs = np.concatenate([np.ones(len(first)), -np.ones(len(first))])
+    ends = (np.concatenate([rows, rows]), np.concatenate([second, first]))
+    return sparse.coo_matrix((signs, ends), (len(first), len(points))).tocsr()
+
+
+def _places_on_edges(points: FloatArray, slivers: IntArray) -> sparse.csr_matrix:
+    """Operator (S, V): the middle corner of each sliver minus its projection on the longest edge.
+
+    A vertex that only slivers use follows its neighbours by these rows.
+    """
+    corners = points[slivers]
+    opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+    middle = np.einsum("fij,fij->fi", opposite, opposite).argmax(axis=1)
+    ordered = slivers[np.arange(len(slivers))[:, None], (middle[:, None] + np.arange(3)) % 3]
+    top, start, end = (points[ordered[:, corner]] for corner in range(3))
+    squared = np.einsum("ij,ij->i", end - start, end - start)
+    along = np.einsum("ij,ij->i", top - start, end - start)
+    fraction = np.divide(along, squared, out=np.zeros_like(along), where=squared > 0)
+    weights = np.stack([np.ones(len(slivers)), fraction - 1.0, -fraction], axis=1)
+    rows = np.repeat(np.arange(len(slivers)), 3)
+    shape = (len(slivers), len(points))
+    return sparse.coo_matrix((weights.ravel(), (rows, ordered.ravel())), shape).tocsr()
 
 
 def _vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:

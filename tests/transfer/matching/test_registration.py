@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from dtrepair.numerics.geometry import diagonal
+from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from dtrepair.numerics.operators import Factor
 from dtrepair.transfer import register
 from dtrepair.transfer.matching.closest_point import closest_on_triangles
@@ -97,6 +97,37 @@ def test_pieces_without_markers_unused_vertices_and_slivers_come_along() -> None
     target = 2.0 * points + 1.0
     found = register(points, faces, target, faces, SIX)
     assert np.abs(found - target).max() < 1e-8 * diagonal(target)
+
+
+def test_a_vertex_of_slivers_alone_follows_its_neighbours() -> None:
+    points, faces = icosphere(2)
+    first, second = points[faces[0, 0]], points[faces[0, 1]]
+    source = np.concatenate([points, [0.8 * first + 0.2 * second]])
+    sliver = [[faces[0, 0], faces[0, 1], len(points)]]
+    turn = Rotation.from_rotvec([0.5, -0.2, 1.1])
+    target = turn.apply(points * (1.0, 2.0, 0.7))
+    found = register(source, np.concatenate([faces, sliver]), target, faces, SIX)
+    wanted = 0.8 * found[faces[0, 0]] + 0.2 * found[faces[0, 1]]
+    edge = np.linalg.norm(found[faces[0, 0]] - found[faces[0, 1]])
+    assert np.linalg.norm(found[-1] - wanted) < 1e-3 * edge
+
+
+def test_slivers_of_the_target_attract_nothing() -> None:
+    points, faces = icosphere(2)
+    target, all_faces = sliver_fan(2.0 * points, faces)
+    found = register(points, faces, target, all_faces, SIX)
+    np.testing.assert_array_equal(found, register(points, faces, target, faces, SIX))
+    flat = np.zeros((3, 3), dtype=np.int64) + faces[0, 0]
+    with pytest.raises(ValueError, match="triangles with an area"):
+        register(points, faces, target, flat, SIX)
+
+
+def sliver_fan(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """The mesh with a sliver of a vertex of its own on the first edge of each triangle."""
+    middles = 0.5 * (points[faces[:, 0]] + points[faces[:, 1]])
+    new = np.arange(len(faces)) + len(points)
+    slivers = np.column_stack([faces[:, :2], new])
+    return np.concatenate([points, middles]), np.concatenate([faces, slivers]).astype(np.int32)
 
 
 def test_torch_and_float32_come_back_as_they_came() -> None:

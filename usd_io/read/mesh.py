@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from usd_io.errors import StageError
-
-if TYPE_CHECKING:
-    from usd_io.read.skinning import Skin
+from usd_io.read.skinning import Skin
 
 
 @dataclass(frozen=True)

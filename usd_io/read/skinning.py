@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Tf, Usd, UsdGeom, UsdSkel, Vt
+from pxr import Tf, Usd, UsdGeom, UsdSkel, Vt
 
 from usd_io.errors import FrameError, StageError, one_line
-from usd_io.read.transforms import chain_times, inverse_matrix, prim_matrix, transform_points
+from usd_io.read.matrices import chain_times, inverse_matrix, prim_matrix, transform_points
 from usd_io.times import time_code
-from usd_io.write.normals_sources import vec3f_array
+from usd_io.values import vec3f_array
 
 
 @dataclass(frozen=True)
@@ -165,27 +165,6 @@ def find_skin(prim: Usd.Prim) -> Skin | None:
                 skeleton_query = cache.GetSkelQuery(skeleton)
                 return Skin(prim, skeleton.GetPrim(), skeleton_query, query, cache)
     return None
-
-
-def unbind(layer: Sdf.Layer, path: Sdf.Path) -> None:
-    """Take a mesh off its skeleton in a layer, so that clients do not deform it twice.
-
-    Only the API schema goes; blocked joint indices would make skinning queries raise.
-    """
-    removed = Sdf.TokenListOp()
-    removed.deletedItems = ["SkelBindingAPI"]
-    Sdf.CreatePrimInLayer(layer, path).SetInfo("apiSchemas", removed)
-
-
-def unbinding_told(paths: list[str]) -> list[str]:
-    """A warning about the meshes that a layer unbinds; none without any."""
-    if not paths:
-        return []
-    more = f" and {len(paths) - 1} more" if paths[1:] else ""
-    return [
-        f"{paths[0]}{more}: posed by a skeleton or blend shapes; the layer holds the posed points, "
-        "and unbinds them"
-    ]
 
 
 def _check_own_binding(prim: Usd.Prim) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pxr import Sdf, Tf, Usd, UsdUtils
 
 from usd_io.errors import StageError, UsageError, one_line
-from usd_io.write.atomic_layer import same_file
+from usd_io.paths import same_file
 
 # Extensions of usd-core; plugins may add more, so this is only used for a better message.
 USD_EXTENSIONS = (".usd", ".usda", ".usdc", ".usdz")

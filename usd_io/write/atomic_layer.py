@@ -14,10 +14,9 @@ from types import TracebackType
 
 from pxr import Sdf, Tf
 
-from usd_io.errors import OutputError, UsageError, one_line
+from usd_io.errors import OutputError, one_line
+from usd_io.paths import check_output_path
 from usd_io.write.temporary import make_temporary_folder
-
-OUTPUT_EXTENSIONS = (".usd", ".usda", ".usdc")
 
 # Unsaved samples live in memory, saved ones do not.
 FRAMES_BETWEEN_SAVES = 10
@@ -130,61 +129,6 @@ class AtomicLayer:
             f"{self.path}: writing failed ({_reason(error)}); an older file is unchanged; check "
             "the free space and permissions"
         )
-
-
-def check_output_path(path: str | os.PathLike[str]) -> str:
-    """The absolute path of an output layer.
-
-    Raises:
-        UsageError: the extension is not that of a USD layer.
-        OutputError: the directory does not exist, or the path is a directory.
-    """
-    absolute = os.path.abspath(os.fspath(path))
-    extension = os.path.splitext(absolute)[1].lower()
-    if extension == ".usdz":
-        raise UsageError(
-            f"{path}: a usdz package cannot be written; write a .usdc layer over the input and "
-            "package both"
-        )
-    if extension not in OUTPUT_EXTENSIONS:
-        raise UsageError(f"{path}: expected an output ending in {', '.join(OUTPUT_EXTENSIONS)}")
-    directory = os.path.dirname(absolute)
-    if not os.path.isdir(directory):
-        raise OutputError(f"{path}: no directory {directory}; create it first")
-    if os.path.isdir(absolute):
-        raise OutputError(f"{path}: is a directory; name a file in it")
-    return absolute
-
-
-def relative_asset_path(asset: str, directory: str) -> str:
-    """The asset path of a layer file as seen from a directory: ./shot.usd, ../shot.usd.
-
-    Falls back to the absolute path where links make the relative one point elsewhere, or on
-    another drive.
-    """
-    outer, bracket, inner = asset.partition("[")
-    outer = os.path.abspath(outer)
-    try:
-        relative = os.path.relpath(outer, directory)
-    except ValueError:
-        return asset
-    seen_from_link = os.path.normpath(os.path.join(os.path.realpath(directory), relative))
-    if os.path.realpath(seen_from_link) != os.path.realpath(outer):
-        return outer.replace(os.sep, "/") + bracket + inner
-    relative = relative.replace(os.sep, "/")
-    if not relative.startswith("../"):
-        relative = f"./{relative}"
-    return relative + bracket + inner
-
-
-def same_file(first: str, second: str) -> bool:
-    """Whether two paths name one file, through links of either kind."""
-    if os.path.realpath(first) == os.path.realpath(second):
-        return True
-    try:
-        return os.path.samefile(first, second)
-    except OSError:
-        return False
 
 
 def _reason(error: BaseException) -> str:

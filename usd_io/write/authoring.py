@@ -13,9 +13,9 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from usd_io.errors import UsageError, time_text
 from usd_io.polygons import check_topology
+from usd_io.values import extent_of, vec3f_array
 from usd_io.write.atomic_layer import AtomicLayer
 from usd_io.write.metadata import set_record
-from usd_io.write.normals_sources import extent_of, vec3f_array
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ import numpy as np
 from pxr import Sdf, Tf
 
 from usd_io.errors import StageError, UsageError, one_line, time_text
-from usd_io.write.atomic_layer import AtomicLayer, check_output_path, relative_asset_path, same_file
+from usd_io.paths import check_output_path, relative_asset_path, same_file
+from usd_io.write.atomic_layer import AtomicLayer
 from usd_io.write.metadata import get_record, set_record
 from usd_io.write.normals_sources import NORMALS, RATES
 from usd_io.write.rates import author_rates

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, Vt
 
-from usd_io.write.atomic_layer import relative_asset_path
+from usd_io.paths import relative_asset_path
 
 # Composed from the input through the sublayer, or about the input's file rather than the stage.
 NOT_COPIED = {

@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdGeom, Vt
+from pxr import Usd, UsdGeom
 
 from usd_io.normals import Polygons, recompute_normals
 from usd_io.read.mesh import AnimatedMesh
 from usd_io.times import time_code
 
-VALUE_TYPES = {
-    "points": Sdf.ValueTypeNames.Point3fArray,
-    "extent": Sdf.ValueTypeNames.Float3Array,
-    "normals": Sdf.ValueTypeNames.Normal3fArray,
-    "primvars:normals": Sdf.ValueTypeNames.Normal3fArray,
-    "velocities": Sdf.ValueTypeNames.Vector3fArray,
-    "accelerations": Sdf.ValueTypeNames.Vector3fArray,
-}
 NORMALS = ("primvars:normals", "normals")
 RATES = ("velocities", "accelerations")
 
@@ -86,28 +77,3 @@ def normals_sources(mesh: AnimatedMesh) -> list[NormalsSource]:
 def authored_rates(mesh: AnimatedMesh) -> list[str]:
     """Which of velocities and accelerations the input has."""
     return [name for name in RATES if mesh.prim.GetAttribute(name).HasAuthoredValue()]
-
-
-def create_attribute(layer: Sdf.Layer, prim_path: Sdf.Path, name: str) -> Sdf.Path:
-    """Make an attribute of an `over` prim in a layer; its path. Existing ones are returned."""
-    path = prim_path.AppendProperty(name)
-    if not layer.GetAttributeAtPath(path):
-        prim = Sdf.CreatePrimInLayer(layer, prim_path)
-        Sdf.AttributeSpec(prim, name, VALUE_TYPES[name])
-    return path
-
-
-def vec3f_array(values: Any) -> Vt.Vec3fArray:
-    """Any (N, 3) values as a Vec3fArray; one that is there already is passed through."""
-    if isinstance(values, Vt.Vec3fArray):
-        return values
-    array = np.ascontiguousarray(values, dtype=np.float32).reshape(-1, 3)
-    return Vt.Vec3fArray.FromNumpy(array)
-
-
-def extent_of(points: NDArray[np.floating]) -> Vt.Vec3fArray | Sdf.ValueBlock:
-    """Bounds [min, max] of the finite points (N, 3); a block if there is none."""
-    finite = points[np.isfinite(points).all(axis=1)]
-    if not len(finite):
-        return Sdf.ValueBlock()
-    return vec3f_array([finite.min(axis=0), finite.max(axis=0)])

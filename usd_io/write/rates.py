@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf
 
+from usd_io.values import create_attribute, vec3f_array
 from usd_io.write.atomic_layer import AtomicLayer
-from usd_io.write.normals_sources import create_attribute, vec3f_array
 
 
 def author_rates(

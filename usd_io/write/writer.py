@@ -14,23 +14,18 @@ from numpy.typing import ArrayLike, NDArray
 from pxr import Sdf, Usd
 
 from usd_io.errors import StageError, time_text
+from usd_io.paths import check_output_path, relative_asset_path
 from usd_io.read.mesh import AnimatedMesh
 from usd_io.read.reader import raw_points
-from usd_io.read.skinning import unbind, unbinding_told
 from usd_io.read.stages import OpenedStage, as_stage, check_not_an_input
 from usd_io.read.transforms import transform_times
 from usd_io.times import time_code
-from usd_io.write.atomic_layer import AtomicLayer, check_output_path, relative_asset_path
+from usd_io.values import create_attribute, extent_of, vec3f_array
+from usd_io.write.atomic_layer import AtomicLayer
 from usd_io.write.metadata import copy_stage_metadata, set_record
-from usd_io.write.normals_sources import (
-    NormalsSource,
-    authored_rates,
-    create_attribute,
-    extent_of,
-    normals_sources,
-    vec3f_array,
-)
+from usd_io.write.normals_sources import NormalsSource, authored_rates, normals_sources
 from usd_io.write.rates import author_rates
+from usd_io.write.unbind import unbind, unbound_warnings
 
 
 @dataclass
@@ -169,7 +164,7 @@ class OverrideWriter:
                 if output.times or output.default:
                     self._author_rates(output)
             skinned = [path for path, output in self._meshes.items() if output.mesh.skinned]
-            self.warnings += unbinding_told(skinned)
+            self.warnings += unbound_warnings(skinned)
             set_record(self._layer, {**self._record, **self._frames(), **(record or {})})
             self._file.commit()
         finally:

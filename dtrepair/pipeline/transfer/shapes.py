@@ -24,7 +24,7 @@ from dtrepair.pipeline.transfer.inputs import PoseFiles, open_poses
 from dtrepair.pipeline.transfer.sinks import authored_mesh, stage_metadata
 
 if TYPE_CHECKING:
-    from usd_io.write.blend_shapes import BlendShapes
+    from usd_io.read.blend_shapes import BlendShapes
 
 
 class ShapePoses(StageSource):
@@ -34,7 +34,7 @@ class ShapePoses(StageSource):
 
     def __init__(self, path: str, selection: Selection) -> None:
         """Read the shapes of the one selected mesh."""
-        from usd_io.write.blend_shapes import read_blend_shapes
+        from usd_io.read.blend_shapes import read_blend_shapes
 
         super().__init__(path, selection)
         if len(self.meshes) != 1:
@@ -78,8 +78,8 @@ class ShapeSink:
         path: str,
         settings: dict[str, Any],
     ) -> None:
+        from usd_io.paths import check_output_path
         from usd_io.read.stages import check_not_an_input
-        from usd_io.write.atomic_layer import check_output_path
         from usd_io.write.blend_shapes import check_target
 
         if not is_stage(path):
@@ -102,7 +102,8 @@ class ShapeSink:
         self._offsets[round(time) - 1] = points - self._target.meshes[0].rest
 
     def _shapes(self) -> BlendShapes:
-        from usd_io.write.blend_shapes import BlendShapes, in_turn, valid_names
+        from usd_io.read.blend_shapes import BlendShapes, in_turn
+        from usd_io.write.blend_shapes import valid_names
 
         kept = sorted(self._offsets)
         offsets = np.stack([self._offsets[row] for row in kept])

@@ -77,7 +77,7 @@ class NewStage:
     def __init__(
         self, source: Source, target: MeshSource, path: str, settings: dict[str, Any]
     ) -> None:
-        from usd_io.write.atomic_layer import check_output_path
+        from usd_io.paths import check_output_path
 
         refuse_overwriting(path, target.name, source.name)
         check_output_path(path)

@@ -10,15 +10,9 @@ from pxr import Sdf, Usd, UsdGeom, UsdSkel
 
 import usd_io
 from tests.usd_stages import CUBE, CUBE_QUADS, cube_file
+from usd_io.read.blend_shapes import BlendShapes, in_turn, read_blend_shapes
 from usd_io.write.authoring import AuthoredMesh
-from usd_io.write.blend_shapes import (
-    BlendShapes,
-    in_turn,
-    read_blend_shapes,
-    valid_names,
-    write_shapes,
-    write_shapes_over,
-)
+from usd_io.write.blend_shapes import valid_names, write_shapes, write_shapes_over
 
 
 def two_shapes() -> BlendShapes:

@@ -1,0 +1,77 @@
+"""Matrices of prims and points through them, in float64.
+
+Matrices are (4, 4) in USD's row-vector convention: world = [local, 1] @ matrix. float32 would lose
+whole units under a transform such as scale (100, 0.01, 3) with an offset of 1e6.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pxr import Sdf, Usd, UsdGeom
+
+from usd_io.errors import FrameError
+from usd_io.times import time_code
+
+# Determinant of the linear part over the product of its row lengths: 1 for a rotation with any
+# scale, 0 for a flat one. A shear of 1:1e6 still passes.
+SMALLEST_DETERMINANT = 1e-9
+
+
+def prim_matrix(prim: Usd.Prim, time: float) -> NDArray[np.float64]:
+    """Local to world matrix (4, 4) float64 of a prim at a time code.
+
+    At the default time (NaN) an animated transform without default values is taken at its
+    earliest sample (pxr would silently leave it out).
+    """
+    code = time_code(time)
+    if math.isnan(time) and chain_times(prim):
+        code = Usd.TimeCode.EarliestTime()
+    return np.array(UsdGeom.Imageable(prim).ComputeLocalToWorldTransform(code))
+
+
+def chain_times(prim: Usd.Prim, *, below: Sdf.Path = Sdf.Path.absoluteRootPath) -> set[float]:
+    """Time codes of the transforms of a prim and its ancestors, those under `below` only."""
+    times: set[float] = set()
+    while prim and prim.GetPath() != below and not prim.IsPseudoRoot():
+        xformable = UsdGeom.Xformable(prim)
+        if xformable:
+            times.update(xformable.GetTimeSamples())
+            if xformable.GetResetXformStack():
+                break
+        prim = prim.GetParent()
+    return times
+
+
+def transform_points(points: ArrayLike, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (..., 3) through a matrix (4, 4), in float64."""
+    points = np.asarray(points, dtype=np.float64)
+    moved: NDArray[np.float64] = points @ matrix[:3, :3] + matrix[3, :3]
+    return moved
+
+
+def inverse_matrix(
+    matrix: NDArray[np.float64], *, path: str = "transform", time: float = math.nan
+) -> NDArray[np.float64]:
+    """World to local: the inverse (4, 4) of an affine matrix.
+
+    Raises:
+        FrameError: the matrix flattens space (a zero scale) or is not finite; pxr would return a
+            matrix of FLT_MAX.
+    """
+    linear = matrix[:3, :3]
+    lengths = np.linalg.norm(linear, axis=1)
+    if not np.isfinite(matrix).all() or not (lengths > 0.0).all():
+        raise FrameError(path, time, "the transform has a zero or infinite scale; mend it")
+    determinant = float(np.linalg.det(linear / lengths[:, None]))
+    if abs(determinant) < SMALLEST_DETERMINANT:
+        raise FrameError(
+            path, time, f"the transform flattens space (determinant {determinant:.1e}); mend it"
+        )
+    # Rows scaled to length one first, so that the inverse is as exact as the rotation in it.
+    inverse = np.eye(4)
+    inverse[:3, :3] = np.linalg.inv(linear / lengths[:, None]) / lengths[None, :]
+    inverse[3, :3] = -matrix[3, :3] @ inverse[:3, :3]
+    return inverse

@@ -32,7 +32,8 @@ class Outcome:
     @property
     def json(self) -> dict[str, Any]:
         """Standard output as JSON."""
-        return json.loads(self.out)
+        result: dict[str, Any] = json.loads(self.out)
+        return result
 
 
 def run(*arguments: object) -> Outcome:

@@ -31,7 +31,8 @@ def tilted_pairs(count: int, seed: int = 0) -> Pairs:
     rng = np.random.default_rng(seed)
     steps = rng.integers(-(2**20), 2**20, (count, 2, 3))
     pairs = np.einsum("kpcx,kxd->kpcd", rng.integers(0, 6, (count, 2, 3, 2)), steps)
-    return pairs.astype(np.float32)
+    points: Pairs = pairs.astype(np.float32)
+    return points
 
 
 def nearly_flat_pairs(count: int, seed: int = 0) -> Pairs:
@@ -39,7 +40,8 @@ def nearly_flat_pairs(count: int, seed: int = 0) -> Pairs:
     rng = np.random.default_rng(seed)
     frame = np.linalg.qr(rng.normal(size=(count, 3, 3)))[0]
     inside = rng.random((count, 2, 3, 2))
-    return np.einsum("kpcx,kxd->kpcd", inside, frame[:, :2]).astype(np.float32)
+    points: Pairs = np.einsum("kpcx,kxd->kpcd", inside, frame[:, :2]).astype(np.float32)
+    return points
 
 
 def vertex_contacts(count: int, seed: int = 0) -> Pairs:
@@ -103,7 +105,8 @@ def mixed_magnitudes(count: int, seed: int = 0) -> Pairs:
     """
     rng = np.random.default_rng(seed)
     sizes = 10.0 ** rng.uniform(-12, 0, (count, 2, 3, 3))
-    return (sizes * rng.choice([-1.0, 1.0], sizes.shape)).astype(np.float32)
+    points: Pairs = (sizes * rng.choice([-1.0, 1.0], sizes.shape)).astype(np.float32)
+    return points
 
 
 def far_corners(count: int, seed: int = 0) -> Pairs:

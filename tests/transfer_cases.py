@@ -23,4 +23,5 @@ def bent(points: NDArray[np.float64], amount: float = 0.8) -> NDArray[np.float64
 
 def errors(found: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
     """Largest deviation relative to the diagonal of the expected points."""
-    return np.abs(found - expected).max() / diagonal(expected.reshape(-1, 3))
+    result: float = np.abs(found - expected).max() / diagonal(expected.reshape(-1, 3))
+    return result

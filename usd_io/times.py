@@ -49,7 +49,10 @@ class FrameRange:
         # Composed layer offsets leave rounding errors: 0.30000000000000004 is frame 0.3.
         tolerance = 1e-6 * np.minimum(abs(self.step), 1.0)
         tolerance = np.maximum(tolerance, 1e-12 * np.abs(times))
-        return (steps >= 0) & (steps < self.count) & (np.abs(times - nearest) <= tolerance)
+        selected: NDArray[np.bool_] = (
+            (steps >= 0) & (steps < self.count) & (np.abs(times - nearest) <= tolerance)
+        )
+        return selected
 
 
 @dataclass(frozen=True)

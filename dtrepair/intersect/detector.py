@@ -113,7 +113,8 @@ class Detector:
         count = warp.zeros(1, dtype=warp.int32, device=self.device)
         inputs = [near, positions, self._ordered, welded, self._order, pairs, count]
         self._launch(self._kernels.test_candidates, (len(near),), inputs)
-        return pairs.numpy()[: int(count.numpy()[0])]
+        rows: NDArray[np.int32] = pairs.numpy()[: int(count.numpy()[0])]
+        return rows
 
     def _near(self, positions: Any, active: NDArray[np.bool_] | None) -> Any:
         """Candidate pairs (frame, i, j) in leaf order: a Warp array of their number."""
@@ -166,7 +167,8 @@ class Detector:
         second = points[frame[:, None], self.faces[j]]
         keep = ~uncertain
         keep[uncertain] = intersect(first, second)
-        return pairs[keep]
+        kept: NDArray[np.int32] = pairs[keep]
+        return kept
 
     def boxes(self, points: Any) -> list[Any]:
         """Boxes of triangles (in leaf order) and nodes, lower and upper, of poses (B, V, 3).

@@ -21,7 +21,10 @@ def as_integers(points: NDArray[np.float32]) -> Integers:
     whole = (mantissa * 2.0**24).astype(np.int64)
     used = whole != 0
     shift = exponent - (int(exponent[used].min()) if used.any() else 0)
-    return np.left_shift(whole.astype(object), np.where(used, shift, 0).astype(object))
+    integers: Integers = np.left_shift(
+        whole.astype(object), np.where(used, shift, 0).astype(object)
+    )
+    return integers
 
 
 def cross(u: Integers, v: Integers) -> Integers:
@@ -38,7 +41,8 @@ def cross(u: Integers, v: Integers) -> Integers:
 
 def dot(u: Integers, v: Integers) -> Integers:
     """Inner product (...,) of integer vectors."""
-    return u[..., 0] * v[..., 0] + u[..., 1] * v[..., 1] + u[..., 2] * v[..., 2]
+    products: Integers = u[..., 0] * v[..., 0] + u[..., 1] * v[..., 1] + u[..., 2] * v[..., 2]
+    return products
 
 
 def sign(values: Integers) -> NDArray[np.int8]:

@@ -49,7 +49,8 @@ def close_pairs(
         found = int(count.numpy()[0])
         if found <= capacity:
             rows = pairs.numpy()[:found]
-            return rows[np.lexsort((rows[:, 1], rows[:, 0]))]
+            ordered: IntArray = rows[np.lexsort((rows[:, 1], rows[:, 0]))]
+            return ordered
         capacity = 2 * found
 
 

@@ -92,7 +92,8 @@ class Queries:
         inputs += [low, high, self._array(vertices.astype(np.int32), warp.int32)]
         inputs += [self._array(directions, warp.vec3d), result]
         warp.launch(self._kernels.cast_rays, dim=len(vertices), inputs=inputs, device="cpu")
-        return result.numpy()
+        counts: IntArray = result.numpy()
+        return counts
 
     def vector_areas(self, points: FloatArray) -> FloatArray:
         """Vector area (V, 3) of each vertex of a pose (V, 3): a third of its triangles'."""
@@ -100,7 +101,8 @@ class Queries:
         areas = warp.empty(count, dtype=warp.vec3d, device="cpu")
         inputs = [self._array(points, warp.vec3d), self._faces, *self._corners, areas]
         warp.launch(self._kernels.vertex_areas, dim=count, inputs=inputs, device="cpu")
-        return areas.numpy()
+        of_vertices: FloatArray = areas.numpy()
+        return of_vertices
 
     def _node_boxes(self, points: NDArray[np.float32]) -> tuple[Any, Any]:
         boxes = self._detector.boxes(points[None])
@@ -116,7 +118,8 @@ class Queries:
         inputs = [self._faces, indptr, indices, self._array(pairs, warp.vec2i)]
         inputs += [half, RING_LIMIT - half, *scratch, queue, distance]
         warp.launch(self._kernels.ring_distances, dim=1, inputs=inputs, device="cpu")
-        return distance.numpy()
+        distances: IntArray = distance.numpy()
+        return distances
 
     @cached_property
     def _tree(self) -> list[Any]:
@@ -215,4 +218,5 @@ def link_labels(links: NDArray[np.integer], count: int) -> IntArray:
     inputs = [warp.array(pairs, dtype=warp.vec2i, device="cpu"), roots]
     warp.launch(query_kernels.link_roots, dim=1, inputs=inputs, device="cpu")
     root = roots.numpy()
-    return (np.cumsum(root == items, dtype=np.int32) - 1)[root]
+    labels: IntArray = (np.cumsum(root == items, dtype=np.int32) - 1)[root]
+    return labels

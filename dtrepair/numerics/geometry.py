@@ -103,7 +103,8 @@ def shared_edges(faces: IntArray) -> NDArray[np.int64]:
             break
         found.append(np.stack([triangles[:-step][same], triangles[step:][same]], axis=1))
     pairs = np.concatenate(found) if found else np.zeros((0, 2), dtype=np.int64)
-    return pairs[pairs[:, 0] != pairs[:, 1]]
+    distinct: NDArray[np.int64] = pairs[pairs[:, 0] != pairs[:, 1]]
+    return distinct
 
 
 def adjacency(faces: IntArray, count: int) -> tuple[IntArray, IntArray]:
@@ -121,7 +122,8 @@ def components(faces: IntArray, count: int) -> IntArray:
     graph = sparse.coo_matrix(
         (np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(count, count)
     )
-    return csgraph.connected_components(graph, directed=False)[1].astype(np.int32)
+    labels: IntArray = csgraph.connected_components(graph, directed=False)[1].astype(np.int32)
+    return labels
 
 
 def weld_map(points: ArrayLike) -> IntArray:
@@ -177,7 +179,8 @@ def dots(first: FloatArray, second: FloatArray) -> FloatArray:
 def differing(first: FloatArray, second: FloatArray) -> NDArray[np.bool_]:
     """Whether each point (N, 3) of one array differs from that of another, (N,)."""
     unequal = first != second
-    return unequal[:, 0] | unequal[:, 1] | unequal[:, 2]
+    differs: NDArray[np.bool_] = unequal[:, 0] | unequal[:, 1] | unequal[:, 2]
+    return differs
 
 
 def as_numpy(points: Any) -> NDArray[Any]:

@@ -27,7 +27,8 @@ def frame_units(times: FloatArray) -> FloatArray:
     """Times (T,) in units of their median spacing, so that a width means frames."""
     if len(times) < 2:
         return np.zeros(len(times))
-    return (times - times[0]) / float(np.median(np.diff(times)))
+    frames: FloatArray = (times - times[0]) / float(np.median(np.diff(times)))
+    return frames
 
 
 def gaussian_kernel(frames: FloatArray, width: float) -> FloatArray:
@@ -39,7 +40,8 @@ def gaussian_kernel(frames: FloatArray, width: float) -> FloatArray:
         return np.eye(len(frames))
     distance = np.abs(frames[:, None] - frames[None, :]) / width
     weights = np.where(distance <= REACH, np.exp(-0.5 * distance**2), 0.0)
-    return weights / weights.sum(axis=1, keepdims=True)
+    normalized: FloatArray = weights / weights.sum(axis=1, keepdims=True)
+    return normalized
 
 
 def apply_in_time(kernel: Floats, field: Floats) -> Any:
@@ -63,7 +65,8 @@ def eased_in_time(needed: FloatArray, frames: FloatArray, width: float) -> Float
         return needed
     distance = np.abs(frames[:, None] - frames[None, :]) / width
     spread = (needed[None] * (distance <= 2.0)).max(axis=1)
-    return np.maximum(gaussian_kernel(frames, width) @ spread, needed)
+    eased: FloatArray = np.maximum(gaussian_kernel(frames, width) @ spread, needed)
+    return eased
 
 
 def undamped(kernel: FloatArray, field: FloatArray) -> FloatArray:

@@ -97,9 +97,10 @@ class Transfer:
         """Weight of each target triangle (Ft,)."""
         if weights in ("area", "cotan"):
             areas = triangle_areas(self.target, self.target_faces)
-            return areas / areas.mean()
+            return areas / float(areas.mean())
         if weights == "count":
-            return np.maximum(np.diff(average.indptr), 1).astype(np.float64)
+            counts: FloatArray = np.maximum(np.diff(average.indptr), 1).astype(np.float64)
+            return counts
         if weights == "uniform":
             return np.ones(len(self.target_faces))
         raise ValueError(

@@ -21,7 +21,8 @@ def scaled_normals(points: FloatArray, faces: IntArray) -> FloatArray:
     """
     cross = 2.0 * vector_areas(points, faces)
     root = np.sqrt(np.linalg.norm(cross, axis=1, keepdims=True))
-    return np.divide(cross, root, out=np.zeros_like(cross), where=root > 0)
+    normals: FloatArray = np.divide(cross, root, out=np.zeros_like(cross), where=root > 0)
+    return normals
 
 
 def degenerate_triangles(points: FloatArray, faces: IntArray) -> NDArray[np.bool_]:
@@ -30,7 +31,8 @@ def degenerate_triangles(points: FloatArray, faces: IntArray) -> NDArray[np.bool
     edges = corners - np.roll(corners, 1, axis=1)
     longest = np.einsum("fij,fij->fi", edges, edges).max(axis=1, initial=0.0)
     double_area = 2.0 * np.linalg.norm(vector_areas(points, faces), axis=1)
-    return ~(double_area > DEGENERATE_HEIGHT * longest)
+    degenerate: NDArray[np.bool_] = ~(double_area > DEGENERATE_HEIGHT * longest)
+    return degenerate
 
 
 def surface_gradient(

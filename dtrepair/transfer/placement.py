@@ -48,7 +48,8 @@ def ground_ratio(match: Match, up: FloatArray) -> float:
     )
     target_size, source_size = diagonal(match.target), diagonal(match.source)
     if target_height > 1e-3 * target_size and source_height > 1e-3 * source_size:
-        return target_height / source_height
+        ratio: float = target_height / source_height
+        return ratio
     return target_size / source_size if source_size > 0 else 1.0
 
 
@@ -155,7 +156,8 @@ class _Seats:
         self._wanted = (sparse.hstack([apart, padding]) + carried @ deformation).tocsr()
 
     def __call__(self, points: FloatArray, stack: FloatArray) -> FloatArray:
-        return self._wanted @ stack + self._seat @ points
+        moved: FloatArray = self._wanted @ stack + self._seat @ points
+        return moved
 
 
 def _carrying_rows(weights: sparse.csr_matrix, offsets: FloatArray) -> sparse.csr_matrix:

@@ -19,7 +19,8 @@ QUADS = np.array(
 
 def volume(points: NDArray[np.float64], quads: NDArray[np.int32]) -> float:
     a, b, c, d = (points[quads[:, k]] for k in range(4))
-    return sum(np.einsum("ij,ij->", a, np.cross(p, q)) / 6 for p, q in ((b, c), (c, d)))
+    result: float = sum(np.einsum("ij,ij->", a, np.cross(p, q)) / 6 for p, q in ((b, c), (c, d)))
+    return result
 
 
 def test_cube_has_the_textbook_points() -> None:

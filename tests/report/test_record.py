@@ -13,20 +13,17 @@ import pytest
 
 from dtrepair.report.record import (
     SCHEMA,
-    SCHEMA_NAME,
-    STATUSES,
     CountRecord,
     FramePrimRecord,
     FrameRecord,
     PrimRecord,
     Report,
-    ReportError,
     read_report,
     render_report,
     summarize,
-    validate,
     write_report,
 )
+from dtrepair.report.schema import SCHEMA_NAME, STATUSES, ReportError, validate
 
 Document = dict[str, Any]
 

@@ -66,7 +66,8 @@ def test_a_frame_costs_a_fraction_of_the_registration(animals: Animals) -> None:
 
 def volume(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
     corners = points[..., faces, :]
-    return np.linalg.det(corners).sum(axis=-1) / 6.0
+    volumes: NDArray[np.float64] = np.linalg.det(corners).sum(axis=-1) / 6.0
+    return volumes
 
 
 def test_volumes_triangles_and_motion_are_kept(animals: Animals) -> None:

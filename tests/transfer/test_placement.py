@@ -38,7 +38,8 @@ def correspondence(
     registered = register(
         source, source_faces, target, target_faces, rows, closest=(0.0, 10.0, 1000.0)
     )
-    return match_triangles(registered, source_faces, target, target_faces)
+    result: NDArray[np.int64] = match_triangles(registered, source_faces, target, target_faces)
+    return result
 
 
 @pytest.fixture(scope="module")

@@ -50,7 +50,8 @@ def vector_areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def turned(outline: list[list[float]]) -> np.ndarray:
     """An outline somewhere in space, on no axis plane."""
     basis, _ = np.linalg.qr(np.array([[1.0, 2.0, 3.0], [0.0, 1.0, 4.0], [5.0, 6.0, 0.0]]))
-    return np.array(outline, dtype=float) @ basis[:2] + [3.0, -7.0, 11.0]
+    turned_points: np.ndarray = np.array(outline, dtype=float) @ basis[:2] + [3.0, -7.0, 11.0]
+    return turned_points
 
 
 def test_quads_are_fans_from_their_first_vertex() -> None:

@@ -77,5 +77,7 @@ def _difference(
         return slopes[0] if name == "velocities" else None
     if name == "velocities":
         # Weighted central difference: exact for a parabola through the three points.
-        return (slopes[0] * steps[1] + slopes[1] * steps[0]) / steps.sum()
-    return 2.0 * (slopes[1] - slopes[0]) / steps.sum()
+        velocities: NDArray[np.float64] = slopes[0] * steps[1] + slopes[1] * steps[0]
+        return velocities / float(steps.sum())
+    accelerations: NDArray[np.float64] = 2.0 * (slopes[1] - slopes[0]) / steps.sum()
+    return accelerations

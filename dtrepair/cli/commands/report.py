@@ -55,7 +55,8 @@ def command(*, report_path: str, output: str, count: int, console: Console) -> i
     """
     from dtrepair.files.atomic import write_atomically
     from dtrepair.report.page import make_page
-    from dtrepair.report.record import ReportError, read_report
+    from dtrepair.report.record import read_report
+    from dtrepair.report.schema import ReportError
 
     refuse_overwriting(output, report_path)
     check_writable(output)

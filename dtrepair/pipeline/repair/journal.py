@@ -19,7 +19,7 @@ from dtrepair import __version__
 from dtrepair.files.atomic import atomic_output, write_atomically
 
 if TYPE_CHECKING:
-    from dtrepair.repair.repairer import Body
+    from dtrepair.repair.scene.bodies import Body
 
 _HEADER = "run.json"
 

@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,7 +116,7 @@ def open_target(path: str, prim: str | None) -> StageSource | MeshSource:
     return source
 
 
-def _single(source: Any, option: str) -> Any:
+def _single(source: Source, option: str) -> Source:
     if len(source.meshes) != 1:
         names = ", ".join(mesh.path for mesh in source.meshes[:4])
         more = ", ..." if len(source.meshes) > 4 else ""

@@ -46,7 +46,8 @@ def _solve(matrix: sparse.csc_matrix, right_hand_side: FloatArray) -> FloatArray
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    return factor.solve(np.ascontiguousarray(right_hand_side))
+    solution: FloatArray = factor.solve(np.ascontiguousarray(right_hand_side))
+    return solution
 
 
 class Softener:

@@ -76,7 +76,8 @@ def regional_push(
         return np.zeros_like(points)
     length = np.linalg.norm(moved, axis=1)
     kept = np.clip(length / (FAINT * length.max()) - 1.0, 0.0, 1.0)
-    return -kept[:, None] * moved / excess
+    toward: FloatArray = -kept[:, None] * moved / excess
+    return toward
 
 
 def _buried(surface: Surface, creased: IntArray, winding: IntArray) -> FloatArray:

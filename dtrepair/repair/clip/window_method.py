@@ -143,7 +143,8 @@ def steady_frames(state: SpaceTime) -> None:
 
     def roughness() -> FloatArray:
         second = apply_in_time(differences, state.poses - state.original)
-        return np.sqrt((second**2).sum(axis=2).mean(axis=1))
+        of_frames: FloatArray = np.sqrt((second**2).sum(axis=2).mean(axis=1))
+        return of_frames
 
     now = roughness()
     for _ in range(STEADY_ROUNDS):

@@ -63,7 +63,8 @@ class Rigidity:
         rows = np.arange(count) if self._inner is None else self._inner
         inputs = [self._array(rows, warp.int32), *self._matrix, original, rotations, edges]
         warp.launch(self._kernels.rotated_edges, dim=len(rows), inputs=inputs, device="cpu")
-        return edges.numpy() + self._anchored(self._original)
+        right: FloatArray = edges.numpy() + self._anchored(self._original)
+        return right
 
     def solve(self, right: FloatArray) -> FloatArray:
         """The pose (V, 3) of a right-hand side, or the motion of its change."""
@@ -76,7 +77,8 @@ class Rigidity:
     def image(self, points: FloatArray) -> FloatArray:
         """The system applied to a pose (V, 3): the right-hand side that would give it."""
         if self._inner is None:
-            return self._surface.laplacian @ points + self._anchored(points)
+            right: FloatArray = self._surface.laplacian @ points + self._anchored(points)
+            return right
         result = self._anchored(points)
         result[self._inner] += self._own[0] @ points
         return result

@@ -128,7 +128,8 @@ def _least_motion(
     answers = solve(columns.reshape(count, -1)).reshape(columns.shape)
     system = np.einsum("vid,vjd->ij", columns, answers)
     system += (1e-6 * np.trace(system) / len(turns) + 1e-30) * np.eye(len(turns))
-    return np.einsum("vid,i->vd", answers, np.linalg.solve(system, turns))
+    shift: FloatArray = np.einsum("vid,i->vd", answers, np.linalg.solve(system, turns))
+    return shift
 
 
 def _corners(faces: IntArray, hinges: NDArray[np.int64]) -> IntArray:

@@ -78,7 +78,9 @@ class Gaps:
         vertices = vertices[triangles >= 0]
         counts = self.surface.counts(pairs)
         vertices, triangles = vertices[counts], pairs[counts, 1]
-        keys = vertices.astype(np.int64) << 32 | triangles.astype(np.int64) | FACING
+        keys: NDArray[np.int64] = (
+            vertices.astype(np.int64) << 32 | triangles.astype(np.int64) | FACING
+        )
         alone = np.repeat(vertices[:, None], 3, axis=1)
         self._insert(keys, np.concatenate([alone, self.surface.faces[triangles]], axis=1))
         return keys
@@ -124,7 +126,8 @@ class Gaps:
 
     def spread(self, forces: FloatArray) -> FloatArray:
         """Forces (C,) of the gaps as forces on the vertices (V, 3)."""
-        return self._transposed @ (self._normals * forces[:, None])
+        on_vertices: FloatArray = self._transposed @ (self._normals * forces[:, None])
+        return on_vertices
 
     def _insert(self, keys: NDArray[np.int64], corners: IntArray) -> None:
         new = ~np.isin(keys, self.keys)
@@ -157,7 +160,8 @@ class Gaps:
         inputs += [float(surface.size), float(radius), found]
         dimension = len(vertices)
         warp.launch(self._kernels.faced_triangles, dim=dimension, inputs=inputs, device="cpu")
-        return found.numpy()
+        triangles: IntArray = found.numpy()
+        return triangles
 
     def _array(self, values: NDArray[Any], dtype: Any) -> Any:
         return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")

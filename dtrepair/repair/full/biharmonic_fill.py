@@ -133,7 +133,8 @@ def solve_patch(matrix: sparse.spmatrix, right_hand_side: FloatArray) -> FloatAr
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    return factor.solve(np.ascontiguousarray(right_hand_side))
+    solution: FloatArray = factor.solve(np.ascontiguousarray(right_hand_side))
+    return solution
 
 
 def _replaced(field: FloatArray, inner: NDArray[np.intp], values: FloatArray) -> FloatArray:

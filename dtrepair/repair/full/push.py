@@ -106,7 +106,8 @@ def _of_length(surface: Surface, direction: FloatArray, step: float) -> FloatArr
         return (step / largest) * direction
     limit = step * np.maximum.reduceat(surface.mobility, starts)
     scale = np.minimum(step / np.quantile(moving, SLOWEST), limit / np.maximum(of_body, 1e-300))
-    return scale[surface.body_of_vertex][:, None] * direction
+    scaled: FloatArray = scale[surface.body_of_vertex][:, None] * direction
+    return scaled
 
 
 def _far_contacts(surface: Surface, pairs: IntArray, near: int) -> tuple[IntArray, FloatArray]:

@@ -63,7 +63,8 @@ class Forces:
             warp.from_torch(forces, dtype=warp.int64),
         ]
         found.queue.launch(kernels.push_pairs, found.capacity[1:], inputs)
-        return (forces.double() / self._energy.scale).to(points.dtype)
+        gradient: Tensor = (forces.double() / self._energy.scale).to(points.dtype)
+        return gradient
 
 
 def energy_parameters(kernel: Kernel) -> Any:

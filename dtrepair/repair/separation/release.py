@@ -53,7 +53,8 @@ def released(scene: SceneRepairer, points: FloatArray, parts: IntArray) -> Float
 
     A part that cannot move stays.
     """
-    return released_frames(scene, points[None], [parts], np.zeros(1))[0]
+    pose: FloatArray = released_frames(scene, points[None], [parts], np.zeros(1))[0]
+    return pose
 
 
 def released_frames(

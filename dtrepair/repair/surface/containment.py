@@ -76,7 +76,8 @@ class Enclosures:
 
     def vertices(self, part: int) -> NDArray[np.integer]:
         """The vertices of a part."""
-        return self._vertices[self._starts[part] : self._starts[part + 1]]
+        own: NDArray[np.integer] = self._vertices[self._starts[part] : self._starts[part + 1]]
+        return own
 
     def way_out(self, points: FloatArray, inner: int, outer: int) -> FloatArray:
         """The shortest shift (3,) found that takes `inner` out of `outer`.
@@ -95,7 +96,8 @@ class Enclosures:
         many = _picked(mine, MANY)
         lengths = [self._way_along(points, way, many, outer) for way in ways[:3]]
         best = int(np.argmin(lengths))
-        return ways[best] * lengths[best]
+        shift: FloatArray = ways[best] * lengths[best]
+        return shift
 
     def length_along(
         self, points: FloatArray, direction: FloatArray, inner: int, outer: int
@@ -143,7 +145,8 @@ class Enclosures:
     def _corners(self, points: FloatArray, part: int) -> FloatArray:
         """The triangles (F, 3, 3) of a part."""
         own = self._face_order[self._face_starts[part] : self._face_starts[part + 1]]
-        return points[self.faces[own]]
+        corners: FloatArray = points[self.faces[own]]
+        return corners
 
 
 def _grouped(

@@ -52,9 +52,9 @@ def update_defects(
 
 def near_contacts(surface: Surface, pairs: IntArray, near: int) -> BoolArray:
     """Which pairs (K,) join triangles at most `near` edge rings apart: the sides of a crease."""
-    result = surface.body_of[pairs[:, 0]] == surface.body_of[pairs[:, 1]]
-    result[result] = surface.queries.ring_distance(pairs[result]) <= near
-    return result
+    near_by: BoolArray = surface.body_of[pairs[:, 0]] == surface.body_of[pairs[:, 1]]
+    near_by[near_by] = surface.queries.ring_distance(pairs[near_by]) <= near
+    return near_by
 
 
 def contact_regions(surface: Surface, pairs: IntArray, buried: BoolArray) -> tuple[int, IntArray]:

@@ -281,7 +281,8 @@ class Surface:
     def triangles_at(self, vertices: BoolArray) -> BoolArray:
         """Mask (F,) of the triangles with a corner in a vertex mask (V,)."""
         a, b, c = self.faces.T
-        return vertices[a] | vertices[b] | vertices[c]
+        touched: BoolArray = vertices[a] | vertices[b] | vertices[c]
+        return touched
 
     def dilate(self, mask: BoolArray, rings: int = 1) -> BoolArray:
         """A vertex mask (V,) grown by rings of edges."""

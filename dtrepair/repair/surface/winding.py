@@ -40,7 +40,8 @@ def winding_numbers(surface: Surface, points: FloatArray, pairs: IntArray) -> In
     rays = normals[picked] + RAY_NOISE * noise
     crossings = surface.queries.crossings(surface.written(points), picked.astype(np.int32), rays)
     votes = np.rint(np.median(crossings.reshape(-1, RAYS), axis=1)).astype(np.int32)
-    return votes[pieces]
+    of_vertices: IntArray = votes[pieces]
+    return of_vertices
 
 
 def _pieces(surface: Surface, points: FloatArray, pairs: IntArray) -> IntArray:

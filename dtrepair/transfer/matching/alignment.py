@@ -96,4 +96,5 @@ def checked_rotation(rotation: ArrayLike | None) -> FloatArray:
             "take scale and reflection out of it"
         )
     left, _, right = np.linalg.svd(matrix)  # a float32 rotation is not quite orthogonal
-    return left @ right
+    orthogonal: FloatArray = left @ right
+    return orthogonal

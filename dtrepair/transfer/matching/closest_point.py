@@ -74,4 +74,5 @@ def closest_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
 
 
 def _dots(first: FloatArray, second: FloatArray) -> FloatArray:
-    return np.einsum("kj,kj->k", first, second)
+    products: FloatArray = np.einsum("kj,kj->k", first, second)
+    return products

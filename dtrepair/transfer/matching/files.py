@@ -116,7 +116,8 @@ def _read_npz(path: Path, faces: tuple[NDArray[np.integer], ...]) -> NDArray[np.
             raise ValueError(
                 f"made for a {name} whose triangles are numbered otherwise: match the meshes again"
             )
-    return content["pairs"]
+    pairs: NDArray[np.integer] = content["pairs"]
+    return pairs
 
 
 def _read_rows(path: Path, *, columns: tuple[int, ...]) -> NDArray[np.int64]:

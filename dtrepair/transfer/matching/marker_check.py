@@ -91,7 +91,8 @@ def _offsets(
 
 
 def _lengths(vectors: FloatArray) -> FloatArray:
-    return np.linalg.norm(vectors, axis=1)
+    lengths: FloatArray = np.linalg.norm(vectors, axis=1)
+    return lengths
 
 
 def _exchanged(

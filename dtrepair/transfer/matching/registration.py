@@ -121,7 +121,8 @@ class RegistrationSystem:
 
     def in_target_units(self, points: FloatArray) -> FloatArray:
         """Positions (V, 3) at unit size back in the target's units."""
-        return points * self._size + self._centre
+        restored: FloatArray = points * self._size + self._centre
+        return restored
 
 
 def _smoothness_system(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dtrepair.report.record import validate
+from dtrepair.report.schema import validate
 from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
 
 

@@ -189,7 +189,10 @@ def test_a_rigid_mesh_keeps_its_shape_in_every_key(bar_over_ball: Path, tmp_path
     world = np.array([1.0, 2.0, 1.0])
 
     def lengths(points: ArrayLike) -> NDArray[np.float64]:
-        return np.linalg.norm(np.diff(np.asarray(points) * world, axis=0), axis=1)
+        lengths: NDArray[np.float64] = np.linalg.norm(
+            np.diff(np.asarray(points) * world, axis=0), axis=1
+        )
+        return lengths
 
     for points in after.values():
         assert np.allclose(lengths(points), lengths(before[1]), rtol=1e-4)

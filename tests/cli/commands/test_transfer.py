@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import diagonal
-from dtrepair.report.record import read_report, validate
+from dtrepair.report.record import read_report
+from dtrepair.report.schema import validate
 from dtrepair.transfer import Transfer, match_triangles, register
 from tests.command_line import (
     Outcome,

@@ -20,7 +20,8 @@ from dtrepair.pipeline.stages.frames import Frame, make_counter, read_frames
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.repair.clip.animation import AnimationRepairer
 from dtrepair.repair.options import RepairResult
-from dtrepair.repair.repairer import Body, SceneRepairer
+from dtrepair.repair.repairer import SceneRepairer
+from dtrepair.repair.scene.bodies import Body
 from tests.command_line import CLOSED, OPEN, tube_pose, tube_stage
 
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from dtrepair.repair.clip import animation
 from dtrepair.repair.clip.frames import read_frames
 from dtrepair.repair.clip.layout import Window, frames_to_solve, motions_of, window_layout
-from dtrepair.repair.repairer import Body, SceneRepairer
+from dtrepair.repair.repairer import SceneRepairer
+from dtrepair.repair.scene.bodies import Body
 from tests.meshes import icosphere
 
 SIZES = {"window": 20, "overlap": 6}

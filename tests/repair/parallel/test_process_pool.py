@@ -166,7 +166,8 @@ def test_a_process_that_works_on_a_gpu_is_not_forked(
 
 def test_processes_do_not_share_the_cores_with_threads_of_linear_algebra() -> None:
     def threads(_: object) -> int:
-        return max(library["num_threads"] for library in threadpool_info())
+        result: int = max(library["num_threads"] for library in threadpool_info())
+        return result
 
     with threadpool_limits(2):
         if threads(None) < 2:

@@ -72,7 +72,8 @@ def outside(points: Points, body: Points, faces: NDArray[np.int32]) -> NDArray[n
     la, lb, lc = (length[:, :, k] for k in range(3))
     top = np.einsum("ijk,ijk->ij", a, np.cross(b, c))
     bottom = la * lb * lc + (a * b).sum(2) * lc + (b * c).sum(2) * la + (c * a).sum(2) * lb
-    return np.abs(2.0 * np.arctan2(top, bottom).sum(axis=1)) < 2.0 * np.pi
+    mask: NDArray[np.bool_] = np.abs(2.0 * np.arctan2(top, bottom).sum(axis=1)) < 2.0 * np.pi
+    return mask
 
 
 def test_a_sleeve_covers_its_arm_and_not_the_reverse() -> None:

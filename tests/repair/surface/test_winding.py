@@ -35,7 +35,10 @@ def solid_angle_winding(points: FloatArray, faces: IntArray, queries: FloatArray
 
 def just_outside(surface: Surface, distance: float) -> FloatArray:
     normals = surface.vector_areas(surface.rest)
-    return surface.rest + distance * normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    of_vertices: FloatArray = surface.rest + distance * normals / np.linalg.norm(
+        normals, axis=1, keepdims=True
+    )
+    return of_vertices
 
 
 def sure_winding(surface: Surface) -> tuple[IntArray, np.ndarray]:

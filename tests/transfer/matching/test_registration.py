@@ -35,7 +35,10 @@ def distances_to_surface(
     """Distance of each query to the surface, relative to its diagonal."""
     near = cKDTree(points[faces].mean(axis=1)).query(queries, 12)[1]
     found = [closest_on_triangles(queries, points[faces[column]]) for column in near.T]
-    return np.linalg.norm(np.array(found) - queries, axis=2).min(axis=0) / diagonal(points)
+    result: NDArray[np.float64] = np.linalg.norm(np.array(found) - queries, axis=2).min(
+        axis=0
+    ) / diagonal(points)
+    return result
 
 
 def test_a_moved_scaled_and_turned_copy_is_met_exactly() -> None:

@@ -71,7 +71,8 @@ def bent(angle: float) -> np.ndarray:
     turn = np.array([[np.cos(radians), np.sin(radians)], [-np.sin(radians), np.cos(radians)]])
     points = BOX + BIND
     points[UPPER, :2] = (points[UPPER, :2] - [0, 2]) @ turn + [0, 2]
-    return points + SKELETON - MESH
+    values: np.ndarray = points + SKELETON - MESH
+    return values
 
 
 def only_mesh(path: Path, **options: object) -> AnimatedMesh:

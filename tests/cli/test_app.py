@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -34,19 +33,19 @@ def test_every_command_has_help_with_an_example(name: str) -> None:
     assert all("_" not in option for option in options)
 
 
-def test_help_loads_nothing_heavy_and_is_quick() -> None:
+def test_help_loads_nothing_but_the_command_line() -> None:
     code = (
-        "import sys, dtrepair.cli\n"
+        "import sys\n"
+        "before = set(sys.modules)\n"
+        "import dtrepair.cli\n"
         "try: dtrepair.cli.main(['--help'])\n"
         "except SystemExit: pass\n"
-        "heavy = {'torch', 'warp', 'pxr', 'trimesh', 'scipy', 'numpy', 'PIL', 'rich', 'usd_io'}\n"
-        "sys.exit(','.join(sorted(heavy & set(sys.modules))) or 0)"
+        "loaded = {name.partition('.')[0] for name in set(sys.modules) - before}\n"
+        "sys.stderr.write(' '.join(sorted(loaded - sys.stdlib_module_names)))"
     )
-    start = time.perf_counter()
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    # The budget is 0.5 s; a shared machine gets three times that.
-    assert time.perf_counter() - start < 1.5
+    assert done.returncode == 0 and "Usage" in done.stdout
+    assert done.stderr.split() == ["click", "dtrepair"]
 
 
 def test_python_m_dtrepair(tmp_path: Path) -> None:

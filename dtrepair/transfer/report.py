@@ -1,8 +1,10 @@
-"""What a transfer should be judged by: coverage, residuals, units, and warnings in words."""
+"""What a transfer should be judged by: coverage, residuals, units; what to look at, and why."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +31,26 @@ FLIPPED_LIMIT = 0.01  # of the target's triangles
 TURN_LIMIT = 45.0  # degrees
 
 
+class Concern(StrEnum):
+    """What is wrong with a transfer, or its inputs."""
+
+    UNMATCHED = "unmatched"
+    UNITS = "units"
+    TURN = "turn"
+    INSIDE_OUT = "inside out"
+    ILL_CONDITIONED = "ill-conditioned"
+
+
+# What to do about each.
+REMEDIES = {
+    Concern.UNMATCHED: "add markers there",
+    Concern.UNITS: "are they in other units? scale one of them",
+    Concern.TURN: "give the rotation between them",
+    Concern.INSIDE_OUT: "check the markers and the winding of both meshes",
+    Concern.ILL_CONDITIONED: "the system is ill-conditioned; use weights='area'",
+}
+
+
 @dataclass(frozen=True)
 class Coverage:
     """How much of the target has partners on the source."""
@@ -39,7 +61,21 @@ class Coverage:
     unmatched_area: float  # part of the target's area
     largest_hole: int  # triangles of the largest connected unmatched patch
     source_used: float  # part of the source's triangles that occur in a pair
-    warnings: tuple[str, ...]
+    concerns: tuple[Concern, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each concern."""
+        return self.sentences()
+
+    def sentences(self, remedies: Mapping[Concern, str] = REMEDIES) -> tuple[str, ...]:
+        """One sentence for each concern, which ends with what to do about it."""
+        return tuple(
+            f"{self.unmatched} of {self.target_triangles} target triangles have no partner "
+            f"(largest patch: {self.largest_hole}); they follow their neighbours: "
+            f"{remedies[concern]}"
+            for concern in self.concerns
+        )
 
     @property
     def unmatched_part(self) -> float:
@@ -59,7 +95,26 @@ class TransferReport:
     unit_ratio: float  # median over frames of the median det(S)^(1/3)
     turn: float  # degrees between the two rests, from their pairs
     rest_error: float  # transfer of the rest against the target's, relative to the diagonal
-    warnings: tuple[str, ...]
+    concerns: tuple[Concern, ...] = ()  # besides those of the coverage
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each concern."""
+        return self.sentences()
+
+    def sentences(self, remedies: Mapping[Concern, str] = REMEDIES) -> tuple[str, ...]:
+        """One sentence for each concern, which ends with what to do about it."""
+        found = {
+            Concern.UNITS: f"the poses are {self.unit_ratio:.3g} times the size of the source's "
+            "rest",
+            Concern.TURN: f"the rests face ways {self.turn:.0f} degrees apart",
+            Concern.INSIDE_OUT: f"{100 * self.flipped:.1f} % of the triangles are turned inside "
+            "out in the worst frame",
+            Concern.ILL_CONDITIONED: f"the source's rest comes out {self.rest_error:.1g} diagonals "
+            "from the target's",
+        }
+        own = tuple(f"{found[concern]}: {remedies[concern]}" for concern in self.concerns)
+        return self.coverage.sentences(remedies) + own
 
 
 def measure_coverage(
@@ -73,12 +128,6 @@ def measure_coverage(
     unmatched[rows[:, 1]] = False
     areas = triangle_areas(points, faces)
     count, hole = int(unmatched.sum()), _largest_patch(faces, unmatched)
-    warnings = []
-    if count > UNMATCHED_LIMIT * len(faces):
-        warnings.append(
-            f"{count} of {len(faces)} target triangles have no partner (largest patch: {hole}); "
-            "they follow their neighbours: add markers there"
-        )
     return Coverage(
         pairs=len(rows),
         target_triangles=len(faces),
@@ -86,7 +135,7 @@ def measure_coverage(
         unmatched_area=float(areas[unmatched].sum() / max(areas.sum(), np.finfo(float).tiny)),
         largest_hole=hole,
         source_used=len(np.unique(rows[:, 0])) / max(source_count, 1),
-        warnings=tuple(warnings),
+        concerns=(Concern.UNMATCHED,) if count > UNMATCHED_LIMIT * len(faces) else (),
     )
 
 
@@ -128,7 +177,7 @@ def examine(
         units,
         turn,
         rest_error,
-        coverage.warnings + _warnings(units, turn, flipped, rest_error),
+        _concerns(units, turn, flipped, rest_error),
     )
 
 
@@ -193,25 +242,11 @@ def _largest_patch(faces: NDArray[np.int32], mask: NDArray[np.bool_]) -> int:
     return int(np.bincount(labels[mask]).max())
 
 
-def _warnings(units: float, turn: float, flipped: float, rest_error: float) -> tuple[str, ...]:
-    found = []
-    if not UNIT_RANGE[0] <= units <= UNIT_RANGE[1]:
-        found.append(
-            f"the poses are {units:.3g} times the size of the source's rest: are they in other "
-            "units? scale one of them"
-        )
-    if turn > TURN_LIMIT:
-        found.append(
-            f"the rests face ways {turn:.0f} degrees apart: give the rotation between them"
-        )
-    if flipped > FLIPPED_LIMIT:
-        found.append(
-            f"{100 * flipped:.1f} % of the triangles are turned inside out in the worst frame: "
-            "check the markers and the winding of both meshes"
-        )
-    if not rest_error < 1e-6:
-        found.append(
-            f"the source's rest comes out {rest_error:.1g} diagonals from the target's: "
-            "the system is ill-conditioned; use weights='area'"
-        )
-    return tuple(found)
+def _concerns(units: float, turn: float, flipped: float, rest_error: float) -> tuple[Concern, ...]:
+    wrong = {
+        Concern.UNITS: not UNIT_RANGE[0] <= units <= UNIT_RANGE[1],
+        Concern.TURN: turn > TURN_LIMIT,
+        Concern.INSIDE_OUT: flipped > FLIPPED_LIMIT,
+        Concern.ILL_CONDITIONED: not rest_error < 1e-6,
+    }
+    return tuple(concern for concern, holds in wrong.items() if holds)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dtrepair.transfer import Transfer, examine, identity_pairs, match_triangles, measure_coverage
-from dtrepair.transfer.report import residuals
+from dtrepair.transfer.report import REMEDIES, Concern, residuals
 from tests.meshes import icosphere, torus
 
 
@@ -43,6 +43,7 @@ def test_a_pose_in_other_units_is_reported() -> None:
     for factor, told in ((100.0, True), (0.5, True), (1.2, False)):
         report = examine(transfer, factor * points[None], transfer(factor * points[None]))
         assert report.unit_ratio == pytest.approx(factor, rel=1e-9)
+        assert (report.concerns == (Concern.UNITS,)) is told
         assert any("other units" in warning for warning in report.warnings) is told
 
 
@@ -56,6 +57,7 @@ def test_rests_that_face_other_ways_are_reported() -> None:
         )
         report = examine(transfer, points[None], transfer(points[None]))
         assert report.turn == pytest.approx(90.0 if told else 0.0, abs=1e-4)
+        assert (report.concerns == (Concern.TURN,)) is told
         assert any("90 degrees apart" in warning for warning in report.warnings) is told
 
 
@@ -76,7 +78,16 @@ def test_coverage_counts_holes_by_number_area_and_patch() -> None:
     assert coverage.largest_hole == int((left >= 0.8).sum())
     assert coverage.unmatched_part == pytest.approx(coverage.unmatched_area, rel=0.2)
     assert coverage.source_used == len(covered) / len(faces)
+    assert coverage.concerns == (Concern.UNMATCHED,)
     assert "have no partner" in coverage.warnings[0]
+
+
+def test_a_host_names_its_own_remedies() -> None:
+    points, faces = icosphere(2)
+    coverage = measure_coverage(identity_pairs(faces)[:200], faces, points, faces)
+    (sentence,) = coverage.sentences({**REMEDIES, Concern.UNMATCHED: "press Pair"})
+    assert sentence.endswith("they follow their neighbours: press Pair")
+    assert coverage.warnings[0].endswith(": add markers there")
 
 
 def test_an_ill_conditioned_system_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:

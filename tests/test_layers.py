@@ -89,11 +89,13 @@ WALLS = {
     },
     "usd_io": {
         "__init__": "write read times errors",
-        "write": "read times polygons normals errors",
-        "read": "times polygons normals errors",
+        "write": "read times polygons normals values paths errors",
+        "read": "times polygons values paths errors",
         "times": "errors",
         "polygons": "errors",
         "normals": "errors",
+        "values": "",
+        "paths": "errors",
         "errors": "",
     },
 }
@@ -111,7 +113,6 @@ KNOWN_ARROWS: set[str] = {
     "dtrepair.repair: solution_cache -> repairer",
     "dtrepair: intersect -> report",
     "dtrepair: pipeline -> cli",
-    "usd_io: read -> write",
 }
 KNOWN_CIRCLES: set[str] = {
     "dtrepair.repair.clip.animation",
@@ -125,10 +126,6 @@ KNOWN_CIRCLES: set[str] = {
     "dtrepair.repair.separation.separation",
     "dtrepair.repair.surface.layers",
     "dtrepair.repair.surface.surface",
-    "usd_io.read.mesh",
-    "usd_io.read.skinning",
-    "usd_io.read.transforms",
-    "usd_io.write.normals_sources",
 }
 
 # Packages that only these may name.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ def cgal_intersect(first: NDArray[np.float32], second: NDArray[np.float32]) -> N
     """Whether closed triangles (K, 3, 3) have a common point; zero-area triangles meet nothing."""
     kernel = pytest.importorskip("CGAL.CGAL_Kernel")
 
-    def triangle(corners: list[list[float]]) -> object:
+    def triangle(corners: list[list[float]]) -> Any:
         return kernel.Triangle_3(*(kernel.Point_3(*corner) for corner in corners))
 
     result = np.zeros(len(first), dtype=bool)

@@ -25,7 +25,9 @@ def crumpled(mesh: meshes.Mesh, amount: float, seed: int = 0) -> meshes.Mesh:
 MESHES = {
     "random soup": soup(random_pairs(150, 1) * np.float32(0.6)),
     "lattice soup": soup(lattice_pairs(100, 2, 5)),
-    "plane of overlapping triangles": soup(lattice_pairs(80, 3, 5) * np.float32([1, 1, 0])),
+    "plane of overlapping triangles": soup(
+        lattice_pairs(80, 3, 5) * np.array([1, 1, 0], dtype=np.float32)
+    ),
     "crumpled grid": crumpled(meshes.grid(12, 12), 0.06),
     "crumpled sphere": crumpled(meshes.icosphere(2), 0.15),
     "bent tube": meshes.bent_tube(6.5, 10, 30),

@@ -79,10 +79,10 @@ def shared_positions(count: int, seed: int = 0) -> Pairs:
 def slivers(count: int, seed: int = 0) -> Pairs:
     """Long triangles a few float32 ulps wide, every second pair with a corner in common place."""
     rng = np.random.default_rng(seed)
-    pairs = rng.random((count, 2, 3, 3))
+    points = rng.random((count, 2, 3, 3))
     along = rng.random((count, 2, 1))
-    pairs[:, :, 2] = pairs[:, :, 0] * along + pairs[:, :, 1] * (1 - along)
-    pairs = pairs.astype(np.float32)
+    points[:, :, 2] = points[:, :, 0] * along + points[:, :, 1] * (1 - along)
+    pairs = points.astype(np.float32)
     touching = pairs[::2]
     touching[:, 1, 0] = touching[:, 0, 2]
     return pairs

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 import torch
@@ -86,7 +86,7 @@ class Refusing(DeviceQueue):
         super().__init__("cpu")
         self._torch_stream, self.error = object(), error
 
-    def _captured(self, calls: Any) -> None:
+    def _captured(self, calls: Any) -> NoReturn:
         raise self.error
 
 

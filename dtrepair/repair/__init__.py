@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions, RepairResult
 
 
-class _CallablePackage(ModuleType):
+class CallablePackage(ModuleType):
     """A package with a function's name answers calls: importing a part of it hides a function."""
 
     def __call__(
@@ -27,4 +27,4 @@ class _CallablePackage(ModuleType):
         return repair_mesh(points, faces, options=options)
 
 
-sys.modules[__name__].__class__ = _CallablePackage
+sys.modules[__name__].__class__ = CallablePackage

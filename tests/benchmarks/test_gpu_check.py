@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from benchmarks import gpu_check
+from dtrepair.repair.paper.gpu_operators import Forces
 
 SMALL = ["--cpu", "--triangles", "800", "--frames", "3"]
 
@@ -20,8 +21,8 @@ def test_all_checks_hold_on_the_cpu(capsys: pytest.CaptureFixture[str]) -> None:
 def test_what_differs_is_told(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    right = gpu_check.Forces.__call__
-    monkeypatch.setattr(gpu_check.Forces, "__call__", lambda *own: 1.001 * right(*own))
+    right = Forces.__call__
+    monkeypatch.setattr(Forces, "__call__", lambda *own: 1.001 * right(*own))
     monkeypatch.setattr(gpu_check, "timings", lambda *_: [("60 iterations", 1.0)])
     assert gpu_check.main(SMALL) == 1
     out = capsys.readouterr().out

@@ -22,6 +22,7 @@ def test_commands_and_options_exist(line: str) -> None:
     name, *arguments = shlex.split(line)[1:]
     assert name in COMMANDS
     command = group.get_command(click.Context(group), name)
+    assert command is not None
     parsed = command.make_context(name, arguments)
     assert parsed.params
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dtrepair.intersect import detector as detector_module
 from dtrepair.intersect.detector import Detector, find_intersections, triangle_count
+from dtrepair.intersect.tree import build_tree
 from dtrepair.numerics.geometry import weld_map
 from tests import meshes
 from tests.cgal_reference import cgal_pairs
@@ -182,7 +183,7 @@ def test_the_order_of_faces_only_renames_pairs() -> None:
 
 def test_one_tree_serves_all_poses(monkeypatch: pytest.MonkeyPatch) -> None:
     built: list[int] = []
-    build = detector_module.build_tree
+    build = build_tree
 
     def counting(centroids: NDArray[np.float64]) -> object:
         built.append(len(centroids))

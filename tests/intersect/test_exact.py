@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import permutations
 
 import numpy as np
@@ -13,7 +14,7 @@ from tests.soups import lattice_pairs, stress_families
 
 BASE = [(0, 0, 0), (4, 0, 0), (0, 4, 0)]
 STEP = float(np.finfo(np.float32).smallest_subnormal)
-CASES = {
+CASES: dict[str, tuple[Sequence[tuple[float, ...]], bool]] = {
     "through the inside": ([(1, 1, -1), (1, 1, 1), (9, 9, 1)], True),
     "above": ([(1, 1, 1), (2, 1, 1), (1, 2, 1)], False),
     "beside, crossing the plane": ([(5, 5, -1), (5, 5, 1), (9, 9, 1)], False),
@@ -41,7 +42,7 @@ CASES = {
 }
 
 
-def as_triangles(corners: list[tuple[float, ...]]) -> np.ndarray:
+def as_triangles(corners: Sequence[tuple[float, ...]]) -> np.ndarray:
     return np.array([corners], dtype=np.float32)
 
 

@@ -58,7 +58,8 @@ def slow_folds(points: NDArray[np.float32], faces: NDArray[np.int32]) -> set[tup
     for i, j in slow_one_vertex_pairs(faces):
         shared = set(faces[i]) & set(faces[j])
         opposite = [[k for k in faces[t] if k not in shared] for t in (i, j)]
-        if crosses(*opposite[0], faces[j]) or crosses(*opposite[1], faces[i]):
+        (p, q), (r, s) = opposite
+        if crosses(p, q, faces[j]) or crosses(r, s, faces[i]):
             found.add((i, j))
     return found
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
 import pytest
@@ -107,7 +106,7 @@ def test_neighbours_are_moved_such_that_the_in_between_is_met(only_added: bool) 
 def test_given_keys_are_not_moved_far() -> None:
     track = Track((0.0, 10.0), tuple(random_poses(2)))
     pose = track.at(5.0)
-    diagonal = np.linalg.norm(np.ptp(pose, axis=0))
+    diagonal = float(np.linalg.norm(np.ptp(pose, axis=0)))
     for part, moves in ((0.9, True), (1.1, False)):
         aim = pose + float32([part * NEIGHBOUR_LIMIT * diagonal, 0, 0])
         assert (neighbours_moved([track], 5.0, [pose], [aim]) is not None) == moves
@@ -134,12 +133,12 @@ class ArmSolver:
         )
         self.cases = 0
 
-    def pairs(self, time: float, poses: Sequence[NDArray[Any]]) -> int:
+    def pairs(self, time: float, poses: Sequence[NDArray[np.float32]]) -> int:
         return len(find_intersections(poses[0], self.faces))
 
     def repair(
-        self, time: float, poses: Sequence[NDArray[Any]]
-    ) -> tuple[NDArray[np.float64], ...] | None:
+        self, time: float, poses: Sequence[NDArray[np.float32]]
+    ) -> tuple[NDArray[np.float32], ...] | None:
         self.cases += 1
         if self.repairer is None:
             return None
@@ -147,8 +146,8 @@ class ArmSolver:
         return (result.points,) if result.after.pairs < result.before.pairs else None
 
     def allowed(
-        self, index: int, time: float, given: NDArray[Any], pose: NDArray[Any]
-    ) -> NDArray[Any]:
+        self, index: int, time: float, given: NDArray[np.float32], pose: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
         return pose
 
 
@@ -203,6 +202,6 @@ def test_what_cannot_be_cleaned_is_told(helpless: bool) -> None:
 def test_bad_options_are_refused() -> None:
     for name in ("samples", "extra", "jobs"):
         with pytest.raises(ValueError, match=f"{name} should be at least"):
-            KeyOptions(**{name: -1})
+            KeyOptions(**{name: -1})  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="linear, cubic"):
         KeyOptions(interpolation="held")

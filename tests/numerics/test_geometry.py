@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from dtrepair.numerics import geometry
 from tests import meshes
@@ -38,7 +39,7 @@ def test_as_mesh_accepts_a_mesh_without_faces() -> None:
         ([[0, 0, 0], [1, 0, 0], [0, np.inf, 0]], [[0, 1, 2]], "finite.*at vertex 2"),
     ],
 )
-def test_as_mesh_names_what_is_wrong(points: object, faces: object, message: str) -> None:
+def test_as_mesh_names_what_is_wrong(points: ArrayLike, faces: ArrayLike, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         geometry.as_mesh(points, faces)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import FrozenInstanceError, fields
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,14 +31,19 @@ NAMES = {
 }
 
 
+def made(name: str, value: Any) -> RepairOptions:
+    """Options with one of them chosen."""
+    return RepairOptions(**{name: value})
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_names_are_checked(name: str) -> None:
     for allowed in NAMES[name]:
-        assert getattr(RepairOptions(**{name: allowed}), name) == allowed
+        assert getattr(made(name, allowed), name) == allowed
     with pytest.raises(ValueError, match=f"{name} should be one of .*, got 'wrong'"):
-        RepairOptions(**{name: "wrong"})
+        made(name, "wrong")
     with pytest.raises(ValueError, match=f"{name} should be one of"):
-        RepairOptions(**{name: None})
+        made(name, None)
 
 
 @pytest.mark.parametrize(
@@ -55,8 +61,8 @@ def test_names_are_checked(name: str) -> None:
 )
 def test_numbers_have_a_least_value(name: str, wrong: float, least: float) -> None:
     with pytest.raises(ValueError, match=f"{name} should be at least"):
-        RepairOptions(**{name: wrong})
-    assert getattr(RepairOptions(**{name: least}), name) == least
+        made(name, wrong)
+    assert getattr(made(name, least), name) == least
 
 
 @pytest.mark.parametrize("wrong", [0.0, -99.0, float("nan")])
@@ -70,18 +76,18 @@ def test_diffusion_is_positive(wrong: float) -> None:
 )
 def test_numbers_are_finite(name: str) -> None:
     with pytest.raises(ValueError, match=f"{name} should be finite"):
-        RepairOptions(**{name: float("inf")})
+        made(name, float("inf"))
 
 
 @pytest.mark.parametrize("name", ["iterations", "tighten"])
 def test_counts_are_whole(name: str) -> None:
     with pytest.raises(ValueError, match=f"{name} should be a whole number, got 2.5"):
-        RepairOptions(**{name: 2.5})
-    assert getattr(RepairOptions(**{name: np.int64(3)}), name) == 3
+        made(name, 2.5)
+    assert getattr(made(name, np.int64(3)), name) == 3
 
 
 @pytest.mark.parametrize("control", [{"maximum_displacement": 0.1}, {"clearance": 0.1}])
-def test_the_paper_has_no_such_controls(control: dict[str, float]) -> None:
+def test_the_paper_has_no_such_controls(control: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="should be left out with the method paper"):
         RepairOptions(method="paper", **control)
     assert RepairOptions(**control).method == "full"
@@ -90,9 +96,9 @@ def test_the_paper_has_no_such_controls(control: dict[str, float]) -> None:
 def test_options_are_frozen_and_keyword_only() -> None:
     options = RepairOptions()
     with pytest.raises(FrozenInstanceError):
-        options.method = "paper"
+        setattr(options, "method", "paper")  # noqa: B010
     with pytest.raises(TypeError):
-        RepairOptions("paper")
+        RepairOptions("paper")  # type: ignore[call-arg]
     assert RepairOptions() == RepairOptions() and hash(RepairOptions()) == hash(RepairOptions())
 
 
@@ -114,7 +120,7 @@ def test_results_hold_their_numbers() -> None:
     result = RepairResult(np.zeros((1, 3)), Count(2, 1), Count(0, 0), 3, Status.CLEAN)
     assert result.before == Count(triangles=2, pairs=1, inter_pairs=0)
     with pytest.raises(FrozenInstanceError):
-        result.iterations = 4
+        setattr(result, "iterations", 4)  # noqa: B010
     names = {field.name for field in fields(RepairResult)}
     assert {"points", "before", "after", "iterations", "status", "message", "stages"} <= names
 

@@ -11,6 +11,7 @@ import torch
 import dtrepair
 import dtrepair.intersect.detector
 from dtrepair import Repairer, RepairOptions, RepairResult, Status, find_intersections, repair_mesh
+from dtrepair.intersect.tree import build_tree
 from dtrepair.numerics.geometry import FloatArray, diagonal, weld_map
 from dtrepair.numerics.operators import Factor
 from tests.exact_reference import check_counts
@@ -72,6 +73,7 @@ def test_clean_poses_come_back_bit_identical(method: str, dtype: Any) -> None:
     assert result.status is Status.CLEAN and result.iterations == 0
     assert result.displacement_max == 0.0 and result.before.pairs == 0
     if isinstance(dtype, torch.dtype):
+        assert isinstance(pose, torch.Tensor)
         assert result.points.dtype == dtype and torch.equal(result.points, pose)
         assert result.points is not pose
     else:
@@ -114,11 +116,13 @@ def test_two_calls_are_bit_identical(plain: RepairResult) -> None:
 
 @pytest.mark.parametrize("method", ["full", "paper"])
 def test_factors_and_trees_are_built_once(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    trees = []
-    build = dtrepair.intersect.detector.build_tree
-    monkeypatch.setattr(
-        dtrepair.intersect.detector, "build_tree", lambda *a: trees.append(1) or build(*a)
-    )
+    trees: list[int] = []
+
+    def counting(centroids: FloatArray) -> object:
+        trees.append(len(centroids))
+        return build_tree(centroids)
+
+    monkeypatch.setattr(dtrepair.intersect.detector, "build_tree", counting)
     options = RepairOptions(method=method, iterations=3)
     repairer = Repairer(REST, FACES, options=options)
     repairer(ARM)

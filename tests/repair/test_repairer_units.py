@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from dtrepair import Repairer, RepairResult, Status
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from tests.exact_reference import exact_pairs
-from tests.meshes import armed_body
+from tests.meshes import Mesh, armed_body
 
 ARM, REST = armed_body(4.2)[0], armed_body(0.0)[0]
 FACES = armed_body(0.0)[1]
@@ -45,7 +47,7 @@ def renumbered(points: FloatArray, faces: IntArray, seed: int) -> tuple[FloatArr
     return points[order], np.take_along_axis(shuffled, turned, axis=1)
 
 
-CHANGES = {
+CHANGES: dict[str, Callable[[FloatArray, IntArray], Mesh]] = {
     "scale 1e-4": lambda p, f: (1e-4 * p, f),
     "scale 1e6": lambda p, f: (1e6 * p, f),
     "rotated": lambda p, f: (p @ rotation(0).T, f),

@@ -40,21 +40,22 @@ class Tags(HTMLParser):
 
     def __init__(self) -> None:
         super().__init__()
-        self.seen, self.open = [], []
+        self.seen: list[tuple[str, dict[str, str]]] = []
+        self.open: list[str] = []
 
     def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        self.seen.append((tag, dict(attributes)))
+        self.handle_startendtag(tag, attributes)
         if tag not in ("meta", "img"):
             self.open.append(tag)
 
     def handle_startendtag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        self.seen.append((tag, dict(attributes)))
+        self.seen.append((tag, {name: value or "" for name, value in attributes}))
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
 
 
-def parsed(page: str) -> list[tuple[str, dict[str, str | None]]]:
+def parsed(page: str) -> list[tuple[str, dict[str, str]]]:
     tags = Tags()
     tags.feed(page)
     assert tags.open == []
@@ -105,7 +106,7 @@ def document_frames(count: int) -> tuple[FrameRecord, ...]:
 
 def transfer_section(**changes: Any) -> dict[str, Any]:
     figures = ("residual_median", "residual_p95", "residual_max", "inside_out", "unit_ratio")
-    values = {
+    values: dict[str, Any] = {
         **dict.fromkeys((*figures, "turn_degrees", "rest_error"), 0.25),
         **dict.fromkeys(("pairs", "unmatched", "largest_hole"), 7),
         **{"unmatched_area": 0.1, "source_used": 0.5, "root_scale": 1.5},
@@ -116,8 +117,10 @@ def transfer_section(**changes: Any) -> dict[str, Any]:
 
 def test_a_transfer_has_a_table_of_its_own() -> None:
     assert "<h2>Transfer</h2>" not in make_page(document())
-    marked = {"count": 9, "distance_median": 0.01, "distance_max": 0.4}
-    marked |= {"suspects": [3, 5], "swapped": [[3, 5]]}
+    marked: dict[str, Any] = {
+        **{"count": 9, "distance_median": 0.01, "distance_max": 0.4},
+        **{"suspects": [3, 5], "swapped": [[3, 5]]},
+    }
     page = make_page(document(transfer=transfer_section(markers=marked, residual_p95=None)))
     parsed(page)
     assert "<td>3, 5</td><td>markers to look at</td>" in page

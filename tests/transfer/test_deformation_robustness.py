@@ -159,14 +159,14 @@ def test_cap_triangles_do_not_disturb_their_neighbours(ball: Mesh, height: float
 def test_wrong_arguments_are_refused(shapes: Shapes) -> None:
     source, source_faces, target, target_faces, pairs = shapes
     with pytest.raises(ValueError, match=r"weights should be .* got 'volume'"):
-        Transfer(*shapes, weights="volume")
+        Transfer(*shapes, weights="volume")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"rotation should have shape \(3, 3\)"):
         Transfer(*shapes, rotation=np.eye(4))
     for wrong in (2.0 * np.eye(3), np.diag([1.0, 1.0, -1.0])):
         with pytest.raises(ValueError, match="orthogonal with determinant 1"):
             Transfer(*shapes, rotation=wrong)
     with pytest.raises(ValueError, match=r"pieces should be 'seated' or 'separate'"):
-        Transfer(*shapes, pieces="loose")
+        Transfer(*shapes, pieces="loose")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"source triangles 0..575, got index 576"):
         Transfer(source, source_faces, target, target_faces, [[576, 0]])
     with pytest.raises(ValueError, match="triangles with an area"):

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from tests.usd_stages import CUBE, CUBE_QUADS
 from usd_io.polygons import nonmanifold_edges, triangulate
@@ -9,7 +10,7 @@ from usd_io.polygons import nonmanifold_edges, triangulate
 COUNTS = [len(quad) for quad in CUBE_QUADS]
 INDICES = [corner for quad in CUBE_QUADS for corner in quad]
 # Concave outlines in the plane, counter-clockwise.
-ARROW = [[0, 0], [4, -2], [2, 0], [4, 2], [1, 0.5]]
+ARROW: list[list[float]] = [[0, 0], [4, -2], [2, 0], [4, 2], [1, 0.5]]
 COMB = [
     [0, 0],
     [7, 0],
@@ -47,7 +48,7 @@ def vector_areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
-def turned(outline: list[list[float]]) -> np.ndarray:
+def turned(outline: ArrayLike) -> np.ndarray:
     """An outline somewhere in space, on no axis plane."""
     basis, _ = np.linalg.qr(np.array([[1.0, 2.0, 3.0], [0.0, 1.0, 4.0], [5.0, 6.0, 0.0]]))
     turned_points: np.ndarray = np.array(outline, dtype=float) @ basis[:2] + [3.0, -7.0, 11.0]

@@ -70,7 +70,7 @@ def test_frames_and_quiet(tmp_path: Path) -> None:
 
 
 def test_jobs_give_the_same_result_in_the_same_order(tmp_path: Path) -> None:
-    path = tube_stage(tmp_path / "a.usda", np.linspace(OPEN, CLOSED, 9))
+    path = tube_stage(tmp_path / "a.usda", np.linspace(OPEN, CLOSED, 9).tolist())
     one, four = (run("check", path, "--jobs", jobs).out for jobs in (1, 4))
     assert one == four and one.count("\n") == 11
 

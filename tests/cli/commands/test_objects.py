@@ -48,13 +48,13 @@ def repaired(rod_in_ball: Path, tmp_path: Path) -> Repair:
         out, report = tmp_path / "out.usda", tmp_path / "report.json"
         done = run("repair", rod_in_ball, "-o", out, "--report", report, *options)
         assert done.code == 0, done
-        moves = []
+        moves: list[float] = []
         for prim, rest in (("/Scene/Ball/Mesh", BALL), ("/Scene/Rod/Mesh", ROD)):
             stage = Usd.Stage.Open(str(out))
             attribute = stage.GetPrimAtPath(prim).GetAttribute("points")
             points = np.array(attribute.Get(3), dtype=np.float64)
             moves.append(float(np.linalg.norm(points - np.float32(rest), axis=1).max()))
-        return (*moves, points, read_report(report))
+        return moves[0], moves[1], points, read_report(report)
 
     return repair
 
@@ -97,7 +97,7 @@ def test_without_settings_both_move_and_bend(repaired: Repair) -> None:
 def test_a_rigid_object_keeps_its_shape(
     repaired: Repair, rod_in_ball: Path, tmp_path: Path, how: str
 ) -> None:
-    options = ()
+    options: tuple[object, ...] = ()
     if how == "option":
         options = ("--rigid", "/Scene/Rod")
     elif how == "table":

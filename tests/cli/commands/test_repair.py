@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -160,7 +161,9 @@ def test_solver_errors_fail_one_frame_only(tmp_path: Path, monkeypatch: pytest.M
     calls = []
     solve = repairer.SceneRepairer.__call__
 
-    def sometimes(self, points: NDArray[np.float64]) -> RepairResult:
+    def sometimes(
+        self: repairer.SceneRepairer, points: Sequence[NDArray[np.float64]]
+    ) -> list[RepairResult]:
         calls.append(1)
         if len(calls) == 2:
             raise ArithmeticError("no factor")

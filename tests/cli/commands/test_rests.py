@@ -21,7 +21,7 @@ from tests.command_line import (
 )
 
 
-def rest_origins(tmp_path: Path, path: Path, *options: object) -> tuple[str, dict[str, Any]]:
+def rest_origins(tmp_path: Path, path: Path, *options: object) -> tuple[list[str], dict[str, Any]]:
     report = tmp_path / "rest.json"
     arguments = ["-o", tmp_path / "rest.usdc", "--frames", "2", "--report", report, *options]
     assert run("repair", path, *arguments).code in (0, 1)

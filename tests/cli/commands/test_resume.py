@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dtrepair.cli.terminal.repair_text import say
 from dtrepair.pipeline.repair import run as repair_run
 from dtrepair.repair import repairer
 from dtrepair.repair import solution_cache as remember
@@ -33,10 +34,10 @@ def windows(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     small = partial(remember.RememberingAnimator, window=WINDOW, overlap=OVERLAP)
     monkeypatch.setattr(remember, "RememberingAnimator", small)
     monkeypatch.setattr(animation, "WINDOW", WINDOW)
-    solved = []
+    solved: list[int] = []
     solve = ShotMethod.__call__
 
-    def counted(self, *arguments: Any, **options: Any) -> Any:
+    def counted(self: ShotMethod, *arguments: Any, **options: Any) -> Any:
         solved.append(1)
         return solve(self, *arguments, **options)
 
@@ -52,7 +53,6 @@ def interrupted(
     monkeypatch: pytest.MonkeyPatch, clip: Path, output: Path, at: float, *options: object
 ) -> Outcome:
     """Run until frame `at` is written, then press Ctrl-C."""
-    say = repair_run.say
 
     def press(console: Any, repaired: Any) -> None:
         if repaired.frame.time == at:
@@ -94,7 +94,7 @@ def test_frames_repaired_alone_are_resumed_one_by_one(
     calls = []
     solve = repairer.SceneRepairer.__call__
 
-    def counted(self, points: Any) -> Any:
+    def counted(self: repairer.SceneRepairer, points: Any) -> Any:
         calls.append(1)
         return solve(self, points)
 
@@ -115,7 +115,7 @@ def test_other_settings_or_inputs_start_over(
     assert other.code in (0, 1) and "is not resumed" in other.err
     assert listing(tmp_path) == ["b.usdc"]
     interrupted(monkeypatch, clip, output, 12, *options)
-    changed = tube_stage(tmp_path / "a.usdc", np.full(20, CLOSED), rest=OPEN + 0.1)
+    changed = tube_stage(tmp_path / "a.usdc", [CLOSED] * 20, rest=OPEN + 0.1)
     other = run("repair", changed, "-o", output, "--resume", *options)
     assert other.code == 0 and "is not resumed" in other.err
 
@@ -125,7 +125,7 @@ def test_poses_that_changed_are_solved_again(
 ) -> None:
     # The rest and the settings are the same, so the journal is used; the poses differ.
     options = ["--alone", "--frames", "1:8"]
-    first = tube_stage(tmp_path / "a.usdc", np.full(8, CLOSED))
+    first = tube_stage(tmp_path / "a.usdc", [CLOSED] * 8)
     interrupted(monkeypatch, first, tmp_path / "b.usdc", 6, *options)
     tube_stage(first, [CLOSED, *np.full(7, CLOSED + 0.1)])
     assert run("repair", first, "-o", tmp_path / "b.usdc", "--resume", *options).code == 0

@@ -246,8 +246,8 @@ def test_a_mesh_that_holds_its_points_stays_put_between_its_samples(tmp_path: Pa
     assert run("repair", both, "-o", out, "--alone").code == 0
     stage = Usd.Stage.Open(str(out))
     result = stage.GetPrimAtPath("/Root/Tube").GetAttribute("points")
-    for time, points in held.items():
-        assert np.allclose(np.array(result.Get(time)), points, atol=1e-6)
+    for time, expected in held.items():
+        assert np.allclose(np.array(result.Get(time)), expected, atol=1e-6)
 
 
 def largest_move(path: Path, out: Path, time: float = 2) -> float:

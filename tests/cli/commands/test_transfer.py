@@ -119,11 +119,10 @@ def test_a_saved_correspondence_gives_the_same_animation(
 def test_markers_as_npz(animals: Animals, tmp_path: Path) -> None:
     folder, _, _, rows = animals
     np.savez(tmp_path / "m.npz", markers=rows)
-    arguments = ("transfer", folder / "source.obj", folder / "target.obj", "--dry-run")
+    arguments = ("transfer", folder / "source.obj", folder / "target.obj")
     output = ("--poses", folder / "pose1.obj", "-o", tmp_path / "o.usdc", "--markers")
-    assert run(*arguments, *output, tmp_path / "m.npz").code == 0
+    assert run(*arguments, "--dry-run", *output, tmp_path / "m.npz").code == 0
     np.savez(tmp_path / "n.npz", pairs=rows)
-    arguments = arguments[:3]
     assert_fails(run(*arguments, *output, tmp_path / "n.npz"), 3, "'markers'", "got pairs")
     assert_fails(run(*arguments, *output, tmp_path / "no.npz"), 3, "no such file")
     (tmp_path / "bad.npz").write_text("nothing")
@@ -149,8 +148,8 @@ def test_swapped_markers_are_named(animals: Animals, tmp_path: Path) -> None:
 
 def test_bad_markers_are_refused(animals: Animals, tmp_path: Path) -> None:
     folder = animals[0]
-    arguments = ("transfer", folder / "source.obj", folder / "target.obj")
-    arguments += ("--poses", poses(folder)[0], "-o", tmp_path / "o.usdc")
+    arguments = ["transfer", folder / "source.obj", folder / "target.obj"]
+    arguments += ["--poses", poses(folder)[0], "-o", tmp_path / "o.usdc"]
     bad = tmp_path / "m.cons"
     bad.write_text("3\n0, 1\n2, 3\n0, 5\n")
     assert_fails(run(*arguments, "--markers", bad), 3, "m.cons", "one marker", "vertex 0")

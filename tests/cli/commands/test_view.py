@@ -14,6 +14,7 @@ from dtrepair.cli.commands import view
 from dtrepair.display import viewer
 from dtrepair.display.viewer import Viewed
 from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
+from tests.present import present
 
 
 @pytest.fixture(autouse=True)
@@ -98,7 +99,7 @@ def test_an_unusable_frame_is_told(tmp_path: Path) -> None:
 class FakeViewer:
     """Stands for the window: keeps what it was given."""
 
-    made = None
+    made: FakeViewer | None = None
 
     def __init__(
         self,
@@ -128,7 +129,7 @@ def test_the_window_gets_both_meshes_and_all_frames(
     monkeypatch.setattr(viewer, "has_polyscope", lambda: True)
     monkeypatch.setattr(viewer, "Viewer", FakeViewer)
     assert run("view", stage, "--before", stage).code == 0
-    made = FakeViewer.made
+    made = present(FakeViewer.made)
     assert made.shown and made.labels == ["1", "2", "3"] and made.first == 0
     assert [mesh.name for mesh in made.meshes] == ["before", "after"]
     points, red = made.meshes[0].frame(1)
@@ -147,7 +148,8 @@ def test_a_screenshot_of_the_window_shows_the_worst_frame(
     monkeypatch.setattr(FakeViewer, "screenshot", lambda self, path: taken.append(path))
     assert run("view", stage, "--screenshot", tmp_path / "p.png").code == 0
     assert taken == [str(tmp_path / "p.png")]
-    assert FakeViewer.made.first == 1 and not FakeViewer.made.shown
+    made = present(FakeViewer.made)
+    assert made.first == 1 and not made.shown
 
 
 def test_a_broken_display_falls_back_to_a_drawing(
@@ -166,4 +168,4 @@ def test_a_broken_display_falls_back_to_a_drawing(
 
 
 def test_summary_says_that_a_window_opens() -> None:
-    assert "window" in view.command.help
+    assert "window" in present(view.command.help)

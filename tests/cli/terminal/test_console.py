@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import Any
 
 import pytest
@@ -34,9 +34,9 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     numbers: list[float] = []
 
     class Recording(rich.progress.Progress):
-        def update(self, *given: Any, completed: Any, **fields: Any) -> None:
-            numbers.append(completed)
-            super().update(*given, completed=completed, **fields)
+        def update(self, *given: Any, **fields: Any) -> None:
+            numbers.append(fields["completed"])
+            super().update(*given, **fields)
 
     monkeypatch.setattr(rich.progress, "Progress", Recording)
     return numbers
@@ -67,6 +67,7 @@ def test_work_ahead_is_heard_only_while_a_bar_is_shown(
     console.expect(3.0)
     bar = console.progress(iter("ab"), total=2, what="working")
     next(bar)
+    assert isinstance(bar, Generator)
     bar.close()
     console.expect(3.0)
     assert shown == []

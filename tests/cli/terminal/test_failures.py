@@ -99,7 +99,7 @@ def test_an_output_is_not_called_an_input(tmp_path: Path) -> None:
 def test_a_trace_reaches_into_the_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from dtrepair.repair import repairer
 
-    def deep_inside(self, points: object) -> None:
+    def deep_inside(self: object, points: object) -> None:
         raise ArithmeticError("no factor")
 
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, CLOSED))
@@ -116,7 +116,7 @@ def test_a_trace_tells_why_frames_are_not_repaired_together(
 ) -> None:
     from dtrepair.repair.clip.animation import AnimationRepairer
 
-    def deep_inside(self, poses: object, **options: object) -> None:
+    def deep_inside(self: object, poses: object, **options: object) -> None:
         raise ArithmeticError("no window")
 
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, CLOSED))

@@ -10,6 +10,7 @@ import pytest
 from dtrepair.cli.options.shared import Selection
 from dtrepair.pipeline.stages.sources import open_source
 from tests.command_line import CLOSED, OPEN, read_samples, run, tube_polygons, tube_pose, tube_stage
+from tests.present import present
 
 FAR = (1e7, -3e6, 12.5)
 
@@ -49,13 +50,14 @@ def test_a_scene_far_from_the_origin_is_counted_and_repaired_as_a_near_one(
         assert run("repair", path, "-o", output).code == 0
         results.append(read_samples(output)[2.0])
     # float64 at 1e7 has steps of 2e-9, float32 at 1 of 6e-8.
-    assert np.allclose(*results, rtol=0.0, atol=1e-4)
+    near_result, far_result = results
+    assert np.allclose(near_result, far_result, rtol=0.0, atol=1e-4)
 
 
 def test_world_points_of_a_far_scene_lie_about_its_middle(near_and_far: list[Path]) -> None:
     source = open_source(str(near_and_far[1]), Selection())
     mesh = source.meshes[0]
-    points = source.read(mesh, 1.0)
+    points = present(source.read(mesh, 1.0))
     world = source.to_world(mesh, 1.0, points)
     assert np.abs(world).max() < 10.0
     shift = world - points.astype(np.float64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -161,6 +161,7 @@ def test_stream_holds_one_window() -> None:
     for index in range(100):
         assert next(stream).time == index
         assert len(taken) <= index + 18
+    assert isinstance(stream, Generator)
     stream.close()
 
 
@@ -243,7 +244,7 @@ def test_wrong_times_and_windows() -> None:
 def test_walk_stays_clean_and_steady(shared_data: Path) -> None:
     stage = open_stage(shared_data / "humans" / "walk_male.usdc")
     mesh = read_meshes(stage).meshes[0]
-    frames = read_points(mesh, mesh.times[3:11])
+    frames = read_points(mesh, mesh.times[3:11]).astype(np.float64)
     rest = read_mesh(shared_data / "humans" / "human_male_rest.obj").points
     results = Repairer(rest, mesh.faces).animation(frames)
     assert all(result.status is Status.CLEAN for result in results)

@@ -39,7 +39,7 @@ def test_windows_are_those_of_the_stream(
     seen = []
 
     def window(
-        self, frames: Any, tail: Any, *, keep: int
+        self: object, frames: Any, tail: Any, *, keep: int
     ) -> tuple[list[animation.Repaired], list[NDArray[np.float64]]]:
         seen.append((int(frames[0].time), int(frames[-1].time) + 1, len(frames) - keep))
         done = [animation.Repaired(frame.time, []) for frame in frames[: len(frames) - keep]]
@@ -50,26 +50,26 @@ def test_windows_are_those_of_the_stream(
     frames = [(float(k), [pose]) for k, pose in enumerate(poses)]
     done = [frame.time for frame in stream.stream(frames)]
     assert done == list(range(75))
-    layout = window_layout(np.arange(75.0), motions_of(poses), **SIZES)
+    layout = window_layout(np.arange(75.0).tolist(), motions_of(poses), **SIZES)
     assert [(w.start, w.stop, w.end - w.start) for w in layout] == seen
     starts = [frame.time for frame in read_frames(scene, frames) if frame.starts]
     assert [w.start for w in layout if not w.follows] == starts == [0, *cuts]
 
 
 def test_layout_of_one_shot() -> None:
-    layout = window_layout(np.arange(40.0), np.full(39, 0.01), **SIZES)
+    layout = window_layout(np.arange(40.0).tolist(), np.full(39, 0.01), **SIZES)
     assert layout == [
         Window(0, 20, 14, False),
         Window(14, 34, 28, True),
         Window(28, 40, 40, True),
     ]
     assert window_layout([], np.zeros(0), **SIZES) == []
-    exact = window_layout(np.arange(20.0), np.full(19, 0.01), **SIZES)
+    exact = window_layout(np.arange(20.0).tolist(), np.full(19, 0.01), **SIZES)
     assert exact == [Window(0, 20, 14, False), Window(14, 20, 20, True)]
 
 
 def test_a_chunk_needs_one_window_before_and_a_frame_after() -> None:
-    times, motions = np.arange(100.0), np.full(99, 0.01)
+    times, motions = np.arange(100.0).tolist(), np.full(99, 0.01)
     assert frames_to_solve(times, motions, (0, 1), **SIZES) == (0, 21)
     assert frames_to_solve(times, motions, (3, 4), **SIZES) == (28, 63)
     assert frames_to_solve(times, motions, (5, 7), **SIZES) == (56, 100)
@@ -77,7 +77,7 @@ def test_a_chunk_needs_one_window_before_and_a_frame_after() -> None:
 
 def test_a_start_that_looks_like_a_cut_is_avoided() -> None:
     # Alone, a fast frame after the first one would look like a cut: nothing was before it.
-    times, motions = np.arange(100.0), np.full(99, 0.01)
+    times, motions = np.arange(100.0).tolist(), np.full(99, 0.01)
     motions[27:30] = (0.1, 0.1, 0.01)
     assert len(window_layout(times, motions, **SIZES)) == 7  # no cut
     assert frames_to_solve(times, motions, (3, 4), **SIZES) == (14, 63)

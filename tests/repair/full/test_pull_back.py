@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -170,7 +172,7 @@ def test_of_several_bodies_those_that_cross_all_the_same_stay_out() -> None:
     clean[own[1]] += np.array([0.0, 1.05, 0.0]) / surface.size
     clean[own[4]] += np.array([0.6, 0.0, 0.0]) / surface.size
     assert crossings_and_folds(surface, clean) == (0, 0)
-    options = {"near": 0, "fraction": 1.0, "folds": 0, "step": 1e-9}
+    options: dict[str, Any] = {"near": 0, "fraction": 1.0, "folds": 0, "step": 1e-9}
     pulled = pull_back(surface, original, clean, **options)
     # Pushing by nothing leaves all in each other: all are back, where they were.
     assert np.array_equal(pulled, clean)

@@ -208,6 +208,8 @@ def test_direction_control_moves_the_region_where_the_user_wants() -> None:
 def test_precomputed_operators_give_the_same_result() -> None:
     # Few iterations: touching triangles amplify rounding, as in every contact problem.
     descent, points = make(crossing_tube(), optimizer=GradientDescent(rate=2.0), iterations=4)
+    assert isinstance(descent.diffusion, Diffusion)
+    assert isinstance(descent.laplacian, SparseOperator)
     other = replace(
         descent,
         diffusion=descent.diffusion.dense(device="cpu"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,7 +75,7 @@ def test_gradient_is_the_derivative_with_planes_held(kernel: Kernel) -> None:
     points, faces, pairs = crossing()
     planes = planes_of(points, faces, pairs)
     weights = torch.linspace(0.5, 2.0, len(pairs), dtype=torch.float64)
-    options = {"kernel": kernel, "weights": weights, "planes": planes}
+    options: dict[str, Any] = {"kernel": kernel, "weights": weights, "planes": planes}
     _, gradient = pair_energy(points, faces, pairs, **options)
     numeric = central_differences(
         lambda moved: pair_energy(moved, faces, pairs, **options)[0].sum(), points, 1e-6

@@ -13,6 +13,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from dtrepair.device import DeviceQueue
 from dtrepair.intersect.detector import Detector
 from dtrepair.repair.paper.descent import Descent, DescentResult
+from dtrepair.repair.paper.diffusion import Diffusion, SparseOperator
 from dtrepair.repair.paper.energy import KERNELS, Kernel
 from dtrepair.repair.paper.gpu_descent import STEPS, DeviceDescent
 from dtrepair.repair.paper.gpu_detection import FixedDetection
@@ -34,6 +35,8 @@ def both(
     detector = Detector(*TUBE)
     on_cpu = replace(descent, detect=lambda points: detector(points, exact=False))
     queue = DeviceQueue("cpu")
+    assert isinstance(descent.diffusion, Diffusion)
+    assert isinstance(descent.laplacian, SparseOperator)
     there = replace(
         descent,
         diffusion=descent.diffusion.on(TUBE[0], device="cpu"),
@@ -123,6 +126,9 @@ def test_frames_that_diverge_keep_their_best() -> None:
 class NoHost(TorchDispatchMode):
     """Refuses what has to wait for a value: a number asked for, a size that depends on one."""
 
+    def __init__(self) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+
     def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         name = func.overloadpacket.__name__
         # A number among the tensors of `torch.where` is one on the host: it has to be copied.
@@ -174,7 +180,9 @@ def test_a_batch_that_does_not_fit_is_halved(
     made, largest = [], 2
     original = FixedDetection.__init__
 
-    def limited(self, detector: Detector, frames: int, *args: Any, **options: Any) -> None:
+    def limited(
+        self: FixedDetection, detector: Detector, frames: int, *args: Any, **options: Any
+    ) -> None:
         made.append(frames)
         if frames > largest:
             raise error
@@ -197,7 +205,7 @@ def test_no_poses_are_no_work() -> None:
 
 
 def test_other_errors_are_not_taken_for_lack_of_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(self) -> None:
+    def broken(self: FixedDetection) -> None:
         raise RuntimeError("illegal address")
 
     _, on_device = both()

@@ -13,7 +13,7 @@ from dtrepair.device import DeviceQueue
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.operators import cotangent_laplacian
 from dtrepair.repair.paper.descent import Descent
-from dtrepair.repair.paper.diffusion import SparseOperator
+from dtrepair.repair.paper.diffusion import Diffusion, SparseOperator
 from dtrepair.repair.paper.energy import Kernel, pair_energy
 from dtrepair.repair.paper.gpu_detection import FixedDetection
 from dtrepair.repair.paper.gpu_operators import Forces, RowOperator
@@ -34,7 +34,7 @@ def setup(
     descent = Descent(
         faces=torch.from_numpy(FACES.astype(np.int64)),
         detect=detector,
-        diffusion=SparseOperator(LAPLACIAN),  # not used here
+        diffusion=Diffusion(LAPLACIAN),  # not used here
         laplacian=SparseOperator(LAPLACIAN),
         kernel=kernel,
         **options,
@@ -84,7 +84,7 @@ def test_a_large_force_is_cut_and_a_triangle_without_area_is_harmless() -> None:
     descent = Descent(
         faces=torch.from_numpy(faces.astype(np.int64)),
         detect=detector,
-        diffusion=SparseOperator(LAPLACIAN),
+        diffusion=Diffusion(LAPLACIAN),
         laplacian=SparseOperator(LAPLACIAN),
     )
     detection = FixedDetection(detector, 1, QUEUE)

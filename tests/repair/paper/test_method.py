@@ -8,6 +8,7 @@ import pytest
 from dtrepair.device import DeviceQueue
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.paper import method as paper
+from dtrepair.repair.paper.diffusion import Diffusion
 from dtrepair.repair.paper.gpu_descent import DeviceDescent
 from dtrepair.repair.paper.method import PaperMethod
 from dtrepair.repair.surface.surface import BodyRange, Surface
@@ -64,6 +65,6 @@ def test_an_operator_that_does_not_fit_on_the_device_is_a_clear_error(
 
     surface, _ = tube()
     monkeypatch.setattr(paper, "DEVICE_LOOP", ("cpu", "cuda"))
-    monkeypatch.setattr(paper.Diffusion, "on", full)
+    monkeypatch.setattr(Diffusion, "on", full)
     with pytest.raises(MemoryError, match=r"the diffusion operator of \d+ triangles .* 'cpu'"):
         PaperMethod(surface, OPTIONS, queue=DeviceQueue("cpu"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import pytest
 import torch
@@ -74,7 +75,9 @@ def test_momentum_brake_follows_the_running_mean_before_it_brakes() -> None:
 
 
 @pytest.mark.parametrize("mask", ["component", "vertex"])
-def test_momentum_brake_drops_the_momentum_that_left_the_band(mask: str) -> None:
+def test_momentum_brake_drops_the_momentum_that_left_the_band(
+    mask: Literal["component", "vertex"],
+) -> None:
     optimizer = replace(MomentumBrake(rate=1.0), mask=mask)
     gradients = noisy(30, noise=0.01)
     gradients[-1, 0, 2, 1] = -5.0

@@ -6,11 +6,11 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from dtrepair.repair.parallel.process_pool import AHEAD, can_fork, forked_map
+from tests.present import present
 
 pytestmark = pytest.mark.skipif(not can_fork(), reason="needs processes that can be forked")
 
@@ -86,7 +87,7 @@ def test_an_exception_is_raised_here() -> None:
 
 
 def test_an_exception_tells_where_it_was_raised() -> None:
-    def deep_inside(number: int) -> None:
+    def deep_inside(number: int) -> NoReturn:
         raise ValueError(f"no {number}")
 
     def answered(number: int) -> ValueError | None:
@@ -98,7 +99,7 @@ def test_an_exception_tells_where_it_was_raised() -> None:
     with pytest.raises(ValueError, match="no 0") as raised:
         list(forked_map(deep_inside, range(2), jobs=2))
     for error in (raised.value, *forked_map(answered, range(2), jobs=2)):
-        (note,) = error.__notes__
+        (note,) = present(error).__notes__
         assert "in deep_inside" in note
 
 
@@ -159,6 +160,7 @@ def test_no_process_outlives_the_iterator(tmp_path: Path) -> None:
     next(answers)
     while not (tmp_path / "1").exists() or not (tmp_path / "1").read_text():
         time.sleep(0.01)
+    assert isinstance(answers, Generator)
     answers.close()
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "1").read_text()), 0)

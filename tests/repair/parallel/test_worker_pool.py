@@ -54,16 +54,17 @@ class Work:
 @pytest.mark.parametrize("make", CREWS)
 def test_all_crews_work_alike(make: Callable[[], Crew]) -> None:
     with make() as crew:
-        crew.start(Work(crew))
+        work = Work(crew)
+        crew.start(work)
         for call in (1, 2, 3):
             found = crew.map("squared", [5, 0, 2, 7], 10.0)
             assert [(frame, count) for frame, count, _ in found] == [
                 (frame, call) for frame in (5, 0, 2, 7)
             ]
-        assert crew.state.squares[[5, 0, 2, 7, 3], 1].tolist() == [250, 0, 40, 490, 0]
+        assert work.squares[[5, 0, 2, 7, 3], 1].tolist() == [250, 0, 40, 490, 0]
         crew.tell("shift", 1)
         crew.map("squared", range(8), 1.0)
-        assert np.array_equal(crew.state.squares[:, 0], np.arange(8) ** 2 + 1)
+        assert np.array_equal(work.squares[:, 0], np.arange(8) ** 2 + 1)
         with pytest.raises(ValueError, match="frame 4"):
             crew.map("fail", [4])
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ TWO_CROSSING = joined((BALL, FACES), (BALL + NEAR, FACES))[0]
 
 
 def left(
-    rest: np.ndarray = TWO_APART, *, options: RepairOptions | None = None, **given: object
+    rest: np.ndarray = TWO_APART, *, options: RepairOptions | None = None, **given: Any
 ) -> tuple[str, str]:
     """What is said of a body of two balls that cross: what is left, and the cures."""
     scene = SceneRepairer([Body(rest, TWO_FACES, **given)], options=options)
@@ -38,7 +40,7 @@ def test_a_free_body_has_the_diffusion_only() -> None:
         ({"method": "paper"}, "take the method full, or raise the diffusion"),
     ],
 )
-def test_what_was_chosen_comes_first(chosen: dict, text: str) -> None:
+def test_what_was_chosen_comes_first(chosen: dict[str, Any], text: str) -> None:
     assert left(options=RepairOptions(**chosen))[1] == text
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -15,7 +18,9 @@ SMALL, SMALL_FACES = icosphere(1, 0.25)
 AWAY, DEEP = np.array([3.0, 0.0, 0.0]), np.array([0.2, 0.1, 0.3])
 
 
-def scene(mode: str = "both", ignore: tuple = (), **small: object) -> SceneRepairer:
+def scene(
+    mode: str = "both", ignore: Sequence[tuple[int, int]] = (), **small: Any
+) -> SceneRepairer:
     bodies = [
         Body(BALL, BALL_FACES, name="head"),
         Body(SMALL + AWAY, SMALL_FACES, name="pea", **small),
@@ -58,7 +63,7 @@ def test_an_eye_stays_in_its_head() -> None:
 
 
 @pytest.mark.parametrize("how", [{"mode": "self"}, {"ignore": ((0, 1),)}])
-def test_contacts_that_do_not_count_stay(how: dict) -> None:
+def test_contacts_that_do_not_count_stay(how: dict[str, Any]) -> None:
     results = scene(**how)([BALL, SMALL + DEEP])
     assert all(result.status is Status.CLEAN for result in results)
     assert np.array_equal(results[1].points, SMALL + DEEP)

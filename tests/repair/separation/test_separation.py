@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -21,7 +23,7 @@ ROD = ROD * np.array([0.12, 0.12, 1.5])
 RIGHT_THROUGH = ROD + np.array([0.35, 0.1, 0.05])
 
 
-def pair(rod: FloatArray, **of: list) -> list[Body]:
+def pair(rod: FloatArray, **of: list[Any]) -> list[Body]:
     meshes = [(BALL, BALL_FACES), (ROD + np.array([0.0, 0.0, 9.0]), ROD_FACES)]
     given = [{name: values[k] for name, values in of.items()} for k in (0, 1)]
     return [Body(*mesh, **own) for mesh, own in zip(meshes, given, strict=True)]

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector
+from dtrepair.intersect.exact import intersect
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.surface import uncertain_pairs as doubts
@@ -85,8 +86,13 @@ def test_the_answer_does_not_depend_on_what_else_is_asked() -> None:
 
 def test_verdicts_are_kept_and_the_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     points, faces = capped_cylinder()
-    asked, settle = [], doubts.intersect
-    monkeypatch.setattr(doubts, "intersect", lambda a, b: asked.append(len(a)) or settle(a, b))
+    asked: list[int] = []
+
+    def counting(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.bool_]:
+        asked.append(len(first))
+        return intersect(first, second)
+
+    monkeypatch.setattr(doubts, "intersect", counting)
     detector = Detector(points, faces)
     own = Doubts(detector, points.astype(np.float32))
     moved = points + ALONG

@@ -129,15 +129,15 @@ def test_the_fill_is_harmonic_and_within_the_bounds_of_its_surroundings() -> Non
     filled = fill(values)
     everything = np.empty((len(faces), 9))
     everything[matched], everything[~matched] = values, filled
-    neighbours = [[] for _ in faces]
-    edges = {}
+    neighbours: list[list[int]] = [[] for _ in faces]
+    edges: dict[frozenset[int], list[int]] = {}
     for triangle, corners in enumerate(faces.tolist()):
         for k in range(3):
             edges.setdefault(frozenset((corners[k], corners[k - 1])), []).append(triangle)
     for first, second in edges.values():
         neighbours[first].append(second)
         neighbours[second].append(first)
-    for triangle in np.flatnonzero(~matched):
+    for triangle in np.flatnonzero(~matched).tolist():
         mean = everything[neighbours[triangle]].mean(axis=0)
         np.testing.assert_allclose(everything[triangle], mean, atol=1e-12)
     assert (filled.max(axis=0) <= values.max(axis=0)).all()

@@ -137,8 +137,9 @@ def test_torch_and_float32_come_back_as_they_came() -> None:
     points, faces = icosphere(2)
     single = register(points.astype(np.float32), faces, 2.0 * points, faces, SIX)
     assert single.dtype == np.float32
-    tensors = [torch.from_numpy(array) for array in (points, faces, 2.0 * points, faces)]
-    found = register(*tensors, torch.from_numpy(SIX))
+    source, target = torch.from_numpy(points), torch.from_numpy(2.0 * points)
+    triangles = torch.from_numpy(faces)
+    found = register(source, triangles, target, triangles, torch.from_numpy(SIX))
     assert isinstance(found, torch.Tensor)
     np.testing.assert_allclose(found.numpy(), 2.0 * points, atol=1e-8)
 

@@ -111,8 +111,8 @@ def test_meshes_without_geometry_are_skipped_unless_named(
         selection_of(path, prim="/Root/Cube")
 
 
-def clear(mesh: UsdGeom.Mesh) -> None:
-    mesh.GetFaceVertexIndicesAttr().Clear()
+def clear(mesh: UsdGeom.Mesh) -> object:
+    return mesh.GetFaceVertexIndicesAttr().Clear()
 
 
 def test_bad_frames_are_errors_of_these_frames_only(tmp_path: Path) -> None:

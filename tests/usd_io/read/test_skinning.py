@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
+from tests.present import present
 from tests.usd_stages import CUBE, authored_properties, define_cube, new_stage, vec3f
 from usd_io import (
     AnimatedMesh,
@@ -85,7 +86,7 @@ def test_frames_between_sparse_keys_are_skinned(tmp_path: Path) -> None:
     assert mesh.skinned
     assert mesh.times.tolist() == list(range(31))
     for time in mesh.times:
-        np.testing.assert_allclose(read_frame(mesh, time), bent(3.0 * time), atol=2e-6)
+        np.testing.assert_allclose(present(read_frame(mesh, time)), bent(3.0 * time), atol=2e-6)
     # What interpolating the keys would give at frame 15 is off by a good part of the box.
     straight = (bent(0.0) + bent(90.0)) / 2
     assert np.abs(straight - bent(45.0)).max() > 0.3
@@ -98,7 +99,7 @@ def test_without_a_bind_transform_points_are_bound_where_they_are(tmp_path: Path
     stage.GetRootLayer().Save()
     mesh = only_mesh(tmp_path / "plain.usda")
     assert mesh.times.tolist() == np.arange(31.0).tolist()
-    np.testing.assert_allclose(read_frame(mesh, 0.0), BOX + SKELETON - MESH, atol=1e-5)
+    np.testing.assert_allclose(present(read_frame(mesh, 0.0)), BOX + SKELETON - MESH, atol=1e-5)
 
 
 def test_keys_agree_with_baking(tmp_path: Path) -> None:
@@ -133,7 +134,9 @@ def test_transforms_between_mesh_and_skeleton_count(tmp_path: Path) -> None:
     stage.GetRootLayer().Save()
     mesh = only_mesh(tmp_path / "in.usda")
     assert mesh.times.tolist() == [0.0, 1.0, 2.0]
-    np.testing.assert_allclose(read_frame(mesh, 1.0), bent(0.0) + np.array([0, 1.5, 0]), atol=2e-6)
+    np.testing.assert_allclose(
+        present(read_frame(mesh, 1.0)), bent(0.0) + np.array([0, 1.5, 0]), atol=2e-6
+    )
 
 
 def test_written_meshes_are_unbound_and_others_are_not(tmp_path: Path) -> None:
@@ -158,8 +161,8 @@ def test_written_meshes_are_unbound_and_others_are_not(tmp_path: Path) -> None:
     assert again.times.tolist() == list(range(31))
     # Kept frames look as they did, written ones as written.
     for time in (0.0, 15.0, 30.0):
-        np.testing.assert_allclose(read_frame(again, time), bent(3.0 * time), atol=2e-6)
-    np.testing.assert_allclose(read_frame(again, 10.0), bent(30.0) + 1.0, atol=2e-6)
+        np.testing.assert_allclose(present(read_frame(again, time)), bent(3.0 * time), atol=2e-6)
+    np.testing.assert_allclose(present(read_frame(again, 10.0)), bent(30.0) + 1.0, atol=2e-6)
 
 
 def test_normals_of_skinned_meshes_follow_in_kept_frames_too(tmp_path: Path) -> None:
@@ -198,7 +201,9 @@ def test_joined_chunks_stay_unbound(tmp_path: Path) -> None:
     again = only_mesh(tmp_path / "all.usdc")
     assert not again.skinned
     for time in range(31):
-        np.testing.assert_allclose(read_frame(again, time), bent(3.0 * time) + 1.0, atol=2e-6)
+        np.testing.assert_allclose(
+            present(read_frame(again, time)), bent(3.0 * time) + 1.0, atol=2e-6
+        )
 
 
 def test_a_skeleton_at_rest(tmp_path: Path) -> None:
@@ -209,11 +214,11 @@ def test_a_skeleton_at_rest(tmp_path: Path) -> None:
     stage.GetRootLayer().Save()
     mesh = only_mesh(tmp_path / "in.usda")
     assert np.isnan(mesh.times).all()
-    np.testing.assert_allclose(read_frame(mesh, mesh.times[0]), bent(90.0), atol=2e-6)
+    np.testing.assert_allclose(present(read_frame(mesh, mesh.times[0])), bent(90.0), atol=2e-6)
     UsdSkel.BindingAPI(stage.GetPrimAtPath("/Root/Skeleton")).GetAnimationSourceRel().SetTargets([])
     stage.GetRootLayer().Save()
     mesh = only_mesh(tmp_path / "in.usda")
-    np.testing.assert_allclose(read_frame(mesh, mesh.times[0]), bent(0.0), atol=2e-6)
+    np.testing.assert_allclose(present(read_frame(mesh, mesh.times[0])), bent(0.0), atol=2e-6)
 
 
 def blend_shaped(path: Path, *, joints: bool) -> None:
@@ -242,7 +247,7 @@ def test_blend_shapes_alone_stay_in_local_space(tmp_path: Path) -> None:
     np.testing.assert_array_equal(mesh.rest, BOX)
     expected = BOX.astype(np.float64)
     expected[4:, 2] += 0.5 * 2
-    np.testing.assert_allclose(read_frame(mesh, 5.0), expected, atol=1e-6)
+    np.testing.assert_allclose(present(read_frame(mesh, 5.0)), expected, atol=1e-6)
 
 
 def test_blend_shapes_come_before_the_joints(tmp_path: Path) -> None:
@@ -250,7 +255,7 @@ def test_blend_shapes_come_before_the_joints(tmp_path: Path) -> None:
     mesh = only_mesh(tmp_path / "in.usda")
     expected = bent(15.0)
     expected[4:, 2] += 0.5 * 2
-    np.testing.assert_allclose(read_frame(mesh, 5.0), expected, atol=2e-6)
+    np.testing.assert_allclose(present(read_frame(mesh, 5.0)), expected, atol=2e-6)
     assert mesh.times.tolist() == list(range(31))
 
 
@@ -292,7 +297,7 @@ def test_blocked_base_points_stay_blocked(tmp_path: Path) -> None:
     stage.GetRootLayer().Save()
     mesh = only_mesh(tmp_path / "in.usda")
     assert read_frame(mesh, 25.0) is None
-    np.testing.assert_allclose(read_frame(mesh, 15.0), bent(45.0), atol=2e-6)
+    np.testing.assert_allclose(present(read_frame(mesh, 15.0)), bent(45.0), atol=2e-6)
 
 
 def test_a_stage_without_skeletons_has_no_skins(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from pxr import Sdf, UsdGeom
 
+from tests.present import present
 from tests.usd_stages import CUBE_QUADS, define_cube, new_stage
 from usd_io import AnimatedMesh, StageError, open_stage, read_meshes
 from usd_io.read.vertex_weights import read_vertex_directions, read_vertex_weights
@@ -57,8 +58,8 @@ def subset(name: str, kind: str, indices: Sequence[int]) -> Change:
 
 def test_vertex_primvar_with_and_without_its_namespace(cube: Reader) -> None:
     mesh = cube(primvar("pin", RAMP))
-    assert np.allclose(read_vertex_weights(mesh, "pin"), RAMP, atol=1e-7)
-    assert np.allclose(read_vertex_weights(mesh, "primvars:pin"), RAMP, atol=1e-7)
+    assert np.allclose(present(read_vertex_weights(mesh, "pin")), RAMP, atol=1e-7)
+    assert np.allclose(present(read_vertex_weights(mesh, "primvars:pin")), RAMP, atol=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -71,14 +72,17 @@ def test_vertex_primvar_with_and_without_its_namespace(cube: Reader) -> None:
 )
 def test_other_number_types(cube: Reader, values: Any, interpolation: str, kind: Any) -> None:
     mesh = cube(primvar("pin", values, interpolation, kind))
-    assert read_vertex_weights(mesh, "pin").tolist() == [0, 1] * 4
+    assert present(read_vertex_weights(mesh, "pin")).tolist() == [0, 1] * 4
 
 
 def test_constant_and_animated_primvars(cube: Reader) -> None:
-    assert read_vertex_weights(cube(primvar("a", [0.25], "constant")), "a").tolist() == [0.25] * 8
+    assert (
+        present(read_vertex_weights(cube(primvar("a", [0.25], "constant")), "a")).tolist()
+        == [0.25] * 8
+    )
     scalar = primvar("b", 0.5, "constant", Sdf.ValueTypeNames.Float)
-    assert read_vertex_weights(cube(scalar), "b").tolist() == [0.5] * 8
-    assert np.allclose(read_vertex_weights(cube(primvar("c", RAMP, time=3)), "c"), RAMP)
+    assert present(read_vertex_weights(cube(scalar), "b")).tolist() == [0.5] * 8
+    assert np.allclose(present(read_vertex_weights(cube(primvar("c", RAMP, time=3)), "c")), RAMP)
 
 
 def test_indexed_primvar(cube: Reader) -> None:
@@ -89,14 +93,14 @@ def test_indexed_primvar(cube: Reader) -> None:
         made.Set([1.0, 0.0])
         made.SetIndices([0, 1, 1, 1, 1, 1, 1, 0])
 
-    assert read_vertex_weights(cube(change), "pin").tolist() == [1, 0, 0, 0, 0, 0, 0, 1]
+    assert present(read_vertex_weights(cube(change), "pin")).tolist() == [1, 0, 0, 0, 0, 0, 0, 1]
 
 
 def test_subsets_of_points_and_faces(cube: Reader) -> None:
-    assert read_vertex_weights(cube(subset("tip", "point", [1, 6])), "tip").tolist() == [
+    assert present(read_vertex_weights(cube(subset("tip", "point", [1, 6])), "tip")).tolist() == [
         0, 1, 0, 0, 0, 0, 1, 0,
     ]  # fmt: skip
-    weights = read_vertex_weights(cube(subset("side", "face", [2])), "side")
+    weights = present(read_vertex_weights(cube(subset("side", "face", [2])), "side"))
     assert np.flatnonzero(weights).tolist() == sorted(CUBE_QUADS[2])
 
 
@@ -125,11 +129,11 @@ def test_unusable_weights_are_refused(cube: Reader, change: Change, message: str
 def test_vectors_of_vertices(cube: Reader) -> None:
     kind = Sdf.ValueTypeNames.Vector3fArray
     mesh = cube(primvar("out", [(k, 0, -k) for k in range(8)], kind=kind))
-    vectors = read_vertex_directions(mesh, "out")
+    vectors = present(read_vertex_directions(mesh, "out"))
     assert vectors.tolist() == [[k, 0, -k] for k in range(8)]
     assert read_vertex_directions(mesh, "in") is None
     mesh = cube(primvar("all", [(0, 2, 0)], "constant", kind))
-    assert read_vertex_directions(mesh, "all").tolist() == [[0, 2, 0]] * 8
+    assert present(read_vertex_directions(mesh, "all")).tolist() == [[0, 2, 0]] * 8
 
 
 @pytest.mark.parametrize(

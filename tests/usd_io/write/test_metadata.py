@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -64,7 +65,13 @@ def test_layers_without_a_record() -> None:
 
 @pytest.mark.parametrize("extension", ["usda", "usdc"])
 def test_a_record_that_a_layer_gave_is_stored_as_it_was(tmp_path: Path, extension: str) -> None:
-    given = {"ignore": [], "counts": [1, 2], "flags": [True], "times": [0.5], "names": ["a"]}
+    given: dict[str, Any] = {
+        "ignore": [],
+        "counts": [1, 2],
+        "flags": [True],
+        "times": [0.5],
+        "names": ["a"],
+    }
     for name in ("first", "second"):
         layer = Sdf.Layer.CreateNew(str(tmp_path / f"{name}.{extension}"))
         set_record(layer, {"settings": given})

@@ -22,7 +22,7 @@ def ended() -> int:
 
 
 def folder_of(
-    directory: Path, process: int, *, host: str | None = None, output: str = "b.usdc"
+    directory: Path, process: int | str, *, host: str | None = None, output: str = "b.usdc"
 ) -> Path:
     folder = directory / f".{output}.{host or socket.gethostname()}-{process}.abc.tmp"
     folder.mkdir()

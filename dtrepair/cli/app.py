@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import click
 
 from dtrepair import __version__
-from dtrepair.cli.terminal.failures import Failure
 from dtrepair.cli.terminal.interrupts import Interrupts, exit_code, watched
+from dtrepair.pipeline.errors import PipelineError
 
 EPILOG = """Exit codes: 0 done and clean; 1 intersections remain (or found, by check); 2 usage;
 3 input unusable; 4 some frames failed (the rest is written); 5 output cannot be written."""
@@ -90,9 +90,9 @@ def _run(arguments: list[str], interrupts: Interrupts) -> object:
         context = error.ctx.command_path if error.ctx else "dtrepair"
         _complain(f"{error.format_message().rstrip('.')}; see {context} --help")
         return error.exit_code
-    except Failure as error:
-        _complain(error.format_message())
-        return error.code
+    except PipelineError as error:
+        _complain(str(error))
+        return error.exit_code
     except click.ClickException as error:
         _complain(error.format_message())
         return error.exit_code

@@ -11,24 +11,16 @@ import click
 from dtrepair import __version__
 from dtrepair.cli.options.shared import (
     IGNORE,
-    Selection,
     console_options,
     jobs_option,
     run_options,
     selection_options,
 )
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import (
-    CLEAN,
-    FRAMES,
-    REMAINING,
-    check_writable,
-    one_line_errors,
-    refuse_overwriting,
-    use_device,
-    writing,
-)
+from dtrepair.cli.terminal.failures import one_line_errors, use_device
+from dtrepair.pipeline.errors import CLEAN, FRAMES, REMAINING
 from dtrepair.pipeline.repair.records import contact_records
+from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.enclosed_parts import EnclosedParts, enclosed_lines
 from dtrepair.pipeline.stages.frames import (
     Frame,
@@ -42,6 +34,7 @@ from dtrepair.pipeline.stages.frames import (
     unusable,
 )
 from dtrepair.pipeline.stages.matching import ignored_pairs
+from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting, writing
 from dtrepair.pipeline.stages.sources import Source, open_source, time_label
 from dtrepair.report.record import (
     FramePrimRecord,

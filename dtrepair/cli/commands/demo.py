@@ -11,13 +11,9 @@ import numpy as np
 
 from dtrepair.cli.options.shared import console_options, run_options
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import (
-    OUTPUT,
-    Failure,
-    device_of_method,
-    one_line_errors,
-    writing,
-)
+from dtrepair.cli.terminal.failures import device_of_method, one_line_errors
+from dtrepair.pipeline.errors import OutputError
+from dtrepair.pipeline.stages.outputs import writing
 
 PRIM = "/Character/Body"
 
@@ -51,7 +47,7 @@ def command(*, directory: str, frame_count: int, device: str, console: Console) 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise Failure(f"{folder}: cannot be made: {error.strerror}", OUTPUT) from None
+        raise OutputError(f"{folder}: cannot be made: {error.strerror}") from None
     source, output = folder / "demo.usda", folder / "demo_repaired.usdc"
     quads = _write_character(source, frame_count)
     console.result(f"{source}: {quads} quads, {frame_count} frames")

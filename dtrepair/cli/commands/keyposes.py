@@ -10,10 +10,9 @@ import click
 
 from dtrepair import __version__
 from dtrepair.cli.commands.repair import settings_of
+from dtrepair.cli.options.config import kept_tables
 from dtrepair.cli.options.method import method_options
 from dtrepair.cli.options.shared import (
-    ObjectOptions,
-    Selection,
     console_options,
     jobs_option,
     object_options,
@@ -21,22 +20,21 @@ from dtrepair.cli.options.shared import (
     selection_options,
 )
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import (
-    CLEAN,
-    USAGE,
-    Failure,
-    device_of_method,
-    one_line_errors,
-)
+from dtrepair.cli.terminal.console_observer import ConsoleObserver
+from dtrepair.cli.terminal.failures import device_of_method, one_line_errors
+from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.keyposes_text import exit_code, in_betweens, print_keys, print_spans
-from dtrepair.cli.terminal.repair_text import print_plan, print_table, rest_warnings, say
+from dtrepair.cli.terminal.repair_text import print_plan, print_table, say
+from dtrepair.cli.terminal.report_place import check_report_place, put_report
+from dtrepair.pipeline.errors import CLEAN, UsageError
 from dtrepair.pipeline.keyposes.solve import StageKeys
+from dtrepair.pipeline.observer import FrameDone
 from dtrepair.pipeline.repair.run import Run, make_repairer
+from dtrepair.pipeline.selection import ObjectOptions, Selection
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
 from dtrepair.pipeline.stages.frames import mode_warnings, prim_records, refuse_if_none_usable
 from dtrepair.pipeline.stages.object_settings import recorded
-from dtrepair.pipeline.stages.report_place import check_report_place, put_report
-from dtrepair.pipeline.stages.rest import choose_rests
+from dtrepair.pipeline.stages.rest import choose_rests, rest_warnings
 from dtrepair.pipeline.stages.sinks import Sink, existing, open_sink
 from dtrepair.pipeline.stages.sources import StageSource, is_stage, open_source
 from dtrepair.report.record import FrameRecord, Report, summarize
@@ -141,7 +139,7 @@ def command(
     run = Run(source_path, output or "", there, options, jobs, alone=True)
     search = KeyOptions(samples, extra_keys, keep_keys, interpolation, jobs)
     source = _read(source_path, selection, objects, console, mode=options.mode)
-    controls = read_controls(source, objects)
+    controls = read_controls(source, objects, kept_tables())
     console.warn(controls.warnings)
     run.ignored = controls.ignored
     more: dict[str, Any] = {"rest": rest, "objects": recorded(source, controls.settings)}
@@ -158,9 +156,9 @@ def command(
 def _check(source_path: str, output: str | None, *, verify_only: bool) -> None:
     """Refuse what `keyposes` cannot work on."""
     if verify_only == (output is not None):
-        raise Failure("name an output with -o OUT, or --verify-only, which writes nothing", USAGE)
+        raise UsageError("name an output with -o OUT, or --verify-only, which writes nothing")
     if not is_stage(source_path):
-        raise Failure(f"{source_path}: is not a USD stage: only stages have keys", USAGE)
+        raise UsageError(f"{source_path}: is not a USD stage: only stages have keys")
 
 
 def _read(
@@ -170,7 +168,7 @@ def _read(
     source = open_source(source_path, selection, collider=objects.collider)
     assert isinstance(source, StageSource)
     if math.isnan(source.times[0]):
-        raise Failure(f"{source_path}: no mesh has time samples; use dtrepair repair", USAGE)
+        raise UsageError(f"{source_path}: no mesh has time samples; use dtrepair repair")
     console.warn([*source.warnings, *mode_warnings(source, mode)])
     return source
 
@@ -196,6 +194,8 @@ def _keys(
 ) -> Report | None:
     """Repair, or count where there is no output; None where nothing was to be done."""
     output = run.output or None
+    if output is not None:
+        clean_up_if_forced(output)
     sink = None if output is None else open_sink(source, output, run.settings)
     try:
         run.lap("read")
@@ -203,7 +203,9 @@ def _keys(
         if dry_run:
             print_plan(console, source, rests, output, controls.settings, source.times)
             return None
-        bodies = make_bodies(source, rests, controls, console, mode=run.options.mode)
+        bodies = make_bodies(
+            source, rests, controls, ConsoleObserver(console, say), mode=run.options.mode
+        )
         repairer, rest_counts = make_repairer(run, source, rests, bodies)
         console.warn(rest_warnings(source, rests, rest_counts))
         run.lap("factor")
@@ -226,7 +228,7 @@ def _solve(
     for time in console.progress(keys.selected, total=len(keys.selected), what="keys"):
         done = keys.check_key(time) if sink is None else keys.repair_key(time)
         records[time] = done.record
-        say(console, done)
+        ConsoleObserver(console, say).remark(FrameDone(done.record, done.error))
     refuse_if_none_usable(keys.source, list(records.values()))
     run.lap("solve")
     if sink is None:

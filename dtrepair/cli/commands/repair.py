@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dtrepair.cli.options.config import kept_tables
 from dtrepair.cli.options.method import method_options
 from dtrepair.cli.options.shared import (
-    ObjectOptions,
-    Selection,
     console_options,
     jobs_option,
     object_options,
@@ -18,16 +17,13 @@ from dtrepair.cli.options.shared import (
     selection_options,
 )
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import (
-    CLEAN,
-    FRAMES,
-    REMAINING,
-    USAGE,
-    Failure,
-    device_of_method,
-    one_line_errors,
-)
-from dtrepair.cli.terminal.repair_text import print_plan, print_table
+from dtrepair.cli.terminal.console_observer import ConsoleObserver
+from dtrepair.cli.terminal.failures import device_of_method, one_line_errors
+from dtrepair.cli.terminal.interrupts import clean_up_if_forced
+from dtrepair.cli.terminal.repair_text import print_plan, print_table, say
+from dtrepair.cli.terminal.report_place import check_report_place, put_report
+from dtrepair.pipeline.errors import CLEAN, FRAMES, REMAINING, UsageError
+from dtrepair.pipeline.observer import Observer
 from dtrepair.pipeline.repair.chunks import choose_chunk, empty_chunk_warnings, parse_chunk
 from dtrepair.pipeline.repair.distributed import (
     ChunkedCommand,
@@ -36,10 +32,10 @@ from dtrepair.pipeline.repair.distributed import (
     repair_distributed,
 )
 from dtrepair.pipeline.repair.run import Run, open_journal, repair_here
+from dtrepair.pipeline.selection import ObjectOptions, Selection
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
 from dtrepair.pipeline.stages.frames import mode_warnings
 from dtrepair.pipeline.stages.object_settings import recorded
-from dtrepair.pipeline.stages.report_place import check_report_place, put_report
 from dtrepair.pipeline.stages.rest import choose_rests
 from dtrepair.pipeline.stages.sinks import existing, open_sink
 from dtrepair.pipeline.stages.sources import Source, open_source
@@ -158,18 +154,18 @@ class _Wanted:
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
         if self.distributed is not None and (self.part is not None or self.resume):
-            raise Failure("--distributed: not with --chunk or --resume; leave one out", USAGE)
+            raise UsageError("--distributed: not with --chunk or --resume; leave one out")
 
 
 def _controls(run: Run, source: Source, objects: ObjectOptions, console: Console) -> Controls:
     """What each object is told to do; refused where it has no effect."""
     _refuse_without_effect(run, directed=objects.direction is not None)
-    controls = read_controls(source, objects)
+    controls = read_controls(source, objects, kept_tables())
     console.warn(controls.warnings)
     run.ignored = controls.ignored
     _refuse_without_effect(run, directed=any(way is not None for way in controls.directions))
     if run.options.method == "paper" and any(own.rigid for own in controls.settings):
-        raise Failure("--rigid: has no effect with --method paper; leave it out", USAGE)
+        raise UsageError("--rigid: has no effect with --method paper; leave it out")
     return controls
 
 
@@ -177,6 +173,8 @@ def _repair(
     run: Run, source: Source, controls: Controls, wanted: _Wanted, console: Console
 ) -> Report | None:
     """Repair, here or on several machines, and write; None where nothing was to be done."""
+    observer = ConsoleObserver(console, say)
+    clean_up_if_forced(run.output)
     sink = open_sink(source, run.output, run.settings)
     try:
         run.lap("read")
@@ -187,20 +185,22 @@ def _repair(
             written = run.chunk.times[run.chunk.written]
             print_plan(console, source, rests, run.output, controls.settings, written)
             return None
-        bodies = make_bodies(source, rests, controls, console, mode=run.options.mode)
+        bodies = make_bodies(source, rests, controls, observer, mode=run.options.mode)
         if wanted.distributed is not None and len(source.times) > 1:
             sink.abort()
-            return _distributed(run, source, wanted, wanted.distributed, console)
-        journal = open_journal(run, bodies, resume=wanted.resume)
+            return _distributed(run, source, wanted, wanted.distributed, observer)
+        journal = open_journal(run, bodies, observer, resume=wanted.resume)
         console.warn(journal.warnings if journal is not None else ())
-        return repair_here(run, source, rests, bodies, sink, console, journal)
+        return repair_here(run, source, rests, bodies, sink, observer, journal)
     finally:
         sink.abort()
 
 
-def _distributed(run: Run, source: Source, wanted: _Wanted, where: str, console: Console) -> Report:
+def _distributed(
+    run: Run, source: Source, wanted: _Wanted, where: str, observer: Observer
+) -> Report:
     """Repair on several workers; the report is of the whole run."""
-    report = repair_distributed(where, source, run.output, jobs=run.jobs, console=console)
+    report = repair_distributed(where, source, run.output, jobs=run.jobs, observer=observer)
     result = open_source(run.output, wanted.selection, collider=wanted.objects.collider)
     run.lap("total")
     seconds = {**report.seconds, "total": run.seconds["total"]}
@@ -217,7 +217,7 @@ def _refuse_without_effect(run: Run, *, directed: bool) -> None:
     }
     for option, used in given.items():
         if used and run.options.method == "paper":
-            raise Failure(f"{option}: has no effect with --method paper; leave it out", USAGE)
+            raise UsageError(f"{option}: has no effect with --method paper; leave it out")
 
 
 def settings_of(

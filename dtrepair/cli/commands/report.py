@@ -10,18 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dtrepair.cli.options.shared import Selection, console_options
+from dtrepair.cli.options.shared import console_options
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import (
-    CLEAN,
-    INPUT,
-    Failure,
-    check_writable,
-    one_line_errors,
-    refuse_overwriting,
-    writing,
-)
+from dtrepair.cli.terminal.failures import one_line_errors
+from dtrepair.pipeline.errors import CLEAN, InputError
+from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.matching import ignored_pairs
+from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting, writing
 from dtrepair.pipeline.stages.sources import Source, open_source
 
 if TYPE_CHECKING:
@@ -63,9 +58,9 @@ def command(*, report_path: str, output: str, count: int, console: Console) -> i
     try:
         report = read_report(report_path)
     except ReportError as error:
-        raise Failure(str(error), INPUT) from None
+        raise InputError(str(error)) from None
     except OSError as error:
-        raise Failure(f"{report_path}: cannot be read: {error.strerror}", INPUT) from None
+        raise InputError(f"{report_path}: cannot be read: {error.strerror}") from None
     pictures: list[Picture] = []
     try:
         pictures.extend(_draw(_with_found_files(report, report_path), count))

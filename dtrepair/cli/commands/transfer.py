@@ -8,25 +8,15 @@ import click
 from click.core import ParameterSource
 
 from dtrepair.cli.options.method import METHOD_NAMES, method_options
-from dtrepair.cli.options.shared import (
-    Selection,
-    console_options,
-    jobs_option,
-    run_options,
-    selection_options,
-)
+from dtrepair.cli.options.shared import console_options, jobs_option, run_options, selection_options
 from dtrepair.cli.options.transfer import Inputs, TransferOptions
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import (
-    CLEAN,
-    USAGE,
-    Failure,
-    check_writable,
-    device_of_method,
-    one_line_errors,
-    refuse_overwriting,
-)
-from dtrepair.pipeline.stages.report_place import check_report_place, put_report
+from dtrepair.cli.terminal.failures import device_of_method, one_line_errors
+from dtrepair.cli.terminal.interrupts import clean_up_if_forced
+from dtrepair.cli.terminal.report_place import check_report_place, put_report
+from dtrepair.pipeline.errors import CLEAN, UsageError
+from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
 from dtrepair.pipeline.stages.sinks import existing
 from dtrepair.pipeline.transfer.run import run_transfer
 
@@ -151,6 +141,7 @@ def command(
     _check_outputs(wanted, output, report_path, console)
     there, warnings = device_of_method(device, options.method)
     console.warn(warnings)
+    clean_up_if_forced(output)
     inputs = Inputs(wanted, selection, there, jobs)
     code, report = run_transfer(inputs, output, console)
     if report is not None:
@@ -160,13 +151,13 @@ def command(
 
 def _check_options(wanted: TransferOptions) -> None:
     if wanted.markers and wanted.correspondence:
-        raise Failure("--markers, --correspondence: give one of them", USAGE)
+        raise UsageError("--markers, --correspondence: give one of them")
     if wanted.ground and wanted.pin:
-        raise Failure("--ground: has no effect on pinned frames; leave out it or --pin", USAGE)
+        raise UsageError("--ground: has no effect on pinned frames; leave out it or --pin")
     if wanted.shapes and wanted.pin:
-        raise Failure("--pin: has no effect with --shapes; leave it out", USAGE)
+        raise UsageError("--pin: has no effect with --shapes; leave it out")
     if wanted.shapes and wanted.repair is not None:
-        raise Failure("--repair: repairs motion, not --shapes; repair the posed result", USAGE)
+        raise UsageError("--repair: repairs motion, not --shapes; repair the posed result")
     if wanted.repair is not None:
         return
     context = click.get_current_context()
@@ -174,7 +165,7 @@ def _check_options(wanted: TransferOptions) -> None:
         # A file of --config may serve `repair` as well.
         if context.get_parameter_source(name) == ParameterSource.COMMANDLINE:
             option = name.replace("_", "-")
-            raise Failure(f"--{option}: has no effect without --repair", USAGE)
+            raise UsageError(f"--{option}: has no effect without --repair")
 
 
 def _check_outputs(

@@ -6,17 +6,12 @@ from collections.abc import Sequence
 
 import click
 
-from dtrepair.cli.options.shared import Selection, console_options, selection_options
+from dtrepair.cli.options.shared import console_options, selection_options
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import (
-    CLEAN,
-    USAGE,
-    Failure,
-    check_writable,
-    one_line_errors,
-    refuse_overwriting,
-    writing,
-)
+from dtrepair.cli.terminal.failures import one_line_errors
+from dtrepair.pipeline.errors import CLEAN, UsageError
+from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting, writing
 from dtrepair.pipeline.stages.sources import open_source, time_label
 from dtrepair.pipeline.stages.world_mesh import WorldScene
 
@@ -54,15 +49,14 @@ def command(
     if screenshot is not None:
         refuse_overwriting(screenshot, source_path, before)
         if not screenshot.lower().endswith(_PICTURES):
-            raise Failure(f"{screenshot}: name the picture .png, .jpg or .jpeg", USAGE)
+            raise UsageError(f"{screenshot}: name the picture .png, .jpg or .jpeg")
         check_writable(screenshot)
     elif not has_polyscope():
-        raise Failure(
-            "the window needs polyscope: pip install 'dtrepair[view]', or name a --screenshot",
-            USAGE,
+        raise UsageError(
+            "the window needs polyscope: pip install 'dtrepair[view]', or name a --screenshot"
         )
     elif not has_display():
-        raise Failure("no display to open a window on; name a --screenshot", USAGE)
+        raise UsageError("no display to open a window on; name a --screenshot")
     scenes = []
     for path in (before, source_path):
         if path is not None:
@@ -72,7 +66,7 @@ def command(
     window = screenshot is None or (has_polyscope() and has_display())
     if window and not _show(scenes, names, screenshot):
         if screenshot is None:
-            raise Failure("the display cannot open a window; name a --screenshot", USAGE)
+            raise UsageError("the display cannot open a window; name a --screenshot")
         window = False
     if screenshot is not None:
         if not window:
@@ -127,4 +121,4 @@ def _draw(scenes: Sequence[WorldScene], names: Sequence[str], screenshot: str) -
         with writing(screenshot):
             save_pictures(screenshot, images, captions=captions)
     except ImportError as error:
-        raise Failure(f"{screenshot}: {error}", USAGE) from None
+        raise UsageError(f"{screenshot}: {error}") from None

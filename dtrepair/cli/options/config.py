@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import click
-import numpy as np
 
-NUMBERS = ("diffusion", "mobility")
-NAMES = ("pin", "direction")
-# What can be asked of a single object.
-KEYS = (*NUMBERS, "rigid", *NAMES)
+from dtrepair.pipeline.errors import UsageError
+from dtrepair.pipeline.selection import PrimTable, parse_tables
+
 _TABLES = "dtrepair.prim_tables"
 
 
@@ -30,8 +27,8 @@ def read_config(context: click.Context, parameter: click.Parameter, path: str | 
             _keep_tables(context, part.pop("prim"), path)
     tables = {name for name, value in content.items() if isinstance(value, dict)}
     others = tables - {command}
-    if others and (unknown := sorted(others - _commands().keys())):
-        known = ", ".join(f"[{name}]" for name in _commands())
+    if others and (unknown := sorted(others - _commands(context).keys())):
+        known = ", ".join(f"[{name}]" for name in _commands(context))
         raise click.BadParameter(
             f"{path}: [{unknown[0]}] is no command that has --config; known are {known} and "
             "[[prim]]",
@@ -44,7 +41,7 @@ def read_config(context: click.Context, parameter: click.Parameter, path: str | 
         option = options.get(key.replace("_", "-"))
         if option is not None:
             found[option.name] = _checked(context, f"{path}: {key}", option, value)
-        elif key in own or not _known_elsewhere(key):
+        elif key in own or not _known_elsewhere(context, key):
             more = "" if key in own else ", nor has another command"
             raise click.BadParameter(f"{path}: {command} has no option {key!r}{more}", context)
     context.default_map = {**(context.default_map or {}), **found}
@@ -62,12 +59,13 @@ def _read(context: click.Context, path: str) -> dict[str, Any]:
         raise click.BadParameter(f"{path}: is not TOML: {error}", context) from None
 
 
-def _commands() -> dict[str, click.Command]:
-    """The commands that have --config."""
-    from dtrepair.cli.app import COMMANDS, group
-
-    context = click.Context(group)
-    every = {name: group.get_command(context, name) for name in COMMANDS}
+def _commands(context: click.Context) -> dict[str, click.Command]:
+    """The commands of the program that have --config."""
+    above = context.find_root()
+    group = above.command
+    if not isinstance(group, click.Group):
+        return {}
+    every = {name: group.get_command(above, name) for name in group.list_commands(above)}
     return {
         name: command
         for name, command in every.items()
@@ -82,8 +80,9 @@ def _options_of(command: click.Command) -> dict[str, click.Option]:
     return {name: option for name, option in named.items() if name != "config"}
 
 
-def _known_elsewhere(key: str) -> bool:
-    return any(key.replace("_", "-") in _options_of(command) for command in _commands().values())
+def _known_elsewhere(context: click.Context, key: str) -> bool:
+    name = key.replace("_", "-")
+    return any(name in _options_of(command) for command in _commands(context).values())
 
 
 def _checked(context: click.Context, where: str, option: click.Option, value: Any) -> Any:
@@ -110,41 +109,15 @@ def _single(context: click.Context, where: str, option: click.Option, value: Any
 
 
 def _keep_tables(context: click.Context, tables: object, path: str) -> None:
-    """Keep the [[prim]] tables of a config file until the input is open."""
-    checked = []
-    for table in tables if isinstance(tables, list) else [tables]:
-        if not isinstance(table, dict) or not isinstance(table.get("path"), str):
-            raise click.BadParameter(
-                f'{path}: [[prim]] needs a path, such as path = "/World/Sword"', context
-            )
-        where = f"{path}: [[prim]] {table['path']}"
-        for key, value in table.items():
-            if key not in ("path", *KEYS):
-                known = ", ".join(KEYS)
-                raise click.BadParameter(f"{where}: has no {key!r}; known are {known}", context)
-            if key != "path" and (wrong := wrong_value(key, value)):
-                raise click.BadParameter(f"{where}: {wrong}", context)
-        checked.append((where, table))
-    context.meta[_TABLES] = [*context.meta.get(_TABLES, ()), *checked]
+    """Keep the [[prim]] tables of a config file for the command."""
+    try:
+        checked = parse_tables(tables, path)
+    except UsageError as error:
+        raise click.BadParameter(str(error), context) from None
+    context.meta[_TABLES] = (*context.meta.get(_TABLES, ()), *checked)
 
 
-def kept_tables() -> list[tuple[str, dict[str, Any]]]:
-    """The [[prim]] tables of this run, each with the place where it stands."""
-    context = click.get_current_context(silent=True)
-    return context.meta.get(_TABLES, []) if context else []
-
-
-def wrong_value(name: str, value: object) -> str:
-    """What is wrong with a value; empty where nothing is."""
-    if isinstance(value, np.ndarray):
-        return f"{name} should be one value, got {len(value)}"
-    if name == "rigid":
-        return "" if isinstance(value, bool) else f"rigid should be true or false, got {value!r}"
-    if name in NAMES:
-        return "" if isinstance(value, str) else f"{name} should be a name, got {value!r}"
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return f"{name} should be a number, got {value!r}"
-    if name == "mobility":
-        return "" if 0.0 <= value <= 1.0 else f"mobility should be from 0 to 1, got {value}"
-    good = 0.0 < value < math.inf
-    return "" if good else f"diffusion should be positive and finite, got {value}"
+def kept_tables() -> tuple[PrimTable, ...]:
+    """The [[prim]] tables of the command that is running."""
+    found: tuple[PrimTable, ...] = click.get_current_context().meta.get(_TABLES, ())
+    return found

@@ -9,7 +9,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from dtrepair.cli.terminal.failures import USAGE, Failure
+from dtrepair.pipeline.errors import UsageError
 
 # Options of the published loop alone; the full method has none of them.
 _PAPER_ONLY = ("iterations", "regularization", "optimizer", "energy")
@@ -121,7 +121,7 @@ def method_options(function: Callable[..., Any]) -> Callable[..., Any]:
         try:
             options = RepairOptions(**chosen)
         except ValueError as error:
-            raise Failure(f"--{_as_option(str(error))}", USAGE) from None
+            raise UsageError(f"--{_as_option(str(error))}") from None
         return function(options=options, **values)
 
     for option in reversed(_OPTIONS):
@@ -137,7 +137,7 @@ def _refuse_without_effect(method: str) -> None:
         if context.get_parameter_source(name) != ParameterSource.DEFAULT:
             other = "full" if method == "paper" else "paper"
             option = name.replace("_", "-")
-            raise Failure(f"--{option}: has no effect with --method {method}; use {other}", USAGE)
+            raise UsageError(f"--{option}: has no effect with --method {method}; use {other}")
 
 
 def _as_option(message: str) -> str:

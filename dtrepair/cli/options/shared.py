@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import wraps
 from typing import Any
 
@@ -12,26 +11,9 @@ import click
 
 from dtrepair.cli.options.config import read_config
 from dtrepair.cli.terminal.console import Console
+from dtrepair.pipeline.selection import ObjectOptions, Selection
 
 Function = Callable[..., Any]
-
-
-@dataclass(frozen=True)
-class Selection:
-    """Which meshes and frames of the input take part."""
-
-    frames: str | None = None
-    prim: str | None = None
-    exclude: str | None = None
-    include_invisible: bool = False
-    include_purposes: bool = False
-    skip_varying: bool = False
-    uninstance: bool = False
-    strict: bool = False
-
-    def given(self) -> list[str]:
-        """Return the option names that were set."""
-        return ["--" + name.replace("_", "-") for name, value in vars(self).items() if value]
 
 
 _SELECTION = (
@@ -56,17 +38,6 @@ def selection_options(function: Function) -> Function:
         return function(selection=selection, **options)
 
     return _with(wrapper, _SELECTION)
-
-
-@dataclass(frozen=True)
-class ObjectOptions:
-    """How single meshes take part: path expressions, and names of primvars or subsets."""
-
-    collider: str | None = None
-    rigid: str | None = None
-    ignore: tuple[str, ...] = ()
-    pin: str | None = None
-    direction: str | None = None
 
 
 IGNORE = click.option(

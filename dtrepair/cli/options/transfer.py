@@ -6,7 +6,7 @@ import time as clock
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from dtrepair.cli.options.shared import Selection
+from dtrepair.pipeline.selection import Selection
 
 if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions

@@ -10,9 +10,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from types import FrameType
 
 import click
+
+from dtrepair.pipeline.stages.outputs import remove_unfinished
 
 # Seconds for an orderly end.
 GRACE = 1.0
@@ -34,14 +37,14 @@ class Interrupts:
     def __init__(self) -> None:
         """Nothing to clean up yet."""
         self.cleanups: list[Callable[[], None]] = []
-        self.advice: Callable[[], str] = str
+        self.advice = ""
         self._said = False
 
     def say(self) -> None:
         """Print one error line, the first time only."""
         if not self._said:
             self._said = True
-            line = f"interrupted; no output was written{self.advice()}"
+            line = f"interrupted; no output was written{self.advice}"
             sys.stderr.write(f"dtrepair: error: {line}\n")
             sys.stderr.flush()
 
@@ -57,6 +60,13 @@ def current_interrupts() -> Interrupts | None:
     """The interrupts of the command that is running."""
     context = click.get_current_context(silent=True)
     return context.find_object(Interrupts) if context is not None else None
+
+
+def clean_up_if_forced(output: str) -> None:
+    """Have what was written of an output so far removed where the end must be forced."""
+    interrupts = current_interrupts()
+    if interrupts is not None:
+        interrupts.cleanups.append(partial(remove_unfinished, output))
 
 
 def exit_code(error: BaseException) -> int:

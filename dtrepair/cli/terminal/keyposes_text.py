@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import CLEAN, FRAMES, REMAINING
+from dtrepair.pipeline.errors import CLEAN, FRAMES, REMAINING
 from dtrepair.pipeline.stages.sources import time_label
 from dtrepair.report.record import FrameRecord, Report
 from dtrepair.wording import counted

@@ -1,4 +1,4 @@
-"""What `dtrepair repair` says: its plan, each frame, the table, warnings about the rest pose."""
+"""What `dtrepair repair` says: its plan, each frame, the table."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.cli.terminal.console import Console
-from dtrepair.pipeline.repair.solve import Repaired
-from dtrepair.pipeline.stages.object_settings import ObjectSettings, described
+from dtrepair.pipeline.observer import FrameDone
+from dtrepair.pipeline.selection import ObjectSettings
+from dtrepair.pipeline.stages.object_settings import described
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source, time_label
 from dtrepair.report.record import FrameRecord, MotionRecord, summarize
@@ -26,28 +27,10 @@ _NO_ADVICE = ("", "added key")
 _NAMED = 3
 
 
-def rest_warnings(source: Source, rests: list[Rest], counts: list[int | None]) -> Iterator[str]:
-    """Say which rest poses intersect themselves, as `counts` of triangles tell."""
-    for mesh, rest, count in zip(source.meshes, rests, counts, strict=True):
-        # A mesh file, or points at the default time only, is its own rest pose: nothing to say.
-        own = len(source.times) == 1 and mesh.has_rest
-        if count and mesh.collider:
-            yield (
-                f"{mesh.path}: intersects itself; as a collider never moves, that is neither "
-                "repaired nor counted"
-            )
-        elif count and not own:
-            yield (
-                f"{mesh.path}: the rest pose ({rest.origin}) has {count} intersecting triangles; "
-                "name a better one with --rest"
-            )
-
-
-def say(console: Console, repaired: Repaired) -> None:
+def say(console: Console, done: FrameDone) -> None:
     """Tell about one frame: with -v all of them, otherwise those without a result."""
-    record = repaired.record
+    record = done.record
     label = f"frame {time_label(record.time)}"
-    console.trace(repaired.error)
     if record.before is None or record.after is None:
         console.warn([f"{label}: {record.status}: {record.message}"])
         return

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.terminal.failures import USAGE, Failure
+from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.stages.frames import read_frame
 from dtrepair.pipeline.stages.sources import Source, StageSource
 
@@ -28,7 +28,7 @@ def parse_chunk(text: str | None) -> tuple[int, int] | None:
         return None
     number, slash, count = text.partition("/")
     if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
-        raise Failure(f"--chunk {text}: expected K/N with K from 1 to N, such as 2/8", USAGE)
+        raise UsageError(f"--chunk {text}: expected K/N with K from 1 to N, such as 2/8")
     return int(number), int(count)
 
 
@@ -39,7 +39,7 @@ def choose_chunk(source: Source, chunk: tuple[int, int] | None, *, alone: bool) 
     the chunk on: that one fades into its first frames.
     """
     if chunk is not None and not isinstance(source, StageSource):
-        raise Failure("--chunk: only for USD stages; leave it out", USAGE)
+        raise UsageError("--chunk: only for USD stages; leave it out")
     from dtrepair.repair.clip import animation
     from dtrepair.repair.clip.layout import frames_to_solve, motions_of, window_layout
 

@@ -6,16 +6,15 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import INPUT, INTERNAL, USAGE, Failure, writing
-from dtrepair.cli.terminal.interrupts import current_interrupts
 from dtrepair.numerics.jitter_meter import JitterMeter
+from dtrepair.pipeline.errors import INPUT, INTERNAL, PipelineError, UsageError
+from dtrepair.pipeline.observer import Observer, Progress
 from dtrepair.pipeline.stages.frames import read_frame
+from dtrepair.pipeline.stages.outputs import writing
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.joining import join_reports
 from dtrepair.report.record import Report, read_report
@@ -46,7 +45,7 @@ def distributed_option(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def repair_distributed(
-    address: str, source: Source, output: str, *, jobs: int, console: Console
+    address: str, source: Source, output: str, *, jobs: int, observer: Observer
 ) -> Report:
     """Repair one chunk on each worker, join the layers into `output`, and the reports.
 
@@ -54,12 +53,9 @@ def repair_distributed(
     paths. `local` starts `jobs` workers here.
     """
     from usd_io import join_layers
-    from usd_io.write.temporary import make_temporary_folder, remove_own_folders
+    from usd_io.write.temporary import make_temporary_folder
 
-    interrupts = current_interrupts()
     target = os.path.abspath(output)
-    if interrupts is not None:
-        interrupts.cleanups.append(partial(remove_own_folders, target))
     with ExitStack() as stack:
         client = stack.enter_context(_client(address, jobs))
         with writing(output):
@@ -69,7 +65,7 @@ def repair_distributed(
         count = min(len(threads), len(source.times))
         parts = [os.path.join(folder, f"part{number}.usdc") for number in range(1, count + 1)]
         done = _finished(client, parts, jobs=max(threads))
-        for _ in console.progress(done, total=count, what="chunks repaired"):
+        for _ in Progress(observer, "chunks repaired", count).over(done):
             pass
         join_layers(parts, target)
         report = join_reports([read_report(_report_of(part)) for part in parts])
@@ -95,8 +91,10 @@ def repair_chunk(directory: str, arguments: Sequence[str]) -> tuple[int, str]:
     try:
         os.chdir(directory)
         code = group.main(["repair", *arguments], prog_name="dtrepair", standalone_mode=False)
+    except PipelineError as error:
+        return error.exit_code, str(error)
     except click.ClickException as error:
-        return getattr(error, "code", error.exit_code), error.format_message()
+        return error.exit_code, error.format_message()
     except OSError as error:
         return INPUT, f"{directory}: {error.strerror}; workers need the same files, same paths"
     return int(code), ""
@@ -116,10 +114,10 @@ def _finished(client: Client, parts: Sequence[str], *, jobs: int) -> Iterator[in
     for future in as_completed(futures):
         error = future.exception()
         if error is not None:
-            raise Failure(f"a worker failed: {type(error).__name__}: {error}", INTERNAL)
+            raise PipelineError(f"a worker failed: {type(error).__name__}: {error}", INTERNAL)
         code, message = future.result()
         if message:
-            raise Failure(f"a worker failed: {message}", code)
+            raise PipelineError(f"a worker failed: {message}", code)
         yield code
 
 
@@ -134,7 +132,7 @@ def _client(address: str, jobs: int) -> Iterator[Client]:
         from distributed import Client, LocalCluster
     except ImportError:
         install = "pip install 'dtrepair[distributed]'"
-        raise Failure(f"--distributed: needs the package distributed; {install}", USAGE) from None
+        raise UsageError(f"--distributed: needs the package distributed; {install}") from None
     if address == "local":
         with (
             LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None) as cluster,
@@ -145,7 +143,7 @@ def _client(address: str, jobs: int) -> Iterator[Client]:
     try:
         client = Client(address, timeout="10s")
     except (OSError, ValueError) as error:
-        raise Failure(f"--distributed {address}: no scheduler answers: {error}", USAGE) from None
+        raise UsageError(f"--distributed {address}: no scheduler answers: {error}") from None
     with client:
         yield client
 
@@ -153,5 +151,5 @@ def _client(address: str, jobs: int) -> Iterator[Client]:
 def _workers(client: Client, address: str) -> dict[str, Any]:
     workers: dict[str, Any] = client.scheduler_info(n_workers=-1)["workers"]
     if not workers:
-        raise Failure(f"--distributed {address}: the scheduler has no workers; start some", USAGE)
+        raise UsageError(f"--distributed {address}: the scheduler has no workers; start some")
     return workers

@@ -7,7 +7,7 @@ import json
 import os
 import shutil
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,8 +38,18 @@ class Journal:
         failures: one line, if progress could not be kept.
     """
 
-    def __init__(self, output: str, run: str, *, resume: bool) -> None:
-        """Find the journal of an interrupted run; one of another run is removed."""
+    def __init__(
+        self,
+        output: str,
+        run: str,
+        *,
+        resume: bool,
+        on_kept: Callable[[int], object] = lambda entries: None,
+    ) -> None:
+        """Find the journal of an interrupted run; one of another run is removed.
+
+        on_kept: called with `kept` whenever that changes.
+        """
         target = Path(os.path.abspath(output))
         self.folder = target.parent / f".{target.name}.resume"
         self.recalled = self.kept = 0
@@ -47,6 +57,7 @@ class Journal:
         self.failures: list[str] = []
         self._resumes = resume
         self._run = run
+        self._on_kept = on_kept
         self._works = True
         if not self.folder.is_dir():
             return
@@ -76,7 +87,7 @@ class Journal:
         except (OSError, ValueError, EOFError, zipfile.BadZipFile):
             return None
         self.recalled += 1
-        self.kept += 1
+        self._count(self.kept + 1)
         return arrays
 
     def keep(self, key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -95,8 +106,13 @@ class Journal:
             reason = error.strerror or str(error)
             self.failures.append(f"{self.folder}: progress cannot be kept: {reason}")
             self.remove()
+            self._count(0)
             return
-        self.kept += 1
+        self._count(self.kept + 1)
+
+    def _count(self, entries: int) -> None:
+        self.kept = entries
+        self._on_kept(entries)
 
     def remove(self) -> None:
         """Remove the folder: the run is done, or starts over."""

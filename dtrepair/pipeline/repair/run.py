@@ -7,10 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from dtrepair import __version__
-from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.interrupts import current_interrupts
-from dtrepair.cli.terminal.repair_text import rest_warnings, say
 from dtrepair.numerics.jitter_meter import JitterMeter
+from dtrepair.pipeline.observer import FrameDone, Observer, Progress, ProgressKept, Trouble, warn
 from dtrepair.pipeline.repair.chunks import Chunk
 from dtrepair.pipeline.repair.journal import Journal, hash_of_run
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frames
@@ -21,7 +19,7 @@ from dtrepair.pipeline.stages.frames import (
     read_frames,
     refuse_if_none_usable,
 )
-from dtrepair.pipeline.stages.rest import Rest
+from dtrepair.pipeline.stages.rest import Rest, rest_warnings
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.record import FrameRecord, Report, summarize
@@ -56,20 +54,22 @@ class Run:
         self.last = now
 
 
-def open_journal(run: Run, bodies: list[Body], *, resume: bool) -> Journal | None:
+def open_journal(
+    run: Run, bodies: list[Body], observer: Observer, *, resume: bool
+) -> Journal | None:
     """The journal of a run; None where a run is a single step, solved wholly or not at all."""
     from dtrepair.repair.clip.animation import WINDOW
 
     assert run.chunk is not None
     times = run.chunk.times
     run_hash = hash_of_run(run.settings, run.device, bodies, times)
-    journal = Journal(run.output, run_hash, resume=resume)
-    if len(times) <= (1 if run.alone else WINDOW):
-        return None
-    interrupts = current_interrupts()
-    if interrupts is not None:
-        interrupts.advice = lambda: "; --resume goes on from here" if journal.kept else ""
-    return journal
+    journal = Journal(
+        run.output,
+        run_hash,
+        resume=resume,
+        on_kept=lambda entries: observer.remark(ProgressKept(entries)),
+    )
+    return None if len(times) <= (1 if run.alone else WINDOW) else journal
 
 
 def repair_here(
@@ -78,30 +78,32 @@ def repair_here(
     rests: list[Rest],
     bodies: list[Body],
     sink: Sink,
-    console: Console,
+    observer: Observer,
     journal: Journal | None,
 ) -> Report:
     """Repair all frames into the sink, commit it, and return the report."""
     repairer, rest_counts = make_repairer(run, source, rests, bodies, journal)
-    repairer.progress = console.expect
     run.lap("factor")
-    console.warn(rest_warnings(source, rests, rest_counts))
+    warn(observer, rest_warnings(source, rests, rest_counts))
     records: list[FrameRecord] = []
     meter = [JitterMeter() for _ in source.meshes]
     assert run.chunk is not None
     times = run.chunk.times
+    progress = Progress(observer, "repairing", len(times))
+    repairer.progress = progress.ahead
     frames = zip(
         repair_frames(read_frames(source, times), repairer), run.chunk.written, strict=True
     )
-    for repaired, written in console.progress(frames, total=len(times), what="repairing"):
+    for repaired, written in progress.over(frames):
         if not written:
             continue
         _store(repaired, sink, meter)
         records.append(repaired.record)
         for name, value in repaired.seconds.items():
             run.seconds[name] = run.seconds.get(name, 0.0) + value
-        say(console, repaired)
-    console.trace(repairer.error)
+        observer.remark(FrameDone(repaired.record, repaired.error))
+    if repairer.error is not None:
+        observer.remark(Trouble(repairer.error))
     run.last = clock.perf_counter()
     if "chunk" not in run.settings:  # of a farm the other chunks may be fine, and want this one
         refuse_if_none_usable(source, records)
@@ -110,7 +112,7 @@ def repair_here(
     if journal is not None:
         warnings = (*warnings, *journal.failures)
         journal.remove()
-    console.warn(warnings)
+    warn(observer, warnings)
     run.lap("write")
     run.seconds["total"] = clock.perf_counter() - run.start
     return Report(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dtrepair.pipeline.errors import Cancelled
 from dtrepair.pipeline.repair.records import FrameRecorder
 from dtrepair.pipeline.stages.frames import Frame, frame_time, unusable
 from dtrepair.pipeline.stages.sources import Source
@@ -104,6 +105,8 @@ class FrameRepairer:
                     fed.popleft()
                     yield repaired.results
                 return
+            except Cancelled:
+                raise
             except Exception as error:
                 # One window that cannot be solved together must not lose a long run.
                 reason = f"{type(error).__name__}: {error}"

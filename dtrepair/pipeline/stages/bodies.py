@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.options.shared import ObjectOptions
-from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import USAGE, Failure
+from dtrepair.pipeline.errors import UsageError
+from dtrepair.pipeline.observer import Observer, warn
+from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
 from dtrepair.pipeline.stages.matching import ignored_pairs
-from dtrepair.pipeline.stages.object_settings import ObjectSettings, read_settings
+from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, StageSource
 from dtrepair.wording import counted
@@ -42,13 +43,15 @@ class Controls:
     warnings: tuple[str, ...] = ()
 
 
-def read_controls(source: Source, objects: ObjectOptions) -> Controls:
-    """Read what the options, the tables of the config and the primvars of the stage ask for.
+def read_controls(
+    source: Source, objects: ObjectOptions, tables: Sequence[PrimTable] = ()
+) -> Controls:
+    """Read what the options, the tables and the primvars of the stage ask for.
 
     It is a usage error if no mesh has anything of a name.
     """
     pin, direction = objects.pin, objects.direction
-    found = read_settings(source, rigid=objects.rigid)
+    found = read_settings(source, rigid=objects.rigid, tables=tables)
     nothing: PerMesh = [None] * len(source.meshes)
     pins = nothing.copy() if pin is None else read_pins(source, pin)
     directions = nothing if direction is None else _read_directions(source, direction)
@@ -90,7 +93,7 @@ def _read_directions(source: Source, text: str, *, only: int | None = None) -> P
     except ValueError:
         vector = np.zeros(0)
     if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-        raise Failure(f"--direction {text}: expected SUBSET=x,y,z, such as hand=0,1,0", USAGE)
+        raise UsageError(f"--direction {text}: expected SUBSET=x,y,z, such as hand=0,1,0")
     weights = [read_vertex_weights(handle, name) for handle in handles]
     chosen = _found(weights, f"--direction {text}", "primvar or GeomSubset")
     return [None if part is None else (part > 0)[:, None] * vector for part in chosen]
@@ -98,21 +101,19 @@ def _read_directions(source: Source, text: str, *, only: int | None = None) -> P
 
 def _handles(source: Source, option: str, only: int | None) -> list[AnimatedMesh]:
     if not isinstance(source, StageSource):
-        raise Failure(f"{option}: only for USD stages; leave it out", USAGE)
+        raise UsageError(f"{option}: only for USD stages; leave it out")
     chosen = source.meshes if only is None else source.meshes[only : only + 1]
     return [mesh.handle for mesh in chosen]
 
 
 def _found(values: PerMesh, option: str, what: str) -> PerMesh:
     if all(value is None for value in values):
-        raise Failure(
-            f"{option}: no selected mesh has a {what} of that name; check the name", USAGE
-        )
+        raise UsageError(f"{option}: no selected mesh has a {what} of that name; check the name")
     return values
 
 
 def make_bodies(
-    source: Source, rests: list[Rest], controls: Controls, console: Console, *, mode: str = "both"
+    source: Source, rests: list[Rest], controls: Controls, observer: Observer, *, mode: str = "both"
 ) -> list[Body]:
     """Return the bodies in the space of the frames: local for one mesh, else world.
 
@@ -125,7 +126,7 @@ def make_bodies(
     if several:
         time, met = _time_of_rest(source, rests)
         if mode != "self":
-            console.warn(_unclear_sides(source, met, controls.ignored))
+            warn(observer, _unclear_sides(source, met, controls.ignored))
     bodies = []
     for index, (mesh, rest) in enumerate(zip(source.meshes, rests, strict=True)):
         points = source.to_world(mesh, time, rest.points) if several else rest.points

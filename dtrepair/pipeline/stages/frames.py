@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.terminal.failures import INPUT, Failure
+from dtrepair.pipeline.errors import InputError
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.record import FrameRecord, PrimRecord
 
@@ -84,7 +84,7 @@ def unusable(frame: Frame) -> FrameRecord:
 def refuse_if_none_usable(source: Source, records: Sequence[FrameRecord]) -> None:
     """Refuse an input of which no frame could be used: then nothing is to be written."""
     if records and all(record.before is None for record in records):
-        raise Failure(f"{source.name}: no frame could be used: {records[0].message}", INPUT)
+        raise InputError(f"{source.name}: no frame could be used: {records[0].message}")
 
 
 def prim_records(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dtrepair.cli.terminal.failures import USAGE, Failure
+from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.stages.sources import Source, StageSource
 
 
@@ -14,14 +14,14 @@ def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
     A usage error that names `option` if there is none.
     """
     if not isinstance(source, StageSource):
-        raise Failure(f"{option}: only for USD stages; leave it out", USAGE)
+        raise UsageError(f"{option}: only for USD stages; leave it out")
     from usd_io import SelectionError
     from usd_io.read.select import matching_paths
 
     try:
         paths = matching_paths(source.opened.stage, expression.strip())
     except SelectionError as error:
-        raise Failure(f"{option}: {error}", USAGE) from None
+        raise UsageError(f"{option}: {error}") from None
     matched = {str(path) for path in paths}
     found = [
         index
@@ -31,7 +31,7 @@ def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
     if not found:
         known = ", ".join(mesh.path for mesh in source.meshes[:3])
         more = " ..." if len(source.meshes) > 3 else ""
-        raise Failure(f"{option}: matches none of the selected meshes ({known}{more})", USAGE)
+        raise UsageError(f"{option}: matches none of the selected meshes ({known}{more})")
     return found
 
 
@@ -45,7 +45,7 @@ def ignored_pairs(source: Source, texts: Sequence[str]) -> tuple[tuple[int, int]
         sides = _split(text)
         option = f"--ignore {text}"
         if len(sides) != 2 or not all(side.strip() for side in sides):
-            raise Failure(f'{option}: expected two prims, such as "/Hero/Hair,/Hero/Body"', USAGE)
+            raise UsageError(f'{option}: expected two prims, such as "/Hero/Hair,/Hero/Body"')
         first, second = (matching_meshes(source, side, option) for side in sides)
         pairs |= {(min(i, j), max(i, j)) for i in first for j in second}
     return tuple(sorted(pairs))

@@ -6,27 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from dtrepair.cli.options.config import KEYS, NAMES, NUMBERS, kept_tables, wrong_value
-from dtrepair.cli.terminal.failures import INPUT, Failure
+from dtrepair.pipeline.errors import InputError
+from dtrepair.pipeline.selection import (
+    KEYS,
+    NAMES,
+    NUMBERS,
+    ObjectSettings,
+    PrimTable,
+    plain_value,
+    wrong_value,
+)
 from dtrepair.pipeline.stages.matching import matching_meshes
 from dtrepair.pipeline.stages.sources import Source, StageSource
 
 # Primvars of a stage that speak to this program are in this namespace.
 NAMESPACE = "dtrepair"
-
-
-@dataclass(frozen=True)
-class ObjectSettings:
-    """What is asked of one object; None: the common option holds.
-
-    pin and direction are names, as --pin and --direction take them.
-    """
-
-    diffusion: float | None = None
-    mobility: float | None = None
-    rigid: bool | None = None
-    pin: str | None = None
-    direction: str | None = None
 
 
 @dataclass
@@ -37,8 +31,10 @@ class SettingsOfMeshes:
     warnings: list[str] = field(default_factory=list)
 
 
-def read_settings(source: Source, *, rigid: str | None = None) -> SettingsOfMeshes:
-    """Settings of each mesh: a table of the config wins, then a primvar, then --rigid.
+def read_settings(
+    source: Source, *, rigid: str | None = None, tables: Sequence[PrimTable] = ()
+) -> SettingsOfMeshes:
+    """Settings of each mesh: a table wins, then a primvar of the stage, then `rigid`.
 
     Of several tables that match a mesh the last one counts, key by key.
     """
@@ -50,15 +46,15 @@ def read_settings(source: Source, *, rigid: str | None = None) -> SettingsOfMesh
         for index, mesh in enumerate(source.meshes):
             values = _of_stage(mesh.path, mesh.handle, result.warnings)
             result.each[index] = replace(result.each[index], **values)
-    for where, table in kept_tables():
-        values = {key: _plain(key, value) for key, value in table.items() if key != "path"}
-        for index in matching_meshes(source, table["path"], where):
-            result.each[index] = replace(result.each[index], **values)
+    for table in tables:
+        given = {key: value for key, value in vars(table.settings).items() if value is not None}
+        for index in matching_meshes(source, table.path, table.origin):
+            result.each[index] = replace(result.each[index], **given)
     return result
 
 
 def _of_stage(path: str, handle: Any, warnings: list[str]) -> dict[str, Any]:
-    """Settings in the primvars of a mesh. Failure for unusable values; unknown ones are warned."""
+    """Settings in the primvars of a mesh. Raises InputError; unknown ones are warned."""
     from usd_io.read.prim_settings import read_constants
 
     values = {}
@@ -73,13 +69,9 @@ def _of_stage(path: str, handle: Any, warnings: list[str]) -> dict[str, Any]:
             if name == "rigid" and value in (0, 1):
                 value = bool(value)
             if wrong := wrong_value(name, value):
-                raise Failure(f"{where}: {wrong}", INPUT)
-            values[name] = _plain(name, value)
+                raise InputError(f"{where}: {wrong}")
+            values[name] = plain_value(name, value)
     return values
-
-
-def _plain(name: str, value: Any) -> Any:
-    return float(value) if name in NUMBERS else value
 
 
 def described(own: ObjectSettings, *, collider: bool) -> str:

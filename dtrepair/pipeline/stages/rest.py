@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.options.shared import Selection
-from dtrepair.cli.terminal.failures import INPUT, USAGE, Failure
+from dtrepair.pipeline.errors import InputError, UsageError
+from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.frames import make_counter, read_frames
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, open_source, time_label
 
@@ -35,14 +36,32 @@ def choose_rests(source: Source, option: str | None, *, device: str) -> list[Res
     time = _as_time(option)
     if time is not None:
         if not math.isnan(time) and all(not _times(mesh) for mesh in source.meshes):
-            raise Failure(
+            raise UsageError(
                 f"--rest {option}: nothing in {source.name} changes over time, and no file has "
-                "that name; name a file, or leave it out",
-                USAGE,
+                "that name; name a file, or leave it out"
             )
         return [_rest_at(source, mesh, time) for mesh in source.meshes]
     other = open_source(option, Selection())
     return [_rest_from(other, mesh, only=len(source.meshes) == 1) for mesh in source.meshes]
+
+
+def rest_warnings(
+    source: Source, rests: Sequence[Rest], counts: Sequence[int | None]
+) -> Iterator[str]:
+    """Say which rest poses intersect themselves, as `counts` of triangles tell."""
+    for mesh, rest, count in zip(source.meshes, rests, counts, strict=True):
+        # A mesh file, or points at the default time only, is its own rest pose: nothing to say.
+        own = len(source.times) == 1 and mesh.has_rest
+        if count and mesh.collider:
+            yield (
+                f"{mesh.path}: intersects itself; as a collider never moves, that is neither "
+                "repaired nor counted"
+            )
+        elif count and not own:
+            yield (
+                f"{mesh.path}: the rest pose ({rest.origin}) has {count} intersecting triangles; "
+                "name a better one with --rest"
+            )
 
 
 def _default_rests(source: Source, device: str) -> list[Rest]:
@@ -83,7 +102,7 @@ def _as_time(option: str) -> float | None:
     except ValueError:
         return None
     if not math.isfinite(time):
-        raise Failure(f"--rest {option}: expected a finite time code or a file", USAGE)
+        raise UsageError(f"--rest {option}: expected a finite time code or a file")
     return time
 
 
@@ -97,15 +116,14 @@ def _rest_at(source: Source, mesh: SourceMesh, time: float) -> Rest:
     if not times:  # among meshes that have that time: it is as it always is
         return Rest(mesh.rest, "default time")
     if not math.isnan(time) and not min(times) <= time <= max(times):
-        raise Failure(
+        raise UsageError(
             f"--rest {time_label(time)}: {mesh.path} has samples from {time_label(min(times))} to "
-            f"{time_label(max(times))}; name a time among them",
-            USAGE,
+            f"{time_label(max(times))}; name a time among them"
         )
     points = source.read(mesh, time)
     if points is None:
-        raise Failure(
-            f"--rest {time_label(time)}: {mesh.path} has no points then; name another time", INPUT
+        raise InputError(
+            f"--rest {time_label(time)}: {mesh.path} has no points then; name another time"
         )
     return Rest(points.astype(np.float64), f"frame {time_label(time)}")
 
@@ -115,15 +133,12 @@ def _rest_from(other: Source, mesh: SourceMesh, *, only: bool) -> Rest:
     if not matching and only and len(other.meshes) == 1:
         matching = list(other.meshes)
     if not matching:
-        raise Failure(
-            f"--rest {other.name}: has no mesh {mesh.path}; name a file that holds it", INPUT
-        )
+        raise InputError(f"--rest {other.name}: has no mesh {mesh.path}; name a file that holds it")
     found = matching[0]
     if len(found.rest) != len(mesh.rest) or not np.array_equal(found.faces, mesh.faces):
-        raise Failure(
+        raise InputError(
             f"--rest {other.name}: {found.path} has {len(found.rest)} vertices and "
             f"{len(found.faces)} triangles, expected the topology of {mesh.path} "
-            f"({len(mesh.rest)}, {len(mesh.faces)})",
-            INPUT,
+            f"({len(mesh.rest)}, {len(mesh.faces)})"
         )
     return Rest(found.rest, other.name)

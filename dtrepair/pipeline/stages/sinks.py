@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import os
-from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.terminal.failures import (
-    USAGE,
-    Failure,
-    check_writable,
-    refuse_overwriting,
-    writing,
-)
-from dtrepair.cli.terminal.interrupts import current_interrupts
+from dtrepair.pipeline.errors import UsageError
+from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting, writing
 from dtrepair.pipeline.stages.sources import MeshSource, Source, StageSource, is_stage
 
 
@@ -48,17 +41,12 @@ class StageSink:
     def __init__(self, source: StageSource, path: str, settings: dict[str, Any]) -> None:
         from dtrepair import __version__
         from usd_io import OverrideWriter
-        from usd_io.write.temporary import remove_own_folders
 
         if not is_stage(path):
-            raise Failure(
+            raise UsageError(
                 f"{path}: the input is a USD stage, so the output is a layer over it; "
-                "name a .usd, .usdc or .usda file",
-                USAGE,
+                "name a .usd, .usdc or .usda file"
             )
-        interrupts = current_interrupts()
-        if interrupts is not None:
-            interrupts.cleanups.append(partial(remove_own_folders, path))
         self._meshes = [mesh.handle for mesh in source.meshes]
         self._all_times = source.all_times
         self._own = [set(mesh.times.tolist()) for mesh in self._meshes]
@@ -104,15 +92,14 @@ class MeshSink:
         from dtrepair.files.mesh_files import MeshFileError, losses, writable_format
 
         if is_stage(path):
-            raise Failure(
+            raise UsageError(
                 f"{path}: the input is a mesh file, so the output is one; name a file such as "
-                f"{Path(path).stem}{Path(source.name).suffix}",
-                USAGE,
+                f"{Path(path).stem}{Path(source.name).suffix}"
             )
         try:
             format = writable_format(path)
         except MeshFileError as error:
-            raise Failure(str(error), USAGE) from None
+            raise UsageError(str(error)) from None
         refuse_overwriting(path, source.name)
         check_writable(path)
         self._path = path

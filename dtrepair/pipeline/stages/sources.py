@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.options.shared import Selection
-from dtrepair.cli.terminal.failures import USAGE, Failure
+from dtrepair.pipeline.errors import UsageError
+from dtrepair.pipeline.selection import Selection
 
 if TYPE_CHECKING:
     from dtrepair.files.polygon_mesh import PolygonMesh
@@ -79,9 +79,8 @@ def open_source(path: str, selection: Selection, *, collider: str | None = None)
         return StageSource(path, selection, collider=collider)
     given = [*selection.given(), *(["--collider"] if collider else [])]
     if given:
-        raise Failure(
-            f"{', '.join(given)}: only for USD stages, and {path} is a mesh file; leave it out",
-            USAGE,
+        raise UsageError(
+            f"{', '.join(given)}: only for USD stages, and {path} is a mesh file; leave it out"
         )
     return MeshSource(path)
 
@@ -113,10 +112,9 @@ class StageSource:
             for mesh in found.values()
         )
         if colliders and all(mesh.collider for mesh in self.meshes):
-            raise Failure(
+            raise UsageError(
                 f"--collider {collider}: names every selected mesh, so nothing may move; "
-                "leave one out",
-                USAGE,
+                "leave one out"
             )
         up = next(iter(found.values())).up
         self.up = (float(up[0]), float(up[1]), float(up[2]))

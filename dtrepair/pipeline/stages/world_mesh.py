@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.terminal.failures import INPUT, Failure
+from dtrepair.pipeline.errors import InputError
 from dtrepair.pipeline.stages.frames import make_counter, read_frame
 from dtrepair.pipeline.stages.sources import Source, time_label
 
@@ -45,7 +45,7 @@ class WorldScene:
         frame = read_frame(self.source, time)
         if not frame.usable:
             reason = frame.failure or f"{frame.blocked}: the sample is blocked"
-            raise Failure(f"{self.source.name}, frame {time_label(time)}: {reason}", INPUT)
+            raise InputError(f"{self.source.name}, frame {time_label(time)}: {reason}")
         found = self._counter(frame.spaces)
         placed: list[NDArray[Any]] = [
             self.source.to_world(mesh, time, part)
@@ -59,7 +59,7 @@ class WorldScene:
         times = self.source.times.tolist()
         usable = [k for k, time in enumerate(times) if read_frame(self.source, time).usable]
         if not usable:
-            raise Failure(f"{self.source.name}: no frame is usable", INPUT)
+            raise InputError(f"{self.source.name}: no frame is usable")
         if len(usable) == 1:
             return usable[0]
         return max(usable, key=lambda index: self(times[index]).triangles)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.terminal.failures import INPUT, USAGE, Failure
+from dtrepair.pipeline.errors import USAGE, InputError
 from dtrepair.pipeline.transfer.inputs import input_errors
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
@@ -81,13 +81,13 @@ def read_marker_file(path: str, source_count: int, target_count: int) -> NDArray
 def read_arrays(path: str, needed: str) -> dict[str, NDArray[Any]]:
     """Read an npz that holds at least the entry `needed`."""
     if not os.path.isfile(path):
-        raise Failure(f"{path}: cannot be read: no such file", INPUT)
+        raise InputError(f"{path}: cannot be read: no such file")
     try:
         with np.load(path, allow_pickle=False) as archive:
             content = {name: archive[name] for name in archive.files}
     except (zipfile.BadZipFile, ValueError, EOFError, OSError, AttributeError):
-        raise Failure(f"{path}: is not an npz archive; write it with numpy.savez", INPUT) from None
+        raise InputError(f"{path}: is not an npz archive; write it with numpy.savez") from None
     if needed not in content:
         names = ", ".join(sorted(content)) or "nothing"
-        raise Failure(f"{path}: expected the entry {needed!r}, got {names}", INPUT)
+        raise InputError(f"{path}: expected the entry {needed!r}, got {names}")
     return content

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.options.shared import Selection
-from dtrepair.cli.terminal.failures import INPUT, USAGE, Failure
+from dtrepair.pipeline.errors import INPUT, InputError, PipelineError, UsageError
+from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.sources import (
     MeshSource,
     Points,
@@ -36,7 +36,7 @@ class PoseFiles:
 
         missing = [path for path in paths if not os.path.isfile(path)]
         if missing:
-            raise Failure(f"{missing[0]}: no such file; check --poses", INPUT)
+            raise InputError(f"{missing[0]}: no such file; check --poses")
         self.rest = rest
         self._paths = tuple(paths)
         self.name = rest.name
@@ -92,15 +92,14 @@ def open_poses(path: str, poses: Sequence[str], selection: Selection) -> Source:
     """Open the source: an animated stage, or a rest mesh with pose files or an animated stage."""
     if not poses:
         if not is_stage(path):
-            raise Failure(
+            raise UsageError(
                 f"{path}: is a mesh file, which holds one pose; name its poses with --poses, or "
-                "give an animated stage",
-                USAGE,
+                "give an animated stage"
             )
         return _single(open_source(path, selection), "--prim")
     if any(is_stage(pose) for pose in poses):
         if len(poses) > 1:
-            raise Failure(f"--poses: expected one stage or mesh files, got {len(poses)}", USAGE)
+            raise UsageError(f"--poses: expected one stage or mesh files, got {len(poses)}")
         return _single(open_source(poses[0], selection), "--prim")
     of_rest = replace(selection, frames=None)
     rest = _single(open_source(path, of_rest), "--prim")
@@ -110,7 +109,7 @@ def open_poses(path: str, poses: Sequence[str], selection: Selection) -> Source:
 def open_target(path: str, prim: str | None) -> StageSource | MeshSource:
     """Open the target: one mesh of a stage, or a mesh file."""
     if prim is not None and not is_stage(path):
-        raise Failure(f"--target-prim: only for USD stages, and {path} is a mesh file", USAGE)
+        raise UsageError(f"--target-prim: only for USD stages, and {path} is a mesh file")
     source = _single(open_source(path, Selection(prim=prim)), "--target-prim")
     assert isinstance(source, StageSource | MeshSource)
     return source
@@ -120,10 +119,9 @@ def _single(source: Source, option: str) -> Source:
     if len(source.meshes) != 1:
         names = ", ".join(mesh.path for mesh in source.meshes[:4])
         more = ", ..." if len(source.meshes) > 4 else ""
-        raise Failure(
+        raise UsageError(
             f"{source.name}: expected one mesh, got {len(source.meshes)} ({names}{more}); "
-            f"choose one with {option}",
-            USAGE,
+            f"choose one with {option}"
         )
     return source
 
@@ -134,9 +132,9 @@ def input_errors(*, code: int = INPUT, prefix: str = "") -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise Failure(f"{error.filename}: cannot be read: {error.strerror}", INPUT) from None
+        raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from None
     except ValueError as error:
-        raise Failure(f"{prefix}{error}", code) from None
+        raise PipelineError(f"{prefix}{error}", code) from None
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 from dtrepair import __version__
 from dtrepair.cli.options.transfer import Inputs
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import CLEAN, FRAMES, REMAINING, writing
 from dtrepair.cli.terminal.transfer_text import describe, draw_registration, print_report, say
 from dtrepair.numerics.jitter_meter import JitterMeter
+from dtrepair.pipeline.errors import CLEAN, FRAMES, REMAINING
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frames
 from dtrepair.pipeline.stages.bodies import in_units_of_frames
 from dtrepair.pipeline.stages.frames import make_counter, prim_records, refuse_if_none_usable
+from dtrepair.pipeline.stages.outputs import writing
 from dtrepair.pipeline.stages.rest import Rest, choose_rests
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import MeshSource, Source, StageSource, time_label

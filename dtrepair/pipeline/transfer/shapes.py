@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.options.shared import Selection
-from dtrepair.cli.terminal.failures import INPUT, USAGE, Failure, check_writable, refuse_overwriting
+from dtrepair.pipeline.errors import InputError, UsageError
+from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
 from dtrepair.pipeline.stages.sources import (
     MeshSource,
     Points,
@@ -38,14 +39,13 @@ class ShapePoses(StageSource):
 
         super().__init__(path, selection)
         if len(self.meshes) != 1:
-            raise Failure(
-                f"{path}: expected one mesh, got {len(self.meshes)}; choose one with --prim", USAGE
+            raise UsageError(
+                f"{path}: expected one mesh, got {len(self.meshes)}; choose one with --prim"
             )
         shapes = read_blend_shapes(self.meshes[0].handle)
         if shapes is None:
-            raise Failure(
-                f"{path}: {self.meshes[0].path} has no blend shapes; name shapes with --poses",
-                INPUT,
+            raise InputError(
+                f"{path}: {self.meshes[0].path} has no blend shapes; name shapes with --poses"
             )
         self.shapes = shapes
         self.meshes = (replace(self.meshes[0], has_rest=True),)
@@ -62,9 +62,9 @@ class ShapePoses(StageSource):
 def open_shapes(path: str, poses: Sequence[str], selection: Selection) -> Source:
     """Open the shapes: pose files, or the blend shapes of a stage's mesh."""
     if selection.frames is not None:
-        raise Failure("--frames: has no effect with --shapes; leave it out", USAGE)
+        raise UsageError("--frames: has no effect with --shapes; leave it out")
     if any(is_stage(pose) for pose in poses):
-        raise Failure("--poses: --shapes takes mesh files, one for each shape", USAGE)
+        raise UsageError("--poses: --shapes takes mesh files, one for each shape")
     return open_poses(path, poses, selection) if poses else ShapePoses(path, selection)
 
 
@@ -83,7 +83,7 @@ class ShapeSink:
         from usd_io.write.blend_shapes import check_target
 
         if not is_stage(path):
-            raise Failure(f"{path}: blend shapes need USD: name a .usd, .usdc or .usda file", USAGE)
+            raise UsageError(f"{path}: blend shapes need USD: name a .usd, .usdc or .usda file")
         for side in (source, target):
             refuse_overwriting(path, side.name)
             if isinstance(side, StageSource):

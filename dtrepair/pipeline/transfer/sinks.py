@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.terminal.failures import USAGE, Failure, check_writable, refuse_overwriting
+from dtrepair.pipeline.errors import UsageError
+from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import MeshSource, Source, StageSource, is_stage
 
@@ -21,8 +22,8 @@ def open_clip(
 ) -> Sink:
     """Check the output and open it, before anything is computed."""
     if not is_stage(path):
-        raise Failure(
-            f"{path}: a transfer writes an animation: name a .usd, .usdc or .usda file", USAGE
+        raise UsageError(
+            f"{path}: a transfer writes an animation: name a .usd, .usdc or .usda file"
         )
     if isinstance(source, StageSource):
         from usd_io.read.stages import check_not_an_input

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.cli.terminal.failures import INPUT, Failure
+from dtrepair.pipeline.errors import InputError
 from dtrepair.pipeline.repair.solve import Repaired
 from dtrepair.pipeline.stages.bodies import read_pins
 from dtrepair.pipeline.stages.frames import Frame, frame_time, read_frames, unusable
@@ -55,8 +55,8 @@ def read_pin_set(
         return None
     if not option.lower().endswith(".npz"):
         if isinstance(target, MeshSource):
-            raise Failure(
-                f"--pin {option}: a mesh file has no primvars: name an npz of vertices", INPUT
+            raise InputError(
+                f"--pin {option}: a mesh file has no primvars: name an npz of vertices"
             )
         weights = read_pins(target, option)[0]
         assert weights is not None
@@ -65,18 +65,16 @@ def read_pin_set(
     content = read_arrays(option, "vertices")
     vertices = content["vertices"]
     if vertices.ndim != 1 or vertices.min(initial=0) < 0 or vertices.max(initial=0) >= len(rest):
-        raise Failure(
+        raise InputError(
             f"--pin {option}: vertices should be indices (P,) below {len(rest)}, got "
-            f"{vertices.shape} up to {vertices.max(initial=0)}",
-            INPUT,
+            f"{vertices.shape} up to {vertices.max(initial=0)}"
         )
     positions = np.asarray(content.get("positions", rest[vertices.astype(np.int64)]))
     shapes = ((len(vertices), 3), (frame_count, len(vertices), 3))
     if positions.shape not in shapes:
-        raise Failure(
+        raise InputError(
             f"--pin {option}: positions should have shape {shapes[0]} or {shapes[1]}, got "
-            f"{positions.shape}",
-            INPUT,
+            f"{positions.shape}"
         )
     return PinSet(vertices, positions.astype(np.float64))
 

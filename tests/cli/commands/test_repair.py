@@ -226,7 +226,7 @@ def test_an_error_in_the_middle_leaves_the_old_output(
     def stop(*arguments: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("dtrepair.pipeline.repair.run.say", stop)
+    monkeypatch.setattr("dtrepair.cli.commands.repair.say", stop)
     assert_fails(run("repair", path, "-o", tmp_path / "b.usdc"), 130, "interrupted")
     assert (tmp_path / "b.usdc").read_text() == "old"
     assert sorted(os.listdir(tmp_path)) == before

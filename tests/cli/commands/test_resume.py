@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.repair_text import say
-from dtrepair.pipeline.repair import run as repair_run
+from dtrepair.pipeline.observer import FrameDone
 from dtrepair.repair import repairer
 from dtrepair.repair import solution_cache as remember
 from dtrepair.repair.clip import animation
@@ -54,13 +55,13 @@ def interrupted(
 ) -> Outcome:
     """Run until frame `at` is written, then press Ctrl-C."""
 
-    def press(console: Any, repaired: Any) -> None:
-        if repaired.frame.time == at:
+    def press(console: Console, done: FrameDone) -> None:
+        if done.record.time == at:
             raise KeyboardInterrupt
-        say(console, repaired)
+        say(console, done)
 
     with monkeypatch.context() as patch:
-        patch.setattr(repair_run, "say", press)
+        patch.setattr("dtrepair.cli.commands.repair.say", press)
         return run("repair", clip, "-o", output, *options)
 
 

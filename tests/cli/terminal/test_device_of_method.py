@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from dtrepair import device
-from dtrepair.cli.terminal.failures import Failure, device_of_method, use_device
+from dtrepair.cli.terminal.failures import device_of_method, use_device
+from dtrepair.pipeline.errors import UsageError
 
 
 def test_the_default_method_runs_on_the_cpu_and_that_is_told(
@@ -19,7 +20,7 @@ def test_the_default_method_runs_on_the_cpu_and_that_is_told(
 
 
 def test_a_device_that_is_not_there_is_a_usage_error() -> None:
-    with pytest.raises(Failure, match="--device: device should be auto"):
+    with pytest.raises(UsageError, match="--device: device should be auto"):
         use_device("gpu")
-    with pytest.raises(Failure, match="--device: device should be auto"):
+    with pytest.raises(UsageError, match="--device: device should be auto"):
         device_of_method("gpu", "full")

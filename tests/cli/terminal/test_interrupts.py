@@ -16,7 +16,7 @@ import threading
 from dtrepair.cli.terminal.interrupts import watched
 with watched() as interrupts:
     interrupts.cleanups.append(lambda: print("cleaned", flush=True))
-    interrupts.advice = lambda: "; advice"
+    interrupts.advice = "; advice"
     try:
         print("busy", flush=True)
         threading.Event().wait()

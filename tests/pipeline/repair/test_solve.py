@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dtrepair.cli.options.shared import Selection
 from dtrepair.numerics.jitter_meter import JitterMeter
 from dtrepair.pipeline.repair.solve import FrameRepairer, repair_frames
+from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.frames import Frame, make_counter, read_frames
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.repair.clip.animation import AnimationRepairer

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dtrepair.cli.options.shared import Selection
+from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.sources import open_source
 from tests.command_line import CLOSED, OPEN, read_samples, run, tube_polygons, tube_pose, tube_stage
 from tests.present import present

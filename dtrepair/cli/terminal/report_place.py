@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import click
 
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import check_writable, refuse_overwriting, writing
+from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting, writing
 from dtrepair.report.record import Report, render_report, write_report
 
 STDOUT = "-"

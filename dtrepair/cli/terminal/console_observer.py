@@ -1,0 +1,56 @@
+"""What a console shows of a run while it goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.interrupts import current_interrupts
+from dtrepair.cli.terminal.progress_bar import ProgressBar, wanted
+from dtrepair.pipeline.observer import FrameDone, Observer, ProgressKept, Remark, Trouble
+
+SayFrame = Callable[[Console, FrameDone], None]
+
+
+class ConsoleObserver(Observer):
+    """Prints warnings, frames with -v and where errors come from with -vv; shows progress.
+
+    Ctrl-C ends a run by a KeyboardInterrupt of its own, so that `cancelled` never does.
+    """
+
+    def __init__(self, console: Console, say_frame: SayFrame) -> None:
+        """Print on a console; `say_frame` prints what became of a frame."""
+        self.console, self._say_frame = console, say_frame
+        self._bar: ProgressBar | None = None
+
+    def start(self, phase: str, total: int) -> None:
+        """Show a progress bar where one is wanted."""
+        if not self.console.quiet and wanted(total):
+            self._bar = ProgressBar(phase, total)
+
+    def advance(self, done: float) -> None:
+        """Move the bar."""
+        if self._bar is not None:
+            self._bar.show(done)
+
+    def end(self) -> None:
+        """Take the bar away."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+
+    def warning(self, text: str) -> None:
+        """Print a warning."""
+        self.console.warn([text])
+
+    def remark(self, remark: Remark) -> None:
+        """Print what a remark says, as far as -v and -vv ask for it."""
+        if isinstance(remark, FrameDone):
+            self.console.trace(remark.error)
+            self._say_frame(self.console, remark)
+        elif isinstance(remark, Trouble):
+            self.console.trace(remark.error)
+        elif isinstance(remark, ProgressKept):
+            interrupts = current_interrupts()
+            if interrupts is not None:
+                interrupts.advice = "; --resume goes on from here" if remark.entries else ""

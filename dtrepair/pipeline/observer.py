@@ -1,0 +1,109 @@
+"""What a host hears of a run, and how it ends one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TypeVar
+
+from dtrepair.pipeline.errors import Cancelled
+from dtrepair.report.record import FrameRecord
+
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class FrameDone:
+    """A frame is finished: its record, and the exception behind a failed one."""
+
+    record: FrameRecord
+    error: Exception | None = None
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """An exception that the run survived; a warning says what it led to."""
+
+    error: Exception
+
+
+@dataclass(frozen=True)
+class ProgressKept:
+    """So many solved windows or frames lie beside the output; a resumed run goes on from them."""
+
+    entries: int
+
+
+Remark = FrameDone | Trouble | ProgressKept
+
+
+class Observer:
+    """Hears of a run, and may end it; the defaults say nothing and let it run.
+
+    A host subclasses it and overrides what it wants to know. All methods are called from the
+    thread that runs the pipeline, but `remark(ProgressKept)`, which any thread may call. An
+    exception that a method raises ends the run as `Cancelled` does.
+    """
+
+    def start(self, phase: str, total: int) -> None:
+        """A phase of `total` frames begins, such as "repairing"."""
+
+    def advance(self, done: float) -> None:
+        """So many frames of the phase are done, with fractions of those in work; never fewer."""
+
+    def end(self) -> None:
+        """The phase is over, also where an error ended it."""
+
+    def warning(self, text: str) -> None:
+        """Something that the user should know; the run goes on."""
+
+    def remark(self, remark: Remark) -> None:
+        """Something that a user may want to know."""
+
+    def cancelled(self) -> bool:
+        """Whether the run should end: asked between frames, and while frames are solved."""
+        return False
+
+
+class Progress:
+    """The frames of one phase: tells the observer how far they are, and ends a cancelled run."""
+
+    def __init__(self, observer: Observer, phase: str, total: int) -> None:
+        """Name the phase and the number of its frames."""
+        self._observer, self._phase, self._total = observer, phase, total
+        self._handed_out, self._done = 0, 0.0
+
+    def over(self, items: Iterable[Item]) -> Iterator[Item]:
+        """Yield the items of the phase; one is done as soon as the next is asked for.
+
+        Raises Cancelled where the observer wants the run to end.
+        """
+        self._observer.start(self._phase, self._total)
+        try:
+            self._check()
+            for item in items:
+                self._check()
+                yield item
+                self._handed_out += 1
+                self.ahead(0.0)
+        finally:
+            self._observer.end()
+
+    def ahead(self, frames: float) -> None:
+        """Tell how many frames' worth of work is done beyond those handed out.
+
+        Raises Cancelled where the observer wants the run to end.
+        """
+        self._check()
+        self._done = max(self._done, min(self._handed_out + frames, self._total))
+        self._observer.advance(self._done)
+
+    def _check(self) -> None:
+        if self._observer.cancelled():
+            raise Cancelled("cancelled; no output was written")
+
+
+def warn(observer: Observer, texts: Iterable[str]) -> None:
+    """Tell the observer several warnings."""
+    for text in texts:
+        observer.warning(text)

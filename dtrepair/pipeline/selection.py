@@ -1,0 +1,136 @@
+"""Which meshes and frames take part in a run, and how single meshes do; checked for all hosts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from dtrepair.pipeline.errors import UsageError
+
+NUMBERS = ("diffusion", "mobility")
+NAMES = ("pin", "direction")
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which meshes and frames of the input take part.
+
+    Args:
+        frames: time codes, such as "7", "-5:10" or "1:100x2,200"; None: all.
+        prim: path expression of the meshes to take, such as "/Hero//"; None: all.
+        exclude: path expression of meshes to leave out.
+        include_invisible: take invisible meshes too.
+        include_purposes: take proxy and guide meshes too.
+        skip_varying: skip meshes whose topology changes.
+        uninstance: expand instances so that they can change.
+        strict: refuse a stage with broken references.
+    """
+
+    frames: str | None = None
+    prim: str | None = None
+    exclude: str | None = None
+    include_invisible: bool = False
+    include_purposes: bool = False
+    skip_varying: bool = False
+    uninstance: bool = False
+    strict: bool = False
+
+    def given(self) -> list[str]:
+        """Return the option names that were set."""
+        return ["--" + name.replace("_", "-") for name, value in vars(self).items() if value]
+
+
+@dataclass(frozen=True)
+class ObjectOptions:
+    """How single meshes take part.
+
+    Args:
+        collider: path expression of meshes that take part but never move.
+        rigid: path expression of meshes that move as a whole only.
+        ignore: pairs "A,B" of path expressions whose contacts do not count.
+        pin: name of a primvar (0 free to 1 fixed) or GeomSubset (fixed).
+        direction: name of a vector primvar, or "SUBSET=x,y,z": preferred direction, in world.
+    """
+
+    collider: str | None = None
+    rigid: str | None = None
+    ignore: tuple[str, ...] = ()
+    pin: str | None = None
+    direction: str | None = None
+
+
+@dataclass(frozen=True)
+class ObjectSettings:
+    """What is asked of one object; None: the common option holds.
+
+    diffusion: how far a push spreads; mobility: from 0 (never moves) to 1; rigid: moves as a whole.
+    pin and direction are names, as `ObjectOptions` takes them.
+    """
+
+    diffusion: float | None = None
+    mobility: float | None = None
+    rigid: bool | None = None
+    pin: str | None = None
+    direction: str | None = None
+
+
+# What can be asked of a single object.
+KEYS = tuple(key.name for key in fields(ObjectSettings))
+
+
+@dataclass(frozen=True)
+class PrimTable:
+    """Settings of the meshes that a path expression matches; `origin` names it in messages."""
+
+    path: str
+    settings: ObjectSettings = field(default_factory=ObjectSettings)
+    origin: str = "[[prim]]"
+
+
+def parse_tables(tables: object, origin: str) -> tuple[PrimTable, ...]:
+    """Check tables of settings, each with `path` and some of KEYS, as a TOML file holds them.
+
+    origin: the file, for messages. Raises UsageError for an unknown key or a value out of range.
+    """
+    return tuple(
+        _parsed(table, origin) for table in (tables if isinstance(tables, list) else [tables])
+    )
+
+
+def _parsed(table: object, origin: str) -> PrimTable:
+    if not isinstance(table, Mapping) or not isinstance(table.get("path"), str):
+        raise UsageError(f'{origin}: [[prim]] needs a path, such as path = "/World/Sword"')
+    where = f"{origin}: [[prim]] {table['path']}"
+    values = {key: value for key, value in table.items() if key != "path"}
+    for key, value in values.items():
+        if key not in KEYS:
+            raise UsageError(f"{where}: has no {key!r}; known are {', '.join(KEYS)}")
+        if wrong := wrong_value(key, value):
+            raise UsageError(f"{where}: {wrong}")
+    settings = {key: plain_value(key, value) for key, value in values.items()}
+    return PrimTable(table["path"], ObjectSettings(**settings), where)
+
+
+def wrong_value(name: str, value: object) -> str:
+    """What is wrong with a value; empty where nothing is."""
+    if isinstance(value, np.ndarray):
+        return f"{name} should be one value, got {len(value)}"
+    if name == "rigid":
+        return "" if isinstance(value, bool) else f"rigid should be true or false, got {value!r}"
+    if name in NAMES:
+        return "" if isinstance(value, str) else f"{name} should be a name, got {value!r}"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return f"{name} should be a number, got {value!r}"
+    if name == "mobility":
+        return "" if 0.0 <= value <= 1.0 else f"mobility should be from 0 to 1, got {value}"
+    good = 0.0 < value < math.inf
+    return "" if good else f"diffusion should be positive and finite, got {value}"
+
+
+def plain_value(name: str, value: Any) -> Any:
+    """A checked value of the type that `ObjectSettings` holds."""
+    return float(value) if name in NUMBERS else value

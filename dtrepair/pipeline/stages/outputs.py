@@ -1,0 +1,57 @@
+"""Outputs of a run: refused before anything is computed, and whole or not there at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from dtrepair.pipeline.errors import OutputError, UsageError
+
+
+@contextmanager
+def writing(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn an OSError while writing `path` into an OutputError."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"{path}: cannot be written: {reason}; choose another place") from None
+
+
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Refuse an output before any computing: no such directory, a directory, no permission."""
+    from dtrepair.files.atomic import atomic_output
+
+    target = Path(path)
+    if target.is_dir():
+        raise OutputError(f"{path}: cannot be written: it is a directory; name a file")
+    try:
+        # A trial without the last step: it leaves nothing behind.
+        with writing(path), atomic_output(target):
+            raise _TrialDone
+    except _TrialDone:
+        pass
+
+
+class _TrialDone(Exception):
+    """Ends the trial of `check_writable`."""
+
+
+def refuse_overwriting(
+    output: str | os.PathLike[str],
+    *inputs: str | None,
+    others: Iterable[str | None] = (),
+) -> None:
+    """Refuse an output that is one of the inputs, or of the `others`, outputs as well."""
+    for what, names in (("an input", inputs), ("another output", others)):
+        if any(name and os.path.realpath(name) == os.path.realpath(output) for name in names):
+            raise UsageError(f"{output}: is {what} of this run; choose another output")
+
+
+def remove_unfinished(output: str | os.PathLike[str]) -> None:
+    """Remove what this process has written of an output so far: it will exit without an end."""
+    from usd_io.write.temporary import remove_own_folders
+
+    remove_own_folders(output)

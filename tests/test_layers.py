@@ -143,7 +143,6 @@ OWNERS = {
 }
 KNOWN_STRANGERS: set[str] = {
     "dtrepair.pipeline.repair.distributed names click",
-    "dtrepair.pipeline.stages.report_place names click",
 }
 
 

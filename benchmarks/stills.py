@@ -122,7 +122,7 @@ def rest_shape_fill(rest: np.ndarray) -> Callable[..., np.ndarray]:
         system = laplacian[rows][:, inner]
         known = laplacian[rows] @ np.where(mask[:, None], 0.0, field)
         wanted = (laplacian @ rest)[rows] @ turn.T
-        normal = (system.T @ system + crease.REGULAR * sparse.identity(len(inner))).tocsc()
+        normal = (system.T @ system + crease.REGULARIZATION * sparse.identity(len(inner))).tocsc()
         result = field.copy()
         result[inner] = linalg.splu(normal).solve(system.T @ (wanted - known))
         return result

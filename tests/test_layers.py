@@ -107,7 +107,6 @@ KNOWN_ARROWS: set[str] = {
     "dtrepair.repair: clip -> repairer",
     "dtrepair.repair: independent -> clip",
     "dtrepair.repair: independent -> repairer",
-    "dtrepair.repair: paper -> full",
     "dtrepair.repair: scene -> repairer",
     "dtrepair.repair: scene -> separation",
     "dtrepair.repair: separation -> clip",

@@ -2,29 +2,42 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.full.push import (
-    DEEPEST,
-    VOLUME_WEIGHT,
-    _volume_gradient,
+from dtrepair.repair.full.directions import (
+    DirectionOptions,
     tangent_point_gradient,
+    volume_gradient,
 )
 from dtrepair.repair.surface.defects import contact_regions
 from dtrepair.repair.surface.layers import covering_sides
 from dtrepair.repair.surface.surface import BoolArray, Surface
 from dtrepair.repair.surface.winding import winding_numbers
 
-# A region of K pairs moves at most SHARE x mean edge x sqrt(K) a sweep, and at least SMALLEST.
-SHARE = 0.5
-SMALLEST = 5e-4
-# The overlap volume counts in full at this many rings from the nearest crease.
-OPEN_RINGS = 6
-# A push below this part of the frame's largest is left out, up to twice this it fades in: what is
-# far from every contact stays where it is.
-FAINT = 0.04
+
+@dataclass(frozen=True, kw_only=True)
+class RegionalPushOptions:
+    """Numbers of the push of one frame of a clip.
+
+    Args:
+        share: A region of K pairs moves at most share x mean edge length x sqrt(K) in a sweep: a
+            new small contact starts gently, so that frames agree.
+        least: A region may move so far at least, units of the size, or fine meshes take too long.
+        open_rings: The overlap volume counts in full so many rings from the nearest crease.
+        faint: Pushes below this fraction of the frame's largest are left out, up to twice this they
+            fade in: what is far from every contact stays where it is.
+        direction: Numbers of the directions.
+    """
+
+    share: float = 0.5
+    least: float = 5e-4
+    open_rings: int = 6
+    faint: float = 0.04
+    direction: DirectionOptions = field(default_factory=DirectionOptions)
 
 
 def regional_push(
@@ -34,18 +47,19 @@ def regional_push(
     pushed: BoolArray,
     *,
     step: float,
+    options: RegionalPushOptions = RegionalPushOptions(),
 ) -> FloatArray:
     """Displacement (V, 3) that separates the `pushed` (K,) of the pairs (K, 2) of a pose.
 
     The sum of the tangent-point direction and of the gradient of the overlap volume, as in `push`;
-    but no region moves farther than its share, so that a new small contact starts gently.
+    but no region moves farther than its share, nor than `step` (units of the size).
     """
     winding = winding_numbers(surface, points, pairs)
     count, regions = contact_regions(surface, pairs, winding != 0)
     far = pairs[pushed]
     of_pair = regions[surface.faces[far[:, 0], 0]]
     sizes = np.bincount(of_pair, minlength=count)
-    limits = np.clip(SHARE * surface.edge_length * np.sqrt(sizes), SMALLEST, step)
+    limits = np.clip(options.share * surface.edge_length * np.sqrt(sizes), options.least, step)
     gradient = tangent_point_gradient(
         points,
         surface.faces,
@@ -55,14 +69,15 @@ def regional_push(
         sides=covering_sides(surface, far),
     )
     fields = [gradient]
-    buried = _buried(surface, pairs[~pushed], winding)
+    buried = _buried(surface, pairs[~pushed], winding, options)
     buried *= (sizes > 0)[regions]
     if buried.any():
-        fields.append(_volume_gradient(surface, points, buried, count, regions))
+        fields.append(volume_gradient(surface, points, buried, count, regions))
     smooth = surface.diffuse(np.concatenate(fields, axis=1), points)
     owner = np.flatnonzero(regions >= 0)
     total = np.zeros_like(points)
-    for index, weight in zip(range(len(fields)), (1.0, VOLUME_WEIGHT), strict=False):
+    weights = (1.0, options.direction.volume_weight)
+    for index, weight in zip(range(len(fields)), weights, strict=False):
         largest = _largest(smooth[:, 3 * index : 3 * index + 3], owner, regions, count)
         floor = 1e-3 * largest.max(initial=0.0) + 1e-30
         scale = weight * limits / np.maximum(largest, floor)
@@ -75,17 +90,20 @@ def regional_push(
     if not (excess > 0 and np.isfinite(excess)):
         return np.zeros_like(points)
     length = np.linalg.norm(moved, axis=1)
-    kept = np.clip(length / (FAINT * length.max()) - 1.0, 0.0, 1.0)
-    toward: FloatArray = -kept[:, None] * moved / excess
-    return toward
+    kept = np.clip(length / (options.faint * length.max()) - 1.0, 0.0, 1.0)
+    displacement: FloatArray = -kept[:, None] * moved / excess
+    return displacement
 
 
-def _buried(surface: Surface, creased: IntArray, winding: IntArray) -> FloatArray:
+def _buried(
+    surface: Surface, creased: IntArray, winding: IntArray, options: RegionalPushOptions
+) -> FloatArray:
     """How deep vertices (V,) are, fading towards creases."""
-    depth = np.clip(winding, -DEEPEST, DEEPEST).astype(np.float64)
+    deepest = options.direction.deepest
+    depth = np.clip(winding, -deepest, deepest).astype(np.float64)
     if len(creased) and depth.any():
-        rings = surface.rings_from(surface.vertices_of(creased), OPEN_RINGS + 1)
-        depth *= np.minimum(rings / OPEN_RINGS, 1.0)
+        rings = surface.rings_from(surface.vertices_of(creased), options.open_rings + 1)
+        depth *= np.minimum(rings / options.open_rings, 1.0)
     return depth
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -14,36 +15,50 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.operators import Factor
 from dtrepair.repair.surface.surface import ANCHOR, BoolArray, Surface
 
-# A region of less than this part of the vertices has a factor of its own.
-SMALL = 1 / 3
+
+@dataclass(frozen=True, kw_only=True)
+class ArapOptions:
+    """Numbers of the as-rigid-as-possible steps.
+
+    Args:
+        small_region: Fraction of the vertices. A region below it gets a factor of its own; above
+            it the factor of the whole mesh, which is made once, costs less.
+    """
+
+    small_region: float = 1 / 3
 
 
-class Rigidity:
+class ArapSystem:
     """Pulls poses of a surface towards the edges of one original pose (V, 3).
 
     The system L + ANCHOR M is factored once per topology; only the rotations follow the pose
-    (Sorkine & Alexa 2007). Where only a small region moves, its part of the system is factored
-    instead, and what surrounds it stays as it is.
+    (Sorkine & Alexa 2007). Where only a small region moves, its block of the system is factored
+    instead, and the surroundings keep their places.
     """
 
     def __init__(
-        self, surface: Surface, original: FloatArray, *, region: BoolArray | None = None
+        self,
+        surface: Surface,
+        original: FloatArray,
+        *,
+        region: BoolArray | None = None,
+        options: ArapOptions = ArapOptions(),
     ) -> None:
         """Use the operators of `surface` and the edges of `original`.
 
-        Vertices outside of the region (V,) need not move: beyond its neighbours, surroundings are
-        taken for unturned.
+        Vertices outside of the region (V,) need not move. Beyond the neighbours of the region,
+        rotations are taken to be none.
         """
-        from dtrepair.repair.elastic import arap_kernels as rigidity_kernels
+        from dtrepair.repair.elastic import arap_kernels
 
-        self._kernels = rigidity_kernels
+        self._kernels = arap_kernels
         self._warp = start_warp()
         self._surface = surface
         self._original = np.ascontiguousarray(original)
         if region is None:
             region = np.ones(surface.count, dtype=bool)
         self._turning = np.flatnonzero(surface.dilate(region))
-        self._inner = np.flatnonzero(region) if region.mean() < SMALL else None
+        self._inner = np.flatnonzero(region) if region.mean() < options.small_region else None
         laplacian = surface.laplacian
         self._matrix = [
             self._array(laplacian.indptr.astype(np.int32), self._warp.int32),
@@ -85,7 +100,7 @@ class Rigidity:
 
     @cached_property
     def _own(self) -> tuple[sparse.csr_matrix, Factor]:
-        """Rows of the Laplacian of a small region, and the factor of its part of the system."""
+        """Rows of the Laplacian of a small region, and the factor of its block of the system."""
         rows = self._surface.laplacian[self._inner]
         anchor = sparse.diags(ANCHOR * self._surface.mass[self._inner])
         return rows, Factor(rows[:, self._inner] + anchor)

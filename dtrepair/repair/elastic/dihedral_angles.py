@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,32 +14,56 @@ from scipy.sparse import linalg
 from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, triangle_normals
 from dtrepair.repair.surface.surface import ANCHOR, BoolArray, Surface
 
-# Cosine of the angle between its triangles' normals, 120 degrees, beyond which an edge counts as
-# bent, and the angle to which bent edges are opened.
-SHARP, OPEN = -0.5, np.radians(90.0)
-# Steps of opening; of each, the largest turn, the largest motion (mean edge lengths), and how many
-# edges are opened, the sharpest ones.
-STEPS, TURN, FARTHEST, MOST = 8, 0.35, 0.5, 64
-# How much farther than that a step aims.
-BEYOND = 0.02
+
+@dataclass(frozen=True, kw_only=True)
+class DihedralOptions:
+    """What counts as a bent edge, and the steps that open one.
+
+    Args:
+        sharp: Cosine of the angle between the normals of an edge's triangles, 120 degrees. Beyond
+            it an edge counts as bent: it is seen as a crease, and the next motion folds it flat.
+        open_angle: Angle to which bent edges are opened, radians: 90 degrees, well off the limit.
+        steps: Most steps of opening; the angles are nonlinear.
+        largest_turn: Of an edge in a step, radians, within which its gradient holds.
+        largest_motion: Of a vertex in a step, mean edge lengths.
+        most_edges: Edges opened in a step, the sharpest ones: the dense system is of their number.
+        beyond: How much farther than needed a step aims, radians, so that the last one arrives.
+        regularization: Of the dense system, next to its mean diagonal: edges of one triangle ask
+            for nearly the same motion.
+    """
+
+    sharp: float = -0.5
+    open_angle: float = pi / 2
+    steps: int = 8
+    largest_turn: float = 0.35
+    largest_motion: float = 0.5
+    most_edges: int = 64
+    beyond: float = 0.02
+    regularization: float = 1e-6
 
 
-class Hinges:
+class DihedralAngles:
     """The inner edges of a surface and how far an original pose (V, 3) bends them."""
 
-    def __init__(self, surface: Surface, original: FloatArray) -> None:
-        """Bent edges of the original may stay bent; the others, and their number, are to hold."""
-        self.surface = surface
+    def __init__(
+        self,
+        surface: Surface,
+        original: FloatArray,
+        *,
+        options: DihedralOptions = DihedralOptions(),
+    ) -> None:
+        """Edges that the original bends may stay bent, and no more edges than it has."""
+        self.surface, self.options = surface, options
         self.corners = _corners(surface.faces, surface.hinges)
         cosines = _cosines(surface, original)
-        self.given = cosines < SHARP
+        self.given = cosines < options.sharp
         self.allowed = int(self.given.sum())
-        self._limits = np.maximum(OPEN, np.arccos(np.clip(cosines, -1.0, 1.0)))
+        self._limits = np.maximum(options.open_angle, np.arccos(np.clip(cosines, -1.0, 1.0)))
 
     def sharpness(self, points: FloatArray) -> tuple[int, float]:
         """Number of bent edges, and by how much they are bent too far: smaller is better."""
         cosines = _cosines(self.surface, points)
-        excess = SHARP - cosines[cosines < SHARP]
+        excess = self.options.sharp - cosines[cosines < self.options.sharp]
         return len(excess), float(excess.sum())
 
     def clusters(self, points: FloatArray) -> list[NDArray[np.intp]]:
@@ -46,7 +72,7 @@ class Hinges:
         Small clusters come first.
         """
         surface = self.surface
-        new = np.flatnonzero(bent_edges(surface, points) & ~self.given)
+        new = np.flatnonzero(bent_edges(surface, points, sharp=self.options.sharp) & ~self.given)
         new = new[~surface.stiff[self.corners[new]].all(axis=1)]
         touched = surface.vertices_of(surface.hinges[new])
         labels = surface.components(touched)[self.corners[new, 0]]
@@ -56,10 +82,11 @@ class Hinges:
         """The pose (V, 3) with the `chosen` edges opened, contacts ignored.
 
         Only what is within so many rings of them moves. Each step is the motion x of least
-        tr(x^T (L + ANCHOR M) x) that turns all edges there to OPEN, or as far as the original has
-        them, which are bent beyond that and were not bent edges: Gauss-Newton on their angles.
+        tr(x^T (L + ANCHOR M) x) that turns all edges there to the open angle, or as far as the
+        original has them, which are bent beyond that and were not bent edges: Gauss-Newton on
+        their angles.
         """
-        surface = self.surface
+        surface, options = self.surface, self.options
         seeds = surface.vertices_of(surface.hinges[chosen])
         inner = np.flatnonzero(surface.dilate(seeds, rings) & ~surface.stiff)
         place = np.full(surface.count, -1)
@@ -68,24 +95,36 @@ class Hinges:
         limits, near = self._limits[nearby], self.corners[nearby]
         anchor = sparse.diags(ANCHOR * surface.mass[inner])
         solve = linalg.splu((surface.laplacian[inner][:, inner] + anchor).tocsc()).solve
-        for _ in range(STEPS):
+        for _ in range(options.steps):
             angles, gradients = angles_and_gradients(points, near)
             excess = np.abs(angles) - limits
-            bent = np.argsort(-excess, kind="stable")[:MOST]
+            bent = np.argsort(-excess, kind="stable")[: options.most_edges]
             bent = bent[excess[bent] > 0.0]
             if len(bent) == 0:
                 break
-            turns = np.sign(angles[bent]) * -np.minimum(excess[bent] + BEYOND, TURN)
-            motion = _least_motion(solve, place[near[bent]], gradients[bent], turns, len(inner))
-            motion *= min(1.0, FARTHEST * surface.edge_length / max(lengths(motion).max(), 1e-300))
+            turns = np.sign(angles[bent]) * -np.minimum(
+                excess[bent] + options.beyond, options.largest_turn
+            )
+            motion = _least_motion(
+                solve,
+                place[near[bent]],
+                gradients[bent],
+                turns,
+                count=len(inner),
+                regularization=options.regularization,
+            )
+            largest = options.largest_motion * surface.edge_length
+            motion *= min(1.0, largest / max(lengths(motion).max(), 1e-300))
             points = points.copy()
             points[inner] += motion
         return points
 
 
-def bent_edges(surface: Surface, points: FloatArray) -> BoolArray:
-    """Which hinges (H,) of the surface are bent by more than 120 degrees."""
-    return _cosines(surface, points) < SHARP
+def bent_edges(
+    surface: Surface, points: FloatArray, *, sharp: float = DihedralOptions.sharp
+) -> BoolArray:
+    """Which hinges (H,) are bent farther than a cosine, by default that of 120 degrees."""
+    return _cosines(surface, points) < sharp
 
 
 def angles_and_gradients(points: FloatArray, corners: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -117,7 +156,9 @@ def _least_motion(
     place: NDArray[np.integer],
     gradients: FloatArray,
     turns: FloatArray,
+    *,
     count: int,
+    regularization: float,
 ) -> FloatArray:
     """The motion (count, 3) of least energy that turns edges, vertices at `place` (-1: fixed)."""
     columns = np.zeros((count + 1, len(turns), 3))
@@ -127,9 +168,9 @@ def _least_motion(
     columns = columns[:count]
     answers = solve(columns.reshape(count, -1)).reshape(columns.shape)
     system = np.einsum("vid,vjd->ij", columns, answers)
-    system += (1e-6 * np.trace(system) / len(turns) + 1e-30) * np.eye(len(turns))
-    shift: FloatArray = np.einsum("vid,i->vd", answers, np.linalg.solve(system, turns))
-    return shift
+    system += (regularization * np.trace(system) / len(turns) + 1e-30) * np.eye(len(turns))
+    motion: FloatArray = np.einsum("vid,i->vd", answers, np.linalg.solve(system, turns))
+    return motion
 
 
 def _corners(faces: IntArray, hinges: NDArray[np.int64]) -> IntArray:

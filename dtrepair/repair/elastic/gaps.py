@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,14 +14,30 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, pair
 from dtrepair.repair.surface.defects import Defects
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
-# Stiffness of a gap, next to edges of weight about 1; soft, so that forces spread over a contact.
-STIFFNESS = 2.0
-# A gap that closed all the same gets stiffer by this factor, and softer again in each later step.
-STIFFER = 2.0
-# A step may shrink a gap to this part, and not below the margin (units of the size).
-SHRINK, MARGIN = 0.5, 3e-4
-# Names of gaps below vertices, beside those of pairs of triangles and of folds.
+# The bit that marks keys of gaps between a vertex and a triangle; keys of pairs and folds lack it.
 FACING = 1 << 62
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapOptions:
+    """Numbers of the gaps that a step must not close.
+
+    Args:
+        stiffness: Of one gap, next to edges of weight about 1. Soft, so that the forces spread
+            over a contact.
+        stiffening: Factor by which a gap gets stiffer each time that it closed all the same; it
+            gets softer by the same factor in each later step.
+        shrink: Fraction of its width that a gap keeps in a step: the next step finds room left.
+        margin: Least width, units of the size, well above what rounding to float32 moves.
+        opening: Fraction of the clearance by which a narrow gap opens in a step: linear gaps are
+            wrong for longer motions.
+    """
+
+    stiffness: float = 2.0
+    stiffening: float = 2.0
+    shrink: float = 0.5
+    margin: float = 3e-4
+    opening: float = 0.5
 
 
 class Gaps:
@@ -31,10 +48,13 @@ class Gaps:
     section 17.3), kept from step to step.
     """
 
-    def __init__(self, surface: Surface, mobility: FloatArray) -> None:
-        """No gaps yet; `mobility` (V,) scales how far each vertex follows a step."""
+    def __init__(
+        self, surface: Surface, mobility: FloatArray, *, options: GapOptions = GapOptions()
+    ) -> None:
+        """Start without gaps; `mobility` (V,) scales how far each vertex follows a step."""
         from dtrepair.repair.elastic import gap_kernels
 
+        self.options = options
         self._kernels, self._warp = gap_kernels, start_warp()
         self.surface, self.mobility = surface, mobility
         self.corners = np.zeros((0, 6), dtype=np.int32)
@@ -55,22 +75,23 @@ class Gaps:
         return len(self.keys)
 
     def add_defects(self, defects: Defects) -> int:
-        """Gaps of pairs that a step made cross; those that are known already get stiffer.
+        """Add gaps for pairs that a step made cross; known ones get stiffer. Return their number.
 
-        The number of both together.
+        Each crossing pair is one gap, each fold two.
         """
         faces = self.surface.faces
         folds = pair_keys(defects.folds)
         keys = np.concatenate([pair_keys(defects.crossings), folds, -folds])
         corners = [faces[defects.crossings].reshape(-1, 6), *_fold_corners(faces, defects.folds)]
-        self._harder[np.isin(self.keys, keys)] *= STIFFER
+        self._harder[np.isin(self.keys, keys)] *= self.options.stiffening
         self._insert(keys, np.concatenate(corners))
         return len(keys)
 
     def add_facing(self, points: FloatArray, areas: FloatArray, radius: float) -> NDArray[np.int64]:
-        """Gaps between movable vertices and the triangles in front of them; their keys.
+        """Add gaps between movable vertices and the triangles in front of them; return their keys.
 
-        In front is along the vector areas (V, 3) of the vertices, up to a radius.
+        A triangle is in front where it lies along the vector area (V, 3) of the vertex, within a
+        radius.
         """
         vertices = np.flatnonzero(self.mobility > 0).astype(np.int32)
         triangles = self._faced(points, areas, vertices, radius)
@@ -92,7 +113,7 @@ class Gaps:
 
     def soften(self) -> None:
         """Let stiff gaps go back towards the common stiffness."""
-        self._harder = np.maximum(1.0, self._harder / STIFFER)
+        self._harder = np.maximum(1.0, self._harder / self.options.stiffening)
 
     def scale(self, factor: FloatArray) -> None:
         """Scale each force by the largest factor (V,) of its corners."""
@@ -101,8 +122,9 @@ class Gaps:
     def linearise(self, points: FloatArray, *, clearance: float = 0.0) -> None:
         """Take directions, weights and least gaps from a clean pose (V, 3).
 
-        With a clearance, gaps that are narrower are to open, by half of it at most.
+        With a clearance, gaps that are narrower are to open, by a fraction of it at most.
         """
+        options = self.options
         first, second, gaps = self._nearest(points)
         widths = lengths(gaps)
         self._normals = gaps / np.maximum(widths, 1e-300)[:, None]
@@ -111,14 +133,14 @@ class Gaps:
         shape, rows = (len(self), self.surface.count), np.repeat(np.arange(len(self)), 6)
         self._matrix = sparse.csr_matrix((weights, (rows, columns)), shape=shape)
         self._transposed = self._matrix.T.tocsr()
-        least = np.maximum(np.minimum(MARGIN, widths), SHRINK * widths)
+        least = np.maximum(np.minimum(options.margin, widths), options.shrink * widths)
         if clearance > 0.0:
-            least = np.minimum(clearance, widths + 0.5 * clearance)
+            least = np.minimum(clearance, widths + options.opening * clearance)
         self.least = least - widths + self.width(points)
         # Many gaps at one vertex share the stiffness.
         absolute = abs(self._matrix)
         crowd = absolute @ np.asarray(absolute.sum(axis=0)).ravel()
-        self.stiffness = STIFFNESS * self._harder / np.maximum(1.0, 0.5 * crowd)
+        self.stiffness = options.stiffness * self._harder / np.maximum(1.0, 0.5 * crowd)
 
     def width(self, pose: FloatArray) -> FloatArray:
         """Linearised widths (C,) of a pose (V, 3), up to what does not move."""
@@ -138,10 +160,10 @@ class Gaps:
 
     def _nearest(self, points: FloatArray) -> list[FloatArray]:
         warp = self._warp
-        found = [warp.empty(len(self), dtype=warp.vec3d, device="cpu") for _ in range(3)]
-        inputs = [self._array(points, warp.vec3d), self._array(self.corners, warp.int32), *found]
+        nearest = [warp.empty(len(self), dtype=warp.vec3d, device="cpu") for _ in range(3)]
+        inputs = [self._array(points, warp.vec3d), self._array(self.corners, warp.int32), *nearest]
         warp.launch(self._kernels.nearest_points, dim=len(self), inputs=inputs, device="cpu")
-        return [array.numpy() for array in found]
+        return [array.numpy() for array in nearest]
 
     def _faced(
         self, points: FloatArray, areas: FloatArray, vertices: IntArray, radius: float
@@ -150,18 +172,18 @@ class Gaps:
         warp, surface = self._warp, self.surface
         normals = areas / (lengths(areas)[:, None] + 1e-300)
         low, high = surface.detector.boxes(surface.written(points)[None])[2:4]
-        found = warp.empty(len(vertices), dtype=warp.int32, device="cpu")
+        triangles = warp.empty(len(vertices), dtype=warp.int32, device="cpu")
         positions = self._array(points, warp.vec3d)
         fronts = warp.empty(len(surface.faces), dtype=warp.vec3d, device="cpu")
         inputs = [positions, self._faces, self._tree[0], fronts]
         warp.launch(self._kernels.front_areas, dim=len(fronts), inputs=inputs, device="cpu")
         inputs = [positions, self._array(normals, warp.vec3d), self._array(vertices, warp.int32)]
         inputs += [self._faces, fronts, *self._tree, low, high]
-        inputs += [float(surface.size), float(radius), found]
+        inputs += [float(surface.size), float(radius), triangles]
         dimension = len(vertices)
         warp.launch(self._kernels.faced_triangles, dim=dimension, inputs=inputs, device="cpu")
-        triangles: IntArray = found.numpy()
-        return triangles
+        nearest: IntArray = triangles.numpy()
+        return nearest
 
     def _array(self, values: NDArray[Any], dtype: Any) -> Any:
         return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")

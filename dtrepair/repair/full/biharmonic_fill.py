@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,14 +15,27 @@ from dtrepair.repair.surface.defects import Defects, find_defects, update_defect
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
 BILAPLACIAN, MEMBRANE = 0, 1
-# Patches may cover at most this part of the mesh.
-LARGEST = 0.5
-# Keeps the bi-Laplacian system definite where a patch has no fixed surroundings.
-REGULAR = 1e-10
+# Keeps the system of a patch definite where it has no fixed surroundings; entries are about 1.
+REGULARIZATION = 1e-10
+
+
+@dataclass(frozen=True, kw_only=True)
+class FillOptions:
+    """Numbers of the patches that replace the surroundings of defects.
+
+    Args:
+        rounds: Times that a patch grows before it starts again as a membrane.
+        largest: Fraction of the mesh that patches may cover at most: a whole limb replaced is lost.
+        restart_rings: Rings that a patch loses where it starts again, as a membrane needs fewer.
+    """
+
+    rounds: int = 8
+    largest: float = 0.5
+    restart_rings: int = 4
 
 
 class Filled(NamedTuple):
-    """The best pose (V, 3) found and its defects."""
+    """The best pose (V, 3) so far and its defects."""
 
     points: FloatArray
     defects: Defects
@@ -42,8 +56,8 @@ class _Patches:
             covered = surface.dilate(covered | (self.rings == ring))
         return covered | (self.rings > 0)
 
-    def grow(self, surface: Surface, bad: BoolArray, rounds: int) -> None:
-        """Every patch with a defect grows by a ring there; after `rounds` it starts as membrane."""
+    def grow(self, surface: Surface, bad: BoolArray, options: FillOptions) -> None:
+        """Grow every patch with a defect by a ring there; after some rounds it is a membrane."""
         touched = self.mask(surface) | bad
         labels = surface.components(touched)
         failing = touched & np.isin(labels, np.unique(labels[bad]))
@@ -53,10 +67,10 @@ class _Patches:
         np.maximum.at(fill, labels[failing], self.fill[failing])
         self.failures[failing] = failures[labels[failing]]
         self.fill[failing] = fill[labels[failing]]
-        restart = failing & (self.failures > rounds) & (self.fill == BILAPLACIAN)
+        restart = failing & (self.failures > options.rounds) & (self.fill == BILAPLACIAN)
         self.fill[restart] = MEMBRANE
         self.failures[restart] = 1
-        self.rings[restart] = np.maximum(self.rings[restart] - 4, 0)
+        self.rings[restart] = np.maximum(self.rings[restart] - options.restart_rings, 0)
         self.rings[bad] += 1
 
     def settle(self, surface: Surface, mask: BoolArray) -> IntArray:
@@ -72,25 +86,25 @@ def fill_creases(
     surface: Surface,
     points: FloatArray,
     *,
-    rounds: int = 8,
     known: Defects | None = None,
+    options: FillOptions = FillOptions(),
 ) -> Filled:
     """Replace the surroundings of every defect until none is left or the patches grew too often.
 
     A patch starts as the smoothest (bi-Laplacian) continuation of its surroundings, grows by a
-    ring where it still fails, up to `rounds` times, and then starts again as a membrane. Folds
-    count as defects. Fixed vertices and rigid bodies are never replaced.
+    ring where it still fails, some times, and then starts again as a membrane. Folds count as
+    defects. Fixed vertices and rigid bodies are never replaced. known: the defects of `points`.
     """
     base = find_defects(surface, points) if known is None else known
     filled, defects = points, base
     best = Filled(points, base)
     patches = _Patches(surface.count)
-    for _ in range(2 * rounds):
+    for _ in range(2 * options.rounds):
         if len(defects.triangles) == 0:
             break
-        patches.grow(surface, surface.vertices_of(defects.triangles), rounds)
+        patches.grow(surface, surface.vertices_of(defects.triangles), options)
         mask = patches.mask(surface) & ~surface.stiff
-        if not mask.any() or mask.mean() > LARGEST:
+        if not mask.any() or mask.mean() > options.largest:
             break
         kinds = patches.settle(surface, mask)
         filled = points
@@ -108,7 +122,7 @@ def membrane_fill(laplacian: sparse.csr_matrix, field: FloatArray, mask: BoolArr
     inner = np.flatnonzero(mask)
     rows = laplacian[inner]
     known = rows @ np.where(mask[:, None], 0.0, field)
-    system = rows[:, inner] + REGULAR * sparse.identity(len(inner))
+    system = rows[:, inner] + REGULARIZATION * sparse.identity(len(inner))
     return _replaced(field, inner, solve_patch(system, -known))
 
 
@@ -120,7 +134,7 @@ def bilaplacian_fill(
     rows = laplacian[np.flatnonzero(abs(laplacian) @ mask)]
     system = rows[:, inner]
     known = rows @ np.where(mask[:, None], 0.0, field)
-    normal = system.T @ system + REGULAR * sparse.identity(len(inner))
+    normal = system.T @ system + REGULARIZATION * sparse.identity(len(inner))
     return _replaced(field, inner, solve_patch(normal, -(system.T @ known)))
 
 

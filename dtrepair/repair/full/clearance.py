@@ -3,24 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.elastic.arap import Rigidity
-from dtrepair.repair.elastic.gaps import Gaps
-from dtrepair.repair.full.push import Limit, push
-from dtrepair.repair.full.relax import step_with_gaps
+from dtrepair.repair.elastic.arap import ArapSystem
+from dtrepair.repair.elastic.contact_step import ContactStepOptions, step_with_gaps
+from dtrepair.repair.elastic.gaps import GapOptions, Gaps
+from dtrepair.repair.full.push import Limit, PushOptions, push
 from dtrepair.repair.surface.defects import Defects, find_defects
 from dtrepair.repair.surface.surface import NEIGHBOUR_RINGS, Surface
 
-# Cycles of opening gaps, how many without a gain end them, and what is asked for beside.
-CYCLES, IDLE, MORE = 12, 3, 1.15
-# One iteration of pushing moves by this part of the clearance.
-STEP = 0.25
-ITERATIONS, PATIENCE = 40, 8
-# Attempts, each with a step of half the length.
-ATTEMPTS = 3
+
+@dataclass(frozen=True, kw_only=True)
+class ClearanceOptions:
+    """Numbers of the opening of contacts to a clearance.
+
+    Args:
+        cycles: Most elastic steps that open gaps.
+        idle: So many steps without a gain end them.
+        aim: Width that gaps are to have, times the clearance: linear gaps fall a little short.
+        attempts: Of pushing what is left, each with a step of half the length.
+        step: Largest motion in an iteration of the push, times the clearance.
+        gaps: Numbers of the gaps.
+        solve: The elastic step.
+        push: The push, which has many short steps to make.
+    """
+
+    cycles: int = 12
+    idle: int = 3
+    aim: float = 1.15
+    attempts: int = 3
+    step: float = 0.25
+    gaps: GapOptions = field(default_factory=GapOptions)
+    solve: ContactStepOptions = field(default_factory=ContactStepOptions)
+    push: PushOptions = field(default_factory=lambda: PushOptions(iterations=40, patience=8))
 
 
 def open_contacts(
@@ -30,6 +48,7 @@ def open_contacts(
     *,
     limit: Limit = None,
     facing: bool = False,
+    options: ClearanceOptions = ClearanceOptions(),
 ) -> tuple[FloatArray, int]:
     """The pose with its contacts pushed `clearance` apart (units of the size), and what is left.
 
@@ -41,19 +60,18 @@ def open_contacts(
         return surface.close_pairs(pose, clearance, facing=facing)
 
     folds = len(find_defects(surface, points).folds)
-    points, left = _opened(surface, points, clearance, close, folds, limit)
-    for attempt in range(ATTEMPTS):
+    points, left = _opened(surface, points, clearance, close, folds, limit, options)
+    for attempt in range(options.attempts):
         if left == 0:
             break
         opened = push(
             surface,
             points,
             near=NEIGHBOUR_RINGS,
-            step=STEP * clearance * 0.5**attempt,
-            iterations=ITERATIONS,
-            patience=PATIENCE,
+            step=options.step * clearance * 0.5**attempt,
             limit=limit,
             detect=close,
+            options=options.push,
         )
         defects = find_defects(surface, opened.points)
         if len(defects.crossings) == 0 and len(defects.folds) <= folds:
@@ -69,20 +87,21 @@ def _opened(
     close: Callable[[FloatArray], IntArray],
     folds: int,
     limit: Limit,
+    options: ClearanceOptions,
 ) -> tuple[FloatArray, int]:
     """The best of some steps that keep the shape as rigid as possible and open narrow gaps."""
     pairs = close(points)
     best, left, idle = points, len(pairs), 0
-    rigidity = Rigidity(surface, points)
-    gaps = Gaps(surface, np.where(surface.stiff, 0.0, 1.0))
+    system = ArapSystem(surface, points)
+    gaps = Gaps(surface, np.where(surface.stiff, 0.0, 1.0), options=options.gaps)
     pose = points
-    for _ in range(CYCLES):
-        if left == 0 or idle == IDLE:
+    for _ in range(options.cycles):
+        if left == 0 or idle == options.idle:
             break
         gaps.add_defects(Defects(pairs, np.zeros((0, 2), dtype=np.int32)))
         gaps.soften()
-        gaps.linearise(pose, clearance=MORE * clearance)
-        trial = step_with_gaps(rigidity, rigidity.target(pose), gaps, pose)
+        gaps.linearise(pose, clearance=options.aim * clearance)
+        trial = step_with_gaps(system, system.target(pose), gaps, pose, options=options.solve)
         trial = np.where(surface.stiff[:, None], pose, trial)
         trial = trial if limit is None else limit(trial)
         defects = find_defects(surface, trial)

@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.full.biharmonic_fill import Filled, fill_creases
-from dtrepair.repair.full.push import push
+from dtrepair.repair.full.biharmonic_fill import Filled, FillOptions, fill_creases
+from dtrepair.repair.full.push import PushOptions, push
 from dtrepair.repair.surface.surface import Surface
 
-# Rings within which contacts are left to the creases, from careful to pushing all of them.
-NEAR = (12, 6, 0)
+
+@dataclass(frozen=True, kw_only=True)
+class MendOptions:
+    """Numbers of the mending of one frame.
+
+    Args:
+        near: Rings within which contacts are left to the creases, from careful to pushing all of
+            them; a frame that is nearly clean needs no 20 rings as a whole repair does.
+        push: What separates contacts; few iterations, as most are apart.
+        fill: What closes the creases.
+    """
+
+    near: tuple[int, ...] = (12, 6, 0)
+    push: PushOptions = field(default_factory=lambda: PushOptions(iterations=12, patience=5))
+    fill: FillOptions = field(default_factory=FillOptions)
 
 
 def mend(
@@ -20,20 +34,22 @@ def mend(
     *,
     step: float,
     alone: Callable[[Surface, FloatArray], FloatArray] | None = None,
+    options: MendOptions = MendOptions(),
 ) -> FloatArray:
-    """A clean pose near one of some poses (V, 3), or the one with the fewest pairs that was found.
+    """A clean pose near one of some poses (V, 3), or the one with the fewest pairs.
 
-    starts: tried in order until one leads to a clean pose, so the least change comes first. alone:
-    the solver from the input's pose, the last resort; its pose may lie on another side of a
-    contact than the neighbours'.
+    starts: tried in order until one leads to a clean pose, so the least change comes first. step:
+    largest motion in an iteration of the push, units of the size. alone: the solver from the
+    input's pose, the last resort; its pose may lie on another side of a contact than the
+    neighbours'.
     """
     best: Filled | None = None
     for start in starts:
         pose = surface.rigid.fitted(original, start)
-        for near in NEAR:
-            pushed = push(surface, pose, near=near, step=step, iterations=12, patience=5)
+        for near in options.near:
+            pushed = push(surface, pose, near=near, step=step, options=options.push)
             pose = pushed.points
-            filled = fill_creases(surface, pose)
+            filled = fill_creases(surface, pose, options=options.fill)
             if best is None or filled.defects.rank[0] < best.defects.rank[0]:
                 best = filled
             if len(best.defects.crossings) == 0:

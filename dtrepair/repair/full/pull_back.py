@@ -2,28 +2,43 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, differing, lengths
-from dtrepair.numerics.metrics import displacements, edge_log_ratio
-from dtrepair.repair.full.biharmonic_fill import Filled, fill_creases
-from dtrepair.repair.full.push import push
-from dtrepair.repair.surface.defects import Defects, find_defects, update_defects
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.full.acceptance import acceptable, changed_defects
+from dtrepair.repair.full.biharmonic_fill import FillOptions, fill_creases
+from dtrepair.repair.full.push import PushOptions, push
+from dtrepair.repair.surface.defects import Defects, find_defects
+from dtrepair.repair.surface.distortion import distortion
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
-# Rings over which a step is rolled back around what it would make collide.
-ROLLBACK_RINGS = 8
-# Motions below this (units of the size) are left out, those up to twice this fade in: what does not
-# move needs no new detection.
-STILL = 1e-5
-# Tightening reaches this many rings beyond what the repair has displaced, fading over half of them.
-REACH_RINGS = 10
 
+@dataclass(frozen=True, kw_only=True)
+class PullBackOptions:
+    """Numbers of the way back that takes bodies as a whole.
 
-def distortion(surface: Surface, original: FloatArray, points: FloatArray) -> float:
-    """What tightening lowers: edge log-ratio rms + 2 x mean displacement over the diagonal."""
-    moved = float(displacements(original, points).mean())
-    return edge_log_ratio(original, points, surface.edges) + 2.0 * moved
+    Args:
+        fraction: Of the displacement that a cycle undoes.
+        decay: Factor of the fraction, of all bodies where a cycle failed, else of those that stayed
+            where they were.
+        step: Largest motion in an iteration of the push, units of the size.
+        step_decay: Factor of the step where a cycle failed.
+        gain: A cycle must lower the distortion to this fraction to be taken.
+        failures: So many cycles that failed end it.
+        push: What separates what collides; few iterations, as little does.
+        fill: What closes the creases then; few rounds, or it undoes more than it brings back.
+    """
+
+    fraction: float = 0.35
+    decay: float = 0.5
+    step: float = 0.004
+    step_decay: float = 0.6
+    gain: float = 0.995
+    failures: int = 3
+    push: PushOptions = field(default_factory=lambda: PushOptions(iterations=12, patience=4))
+    fill: FillOptions = field(default_factory=lambda: FillOptions(rounds=5))
 
 
 def pull_back(
@@ -32,20 +47,23 @@ def pull_back(
     points: FloatArray,
     *,
     near: int,
-    fraction: float,
     folds: int,
     cycles: int = 1,
-    step: float = 0.004,
+    scale: float = 1.0,
+    options: PullBackOptions = PullBackOptions(),
 ) -> FloatArray:
-    """Undo a fraction of the displacement, then push and fill what collides again.
+    """The pose (V, 3) with a fraction of its displacement undone, again and again while clean.
 
-    Of several bodies those that cross all the same stay where they were, and try half of it next.
+    What collides is pushed and filled. Of several bodies those that cross all the same stay where
+    they were, and try half of it next. near: rings of a crease; folds: so many are allowed;
+    cycles: at most; scale: factor of the step (see `contact_scale`).
     """
     known = find_defects(surface, points)
     current, best = points, distortion(surface, original, points)
-    failures, part = 0, np.full(len(surface.bodies), fraction)
+    step, failures = options.step * scale, 0
+    fraction = np.full(len(surface.bodies), options.fraction)
     for _ in range(cycles):
-        kept = 1.0 - part[surface.body_of_vertex]
+        kept = 1.0 - fraction[surface.body_of_vertex]
         trial = original + kept[:, None] * (current - original)
         trial = surface.rigid.fitted(original, trial)
         defects = changed_defects(surface, known, current, trial)
@@ -55,22 +73,21 @@ def pull_back(
                 trial,
                 near=near,
                 step=step,
-                iterations=12,
-                patience=4,
                 known_pairs=defects.crossings,
+                options=options.push,
             )
             trial = pushed.points
             moved = changed_defects(surface, known, current, trial)
-            trial, defects = fill_creases(surface, trial, rounds=5, known=moved)
+            trial, defects = fill_creases(surface, trial, known=moved, options=options.fill)
         trial, defects, back = _put_back(surface, known, current, trial, defects)
         value = distortion(surface, original, trial)
-        if acceptable(defects, folds) and value < 0.995 * best:
+        if acceptable(defects, folds) and value < options.gain * best:
             current, best, known = trial, value, defects
-            part[back] *= 0.5
+            fraction[back] *= options.decay
         else:
             failures += 1
-            part, step = 0.5 * part, 0.6 * step
-            if failures == 3:
+            fraction, step = options.decay * fraction, options.step_decay * step
+            if failures == options.failures:
                 break
     return current
 
@@ -90,53 +107,3 @@ def _put_back(
         pose = np.where(back[surface.body_of_vertex][:, None], current, trial)
         defects = changed_defects(surface, known, current, pose)
     return pose, defects, back
-
-
-def roll_back(
-    surface: Surface,
-    current: FloatArray,
-    trial: FloatArray,
-    defects: Defects,
-    *,
-    folds: int,
-    tries: int = 4,
-) -> Filled | None:
-    """The step from `current` to `trial` undone around its `defects`, fading over some rings."""
-    bad = np.zeros(surface.count, dtype=bool)
-    known = defects
-    for attempt in range(tries):
-        bad |= surface.vertices_of(defects.triangles)
-        rings = surface.rings_from(bad, ROLLBACK_RINGS + 2)
-        kept = np.clip((rings - 1 - attempt) / ROLLBACK_RINGS, 0.0, 1.0)
-        pose = current + kept[:, None] * (trial - current)
-        defects = changed_defects(surface, known, trial, pose)
-        if acceptable(defects, folds):
-            return Filled(pose, defects)
-    return None
-
-
-def reach_of(surface: Surface, displacement: FloatArray) -> FloatArray:
-    """Weight (V,) of tightening: 1 at and near what was displaced, 0 beyond and where stiff."""
-    displaced = (displacement != 0).any(axis=1)
-    rings = surface.rings_from(displaced, REACH_RINGS)
-    return np.where(surface.stiff, 0.0, np.clip(2.0 - 2.0 * rings / REACH_RINGS, 0.0, 1.0))
-
-
-def without_still(current: FloatArray, trial: FloatArray) -> FloatArray:
-    """The trial with its motion left out where that is below STILL."""
-    motion = trial - current
-    length = lengths(motion)
-    kept = np.clip(length / STILL - 1.0, 0.0, 1.0)
-    return np.where(kept[:, None] > 0, current + kept[:, None] * motion, current)
-
-
-def changed_defects(
-    surface: Surface, known: Defects, current: FloatArray, trial: FloatArray
-) -> Defects:
-    """Defects of `trial`, given those of `current`."""
-    return update_defects(surface, known, trial, differing(trial, current))
-
-
-def acceptable(defects: Defects, folds: int) -> bool:
-    """Whether a pose is clean and has no more folds than allowed."""
-    return len(defects.crossings) == 0 and len(defects.folds) <= folds

@@ -2,45 +2,78 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, lengths
-from dtrepair.repair.elastic.arap import Rigidity
-from dtrepair.repair.elastic.gaps import Gaps
-from dtrepair.repair.elastic.volume_pressure import Inflation
-from dtrepair.repair.full.biharmonic_fill import Filled
-from dtrepair.repair.full.pull_back import (
+from dtrepair.repair.elastic.arap import ArapOptions, ArapSystem
+from dtrepair.repair.elastic.contact_step import ContactStepOptions, step_with_gaps
+from dtrepair.repair.elastic.gaps import GapOptions, Gaps
+from dtrepair.repair.elastic.volume_pressure import PressureOptions, VolumePressure
+from dtrepair.repair.full.acceptance import (
+    AcceptanceOptions,
     acceptable,
     changed_defects,
-    distortion,
     roll_back,
     without_still,
 )
-from dtrepair.repair.full.push import PILE
+from dtrepair.repair.full.biharmonic_fill import Filled
+from dtrepair.repair.full.push import PushOptions
 from dtrepair.repair.surface.defects import find_defects
+from dtrepair.repair.surface.distortion import distortion
 from dtrepair.repair.surface.surface import Surface
 
-# No vertex moves farther in a cycle (units of the size); gaps are sought within twice that.
-STEP = 0.01
-# Bodies of a pile go as a whole rather than bend: they take steps that are longer by this factor.
-LONGER = 2.0
-# A cycle that could not be made clean shortens the following ones.
-SHORTER = 0.7
-# Solves of a cycle, each with the gaps that the one before closed.
-TRIES = 5
-# Rounds of the augmented Lagrangian, iterations of each, and what part of the error ends them.
-ROUNDS, ITERATIONS, PRECISION = 3, 60, 5e-3
-# One round is enough where at most this part of the gaps is new: the other forces are known.
-FEW = 0.1
-# Gaps that a first solve leaves wider than this many margins are of no concern.
-CONCERN = 6e-4
-# Relaxing ends when the distortion fell by less than this over so many cycles.
-ENOUGH, STALLED = 0.002, 3
-# It also ends when so many cycles in a row could not be made clean.
-FAILURES = 3
-# What missing volume counts next to the distortion; as long as more than this part is missing,
-# relaxing goes on for up to so many times its cycles.
-VOLUME, MISSING, MORE = 0.3, 0.01, 2
+
+@dataclass(frozen=True, kw_only=True)
+class RelaxOptions:
+    """Numbers of relaxing.
+
+    Args:
+        step: Largest motion of a vertex in a cycle, units of the size: gaps are linear about it.
+        pile: So many moving bodies are a pile.
+        pile_step: Factor of the step in a pile, whose bodies go as a whole rather than bend.
+        shortening: Factor of the following steps after a cycle that could not be made clean.
+        force_decay: Factor of the contact forces after such a cycle, which they did not suit.
+        tries: Solves of a cycle, each with the gaps that the one before closed.
+        few: Fraction of new gaps up to which one round of the step is enough: the other forces
+            are known.
+        concern: Gaps that the first look leaves wider than their least width by this, units of the
+            size, take no part.
+        enough: Relaxing ends when the distortion fell by less than this ...
+        stalled: ... over so many cycles.
+        failures: It also ends when so many cycles in a row could not be made clean.
+        volume_weight: What missing volume counts next to the distortion.
+        missing: As long as more than this fraction of the volume is missing, ...
+        more: ... relaxing goes on for up to so many times its cycles.
+        arap, gaps, pressure: Numbers of the elastic terms.
+        look: The rough step that finds the gaps that matter.
+        solve: The step itself.
+        acceptance: Which motions are left out, and what is rolled back.
+    """
+
+    step: float = 0.01
+    pile: int = PushOptions.pile
+    pile_step: float = 2.0
+    shortening: float = 0.7
+    force_decay: float = 0.5
+    tries: int = 5
+    few: float = 0.1
+    concern: float = 6e-4
+    enough: float = 0.002
+    stalled: int = 3
+    failures: int = 3
+    volume_weight: float = 0.3
+    missing: float = 0.01
+    more: int = 2
+    arap: ArapOptions = field(default_factory=ArapOptions)
+    gaps: GapOptions = field(default_factory=GapOptions)
+    pressure: PressureOptions = field(default_factory=PressureOptions)
+    look: ContactStepOptions = field(
+        default_factory=lambda: ContactStepOptions(rounds=1, iterations=2)
+    )
+    solve: ContactStepOptions = field(default_factory=ContactStepOptions)
+    acceptance: AcceptanceOptions = field(default_factory=AcceptanceOptions)
 
 
 def relax(
@@ -51,31 +84,35 @@ def relax(
     cycles: int,
     folds: int,
     reach: FloatArray,
-    step: float = STEP,
+    scale: float = 1.0,
+    options: RelaxOptions = RelaxOptions(),
 ) -> tuple[FloatArray, int]:
     """The pose of least distortion between a clean pose and its original, and the cycles spent.
 
     Each cycle is an as-rigid-as-possible step towards the original's edges (Sorkine & Alexa 2007)
-    of at most `step`, under the condition that no gap between surfaces closes: contact forces push
+    of limited length, under the condition that no gap between surfaces closes: contact forces push
     both sides, so they come to rest against each other. What collides all the same is rolled back
-    locally. Cycles may double to bring volume back. `reach` (V,) scales the motion of each vertex;
-    `folds` are allowed.
+    locally. Cycles may double to bring volume back.
+
+    cycles: at most, unless volume is missing; folds: so many are allowed; reach: (V,) scales the
+    motion of each vertex; scale: factor of the step (see `contact_scale`).
     """
     if not reach.any():
         return points, 0
-    state = _Relaxation(surface, original, points, folds, reach, step)
+    state = _Relaxation(surface, original, points, folds, reach, scale, options)
     history = [state.best[0]]
-    for cycle in range(MORE * cycles):
+    for cycle in range(options.more * cycles):
         state.cycle()
         history.append(state.best[0])
-        if state.failures == FAILURES:
+        if state.failures == options.failures:
             break
-        if state.inflation.lost(state.points) > MISSING:
+        if state.pressure.lost(state.points) > options.missing:
             continue
         if cycle + 1 >= cycles:
             break
-        if cycle >= STALLED and history[-1 - STALLED] - history[-1] < ENOUGH:
-            break
+        if cycle >= options.stalled:
+            if history[-1 - options.stalled] - history[-1] < options.enough:
+                break
     return state.best[1], len(history) - 1
 
 
@@ -89,17 +126,20 @@ class _Relaxation:
         points: FloatArray,
         folds: int,
         reach: FloatArray,
-        step: float,
+        scale: float,
+        options: RelaxOptions,
     ) -> None:
+        self.options = options
         self.surface, self.original = surface, original
         self.points, self.known = points, find_defects(surface, points)
         self.folds, self.reach = folds, reach
         self._starts = [body.start for body in surface.bodies]
-        self.pile = np.count_nonzero(np.maximum.reduceat(reach, self._starts)) >= PILE
-        self.step = LONGER * step if self.pile else step
-        self.rigidity = Rigidity(surface, original, region=reach > 0)
-        self.gaps = Gaps(surface, reach)
-        self.inflation = Inflation(surface, original, reach)
+        self.pile = np.count_nonzero(np.maximum.reduceat(reach, self._starts)) >= options.pile
+        step = options.step * scale
+        self.step = options.pile_step * step if self.pile else step
+        self.system = ArapSystem(surface, original, region=reach > 0, options=options.arap)
+        self.gaps = Gaps(surface, reach, options=options.gaps)
+        self.pressure = VolumePressure(surface, original, reach, options=options.pressure)
         self.best = self._value(), points
         self.failures, self._pull = 0, np.zeros(surface.count)
 
@@ -107,13 +147,13 @@ class _Relaxation:
         """One step; the pose stays where it is if it cannot be made clean."""
         right = self._right_hand_side()
         self._find_gaps(right)
-        found = self._solved(right)
-        if found is None:
+        solved = self._solved(right)
+        if solved is None:
             self.failures += 1
-            self.step *= SHORTER
-            self.gaps.forces *= 0.5
+            self.step *= self.options.shortening
+            self.gaps.forces *= self.options.force_decay
             return
-        self.points, self.known = found
+        self.points, self.known = solved
         self.failures = 0
         value = self._value()
         if value < self.best[0]:
@@ -121,18 +161,20 @@ class _Relaxation:
 
     def _value(self) -> float:
         """Distortion and missing volume: what relaxing lowers."""
-        lost = self.inflation.lost(self.points)
-        return distortion(self.surface, self.original, self.points) + VOLUME * lost
+        lost = self.pressure.lost(self.points)
+        return (
+            distortion(self.surface, self.original, self.points) + self.options.volume_weight * lost
+        )
 
     def _right_hand_side(self) -> FloatArray:
         """That of the step, shortened such that no vertex moves too far without contacts."""
         points = self.points
-        full = self.rigidity.target(points) + self.inflation.force(
-            points, self._pull, self.rigidity.solve
+        full = self.system.target(points) + self.pressure.force(
+            points, self._pull, self.system.solve
         )
-        present = self.rigidity.image(points)
-        free = self.rigidity.solve(full - present)
-        pull = self._part_of(self.reach[:, None] * free)
+        present = self.system.image(points)
+        free = self.system.solve(full - present)
+        pull = self._fraction_of(self.reach[:, None] * free)
         if self._pull.any():
             self.gaps.scale(pull / self._pull)
         self._pull = pull
@@ -142,23 +184,27 @@ class _Relaxation:
         """Gaps that matter to the step: those with forces and those it would close."""
         gaps = self.gaps
         gaps.soften()
-        facing = gaps.add_facing(self.points, self.inflation.areas(self.points), 2.0 * self.step)
+        facing = gaps.add_facing(self.points, self.pressure.areas(self.points), 2.0 * self.step)
         gaps.linearise(self.points)
-        first = step_with_gaps(self.rigidity, right, gaps, self.points, rounds=1, iterations=2)
-        closing = np.isin(gaps.keys, facing) & (gaps.width(first) < gaps.least + CONCERN)
+        first = step_with_gaps(self.system, right, gaps, self.points, options=self.options.look)
+        narrow = gaps.width(first) < gaps.least + self.options.concern
+        closing = np.isin(gaps.keys, facing) & narrow
         gaps.keep((gaps.forces > 0) | closing)
 
     def _solved(self, right: FloatArray) -> Filled | None:
         """The clean pose of the step, with what still collides rolled back, or None."""
-        surface, current = self.surface, self.points
+        surface, options, current = self.surface, self.options, self.points
         pose, previous = current, (0, 0)
         trial, defects = current, self.known
-        rounds = ROUNDS
-        for _ in range(TRIES):
+        rounds = options.solve.rounds
+        for _ in range(options.tries):
             self.gaps.linearise(current)
-            pose = step_with_gaps(self.rigidity, right, self.gaps, pose, rounds=rounds)
+            pose = step_with_gaps(
+                self.system, right, self.gaps, pose, rounds=rounds, options=options.solve
+            )
             # New gaps move few vertices by much: the rest stays where the last try had it.
-            last, trial = trial, without_still(trial, self._shortened(pose))
+            last = trial
+            trial = without_still(last, self._shortened(pose), still=options.acceptance.still)
             defects = changed_defects(surface, defects, last, trial)
             if acceptable(defects, self.folds):
                 return Filled(trial, defects)
@@ -167,67 +213,25 @@ class _Relaxation:
                 break
             previous = defects.rank
             changed = self.gaps.add_defects(defects)
-            few = changed <= FEW * np.count_nonzero(self.gaps.forces)
-            rounds = 1 if few else ROUNDS
-        return roll_back(surface, current, trial, defects, folds=self.folds)
+            few = changed <= options.few * np.count_nonzero(self.gaps.forces)
+            rounds = 1 if few else options.solve.rounds
+        return roll_back(
+            surface, current, trial, defects, folds=self.folds, options=options.acceptance
+        )
 
     def _shortened(self, pose: FloatArray) -> FloatArray:
         """Contacts may throw a vertex farther than the step: the whole motion is shortened."""
         motion = pose - self.points
-        return self.points + (self._part_of(motion) * self.reach)[:, None] * motion
+        return self.points + (self._fraction_of(motion) * self.reach)[:, None] * motion
 
-    def _part_of(self, motion: FloatArray) -> FloatArray:
-        """The part (V,) of a motion (V, 3) by which no vertex passes the step.
+    def _fraction_of(self, motion: FloatArray) -> FloatArray:
+        """Fraction (V,) of a motion (V, 3) by which no vertex passes the step.
 
-        In a pile each body has its own: one that has far to go does not make the others wait.
+        In a pile each body has its own fraction: one that has far to go does not make the others
+        wait.
         """
         farthest = np.maximum.reduceat(lengths(motion), self._starts)
         if not self.pile:
             farthest[:] = farthest.max()
-        part = np.minimum(1.0, self.step / np.maximum(farthest, 1e-300))
-        return part[self.surface.body_of_vertex]
-
-
-def step_with_gaps(
-    rigidity: Rigidity,
-    right: FloatArray,
-    gaps: Gaps,
-    start: FloatArray,
-    *,
-    rounds: int = ROUNDS,
-    iterations: int = ITERATIONS,
-) -> FloatArray:
-    """The pose of a step with right-hand side (V, 3) whose gaps stay open; changes their forces.
-
-    Rounds of an augmented Lagrangian; each one solves with the stiff gaps that are active, by
-    conjugate gradients from `start` with the factor of the bare system as preconditioner.
-    """
-    solution, image = start, rigidity.image(start)
-    if len(gaps) == 0:
-        return solution + rigidity.solve(right - image)
-    for _ in range(rounds):
-        lacking = gaps.least - gaps.width(solution)
-        active = gaps.forces + gaps.stiffness * lacking > 0
-        stiffness = gaps.stiffness * active
-        residual = right + gaps.spread(stiffness * lacking + active * gaps.forces) - image
-        # As the preconditioner is the system's own factor, its images come without products.
-        search = preconditioned = rigidity.solve(residual)
-        searched = residual
-        energy = first = float(np.vdot(residual, preconditioned))
-        for _ in range(iterations):
-            if energy <= PRECISION * first:
-                break
-            stiff = searched + gaps.spread(stiffness * gaps.width(search))
-            length = energy / max(float(np.vdot(search, stiff)), 1e-300)
-            solution = solution + length * search
-            image = image + length * searched
-            residual = residual - length * stiff
-            preconditioned = rigidity.solve(residual)
-            following = float(np.vdot(residual, preconditioned))
-            search = preconditioned + following / energy * search
-            searched = residual + following / energy * searched
-            energy = following
-        gaps.forces = np.maximum(
-            0.0, gaps.forces + gaps.stiffness * (gaps.least - gaps.width(solution))
-        )
-    return solution
+        fraction = np.minimum(1.0, self.step / np.maximum(farthest, 1e-300))
+        return fraction[self.surface.body_of_vertex]

@@ -2,22 +2,45 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, lengths
-from dtrepair.repair.elastic.dihedral_angles import Hinges
-from dtrepair.repair.full.pull_back import acceptable, changed_defects
-from dtrepair.repair.full.relax import STEP, relax
+from dtrepair.repair.elastic.dihedral_angles import DihedralAngles, DihedralOptions
+from dtrepair.repair.full.acceptance import acceptable, changed_defects
+from dtrepair.repair.full.relax import RelaxOptions, relax
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface
 
-# Rings around bent edges that move with them, from few to many; so many clusters are tried alone.
-RINGS, MANY = (2, 4), 64
-# Rounds; contacts make room within so many rings of bent edges, fading from FULL_RINGS on.
-ROUNDS, FULL_RINGS, FADED_RINGS = 6, 4, 12
-# A bent edge less may cost so much: the sum of squared logarithms of the edges' length ratios.
-DEAREST = 3.0
+
+@dataclass(frozen=True, kw_only=True)
+class UnbendOptions:
+    """Numbers of the opening of zipped creases.
+
+    Args:
+        rings: Rings around bent edges that move with them, from few to many: the smallest motion
+            that stays clean is taken.
+        most_clusters: Clusters of bent edges that are opened one by one, small ones first: each
+            costs a factor and a detection.
+        rounds: Of opening alone and making room.
+        full_rings: Contacts make room within so many rings of bent edges, ...
+        faded_rings: ... fading out up to so many.
+        dearest: Largest cost of one bent edge less, as sum of the squared logarithms of the edges'
+            length ratios: above it the cure looks worse than the crease.
+        angles: What is bent, and how it is opened.
+        relax: The step in which both sides make room.
+    """
+
+    rings: tuple[int, ...] = (2, 4)
+    most_clusters: int = 64
+    rounds: int = 6
+    full_rings: int = 4
+    faded_rings: int = 12
+    dearest: float = 3.0
+    angles: DihedralOptions = field(default_factory=DihedralOptions)
+    relax: RelaxOptions = field(default_factory=RelaxOptions)
 
 
 def unbend(
@@ -26,30 +49,40 @@ def unbend(
     points: FloatArray,
     *,
     folds: int,
-    step: float = STEP,
+    scale: float = 1.0,
+    options: UnbendOptions = UnbendOptions(),
 ) -> tuple[FloatArray, int]:
     """A clean pose with no more bent edges than its original where that can be, and the changes.
 
     Where surfaces close a crease, its bottom folds flat. Bent edges that meet are opened by the
     smallest motion of their surroundings that does it, where that stays clean. If too many are
     left, one as-rigid-as-possible step with contacts leads towards all of them opened: both sides
-    make room.
+    make room. scale: as in `relax`.
     """
-    hinges = Hinges(surface, original)
-    done, failures = 0, 0
-    for number in range(ROUNDS):
+    angles = DihedralAngles(surface, original, options=options.angles)
+    done, failures, all_rings = 0, 0, options.rings
+    for number in range(options.rounds):
         if failures == 0:
-            points, opened = _opened_alone(hinges, original, points, folds)
+            points, opened = _opened_alone(angles, original, points, folds, options)
             done += opened
-        sharpness = hinges.sharpness(points)
-        clusters = hinges.clusters(points)
-        if sharpness[0] <= hinges.allowed or not clusters or failures == len(RINGS):
+        sharpness = angles.sharpness(points)
+        clusters = angles.clusters(points)
+        if sharpness[0] <= angles.allowed or not clusters or failures == len(all_rings):
             break
-        chosen, rings = np.concatenate(clusters), RINGS[number % len(RINGS)]
-        target = hinges.opened(points, chosen, rings)
-        reach = _reach(surface, chosen)
-        trial, _ = relax(surface, target, points, cycles=1, folds=folds, reach=reach, step=step)
-        if hinges.sharpness(trial) < sharpness:
+        chosen, rings = np.concatenate(clusters), all_rings[number % len(all_rings)]
+        target = angles.opened(points, chosen, rings)
+        reach = _reach(surface, chosen, options)
+        trial, _ = relax(
+            surface,
+            target,
+            points,
+            cycles=1,
+            folds=folds,
+            reach=reach,
+            scale=scale,
+            options=options.relax,
+        )
+        if angles.sharpness(trial) < sharpness:
             points, done, failures = trial, done + 1, 0
         else:
             failures += 1
@@ -57,33 +90,38 @@ def unbend(
 
 
 def _opened_alone(
-    hinges: Hinges, original: FloatArray, points: FloatArray, folds: int
+    angles: DihedralAngles,
+    original: FloatArray,
+    points: FloatArray,
+    folds: int,
+    options: UnbendOptions,
 ) -> tuple[FloatArray, int]:
     """The pose with one cluster after the other opened where that needs no room, and how many."""
-    surface, done = hinges.surface, 0
-    sharpness = hinges.sharpness(points)
-    if sharpness[0] <= hinges.allowed:
+    surface, done = angles.surface, 0
+    sharpness = angles.sharpness(points)
+    if sharpness[0] <= angles.allowed:
         return points, 0
     known = find_defects(surface, points)
-    for rings in RINGS:
-        for cluster in hinges.clusters(points)[:MANY]:
-            trial = hinges.opened(points, cluster, rings)
-            found = hinges.sharpness(trial)
-            price = DEAREST * (sharpness[0] - found[0])
-            if found >= sharpness or _cost(surface, original, points, trial) > price:
+    for rings in options.rings:
+        for cluster in angles.clusters(points)[: options.most_clusters]:
+            trial = angles.opened(points, cluster, rings)
+            left = angles.sharpness(trial)
+            price = options.dearest * (sharpness[0] - left[0])
+            if left >= sharpness or _cost(surface, original, points, trial) > price:
                 continue
             defects = changed_defects(surface, known, points, trial)
             if acceptable(defects, folds):
-                points, known, sharpness, done = trial, defects, found, done + 1
-            if sharpness[0] <= hinges.allowed:
+                points, known, sharpness, done = trial, defects, left, done + 1
+            if sharpness[0] <= angles.allowed:
                 return points, done
     return points, done
 
 
-def _reach(surface: Surface, chosen: NDArray[np.integer]) -> FloatArray:
+def _reach(surface: Surface, chosen: NDArray[np.integer], options: UnbendOptions) -> FloatArray:
     """Weight (V,) of what makes room for the chosen hinges: 1 near them, 0 far and where stiff."""
-    rings = surface.rings_from(surface.vertices_of(surface.hinges[chosen]), FADED_RINGS)
-    fade = np.clip((FADED_RINGS - rings) / (FADED_RINGS - FULL_RINGS), 0.0, 1.0)
+    faded, full = options.faded_rings, options.full_rings
+    rings = surface.rings_from(surface.vertices_of(surface.hinges[chosen]), faded)
+    fade = np.clip((faded - rings) / (faded - full), 0.0, 1.0)
     return np.where(surface.stiff, 0.0, fade)
 
 

@@ -14,7 +14,6 @@ from dtrepair.device import DeviceQueue, out_of_memory
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.operators import cotangent_laplacian
-from dtrepair.repair.full.pull_back import distortion
 from dtrepair.repair.options import RepairOptions, Solved, Stage
 from dtrepair.repair.paper.descent import Descent, DescentResult
 from dtrepair.repair.paper.diffusion import BodyDiffusion, Diffusion, SparseOperator
@@ -22,6 +21,7 @@ from dtrepair.repair.paper.energy import KERNELS, triangle_directions
 from dtrepair.repair.paper.gpu_descent import DeviceDescent, too_large
 from dtrepair.repair.paper.gpu_operators import RowOperator
 from dtrepair.repair.paper.optimizer import make_optimizer
+from dtrepair.repair.surface.distortion import distortion
 from dtrepair.repair.surface.surface import Surface
 
 # Kinds of devices that run whole iterations (see `DeviceDescent`). The CPU could, but its sparse

@@ -8,7 +8,7 @@ import pytest
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import edge_log_ratio
 from dtrepair.numerics.operators import Factor
-from dtrepair.repair.elastic.arap import SMALL, Rigidity
+from dtrepair.repair.elastic.arap import ArapOptions, ArapSystem
 from dtrepair.repair.surface.surface import ANCHOR, Surface
 from tests.meshes import Mesh, elbow, grid, icosphere, torus
 
@@ -52,22 +52,22 @@ def energy(
 @pytest.mark.parametrize("mesh", [icosphere(2), torus(), grid(8, 8), elbow(1.0)])
 def test_the_original_stays(mesh: Mesh) -> None:
     surface = Surface(*mesh)
-    rigidity = Rigidity(surface, surface.rest)
-    step = rigidity.solve(rigidity.target(surface.rest))
+    system = ArapSystem(surface, surface.rest)
+    step = system.solve(system.target(surface.rest))
     assert np.abs(step - surface.rest).max() < 1e-9
 
 
 @pytest.mark.parametrize("mesh", [icosphere(2), torus(), elbow(1.0)])
 def test_a_rigid_motion_turns_every_edge_and_only_the_anchor_pulls(mesh: Mesh) -> None:
     surface = Surface(*mesh)
-    rigidity = Rigidity(surface, surface.rest)
+    system = ArapSystem(surface, surface.rest)
     turn = rotation(3)
     pose = surface.rest @ turn.T + (0.3, -0.2, 0.1)
     # Without the anchor the target is L times the pose: the step would stay there.
-    target = rigidity.target(pose) - ANCHOR * surface.mass[:, None] * surface.rest
+    target = system.target(pose) - ANCHOR * surface.mass[:, None] * surface.rest
     assert np.abs(target - surface.laplacian @ pose).max() < 1e-9
     # Anchored at the pose instead of the original it does stay.
-    step = rigidity.solve(target + ANCHOR * surface.mass[:, None] * pose)
+    step = system.solve(target + ANCHOR * surface.mass[:, None] * pose)
     assert np.abs(step - pose).max() < 1e-8
 
 
@@ -82,7 +82,7 @@ def test_the_target_is_that_of_numpys_rotations() -> None:
         if i != j:
             mean = 0.5 * (rotations[i] + rotations[j])
             expected[i] += w * mean @ (surface.rest[i] - surface.rest[j])
-    found = Rigidity(surface, surface.rest).target(pose)
+    found = ArapSystem(surface, surface.rest).target(pose)
     assert np.abs(found - expected).max() < 1e-9 * np.abs(expected).max() + 1e-12
 
 
@@ -90,8 +90,8 @@ def test_mirrored_surroundings_are_not_mirrored_back() -> None:
     # A reflection is no rotation: turned, the edges keep their handedness.
     surface = Surface(*icosphere(2))
     pose = surface.rest * np.array([1.0, 1.0, -1.0])
-    rigidity = Rigidity(surface, surface.rest)
-    target = rigidity.target(pose) - ANCHOR * surface.mass[:, None] * surface.rest
+    system = ArapSystem(surface, surface.rest)
+    target = system.target(pose) - ANCHOR * surface.mass[:, None] * surface.rest
     assert np.isfinite(target).all()
     assert np.abs(target - surface.laplacian @ pose).max() > 1e-3
 
@@ -100,8 +100,8 @@ def test_a_step_minimises_its_quadratic_and_lowers_the_edge_change() -> None:
     surface = Surface(*elbow(1.0))
     random = np.random.default_rng(0)
     pose = surface.rest + 0.005 * random.normal(size=surface.rest.shape)
-    rigidity = Rigidity(surface, surface.rest)
-    step = rigidity.solve(rigidity.target(pose))
+    system = ArapSystem(surface, surface.rest)
+    step = system.solve(system.target(pose))
     rotations = best_rotations(surface, surface.rest, pose)
     least = energy(surface, surface.rest, step, rotations)
     assert least < energy(surface, surface.rest, pose, rotations)
@@ -115,8 +115,8 @@ def test_a_step_minimises_its_quadratic_and_lowers_the_edge_change() -> None:
 def test_the_image_of_a_pose_is_its_right_hand_side() -> None:
     surface = Surface(*torus())
     pose = surface.rest + 0.01 * np.random.default_rng(0).normal(size=surface.rest.shape)
-    rigidity = Rigidity(surface, surface.rest)
-    assert np.abs(rigidity.solve(rigidity.image(pose)) - pose).max() < 1e-10
+    system = ArapSystem(surface, surface.rest)
+    assert np.abs(system.solve(system.image(pose)) - pose).max() < 1e-10
 
 
 def test_one_factor_serves_every_pose() -> None:
@@ -124,8 +124,8 @@ def test_one_factor_serves_every_pose() -> None:
     before = Factor.count
     for seed in range(3):
         original = surface.rest @ rotation(seed).T
-        rigidity = Rigidity(surface, original)
-        rigidity.solve(rigidity.target(original))
+        system = ArapSystem(surface, original)
+        system.solve(system.target(original))
     assert Factor.count == before + 1
 
 
@@ -133,18 +133,18 @@ def test_collapsed_surroundings_stay_finite() -> None:
     surface = Surface(*torus(16, 8))
     pose = surface.rest.copy()
     pose[:40] = pose[0]
-    rigidity = Rigidity(surface, surface.rest)
-    assert np.isfinite(rigidity.solve(rigidity.target(pose))).all()
+    system = ArapSystem(surface, surface.rest)
+    assert np.isfinite(system.solve(system.target(pose))).all()
 
 
 def test_a_small_region_has_its_own_system_within_surroundings_that_stay() -> None:
     surface = Surface(*torus(40, 16))
     region = surface.dilate(np.arange(surface.count) == 100, 4)
-    assert region.mean() < SMALL
+    assert region.mean() < ArapOptions.small_region
     random = np.random.default_rng(0)
     pose = surface.rest + 0.01 * region[:, None] * random.normal(size=surface.rest.shape)
     before = Factor.count
-    whole, own = Rigidity(surface, surface.rest), Rigidity(surface, surface.rest, region=region)
+    whole, own = ArapSystem(surface, surface.rest), ArapSystem(surface, surface.rest, region=region)
     right = own.target(pose)
     assert np.abs(right - whole.target(pose))[region].max() < 1e-15
     motion = own.solve(right - own.image(pose))

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.elastic.dihedral_angles import SHARP, Hinges, angles_and_gradients, bent_edges
+from dtrepair.repair.elastic.dihedral_angles import (
+    DihedralAngles,
+    DihedralOptions,
+    angles_and_gradients,
+    bent_edges,
+)
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import grid
 
@@ -24,18 +29,20 @@ def folded(angle: float) -> tuple[Surface, FloatArray]:
 def test_the_angle_is_that_of_the_fold_with_its_sign() -> None:
     for angle in (2.4, -2.4, 0.3):
         surface, pose = folded(angle)
-        hinges = Hinges(surface, surface.rest)
-        angles, _ = angles_and_gradients(pose, hinges.corners)
-        along = np.abs(surface.rest[hinges.corners[:, :2], 0] - surface.rest[:, 0].mean()) < 1e-9
+        dihedral = DihedralAngles(surface, surface.rest)
+        angles, _ = angles_and_gradients(pose, dihedral.corners)
+        along = np.abs(surface.rest[dihedral.corners[:, :2], 0] - surface.rest[:, 0].mean()) < 1e-9
         middle = along.all(axis=1)
         assert middle.sum() == 20
         assert np.allclose(np.abs(angles[middle]), abs(angle))
         assert len({*np.sign(angles[middle])}) == 1
         assert np.allclose(angles[~middle], 0.0, atol=1e-9)
-        assert bent_edges(surface, pose).sum() == (20 if np.cos(angle) < SHARP else 0)
+        assert bent_edges(surface, pose).sum() == (
+            20 if np.cos(angle) < DihedralOptions.sharp else 0
+        )
     assert (
-        np.sign(angles_and_gradients(folded(2.4)[1], hinges.corners)[0]).sum()
-        == -np.sign(angles_and_gradients(folded(-2.4)[1], hinges.corners)[0]).sum()
+        np.sign(angles_and_gradients(folded(2.4)[1], dihedral.corners)[0]).sum()
+        == -np.sign(angles_and_gradients(folded(-2.4)[1], dihedral.corners)[0]).sum()
     )
 
 
@@ -59,37 +66,37 @@ def test_gradients_agree_with_differences() -> None:
 
 def test_opening_moves_little_and_only_what_is_near() -> None:
     surface, pose = folded(2.4)
-    hinges = Hinges(surface, surface.rest)
-    (cluster,) = hinges.clusters(pose)
-    assert len(cluster) == hinges.sharpness(pose)[0] == 20
-    opened = hinges.opened(pose, cluster, 2)
-    assert hinges.sharpness(opened)[0] == 0
+    dihedral = DihedralAngles(surface, surface.rest)
+    (cluster,) = dihedral.clusters(pose)
+    assert len(cluster) == dihedral.sharpness(pose)[0] == 20
+    opened = dihedral.opened(pose, cluster, 2)
+    assert dihedral.sharpness(opened)[0] == 0
     far = np.abs(surface.rest[:, 0] - surface.rest[:, 0].mean()) > 3.5 / 20
     assert np.array_equal(opened[far], pose[far])
     assert np.abs(opened - pose).max() < 2.0 * surface.edge_length
-    assert hinges.opened(opened, cluster, 2) is opened
+    assert dihedral.opened(opened, cluster, 2) is opened
 
 
 def test_what_the_original_bends_is_left_alone() -> None:
     surface, pose = folded(2.4)
-    hinges = Hinges(surface, pose)
-    assert hinges.allowed == 20 and hinges.clusters(pose) == []
-    assert hinges.opened(pose, np.flatnonzero(hinges.given), 2) is pose
+    dihedral = DihedralAngles(surface, pose)
+    assert dihedral.allowed == 20 and dihedral.clusters(pose) == []
+    assert dihedral.opened(pose, np.flatnonzero(dihedral.given), 2) is pose
 
 
 def test_triangles_without_area_are_no_trouble() -> None:
     surface, pose = folded(2.4)
-    hinges = Hinges(surface, surface.rest)
-    (cluster,) = hinges.clusters(pose)
-    pose[hinges.corners[cluster[0]]] = pose[hinges.corners[cluster[0], 0]]
-    assert np.isfinite(hinges.opened(pose, cluster, 2)).all()
+    dihedral = DihedralAngles(surface, surface.rest)
+    (cluster,) = dihedral.clusters(pose)
+    pose[dihedral.corners[cluster[0]]] = pose[dihedral.corners[cluster[0], 0]]
+    assert np.isfinite(dihedral.opened(pose, cluster, 2)).all()
 
 
 def test_edges_that_the_original_bends_less_keep_their_angle() -> None:
     surface, original = folded(1.9)
-    hinges = Hinges(surface, original)
-    assert hinges.allowed == 0
-    (cluster,) = hinges.clusters(folded(2.4)[1])
-    opened = hinges.opened(folded(2.4)[1], cluster, 2)
-    angles, _ = angles_and_gradients(opened, hinges.corners[cluster])
+    dihedral = DihedralAngles(surface, original)
+    assert dihedral.allowed == 0
+    (cluster,) = dihedral.clusters(folded(2.4)[1])
+    opened = dihedral.opened(folded(2.4)[1], cluster, 2)
+    angles, _ = angles_and_gradients(opened, dihedral.corners[cluster])
     assert np.all((np.abs(angles) <= 1.9) & (np.abs(angles) > 1.6))

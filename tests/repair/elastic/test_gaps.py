@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.elastic.arap import Rigidity
-from dtrepair.repair.elastic.gaps import MARGIN, SHRINK, STIFFER, Gaps
-from dtrepair.repair.full.relax import step_with_gaps
+from dtrepair.repair.elastic.arap import ArapSystem
+from dtrepair.repair.elastic.contact_step import step_with_gaps
+from dtrepair.repair.elastic.gaps import GapOptions, Gaps
 from dtrepair.repair.surface.defects import Defects
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import Mesh, grid, icosphere, torus
@@ -109,7 +109,9 @@ def test_linearised_widths_are_distances_and_least_widths_are_smaller() -> None:
     widths = gaps.width(surface.rest)
     nearest = np.linalg.norm(gaps._nearest(surface.rest)[2], axis=1)
     assert np.allclose(widths, nearest, atol=1e-12)
-    assert np.allclose(gaps.least, np.maximum(MARGIN, SHRINK * nearest), atol=1e-12)
+    assert np.allclose(
+        gaps.least, np.maximum(GapOptions.margin, GapOptions.shrink * nearest), atol=1e-12
+    )
     # The second sphere moved away along the axis: every gap opens by the part along its normal.
     moved = surface.rest + (np.arange(surface.count) >= surface.count // 2)[:, None] * [0.1, 0, 0]
     assert (gaps.width(moved) - widths > 0).all()
@@ -129,7 +131,7 @@ def test_gaps_seen_again_get_stiffer_and_soften_later() -> None:
     gaps.add_defects(found)
     assert len(gaps) == 2
     gaps.linearise(surface.rest)
-    assert np.allclose(gaps.stiffness, STIFFER * once)
+    assert np.allclose(gaps.stiffness, GapOptions.stiffening * once)
     gaps.soften()
     gaps.linearise(surface.rest)
     assert np.allclose(gaps.stiffness, once)
@@ -143,17 +145,17 @@ def test_a_step_keeps_gaps_open_and_pushes_both_sides() -> None:
     # The original of the step: the spheres overlap by a tenth of their radius.
     target = surface.rest.copy()
     target[half:, 0] -= 0.2 / surface.size
-    rigidity = Rigidity(surface, target)
-    right = rigidity.target(surface.rest)
+    system = ArapSystem(surface, target)
+    right = system.target(surface.rest)
     gaps = gaps_of(surface)
     gaps.add_facing(surface.rest, surface.vector_areas(surface.rest), 0.5)
     gaps.linearise(surface.rest)
-    free = rigidity.solve(right)
+    free = system.solve(right)
     assert (gaps.width(free) < 0).any()
     pose = surface.rest
     for _ in range(10):
-        pose = step_with_gaps(rigidity, right, gaps, pose)
-    assert (gaps.width(pose) > gaps.least - 0.05 * MARGIN - 1e-4).all()
+        pose = step_with_gaps(system, right, gaps, pose)
+    assert (gaps.width(pose) > gaps.least - 0.05 * GapOptions.margin - 1e-4).all()
     assert (gaps.forces >= 0).all() and gaps.forces.max() > 0
     # Contact forces are equal and opposite.
     assert np.abs(gaps.spread(gaps.forces).sum(axis=0)).max() < 1e-9 * gaps.forces.sum()
@@ -163,11 +165,11 @@ def test_a_step_keeps_gaps_open_and_pushes_both_sides() -> None:
 
 def test_a_step_without_gaps_is_the_free_step() -> None:
     surface = Surface(*grid(8, 8))
-    rigidity = Rigidity(surface, surface.rest)
+    system = ArapSystem(surface, surface.rest)
     pose = surface.rest + 0.01 * np.random.default_rng(0).normal(size=surface.rest.shape)
-    right = rigidity.target(pose)
-    step = step_with_gaps(rigidity, right, gaps_of(surface), pose)
-    assert np.abs(step - rigidity.solve(right)).max() < 1e-12
+    right = system.target(pose)
+    step = step_with_gaps(system, right, gaps_of(surface), pose)
+    assert np.abs(step - system.solve(right)).max() < 1e-12
 
 
 def test_a_clearance_asks_narrow_gaps_to_open() -> None:

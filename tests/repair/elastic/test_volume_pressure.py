@@ -7,58 +7,58 @@ import pytest
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import volume
-from dtrepair.repair.elastic.volume_pressure import HIGHEST, LARGEST, LEAST, Inflation
+from dtrepair.repair.elastic.volume_pressure import PressureOptions, VolumePressure
 from dtrepair.repair.full.relax import relax
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import grid, icosphere
 
 
-def inflation_of(surface: Surface) -> Inflation:
-    return Inflation(surface, surface.rest, np.ones(surface.count))
+def pressure_of(surface: Surface) -> VolumePressure:
+    return VolumePressure(surface, surface.rest, np.ones(surface.count))
 
 
-def force_at(inflation: Inflation, pose: FloatArray) -> FloatArray:
-    surface = inflation.surface
-    return inflation.force(pose, np.ones(surface.count), surface.rigidity_factor)
+def force_at(pressure: VolumePressure, pose: FloatArray) -> FloatArray:
+    surface = pressure.surface
+    return pressure.force(pose, np.ones(surface.count), surface.rigidity_factor)
 
 
 def test_what_has_its_volume_is_not_inflated() -> None:
     surface = Surface(*icosphere(2))
-    inflation = inflation_of(surface)
-    assert inflation.lost(surface.rest) == 0.0
-    assert not force_at(inflation, surface.rest).any()
-    assert not force_at(inflation, 1.004 * surface.rest).any()
+    pressure = pressure_of(surface)
+    assert pressure.lost(surface.rest) == 0.0
+    assert not force_at(pressure, surface.rest).any()
+    assert not force_at(pressure, 1.004 * surface.rest).any()
 
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_what_lacks_volume_is_pushed_outwards(turned: bool) -> None:
     points, faces = icosphere(2)
     surface = Surface(points, faces[:, ::-1] if turned else faces)
-    inflation = inflation_of(surface)
+    pressure = pressure_of(surface)
     small = 0.9 * surface.rest
-    assert inflation.lost(small) == pytest.approx(LEAST - 0.9**3, rel=1e-9)
-    force = force_at(inflation, small)
+    assert pressure.lost(small) == pytest.approx(PressureOptions.least_volume - 0.9**3, rel=1e-9)
+    force = force_at(pressure, small)
     assert ((force * small).sum(axis=1) > 0).all()
-    assert np.abs(inflation.pressure).max() <= HIGHEST
+    assert np.abs(pressure.pressure).max() <= PressureOptions.highest
     # Once it is large enough the pressure falls again.
-    before = np.abs(inflation.pressure).max()
-    force_at(inflation, 1.05 * surface.rest)
-    assert np.abs(inflation.pressure).max() < before
+    before = np.abs(pressure.pressure).max()
+    force_at(pressure, 1.05 * surface.rest)
+    assert np.abs(pressure.pressure).max() < before
 
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_what_has_too_much_volume_is_pulled_inwards(turned: bool) -> None:
     points, faces = icosphere(2)
     surface = Surface(points, faces[:, ::-1] if turned else faces)
-    inflation = inflation_of(surface)
+    pressure = pressure_of(surface)
     large = 1.1 * surface.rest
-    assert inflation.lost(large) == pytest.approx(1.1**3 - LARGEST, rel=1e-9)
-    force = force_at(inflation, large)
+    assert pressure.lost(large) == pytest.approx(1.1**3 - PressureOptions.largest_volume, rel=1e-9)
+    force = force_at(pressure, large)
     assert ((force * large).sum(axis=1) < 0).all()
     # Once it is small enough the pull eases.
-    before = np.abs(inflation.pressure).max()
-    force_at(inflation, surface.rest)
-    assert np.abs(inflation.pressure).max() < before
+    before = np.abs(pressure.pressure).max()
+    force_at(pressure, surface.rest)
+    assert np.abs(pressure.pressure).max() < before
 
 
 def test_each_component_has_its_own_pressure_and_open_ones_have_none() -> None:
@@ -67,12 +67,12 @@ def test_each_component_has_its_own_pressure_and_open_ones_have_none() -> None:
     count = len(points)
     both = np.concatenate([points, points + 5.0, sheet - 5.0])
     surface = Surface(both, np.concatenate([faces, faces + count, cells + 2 * count]))
-    inflation = inflation_of(surface)
+    pressure = pressure_of(surface)
     pose = surface.rest.copy()
     centre = pose[:count].mean(axis=0)
     pose[:count] = centre + 0.9 * (pose[:count] - centre)
     pose[2 * count :] *= 0.9
-    force = force_at(inflation, pose)
+    force = force_at(pressure, pose)
     assert force[:count].any() and not force[count:].any()
 
 

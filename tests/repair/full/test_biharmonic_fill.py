@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 from dtrepair.intersect.detector import find_intersections
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.operators import uniform_laplacian
-from dtrepair.repair.full.biharmonic_fill import bilaplacian_fill, fill_creases, membrane_fill
+from dtrepair.repair.full.biharmonic_fill import (
+    FillOptions,
+    bilaplacian_fill,
+    fill_creases,
+    membrane_fill,
+)
 from dtrepair.repair.surface.defects import Defects, find_defects
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import Mesh, elbow, grid, icosphere, tube
@@ -145,7 +150,7 @@ def test_the_best_state_is_returned_when_it_never_comes_clean() -> None:
     surface = Surface(rest, faces)
     pose = points / surface.size
     before = find_defects(surface, pose)
-    filled, left = fill_creases(surface, pose, rounds=1, known=before)
+    filled, left = fill_creases(surface, pose, known=before, options=FillOptions(rounds=1))
     assert isinstance(left, Defects)
     assert left.rank <= before.rank
     assert find_defects(surface, filled).rank == left.rank

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import volume
 from dtrepair.numerics.operators import Factor
-from dtrepair.repair.full import method as full
-from dtrepair.repair.full.method import FullMethod
-from dtrepair.repair.full.pull_back import distortion
+from dtrepair.repair.full.biharmonic_fill import FillOptions
+from dtrepair.repair.full.method import FullMethod, FullOptions
+from dtrepair.repair.full.phases import PhaseOptions
 from dtrepair.repair.surface.defects import find_defects
+from dtrepair.repair.surface.distortion import distortion
 from dtrepair.repair.surface.surface import Surface
 from tests.exact_reference import exact_pairs
 from tests.meshes import (
@@ -73,13 +72,16 @@ def test_closed_surfaces_keep_their_volume(kind: str) -> None:
     )
 
 
-@pytest.mark.parametrize("without", [{}, {"INSIST_STEPS": ()}, {"INSIST_RINGS": 0}])
-def test_tangles_that_the_phases_leave_are_solved_by_insisting(
-    monkeypatch: pytest.MonkeyPatch, without: dict[str, Any]
-) -> None:
+@pytest.mark.parametrize(
+    "phases",
+    [
+        PhaseOptions(),
+        PhaseOptions(insist_steps=()),
+        PhaseOptions(last_fill=FillOptions(rounds=0)),
+    ],
+)
+def test_tangles_that_the_phases_leave_are_solved_by_insisting(phases: PhaseOptions) -> None:
     # Pushing them by short steps does it, and so do patches that grow.
-    for name, value in without.items():
-        monkeypatch.setattr(full, name, value)
     # Legs swung by 92 degrees, hind legs against front legs: through each other and the belly.
     animal = Quadruped(cells=9)
     rest, faces = animal.mesh()
@@ -87,7 +89,7 @@ def test_tangles_that_the_phases_leave_are_solved_by_insisting(
     pose = animal.posed(rest, (1.6, 1.6, -1.6, -1.6), -1.0) / surface.size
     given_up = FullMethod(surface, skip=("insist",))(pose)
     assert len(find_defects(surface, given_up.points).crossings) > 0
-    solved = FullMethod(surface)(pose)
+    solved = FullMethod(surface, options=FullOptions(phases=phases))(pose)
     assert len(exact_pairs(surface.written(solved.points), surface.faces)) == 0
     assert solved.stages[-1].name == "relax"
 
@@ -172,7 +174,7 @@ def test_clearance_is_kept_between_parts() -> None:
     assert len(surface.close_pairs(close, clearance)) > 0
 
 
-def test_a_crumpled_first_phase_is_followed_by_another(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_crumpled_first_phase_is_followed_by_another() -> None:
     animal = Quadruped(
         cells=15.1,
         body=1.085,
@@ -188,7 +190,7 @@ def test_a_crumpled_first_phase_is_followed_by_another(monkeypatch: pytest.Monke
     solved = FullMethod(surface)(pose)
     first, second = (stage for stage in solved.stages if stage.name == "fill")
     assert (first.crossings, second.crossings) == (0, 0)
-    assert second.distortion < full.TIGHTENABLE < first.distortion
-    monkeypatch.setattr(full, "TIGHTENABLE", np.inf)
-    one = FullMethod(surface)(pose)
+    assert second.distortion < PhaseOptions.tightenable < first.distortion
+    first_will_do = FullOptions(phases=PhaseOptions(tightenable=np.inf))
+    one = FullMethod(surface, options=first_will_do)(pose)
     assert distortion(surface, pose, solved.points) < 0.7 * distortion(surface, pose, one.points)

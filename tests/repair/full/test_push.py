@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.full.push import push, tangent_point_gradient
+from dtrepair.repair.full.directions import tangent_point_gradient
+from dtrepair.repair.full.push import PushOptions, push
 from dtrepair.repair.paper.energy import SignedTangentPoint, pair_energy
 from dtrepair.repair.surface.defects import near_contacts
 from dtrepair.repair.surface.surface import BodyRange, Surface
@@ -116,7 +117,7 @@ def test_push_separates_parts(kind: str) -> None:
     surface, pose = surface_and_pose(kind)
     kept = pose.copy()
     before = surface.pairs(pose)
-    pushed = push(surface, pose, near=6, step=0.01, iterations=40)
+    pushed = push(surface, pose, near=6, step=0.01, options=PushOptions(iterations=40))
     assert np.isfinite(pushed.points).all()
     assert np.array_equal(pose, kept)
     assert np.array_equal(pushed.pairs, surface.pairs(pushed.points))
@@ -129,7 +130,7 @@ def test_push_separates_parts(kind: str) -> None:
 @pytest.mark.parametrize("step", [0.01, 0.3])
 def test_no_vertex_moves_farther_than_the_steps_allow(kind: str, step: float) -> None:
     surface, pose = surface_and_pose(kind)
-    pushed = push(surface, pose, near=0, step=step, iterations=8)
+    pushed = push(surface, pose, near=0, step=step, options=PushOptions(iterations=8))
     moved = np.linalg.norm(pushed.points - pose, axis=1).max()
     assert np.isfinite(pushed.points).all()
     assert moved <= step * pushed.iterations * (1 + 1e-9)
@@ -141,12 +142,14 @@ def test_a_symmetric_pose_stays_finite(tilt: float) -> None:
     ball, faces = icosphere(2)
     points, triangles = joined((ball, faces), (ball * (1 + tilt) + tilt, faces))
     surface = Surface(points, triangles)
-    pushed = push(surface, surface.rest, near=6, step=0.01, iterations=5)
+    pushed = push(surface, surface.rest, near=6, step=0.01, options=PushOptions(iterations=5))
     assert np.isfinite(pushed.points).all()
     points, triangles = knot(60, 8)
     surface = Surface(points, triangles)
     flat = surface.rest * np.array([1.0, 1.0, tilt])
-    assert np.isfinite(push(surface, flat, near=6, step=0.01, iterations=5).points).all()
+    assert np.isfinite(
+        push(surface, flat, near=6, step=0.01, options=PushOptions(iterations=5)).points
+    ).all()
 
 
 def test_creases_are_left_alone() -> None:
@@ -176,7 +179,7 @@ def test_known_pairs_save_a_detection_and_change_nothing() -> None:
 
 def test_no_iterations_return_the_pose() -> None:
     surface, pose = surface_and_pose("arm")
-    pushed = push(surface, pose, near=6, step=0.01, iterations=0)
+    pushed = push(surface, pose, near=6, step=0.01, options=PushOptions(iterations=0))
     assert pushed.iterations == 0 and np.array_equal(pushed.points, pose)
 
 
@@ -186,7 +189,7 @@ def test_fixed_vertices_stay() -> None:
     mobility = np.repeat([0.0, 1.0], half)
     bodies = [BodyRange(0, half, 99.0), BodyRange(half, 2 * half, 99.0)]
     surface = Surface(points, faces, bodies=bodies, mobility=mobility)
-    pushed = push(surface, surface.rest, near=6, step=0.01, iterations=60)
+    pushed = push(surface, surface.rest, near=6, step=0.01, options=PushOptions(iterations=60))
     assert np.array_equal(pushed.points[:half], surface.rest[:half])
     assert len(pushed.pairs) == 0
 
@@ -206,9 +209,9 @@ def test_a_part_wholly_inside_another_keeps_its_size() -> None:
     surface = Surface(*mesh)
     alone = Surface(points, faces)
     inner = slice(len(points), None)
-    pushed = push(surface, surface.rest, near=6, step=0.01, iterations=40)
+    pushed = push(surface, surface.rest, near=6, step=0.01, options=PushOptions(iterations=40))
     assert len(pushed.pairs) == 0
     assert np.array_equal(pushed.points[inner], surface.rest[inner])
     # Nor does it keep the others from coming apart, or change how.
-    without = push(alone, alone.rest, near=6, step=0.01, iterations=40)
+    without = push(alone, alone.rest, near=6, step=0.01, options=PushOptions(iterations=40))
     assert pushed.iterations == without.iterations

@@ -11,9 +11,9 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import displacements
 from dtrepair.repair.full import relax as module
 from dtrepair.repair.full.biharmonic_fill import Filled
-from dtrepair.repair.full.pull_back import distortion
-from dtrepair.repair.full.relax import MORE, relax
+from dtrepair.repair.full.relax import RelaxOptions, relax
 from dtrepair.repair.surface.defects import find_defects
+from dtrepair.repair.surface.distortion import distortion
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import torus
 from tests.repair.full.test_pull_back import POSES, crossings_and_folds, loosely_solved
@@ -29,7 +29,7 @@ def test_relaxing_is_never_dirty_or_more_distorted(kind: str) -> None:
     crossings, folds_left = crossings_and_folds(surface, relaxed)
     assert crossings == 0 and folds_left <= folds
     # More cycles than asked for only where volume is missing.
-    assert 1 <= cycles <= MORE * 6
+    assert 1 <= cycles <= RelaxOptions.more * 6
     assert cycles <= 6 or kind == "arm"
     assert distortion(surface, original, relaxed) < 0.9 * before
     again, _ = relax(surface, original, clean, cycles=6, folds=folds, reach=reach)
@@ -63,10 +63,8 @@ def test_relaxing_ends_when_cycles_fail_in_a_row(
         return solved(state, right) if works(calls[-1]) else None
 
     monkeypatch.setattr(module._Relaxation, "_solved", sometimes)
-    monkeypatch.setattr(module, "ENOUGH", -1.0)
-    monkeypatch.setattr(module, "MISSING", 1.0)
-    reach = np.ones(surface.count)
-    _, cycles = relax(surface, original, clean, cycles=8, folds=0, reach=reach)
+    reach, options = np.ones(surface.count), RelaxOptions(enough=-1.0, missing=1.0)
+    _, cycles = relax(surface, original, clean, cycles=8, folds=0, reach=reach, options=options)
     assert cycles == len(calls) == expected
 
 
@@ -75,7 +73,8 @@ def test_nothing_moves_beyond_the_reach_or_farther_than_the_step() -> None:
     surface = Surface(points, faces)
     bent = surface.rest + 0.05 * np.sin(9 * surface.rest[:, [1, 2, 0]])
     reach = (surface.rest[:, 0] > 0).astype(float)
-    relaxed, _ = relax(surface, surface.rest, bent, cycles=1, folds=0, reach=reach, step=0.003)
+    options = RelaxOptions(step=0.003)
+    relaxed, _ = relax(surface, surface.rest, bent, cycles=1, folds=0, reach=reach, options=options)
     moved = np.linalg.norm(relaxed - bent, axis=1)
     assert moved.any() and not moved[reach == 0].any()
     assert moved.max() <= 0.003 * (1 + 1e-9)
@@ -102,7 +101,10 @@ def test_cycles_double_for_missing_volume_only() -> None:
     surface = Surface(*torus())
     reach = np.ones(surface.count)
     # Steps so short that no volume comes back, and so short that little does.
-    for shrunk, spent in ((0.9, MORE * 2), (0.999, 2)):
+    options = RelaxOptions(step=1e-5)
+    for shrunk, spent in ((0.9, 2 * options.more), (0.999, 2)):
         pose = shrunk * surface.rest
-        _, cycles = relax(surface, surface.rest, pose, cycles=2, folds=0, reach=reach, step=1e-5)
+        _, cycles = relax(
+            surface, surface.rest, pose, cycles=2, folds=0, reach=reach, options=options
+        )
         assert cycles == spent

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.elastic.dihedral_angles import bent_edges
-from dtrepair.repair.full import unbend as module
 from dtrepair.repair.full.method import FullMethod
-from dtrepair.repair.full.unbend import unbend
+from dtrepair.repair.full.relax import RelaxOptions
+from dtrepair.repair.full.unbend import UnbendOptions, unbend
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import elbow, grid
@@ -70,21 +69,18 @@ def zigzag(angles: dict[int, float]) -> tuple[Surface, FloatArray]:
     return surface, pose
 
 
-def test_a_crease_that_costs_too_much_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_crease_that_costs_too_much_stays() -> None:
     surface, pose = folded_sheet(2.4)
-    monkeypatch.setattr(module, "DEAREST", 1e-9)
-    monkeypatch.setattr(module, "ROUNDS", 1)
-    monkeypatch.setattr(module, "relax", lambda surface, target, points, **_: (points, 0))
-    same, rounds = unbend(surface, surface.rest, pose, folds=0)
+    # Nor is room made: relaxing gives up at once.
+    options = UnbendOptions(dearest=1e-9, rounds=1, relax=RelaxOptions(tries=0))
+    same, rounds = unbend(surface, surface.rest, pose, folds=0, options=options)
     assert rounds == 0 and same is pose
 
 
-def test_contacts_make_room_for_what_does_not_open_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_contacts_make_room_for_what_does_not_open_alone() -> None:
     surface, pose = folded_sheet(2.4)
-    monkeypatch.setattr(
-        module, "_opened_alone", lambda _hinges, _original, points, _folds: (points, 0)
-    )
-    opened, rounds = unbend(surface, surface.rest, pose, folds=0)
+    options = UnbendOptions(most_clusters=0)
+    opened, rounds = unbend(surface, surface.rest, pose, folds=0, options=options)
     assert rounds >= 1
     assert bent_edges(surface, opened).sum() == 0
     assert len(find_defects(surface, opened).crossings) == 0

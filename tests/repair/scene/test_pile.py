@@ -12,9 +12,9 @@ from dtrepair import Body, SceneRepairer, Status
 from dtrepair.numerics.geometry import unique_edges
 from dtrepair.repair import independent as poses_of_scenes
 from dtrepair.repair.clip.frames import system_of
-from dtrepair.repair.full import method as full
-from dtrepair.repair.full.push import _of_length
-from dtrepair.repair.full.relax import LONGER, relax
+from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
+from dtrepair.repair.full.push import PushOptions, _of_length
+from dtrepair.repair.full.relax import RelaxOptions, relax
 from dtrepair.repair.independent import _squeezed
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import BodyRange, Surface
@@ -62,15 +62,15 @@ def test_one_contact_does_not_make_the_others_wait() -> None:
     lengths = np.array([10.0, 1.0, 1.0, 1.0, 0.5, 0.0])
     direction = np.zeros_like(points)
     direction[:, 0] = lengths[surface.body_of_vertex]
-    moved = _of_length(surface, direction, 0.01)
+    moved = _of_length(surface, direction, 0.01, PushOptions())
     assert moved is not None
     first = moved[starts[:-1], 0]
     assert np.allclose(first, [0.01, 0.01, 0.01, 0.01, 0.005, 0.0])
     pair = Surface(*joined(*meshes[:2]), bodies=ranges[:2])
-    moved = _of_length(pair, direction[: starts[2]], 0.01)
+    moved = _of_length(pair, direction[: starts[2]], 0.01, PushOptions())
     assert moved is not None
     assert np.allclose(moved[[0, starts[1]], 0], [0.01, 0.001])
-    assert _of_length(pair, np.full((starts[2], 3), np.nan), 0.01) is None
+    assert _of_length(pair, np.full((starts[2], 3), np.nan), 0.01, PushOptions()) is None
 
 
 def test_a_body_that_has_far_to_go_does_not_hold_up_the_return_of_others() -> None:
@@ -83,11 +83,13 @@ def test_a_body_that_has_far_to_go_does_not_hold_up_the_return_of_others() -> No
         bodies = [BodyRange(k * size, (k + 1) * size, 99.0) for k in range(count)]
         surface = Surface(points, faces, bodies=bodies)
         shifts = np.repeat([10.0, *[0.5] * (count - 1)], size)[:, None] * [0.0, 0.0, 0.002]
-        reach, step = np.ones(len(points)), 0.001
+        reach, options = np.ones(len(points)), RelaxOptions(step=0.001)
         pose = surface.rest + shifts
-        back, _ = relax(surface, surface.rest, pose, cycles=1, folds=0, reach=reach, step=step)
+        back, _ = relax(
+            surface, surface.rest, pose, cycles=1, folds=0, reach=reach, options=options
+        )
         moved = np.linalg.norm(back - pose, axis=1)[[0, size]]
-        assert moved[0] == pytest.approx((LONGER if alone else 1.0) * step, rel=0.05)
+        assert moved[0] == pytest.approx(options.pile_step * 0.001 if alone else 0.001, rel=0.05)
         assert (moved[1] > 0.9 * 0.001) == alone
 
 
@@ -140,18 +142,18 @@ def test_what_few_bodies_have_left_is_insisted_on_at_once(
     points, all_faces = joined(*[(ball + place, faces) for place in places])
     ranges = [BodyRange(k * len(ball), (k + 1) * len(ball), 99.0) for k in range(4)]
     surface = Surface(points, all_faces, bodies=ranges)
-    run = full._Run(surface, surface.rest, None, ())
+    phases = Phases(surface, surface.rest)
     steps: list[float] = []
 
-    def phases(step: float) -> full.Candidate:
+    def run(step: float) -> Candidate:
         steps.append(step)
         found = surface.rest.copy()
         if left == 1:
             found[3 * len(ball) :] += np.array([0.2, 0.0, 0.0]) / surface.size
-        run.candidates.append(full.Candidate(found, find_defects(surface, found), 0.1, 0))
-        return run.candidates[-1]
+        phases.candidates.append(Candidate(found, find_defects(surface, found), 0.1, 0))
+        return phases.candidates[-1]
 
-    monkeypatch.setattr(run, "phases", phases)
-    best = run.best_of_steps()
+    monkeypatch.setattr(phases, "run", run)
+    best = phases.best()
     assert len(best.defects.crossings) == 0
-    assert steps == list(full.FIRST_STEPS[:left])
+    assert steps == list(PhaseOptions.first_steps[:left])

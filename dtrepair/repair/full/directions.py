@@ -1,0 +1,86 @@
+"""Directions that separate contacts: down the tangent-point energy, and down the overlap volume."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
+from dtrepair.repair.surface.layers import lift_covers
+from dtrepair.repair.surface.surface import Surface
+
+
+@dataclass(frozen=True, kw_only=True)
+class DirectionOptions:
+    """How the two directions are summed.
+
+    Args:
+        volume_weight: Of the volume direction, next to the tangent-point direction of weight 1:
+            it leads out of deep overlaps, whose inner triangles have no contacts to push them.
+        deepest: A vertex counts as at most so many layers deep, so that a tangle does not outweigh
+            every other contact.
+    """
+
+    volume_weight: float = 2.0
+    deepest: int = 3
+
+
+def tangent_point_gradient(
+    points: FloatArray,
+    faces: IntArray,
+    pairs: IntArray,
+    weights: FloatArray,
+    *,
+    direction: FloatArray | None = None,
+    sides: FloatArray | None = None,
+) -> FloatArray:
+    """Gradient (V, 3) of the signed tangent-point energy with the kernel <n, c - v> / |c - v|.
+
+    Jang et al. 2025, eq. 3 and 4 with exponents (1, 1); each vertex of a triangle meets the plane
+    and centroid of the other triangle of its pair; normals and areas are held fixed. Where a
+    triangle has a preferred `direction` (F, 3), it takes the place of the other one's normal
+    (section 7.4). `sides` (K, 2) turn the normals of triangles that cover the other one.
+    """
+    gradient = np.zeros_like(points)
+    for source, target in ((0, 1), (1, 0)):
+        plane, moved = faces[pairs[:, source]], faces[pairs[:, target]]
+        corners = points[plane]
+        vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(vector, axis=1, keepdims=True)
+        normal = np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
+        if sides is not None:
+            normal *= sides[:, source, None]
+        if direction is not None:
+            wanted = direction[pairs[:, target]] - direction[pairs[:, source]]
+            normal = np.where((wanted != 0).any(axis=1, keepdims=True), wanted, normal)
+        area = (0.5 * weights[:, None] * length)[:, :, None]
+        offset = corners.mean(axis=1)[:, None] - points[moved]
+        squared = (offset**2).sum(axis=2, keepdims=True) + 1e-30
+        height = (normal[:, None] * offset).sum(axis=2, keepdims=True)
+        force = area * (normal[:, None] - offset * (height / squared)) / np.sqrt(squared)
+        _accumulate(gradient, moved.ravel(), -force.reshape(-1, 3))
+        _accumulate(gradient, plane.ravel(), np.repeat(force.sum(axis=1) / 3.0, 3, axis=0))
+    return gradient
+
+
+def _accumulate(field: FloatArray, vertices: IntArray, values: FloatArray) -> None:
+    for axis in range(3):
+        field[:, axis] += np.bincount(vertices, values[:, axis], minlength=len(field))
+
+
+def volume_gradient(
+    surface: Surface, points: FloatArray, buried: FloatArray, count: int, regions: IntArray
+) -> FloatArray:
+    """Gradient (V, 3) of the overlap volume; every region weighs the same."""
+    field = buried[:, None] * surface.vector_areas(points)
+    if surface.face_direction is not None:
+        wanted = surface.incidence @ surface.face_direction
+        length = np.linalg.norm(wanted, axis=1, keepdims=True)
+        size = np.linalg.norm(field, axis=1, keepdims=True)
+        field = np.where(length > 0, -size * wanted / np.maximum(length, 1e-30), field)
+    inside = np.flatnonzero(buried)
+    totals = np.bincount(regions[inside], lengths(field[inside]), minlength=count)
+    field[inside] /= np.maximum(totals[regions[inside]], 1e-30)[:, None]
+    lift_covers(surface, points, buried, field)
+    return field

@@ -1,0 +1,221 @@
+"""The way to a clean pose: push far contacts and fill creases, with ever fewer left to the fill."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.full.biharmonic_fill import FillOptions, fill_creases
+from dtrepair.repair.full.push import Pushed, PushOptions, push
+from dtrepair.repair.full.stage_log import StageLog
+from dtrepair.repair.surface.defects import Defects, contact_scale, find_defects
+from dtrepair.repair.surface.rigid_bodies import allowed
+from dtrepair.repair.surface.surface import Surface
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhaseOptions:
+    """Numbers of the phases, and of what insists where they leave crossings.
+
+    Args:
+        near: Rings within which contacts are left to the fill, phase by phase: from careful to
+            pushing all of them.
+        first_steps: Largest motions in an iteration of the first phase, units of the size, each
+            tried where the one before did not suffice: long steps keep a pose open that short ones
+            squeeze, short ones solve what long ones miss.
+        step_decay: Factor of the step from phase to phase: less is left to be moved.
+        good_enough: Distortion below which a clean result needs no further phase.
+        tightenable: The same where tightening follows, which mends more.
+        gain: A phase after a clean one must lower the distortion to this fraction to be followed
+            by another.
+        insist_steps: Largest motions in an iteration where the phases left crossings, units of the
+            size: short ones, which find out of tangles.
+        insist_rounds: Times that pushing and filling take turns with each of them.
+        push: Numbers of the push.
+        fill: Numbers of the fill.
+        last_fill: The fill of the last resort, whose patches may grow until they swallow what is
+            left.
+    """
+
+    near: tuple[int, ...] = (20, 12, 6, 0)
+    first_steps: tuple[float, ...] = (0.02, 0.01)
+    step_decay: float = 0.7
+    good_enough: float = 0.10
+    tightenable: float = 0.23
+    gain: float = 0.97
+    insist_steps: tuple[float, ...] = (0.005, 0.002, 0.01)
+    insist_rounds: int = 4
+    push: PushOptions = field(default_factory=PushOptions)
+    fill: FillOptions = field(default_factory=FillOptions)
+    last_fill: FillOptions = field(default_factory=lambda: FillOptions(rounds=24))
+
+
+class Candidate(NamedTuple):
+    """A pose, its defects and distortion, and the ring limit of the phase that made it."""
+
+    points: FloatArray
+    defects: Defects
+    distortion: float
+    near: int
+
+    @property
+    def clean(self) -> bool:
+        """Whether nothing crosses."""
+        return len(self.defects.crossings) == 0
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Crossings first, then distortion: smaller is better."""
+        return len(self.defects.crossings), round(self.distortion, 4)
+
+
+class Phases:
+    """The search for a clean pose near an original (V, 3), in units of the surface's size."""
+
+    def __init__(
+        self,
+        surface: Surface,
+        original: FloatArray,
+        *,
+        log: StageLog | None = None,
+        farthest: float | None = None,
+        skip: tuple[str, ...] = (),
+        tightened: bool = True,
+        options: PhaseOptions = PhaseOptions(),
+    ) -> None:
+        """Search within `farthest` (units of the size) of the original; note stages in `log`.
+
+        skip: stages that are left out; tightened: whether tightening follows.
+        """
+        self.surface, self.original, self.options = surface, original, options
+        self.farthest, self.skip = farthest, skip
+        self.log = log or StageLog(surface, original)
+        self.known = find_defects(surface, original)
+        self.scale = contact_scale(surface, self.known.crossings)
+        self.candidates: list[Candidate] = []
+        self.good_enough = options.tightenable if tightened else options.good_enough
+
+    def limited(self, points: FloatArray) -> FloatArray:
+        """The nearest pose that is allowed: no displacement beyond the limit."""
+        return allowed(self.surface.rigid, self.original, points, self.farthest)
+
+    def best(self) -> Candidate:
+        """The best of several first step lengths; later ones only where the first did not suffice.
+
+        Where what is left concerns few of the bodies, it is insisted on at once.
+        """
+        best: Candidate | None = None
+        for step in self.options.first_steps:
+            candidate = self.run(step)
+            best = candidate if best is None or candidate.rank < best.rank else best
+            if not best.clean and self._concerns_few(best):
+                best = self.insist(best)
+            if best.clean and best.distortion < self.good_enough:
+                return best
+        assert best is not None
+        return best if best.clean else self.insist(best)
+
+    def run(self, step: float) -> Candidate:
+        """The best result of pushing with ever fewer contacts left to the fill."""
+        best: Candidate | None = None
+        points, options = self.original, self.options
+        for index, near in enumerate(options.near):
+            pushed = self._pushed(points, near, self.scale * step * options.step_decay**index)
+            points = pushed.points
+            if pushed.iterations == 0 and best is not None:
+                continue
+            candidate, previous = self._filled(pushed, near, options.fill), best
+            best = candidate if best is None or candidate.rank < best.rank else best
+            if best.clean:
+                if best.distortion < self.good_enough:
+                    break
+                if previous is not None and previous.clean:
+                    if candidate.distortion > options.gain * previous.distortion:
+                        break
+            elif index == 1:
+                # Far contacts did not come apart: this step length is not for this pose.
+                break
+        assert best is not None
+        return best
+
+    def insist(self, best: Candidate) -> Candidate:
+        """What no phase solved, tried again from all poses that the phases left, best first.
+
+        A fill leaves a few tangles that are no longer tied to what made them: pushing them all by
+        short steps and filling anew solves most. Then patches grow until they swallow the rest.
+        """
+        if "insist" in self.skip:
+            return best
+        candidates = sorted(self.candidates, key=lambda candidate: candidate.rank)
+        for candidate in candidates:
+            for step in self.options.insist_steps:
+                trial = self._alternated(candidate, self.scale * step)
+                best = trial if trial.rank < best.rank else best
+                if best.clean:
+                    return best
+        for candidate in candidates:
+            pushed = Pushed(candidate.points, candidate.defects.crossings, 0)
+            trial = self._filled(pushed, candidate.near, self.options.last_fill)
+            best = trial if trial.rank < best.rank else best
+            if best.clean:
+                break
+        return best
+
+    def _concerns_few(self, best: Candidate) -> bool:
+        """Whether what still crosses does not meet all bodies that are in contact."""
+        body_of = self.surface.body_of
+        met, crossing = body_of[self.known.crossings], body_of[best.defects.crossings]
+        return not np.isin(met, crossing).any(axis=1).all()
+
+    def _alternated(self, best: Candidate, step: float) -> Candidate:
+        """Push all contacts and fill in turns for as long as crossings become fewer."""
+        for _ in range(self.options.insist_rounds):
+            trial = self._filled(self._pushed(best.points, 0, step), 0, self.options.fill)
+            if len(trial.defects.crossings) >= len(best.defects.crossings):
+                break
+            best = trial
+            if best.clean:
+                break
+        return best
+
+    def _pushed(self, points: FloatArray, near: int, step: float) -> Pushed:
+        start = time.perf_counter()
+        known = self.known.crossings if points is self.original else None
+        pushed = push(
+            self.surface,
+            points,
+            near=near,
+            step=step,
+            known_pairs=known,
+            limit=self.limited,
+            volume="volume" not in self.skip,
+            options=self.options.push,
+        )
+        self.log.add(
+            f"push {near}",
+            pushed.points,
+            start,
+            crossings=len(pushed.pairs),
+            iterations=pushed.iterations,
+        )
+        return pushed
+
+    def _filled(self, pushed: Pushed, near: int, options: FillOptions) -> Candidate:
+        start = time.perf_counter()
+        surface = self.surface
+        folds = surface.folds(pushed.points)
+        points, left = pushed.points, Defects(pushed.pairs, folds)
+        if "fill" not in self.skip:
+            points, left = fill_creases(surface, points, known=left, options=options)
+        limited = self.limited(points)
+        if (limited != points).any():
+            points, left = limited, find_defects(surface, limited)
+        value = self.log.add(
+            "fill", points, start, crossings=len(left.crossings), folds=len(left.folds)
+        )
+        self.candidates.append(Candidate(points, left, value, near))
+        return self.candidates[-1]

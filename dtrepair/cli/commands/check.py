@@ -17,10 +17,11 @@ from dtrepair.cli.options.shared import (
     selection_options,
 )
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import one_line_errors, use_device
+from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.pipeline.errors import CLEAN, FRAMES, REMAINING
 from dtrepair.pipeline.repair.records import contact_records
 from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.stages.devices import use_device
 from dtrepair.pipeline.stages.enclosed_parts import EnclosedParts, enclosed_lines
 from dtrepair.pipeline.stages.frames import (
     Frame,

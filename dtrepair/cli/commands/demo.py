@@ -11,8 +11,9 @@ import numpy as np
 
 from dtrepair.cli.options.shared import console_options, run_options
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import device_of_method, one_line_errors
+from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.pipeline.errors import OutputError
+from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.outputs import writing
 
 PRIM = "/Character/Body"

@@ -21,7 +21,7 @@ from dtrepair.cli.options.shared import (
 )
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
-from dtrepair.cli.terminal.failures import device_of_method, one_line_errors
+from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.keyposes_text import exit_code, in_betweens, print_keys, print_spans
 from dtrepair.cli.terminal.repair_text import print_plan, print_table, say
@@ -32,6 +32,7 @@ from dtrepair.pipeline.observer import FrameDone
 from dtrepair.pipeline.repair.run import Run, make_repairer
 from dtrepair.pipeline.selection import ObjectOptions, Selection
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
+from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import mode_warnings, prim_records, refuse_if_none_usable
 from dtrepair.pipeline.stages.object_settings import recorded
 from dtrepair.pipeline.stages.rest import choose_rests, rest_warnings

@@ -18,7 +18,7 @@ from dtrepair.cli.options.shared import (
 )
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
-from dtrepair.cli.terminal.failures import device_of_method, one_line_errors
+from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.repair_text import print_plan, print_table, say
 from dtrepair.cli.terminal.report_place import check_report_place, put_report
@@ -34,6 +34,7 @@ from dtrepair.pipeline.repair.distributed import (
 from dtrepair.pipeline.repair.run import Run, open_journal, repair_here
 from dtrepair.pipeline.selection import ObjectOptions, Selection
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
+from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import mode_warnings
 from dtrepair.pipeline.stages.object_settings import recorded
 from dtrepair.pipeline.stages.rest import choose_rests

@@ -11,11 +11,12 @@ from dtrepair.cli.options.method import METHOD_NAMES, method_options
 from dtrepair.cli.options.shared import console_options, jobs_option, run_options, selection_options
 from dtrepair.cli.options.transfer import Inputs, TransferOptions
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.failures import device_of_method, one_line_errors
+from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.report_place import check_report_place, put_report
 from dtrepair.pipeline.errors import CLEAN, UsageError
 from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
 from dtrepair.pipeline.stages.sinks import existing
 from dtrepair.pipeline.transfer.run import run_transfer

@@ -1,4 +1,4 @@
-"""Exceptions of a command as one-line errors; where its method runs."""
+"""Exceptions of a command as one-line errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from dtrepair.pipeline.errors import INTERNAL, InputError, PipelineError, UsageError
+from dtrepair.pipeline.errors import INTERNAL, InputError, PipelineError
 
 
 def one_line_errors(function: Callable[..., int]) -> Callable[..., int]:
@@ -45,25 +45,3 @@ def as_plain_error(error: Exception) -> PipelineError:
         f"internal error: {type(error).__name__}: {error}; please report it with the output of -vv",
         INTERNAL,
     )
-
-
-def use_device(name: str) -> str:
-    """Return the device that a --device option names; a usage error if it is not there."""
-    from dtrepair.device import resolve_device
-
-    try:
-        return resolve_device(name)
-    except ValueError as error:
-        raise UsageError(f"--device: {error}") from None
-
-
-def device_of_method(name: str, method: str) -> tuple[str, list[str]]:
-    """Return where a method runs if --device names this device, and warnings."""
-    if method != "full":
-        return use_device(name), []
-    if name == "auto" or use_device(name) == "cpu":
-        return "cpu", []
-    # Only counting there would cost the processes that the frames are shared out to.
-    return "cpu", [
-        f"--device {name}: the default method runs on the CPU (--method paper runs on the GPU)"
-    ]

@@ -1,12 +1,12 @@
-"""Devices as the command line takes them: what does not run there is told."""
+"""Devices by their names: what does not run there is told."""
 
 from __future__ import annotations
 
 import pytest
 
 from dtrepair import device
-from dtrepair.cli.terminal.failures import device_of_method, use_device
 from dtrepair.pipeline.errors import UsageError
+from dtrepair.pipeline.stages.devices import device_of_method, use_device
 
 
 def test_the_default_method_runs_on_the_cpu_and_that_is_told(

@@ -24,6 +24,19 @@ class CountedPairs:
     listed: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int32))
 
 
+def counted_between(
+    owner: NDArray[np.integer], *, mode: str, ignored: Sequence[tuple[int, int]]
+) -> NDArray[np.bool_]:
+    """Which contacts (K,) count, given by the two bodies (K, 2) that they join.
+
+    mode: "self" counts those within a body, "inter" those between two, "both" all.
+    """
+    counted = ~of_ignored_bodies(owner, ignored)
+    if mode != "both":
+        counted &= (owner[:, 0] != owner[:, 1]) == (mode == "inter")
+    return counted
+
+
 def of_ignored_bodies(
     owner: NDArray[np.integer], ignored: Sequence[tuple[int, int]]
 ) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dtrepair.intersect.detector import Detector
-from dtrepair.intersect.ignored import of_ignored_bodies
+from dtrepair.intersect.ignored import counted_between
 from dtrepair.numerics.geometry import weld_map
 from dtrepair.report.record import CountRecord
 
@@ -81,13 +81,9 @@ class SceneCounter:
         ]
         every = pairs = self._detector(together, weld=np.concatenate(welded).astype(np.int32))
         owner = self._owner[pairs]
+        keep = counted_between(owner, mode=self.mode, ignored=self.ignored)
+        pairs, owner = pairs[keep], owner[keep]
         between = owner[:, 0] != owner[:, 1]
-        if self.mode != "both":
-            keep = between if self.mode == "inter" else ~between
-            pairs, owner, between = pairs[keep], owner[keep], between[keep]
-        if self.ignored:
-            keep = ~of_ignored_bodies(owner, self.ignored)
-            pairs, owner, between = pairs[keep], owner[keep], between[keep]
         hit = np.zeros(len(self._owner), dtype=bool)
         hit[pairs.reshape(-1)] = True
         parts = tuple(

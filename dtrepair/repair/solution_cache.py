@@ -13,26 +13,23 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.clip.animation import OVERLAP, WINDOW, AnimationRepairer
-from dtrepair.repair.clip.window_method import ShotMethod
-from dtrepair.repair.independent import in_batches
+from dtrepair.repair.clip.animation import MakeMethod, WindowSolver
 from dtrepair.repair.options import Count, RepairResult, Stage, Status
-from dtrepair.repair.parallel.process_pool import forked_map
+from dtrepair.repair.parallel.process_pool import forked_map, in_batches
 from dtrepair.repair.parallel.worker_pool import Crew
-
-if TYPE_CHECKING:
-    from dtrepair.repair.repairer import SceneRepairer
-    from dtrepair.repair.scene.welded_mesh import System
+from dtrepair.repair.surface.surface import Surface
 
 Arrays = Mapping[str, NDArray[Any]]
 # Poses, and their results if they are known.
 _Item = tuple[list[NDArray[Any]], list[RepairResult] | None]
+# Finds the results of some poses, each of which holds the points of each body.
+SolveBatch = Callable[[Sequence[Sequence[Any]]], list[list[RepairResult]]]
 
 
 class Memory(Protocol):
@@ -45,61 +42,46 @@ class Memory(Protocol):
         """Keep arrays, if that is possible."""
 
 
-class RememberingAnimator(AnimationRepairer):
-    """An animation repairer that looks up solved windows, and keeps those it solves."""
-
-    def __init__(
-        self,
-        scene: SceneRepairer,
-        memory: Memory,
-        *,
-        window: int = WINDOW,
-        overlap: int = OVERLAP,
-    ) -> None:
-        """Use `memory` for the windows of `scene`; ValueError for a bad window."""
-        super().__init__(scene, window=window, overlap=overlap)
-        self.memory = memory
-
-    def method(self, system: System) -> ShotMethod:
-        """The shot method of a system, with a memory."""
-        return _RememberingShot(super().method(system), self.memory)
+def remembering(make_method: MakeMethod, memory: Memory) -> MakeMethod:
+    """Makes solvers of windows that look them up first, and keep what they solve."""
+    return lambda mesh: _remembering(make_method(mesh), mesh.surface, memory)
 
 
-class _RememberingShot(ShotMethod):
-    """A shot method that looks up windows first."""
-
-    def __init__(self, method: ShotMethod, memory: Memory) -> None:
-        self.__dict__.update(method.__dict__)
-        self._method, self._memory = method, memory
-
-    def __call__(
-        self,
+def _remembering(solve: WindowSolver, surface: Surface, memory: Memory) -> WindowSolver:
+    def looked_up(
         original: FloatArray,
         frames: FloatArray,
         crew: Crew,
         *,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
-        """Repaired poses (T, V, 3) of poses at times in frame units; None if `unless` says so."""
-        key = hash_of(original, frames, self.surface.faces, self.surface.rest)
-        kept = self._memory.recall(key)
+        key = hash_of(original, frames, surface.faces, surface.rest)
+        kept = memory.recall(key)
         if kept is not None:
             found = original.copy()
             found[:, kept["vertices"]] = kept["points"]
             return found
-        solved = self._method(original, frames, crew, unless=unless)
+        solved = solve(original, frames, crew, unless=unless)
         if solved is not None:
             vertices = np.flatnonzero((solved != original).any(axis=(0, 2)))
-            self._memory.keep(key, {"vertices": vertices, "points": solved[:, vertices]})
+            memory.keep(key, {"vertices": vertices, "points": solved[:, vertices]})
         return solved
+
+    return looked_up
 
 
 def repair_each(
-    scene: SceneRepairer, poses: Iterable[Sequence[Any]], memory: Memory | None, *, jobs: int
+    solve: SolveBatch,
+    poses: Iterable[Sequence[Any]],
+    memory: Memory | None,
+    *,
+    jobs: int,
+    at_once: int = 1,
 ) -> Iterator[list[RepairResult] | Exception]:
-    """The results of each pose (V, 3) of each body, looked up, or found by `jobs` and kept.
+    """The results of each pose (V, 3) of each body, looked up, or found by `solve` and kept.
 
-    What a pose raises takes the place of its results.
+    What a pose raises takes the place of its results. `at_once` poses make a batch, which `jobs`
+    processes solve side by side.
     """
     recalled: deque[tuple[str, bool]] = deque()
 
@@ -116,9 +98,9 @@ def repair_each(
         if len(kept) == len(batch):
             return [*kept]
         # Always the whole batch: products of another width round differently on a GPU.
-        return _solved([arrays for arrays, _ in batch], scene)
+        return _solved([arrays for arrays, _ in batch], solve)
 
-    batches = in_batches(items(), scene.poses_at_once)
+    batches = in_batches(items(), at_once)
     for results in chain.from_iterable(forked_map(solved, batches, jobs=jobs)):
         key, known = recalled.popleft()
         if memory is not None and not known and not isinstance(results, Exception):
@@ -127,12 +109,12 @@ def repair_each(
 
 
 def _solved(
-    poses: list[list[NDArray[Any]]], scene: SceneRepairer
+    poses: list[list[NDArray[Any]]], solve: SolveBatch
 ) -> list[list[RepairResult] | Exception]:
     """The results of each pose, or what it raises: then the others are solved without it."""
     if len(poses) > 1:
         try:
-            return [*scene.batch(poses)]
+            return [*solve(poses)]
         except ValueError:
             pass  # of one of the poses
         except Exception as error:
@@ -140,7 +122,7 @@ def _solved(
     found: list[list[RepairResult] | Exception] = []
     for pose in poses:
         try:
-            found.append(scene(pose))
+            found.extend(solve([pose]))
         except Exception as error:
             found.append(error)
     return found

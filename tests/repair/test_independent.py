@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from dtrepair.repair.independent import in_batches
-from dtrepair.repair.options import RepairOptions
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.independent import poses_at_once
+from dtrepair.repair.options import RepairOptions, Solved
 from dtrepair.repair.paper import method as paper
+from dtrepair.repair.parallel.process_pool import in_batches
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.solution_cache import repair_each
@@ -53,33 +54,32 @@ def test_frames_of_the_published_method_come_in_order_for_any_jobs(jobs: int) ->
 
 def test_a_device_takes_frames_in_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paper, "DEVICE_LOOP", ("cpu", "cuda"))
-    monkeypatch.setattr(SceneRepairer, "poses_at_once", 3)
     calls: list[int] = []
-    batch = SceneRepairer.batch
+    batch = paper.PaperMethod.batch
 
-    def noted(self: SceneRepairer, poses: Any) -> Any:
+    def noted(self: paper.PaperMethod, poses: list[FloatArray]) -> list[Solved]:
         calls.append(len(poses))
         return batch(self, poses)
 
-    monkeypatch.setattr(SceneRepairer, "batch", noted)
+    monkeypatch.setattr(paper.PaperMethod, "batch", noted)
     repairer = scene(method="paper")
+    repairer.poses_at_once = 3
     frames = [(float(k), [pose]) for k, pose in enumerate(POSES)]
     streamed = [frame.results for frame in repairer.animator.stream(frames)]
-    each = [*repair_each(repairer, [[pose] for pose in POSES], None, jobs=1)]
-    assert calls == [3, 1, 3, 1]
+    poses = [[pose] for pose in POSES]
+    each = [*repair_each(repairer.batch, poses, None, jobs=1, at_once=3)]
+    assert calls == [2, 1, 2, 1]  # of the first three one is clean
     for one, other in zip(streamed, each, strict=True):
         assert_same(one, other)
         assert one[0].after.pairs < max(one[0].before.pairs, 1)
 
 
-def test_a_pose_that_cannot_be_used_does_not_spoil_its_batch(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(SceneRepairer, "poses_at_once", 3)
+def test_a_pose_that_cannot_be_used_does_not_spoil_its_batch() -> None:
     broken = POSES[0].copy()
     broken[0, 0] = np.nan
     repairer = scene(method="paper")
-    found = [*repair_each(repairer, [[POSES[0]], [broken], [POSES[2]]], None, jobs=1)]
+    poses = [[POSES[0]], [broken], [POSES[2]]]
+    found = [*repair_each(repairer.batch, poses, None, jobs=1, at_once=3)]
     assert isinstance(found[1], ValueError)
     assert_same(found[0], repairer([POSES[0]]))
     assert_same(found[2], repairer([POSES[2]]))
@@ -92,8 +92,5 @@ def test_batches_hold_every_item_once() -> None:
 
 def test_poses_at_once_are_many_on_a_gpu_only() -> None:
     assert scene(method="paper").poses_at_once == scene().poses_at_once == 1
-    there = scene(method="paper")
-    there.device = "cuda:0"
-    assert there.poses_at_once > 1
-    there.options = replace(there.options, method="full")
-    assert there.poses_at_once == 1
+    assert poses_at_once(RepairOptions(method="paper"), "cuda:0") > 1
+    assert poses_at_once(RepairOptions(method="full"), "cuda:0") == 1

@@ -59,7 +59,8 @@ def choose_chunk(source: Source, chunk: tuple[int, int] | None, *, alone: bool) 
                 yield np.concatenate(frame.spaces)
 
     motions = motions_of(poses())
-    sizes = {"window": animation.WINDOW, "overlap": animation.OVERLAP}
+    clip = animation.ClipOptions()
+    sizes = {"window": clip.window, "overlap": clip.overlap}
     layout = window_layout(times, motions, **sizes)
     first, stop = _share(len(layout), *chunk)
     if first == stop:

@@ -58,7 +58,7 @@ def open_journal(
     run: Run, bodies: list[Body], observer: Observer, *, resume: bool
 ) -> Journal | None:
     """The journal of a run; None where a run is a single step, solved wholly or not at all."""
-    from dtrepair.repair.clip.animation import WINDOW
+    from dtrepair.repair.clip.animation import ClipOptions
 
     assert run.chunk is not None
     times = run.chunk.times
@@ -69,7 +69,7 @@ def open_journal(
         resume=resume,
         on_kept=lambda entries: observer.remark(ProgressKept(entries)),
     )
-    return None if len(times) <= (1 if run.alone else WINDOW) else journal
+    return None if len(times) <= (1 if run.alone else ClipOptions().window) else journal
 
 
 def repair_here(

@@ -21,7 +21,6 @@ from dtrepair.report.record import FrameRecord
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCounter
-    from dtrepair.repair.clip.animation import AnimationRepairer
     from dtrepair.repair.options import RepairResult
     from dtrepair.repair.repairer import SceneRepairer
     from dtrepair.repair.scene.bodies import Body
@@ -98,10 +97,9 @@ class FrameRepairer:
                     fed.append(pose)
                     yield pose
 
-            animator = self._animator()
-            animator.progress = self.progress
+            animator = self.repairer.make_animator(self.memory)
             try:
-                for repaired in animator.stream(feed(), jobs=self.jobs):
+                for repaired in animator.stream(feed(), jobs=self.jobs, progress=self.progress):
                     fed.popleft()
                     yield repaired.results
                 return
@@ -119,14 +117,8 @@ class FrameRepairer:
         self.alone = True
         points = (points for _, points in iterator)
         jobs = self.workers if len(first) == 2 else 1
-        yield from repair_each(self.repairer, points, self.memory, jobs=jobs)
-
-    def _animator(self) -> AnimationRepairer:
-        if self.memory is None:
-            return self.repairer.animator
-        from dtrepair.repair.solution_cache import RememberingAnimator
-
-        return RememberingAnimator(self.repairer, self.memory)
+        solve, at_once = self.repairer.batch, self.repairer.poses_at_once
+        yield from repair_each(solve, points, self.memory, jobs=jobs, at_once=at_once)
 
     def finish(self, frame: Frame, solution: Solution | None) -> Repaired:
         """Verify a solution on the points that would be written; unchanged where there is none."""

@@ -1,53 +1,91 @@
-"""Animations: overlapping windows of frames in, verified frames out, whatever their number."""
+"""Clips: overlapping windows of frames in, verified frames out, whatever their number."""
 
 from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from dataclasses import dataclass
+from functools import cache, partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import frame_units
-from dtrepair.repair.clip.frames import (
-    Frame,
-    cross_fade,
-    expanded,
-    read_frames,
-    reduced,
-    system_of,
-)
+from dtrepair.repair.clip.frames import Frame, cross_fade, read_frames
 from dtrepair.repair.clip.window_method import ShotMethod
 from dtrepair.repair.full.mend import mend
 from dtrepair.repair.full.method import FullMethod
-from dtrepair.repair.independent import in_batches
-from dtrepair.repair.options import RepairResult, Solved, Stage
-from dtrepair.repair.parallel.process_pool import forked_map
-from dtrepair.repair.parallel.worker_pool import available_processors, make_crew, worthwhile_jobs
-from dtrepair.repair.separation.release import caught_parts, released_frames
+from dtrepair.repair.independent import repair_poses
+from dtrepair.repair.options import RepairOptions, RepairResult, Solved, Stage
+from dtrepair.repair.parallel.process_pool import forked_map, in_batches
+from dtrepair.repair.parallel.worker_pool import (
+    Crew,
+    available_processors,
+    make_crew,
+    worthwhile_jobs,
+)
+from dtrepair.repair.scene.opened_pose import detected
+from dtrepair.repair.scene.results import kept, results_of
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
+from dtrepair.repair.separation.release import released_frames
 from dtrepair.repair.separation.separation import parted_frames
 from dtrepair.repair.separation.untangling import contact_counts, hooked_contacts
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import Surface
 
-if TYPE_CHECKING:
-    from dtrepair.repair.repairer import SceneRepairer
-    from dtrepair.repair.scene.welded_mesh import System
-
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
+Progress = Callable[[float], None]
 
-# Frames that are solved together, and how many of them two windows have in common.
-WINDOW, OVERLAP = 60, 12
-# Cycles of tightening, if the options do not ask for fewer.
-TIGHTEN = 3
-# A frame whose correction misses only by rounding is mended with this step (units of the size).
-MEND_STEP = 0.002
+
+@dataclass(frozen=True, kw_only=True)
+class ClipOptions:
+    """How clips are cut into windows, and what their frames are given.
+
+    Args:
+        window: Frames that are solved together: memory and time grow with them.
+        overlap: Frames that two windows have in common, over which they are cross-faded.
+        tighten: Most cycles of tightening, even if the user's options allow more: later ones gain
+            little.
+        mend_step: Step, in units of the size, of a frame whose correction misses by rounding only.
+
+    Raises:
+        ValueError: windows that would overlap by more than half.
+    """
+
+    window: int = 60
+    overlap: int = 12
+    tighten: int = 3
+    mend_step: float = 0.002
+
+    def __post_init__(self) -> None:
+        """Check the window."""
+        if not 0 < 2 * self.overlap <= self.window:
+            raise ValueError(
+                f"window should be at least 2 x {self.overlap} frames, got {self.window}"
+            )
+
+
+class WindowSolver(Protocol):
+    """Repairs the frames of a window of one surface together, in units of its size."""
+
+    def __call__(
+        self,
+        original: FloatArray,
+        frames: FloatArray,
+        crew: Crew,
+        *,
+        unless: Callable[[list[IntArray]], bool] | None = None,
+    ) -> FloatArray | None:
+        """Repaired poses (T, V, 3) of poses at times in frame units; None if `unless` says so."""
+
+
+# Makes the solver of the windows of a mesh.
+MakeMethod = Callable[[WeldedMesh], WindowSolver]
 
 
 class Repaired(NamedTuple):
@@ -57,106 +95,99 @@ class Repaired(NamedTuple):
     results: list[RepairResult]
 
 
-class AnimationRepairer:
+class ClipRepairer:
     """Repairs the frames of a scene together: clean, close to the input, and steady.
 
     Displacements are smooth in time by construction within windows of frames; windows overlap and
     are cross-faded; a cut ends a run. Every frame is verified exactly on the float32 coordinates
     of its result. Memory does not grow with the number of frames.
+
+    Args:
+        scene: The bodies and options.
+        meshes: The welded meshes of the scene.
+        options: Sizes of windows, and steps.
+        make_method: Makes the solver of windows of a mesh; default: `window_method`.
+        poses_at_once: How many frames that are repaired each for itself are solved at once.
     """
 
     def __init__(
-        self, scene: SceneRepairer, *, window: int = WINDOW, overlap: int = OVERLAP
+        self,
+        scene: Scene,
+        meshes: WeldedMeshes,
+        *,
+        options: ClipOptions = ClipOptions(),
+        make_method: MakeMethod | None = None,
+        poses_at_once: int = 1,
     ) -> None:
-        """Use the detector, systems and options of `scene`; ValueError for a bad window."""
-        if not 0 < 2 * overlap <= window:
-            raise ValueError(f"window should be at least 2 x {overlap} frames, got {window}")
-        self.scene = scene
-        self.window, self.overlap = window, overlap
-        # Called now and then with how many frames' worth of the present window is done.
-        self.progress: Callable[[float], None] | None = None
-        self._methods: dict[int, ShotMethod] = {}
+        self.scene, self.meshes, self.options = scene, meshes, options
+        self.make_method = make_method or partial(window_method, scene.options, options)
+        self.poses_at_once = poses_at_once
 
     def stream(
         self,
         frames: Iterable[tuple[float, Sequence[Any]]],
         *,
         jobs: int | None = None,
+        progress: Progress | None = None,
     ) -> Iterator[Repaired]:
         """Repair (time, poses (V, 3) of each body) in order, with `jobs` workers (None: all).
 
-        At most `window` frames are held. ValueError where times do not increase, and for poses
-        that cannot be used.
+        At most a window of frames is held. `progress` is called now and then with how many
+        frames' worth of the present window is done. ValueError where times do not increase, and
+        for poses that cannot be used.
         """
         if self.scene.options.method != "full":
             yield from self._each(frames, jobs)
             return
-        yield from _Stream(self, jobs).run(frames)
+        yield from _Stream(self, jobs, progress).run(frames)
 
     def _each(
         self, frames: Iterable[tuple[float, Sequence[Any]]], jobs: int | None
     ) -> Iterator[Repaired]:
         """Frames each for itself: batches of them on a GPU, else side by side."""
-        scene, iterator = self.scene, iter(frames)
-        size = scene.poses_at_once
-        # What is built for the first frame, all processes inherit.
-        for time, poses in islice(iterator, 1 if size == 1 else 0):
-            yield Repaired(time, scene(poses))
+        iterator, size = iter(frames), self.poses_at_once
 
         def solved(batch: list[tuple[float, Sequence[Any]]]) -> list[Repaired]:
-            results = scene.batch([poses for _, poses in batch])
+            results = repair_poses(self.scene, self.meshes, [poses for _, poses in batch])
             return [Repaired(time, found) for (time, _), found in zip(batch, results, strict=True)]
 
+        # What is built for the first frame, all processes inherit.
+        for first in islice(iterator, 1 if size == 1 else 0):
+            yield from solved([first])
         workers = (jobs or available_processors()) if size == 1 else 1
         for found in forked_map(solved, in_batches(iterator, size), jobs=workers):
             yield from found
 
-    def method(self, system: System) -> ShotMethod:
-        """The shot method of a system, made once."""
-        options, size = self.scene.options, system.surface.size
-        if id(system) not in self._methods:
-            limit = options.maximum_displacement
-            self._methods[id(system)] = ShotMethod(
-                system.surface,
-                _alone,
-                tighten=min(options.tighten, TIGHTEN),
-                farthest=None if limit is None else limit / size,
-                clearance=options.clearance / size,
-            )
-        return self._methods[id(system)]
 
-
-def animate(
-    scene: SceneRepairer, points: Any, times: ArrayLike | None, jobs: int | None
-) -> list[RepairResult]:
-    """Results of the frames (T, V, 3) of a scene of one body."""
-    count = len(points)
-    stamps = np.arange(count) if times is None else np.asarray(times, dtype=np.float64)
-    if stamps.shape != (count,):
-        raise ValueError(
-            f"times should hold one time for each of {count} frames, got {stamps.shape}"
-        )
-    frames = ((float(stamp), [points[index]]) for index, stamp in enumerate(stamps))
-    return [frame.results[0] for frame in scene.animator.stream(frames, jobs=jobs)]
+def window_method(choices: RepairOptions, options: ClipOptions, mesh: WeldedMesh) -> WindowSolver:
+    """The solver of the windows of a mesh."""
+    return ShotMethod(
+        mesh.surface,
+        _alone,
+        tighten=min(choices.tighten, options.tighten),
+        farthest=mesh.farthest,
+        clearance=mesh.clearance,
+    )
 
 
 class _Stream:
     """Frames on their way through one stream of windows."""
 
-    def __init__(self, animator: AnimationRepairer, jobs: int | None) -> None:
-        self.animator, self.scene, self.jobs = animator, animator.scene, jobs
+    def __init__(self, repairer: ClipRepairer, jobs: int | None, progress: Progress | None) -> None:
+        self.scene, self.meshes, self.options = repairer.scene, repairer.meshes, repairer.options
+        self.make_method, self.jobs, self.progress = repairer.make_method, jobs, progress
 
     def run(self, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Repaired]:
         """Results in order; windows end at cuts and overlap elsewhere."""
         waiting: list[Frame] = []
         tail: list[FloatArray] = []
-        overlap = self.animator.overlap
+        overlap = self.options.overlap
         for frame in read_frames(self.scene, frames):
             if frame.starts and waiting:
                 yield from self._window(waiting, tail, keep=0)[0]
                 waiting, tail = [], []
             waiting.append(frame)
-            if len(waiting) == self.animator.window:
+            if len(waiting) == self.options.window:
                 done, tail = self._window(waiting, tail, keep=overlap)
                 yield from done
                 del done  # before the next window needs memory
@@ -172,39 +203,25 @@ class _Stream:
         tail: poses found for the first frames by the window before.
         """
         start = clock.perf_counter()
-        frames[:] = self._detected(frames)
+        # Those that the window before had are detected already.
+        frames[:] = self._side_by_side(partial(detected, self.scene), frames)
+        # Clean windows need none.
+        mesh = cache(partial(self.meshes, [frame.weld for frame in frames]))
         poses = [frame.centred for frame in frames]
         if len(tail) == len(frames):
             poses = tail
-        elif self.scene.options.clearance > 0.0 or any(
-            len(frame.pairs) + len(frame.caught) for frame in frames
-        ):
-            system = system_of(self.scene, [frame.weld for frame in frames])
-            poses = self._solve(system, frames)
+        elif self.scene.options.clearance > 0.0 or any(frame.wrong for frame in frames):
+            poses = self._solve(mesh(), frames)
         if len(tail) < len(frames):
             cross_fade(frames, tail, poses, self.scene.rigid)
-        kept = len(frames) - keep
-        left = self._verified(frames[:kept], poses[:kept])
+        done = len(frames) - keep
+        left = self._verified(frames[:done], poses[:done])
         seconds = (clock.perf_counter() - start) / len(frames)
-        done = [
-            self._finish(frame, pose, pairs, frames, seconds)
-            for frame, pose, pairs in zip(frames[:kept], poses[:kept], left, strict=True)
+        results = [
+            self._finish(mesh, frame, pose, pairs, seconds)
+            for frame, pose, pairs in zip(frames[:done], poses[:done], left, strict=True)
         ]
-        return done, poses[kept:]
-
-    def _detected(self, frames: list[Frame]) -> list[Frame]:
-        """The frames with their pairs; those that the window before had have them already."""
-
-        def detected(frame: Frame) -> Frame:
-            if frame.detected:
-                return frame
-            start = clock.perf_counter()
-            pairs = self.scene._pairs(frame.centred, frame.weld)
-            caught = caught_parts(self.scene, frame.centred, pairs)
-            seconds = clock.perf_counter() - start
-            return frame._replace(detected=True, pairs=pairs, caught=caught, seconds=seconds)
-
-        return self._side_by_side(detected, frames)
+        return results, poses[done:]
 
     def _verified(self, frames: list[Frame], poses: list[FloatArray]) -> list[IntArray]:
         """Pairs of the poses, exactly, on the float32 coordinates that are handed back."""
@@ -212,7 +229,7 @@ class _Stream:
         def pairs(job: tuple[Frame, FloatArray]) -> IntArray:
             frame, pose = job
             moved = (pose != frame.centred).any()
-            return self.scene._pairs(pose, frame.weld) if moved else frame.pairs
+            return self.scene.pairs(pose, frame.weld) if moved else frame.pairs
 
         return self._side_by_side(pairs, list(zip(frames, poses, strict=True)))
 
@@ -223,104 +240,82 @@ class _Stream:
         with ThreadPoolExecutor(jobs) as pool:
             return list(pool.map(function, items))
 
-    def _solve(self, system: System, frames: list[Frame]) -> list[FloatArray]:
-        """Poses (V, 3) of a window by the space-time scheme."""
+    def _solve(self, mesh: WeldedMesh, frames: list[Frame]) -> list[FloatArray]:
+        """Repaired poses (V, 3) of a window."""
         times = frame_units(np.array([frame.time for frame in frames]))
         starts = [frame.centred for frame in frames]
         if any(len(frame.caught) for frame in frames):
             caught = [frame.caught for frame in frames]
             starts = list(released_frames(self.scene, np.stack(starts), caught, times))
         pairs = [frame.pairs for frame in frames]
-        part = partial(parted_frames, self.scene, system, np.stack(starts), pairs, times)
-        led, otherwise = part(), []
+        separate = partial(parted_frames, self.scene, mesh, np.stack(starts), pairs, times)
+        led, otherwise = separate(), []
 
         def unless(left: list[IntArray]) -> bool:
             """Whether sheets, and what pushing left as it was, can be led apart instead."""
-            met = [contact_counts(self.scene._body_of, found) for found in pairs]
-            still = [contact_counts(system.surface.body_of, found) for found in left]
+            met = [contact_counts(self.scene.body_of, found) for found in pairs]
+            still = [contact_counts(mesh.surface.body_of, found) for found in left]
             hooked = hooked_contacts(met, still)
-            otherwise.append(part(sheets=range(len(self.scene.bodies)), hooked=hooked))
+            otherwise.append(separate(sheets=range(len(self.scene.bodies)), hooked=hooked))
             return not np.array_equal(otherwise[0], led)
 
-        found = self._shot(system, led, times, unless=unless)
+        found = self._solve_from(mesh, led, times, unless=unless)
         if found is None:
-            found = self._shot(system, otherwise[0], times)
+            found = self._solve_from(mesh, otherwise[0], times)
         assert found is not None
         return found
 
-    def _shot(
+    def _solve_from(
         self,
-        system: System,
+        mesh: WeldedMesh,
         starts: FloatArray,
         times: FloatArray,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> list[FloatArray] | None:
         """Repaired poses (V, 3) of starts (T, V, 3); None where `unless` ended it."""
-        unit = np.stack([reduced(system, start) for start in starts])
-        jobs = worthwhile_jobs(self.jobs, len(starts), len(system.surface.faces))
-        with make_crew(system.surface, jobs) as crew:
-            crew.progress = self.animator.progress
-            found = self.animator.method(system)(unit, times, crew, unless=unless)
+        unit = np.stack([mesh.reduced(start) for start in starts])
+        jobs = worthwhile_jobs(self.jobs, len(starts), len(mesh.surface.faces))
+        with make_crew(mesh.surface, jobs) as crew:
+            crew.progress = self.progress
+            found = self.make_method(mesh)(unit, times, crew, unless=unless)
         if found is None:
             return None
-        return [
-            expanded(system, start, before, after)
-            for start, before, after in zip(starts, unit, found, strict=True)
-        ]
+        return [mesh.expanded(*each) for each in zip(starts, unit, found, strict=True)]
 
     def _finish(
-        self, frame: Frame, pose: FloatArray, left: IntArray, window: list[Frame], seconds: float
+        self,
+        mesh: Callable[[], WeldedMesh],
+        frame: Frame,
+        pose: FloatArray,
+        left: IntArray,
+        seconds: float,
     ) -> Repaired:
         """The results of a pose; what is not clean falls back to single-frame solvers."""
-        scene, start = self.scene, clock.perf_counter()
+        start = clock.perf_counter()
         if len(left):
-            pose, left = self._fallback(frame, pose, left, window)
-        caught = caught_parts(scene, pose, left) if len(frame.caught) else frame.caught
-        if 0 < len(left) + len(caught) >= len(frame.pairs) + len(frame.caught):
-            pose, left, caught = frame.centred, frame.pairs, frame.caught
-        moved = (pose != frame.centred).any(axis=1)
-        rounded = pose.astype(np.float32) + frame.centre
-        repaired = np.where(moved[:, None], rounded, frame.original)
+            pose, left = self._fallback(mesh(), frame, pose, left)
+        found = kept(self.scene, frame, pose, left)
         spent = seconds + clock.perf_counter() - start
-        stage = Stage("space-time", len(left), 0, 0.0, 0, spent)
-        close = self._too_close(frame, pose, window)
-        solved = Solved(pose, [stage] if moved.any() else [], close)
-        results = [
-            scene._result(
-                index,
-                frame.given[index],
-                frame.original,
-                repaired,
-                frame.pairs,
-                left,
-                solved,
-                {"detect": frame.seconds, "solve": spent},
-                caught,
-            )
-            for index in range(len(scene.bodies))
-        ]
-        return Repaired(frame.time, results)
+        moved = bool((found.points != frame.centred).any())
+        stages = [Stage("space-time", len(found.pairs), 0, 0.0, 0, spent)] if moved else []
+        close = self._too_close(mesh(), found.points) if self.scene.options.clearance else 0
+        solved = Solved(found.points, stages, close)
+        times = {"detect": frame.seconds, "solve": spent}
+        return Repaired(frame.time, results_of(self.scene, frame, found, solved, times))
 
-    def _too_close(self, frame: Frame, pose: FloatArray, window: list[Frame]) -> int:
+    def _too_close(self, mesh: WeldedMesh, pose: FloatArray) -> int:
         """How many pairs are closer than the clearance."""
-        clearance = self.scene.options.clearance
-        if clearance == 0.0:
-            return 0
-        system = system_of(self.scene, [other.weld for other in window])
-        unit = reduced(system, pose)
-        return len(system.surface.close_pairs(unit, clearance / system.surface.size))
+        return len(mesh.surface.close_pairs(mesh.reduced(pose), mesh.clearance))
 
     def _fallback(
-        self, frame: Frame, pose: FloatArray, left: IntArray, window: list[Frame]
+        self, mesh: WeldedMesh, frame: Frame, pose: FloatArray, left: IntArray
     ) -> tuple[FloatArray, IntArray]:
         """The pose with the fewest pairs: mended from here, or repaired alone."""
-        scene = self.scene
-        system = system_of(scene, [other.weld for other in window])
-        unit = reduced(system, frame.centred)
-        near = mend(system.surface, unit, [reduced(system, pose)], step=MEND_STEP, alone=_alone)
-        near = allowed(system.surface.rigid, unit, near, self.animator.method(system).farthest)
-        mended = expanded(system, frame.centred, unit, near)
-        found = scene._pairs(mended, frame.weld)
+        unit, start = mesh.reduced(frame.centred), mesh.reduced(pose)
+        near = mend(mesh.surface, unit, [start], step=self.options.mend_step, alone=_alone)
+        near = allowed(mesh.surface.rigid, unit, near, mesh.farthest)
+        mended = mesh.expanded(frame.centred, unit, near)
+        found = self.scene.pairs(mended, frame.weld)
         return (mended, found) if len(found) < len(left) else (pose, left)
 
 

@@ -8,10 +8,9 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.metrics import edge_log_ratio
 from dtrepair.numerics.temporal import gaussian_kernel, spread_in_time
 from dtrepair.repair.clip.window_state import Snapshot, SpaceTime
+from dtrepair.repair.scene.bodies import STIFF
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
 
-# From this diffusion on a body of a scene is stiff.
-STIFF = 300.0
 # Part of the bending that is taken back at first, its decay where that failed, and cycles.
 FRACTION, DECAY, CYCLES, SOFT_CYCLES = 0.6, 0.4, 8, 3
 # Edges of soft bodies that changed by less are left alone; a smaller part is not worth a cycle.

@@ -13,6 +13,8 @@ from dtrepair.numerics.geometry import FloatArray, extent
 # Poses farther from the origin than this many times their size are repaired about their centre:
 # float32 would lose too many digits there.
 FAR_FROM_ORIGIN = 16.0
+# From this diffusion on a body of a scene is stiff: it is led as a whole, and keeps its shape.
+STIFF = 300.0
 
 
 @dataclass(frozen=True, eq=False)

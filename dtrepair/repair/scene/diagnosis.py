@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, vector_areas
 from dtrepair.numerics.metrics import edge_log_ratio, volume
-from dtrepair.repair.separation.release import bodies_of_parts
+from dtrepair.repair.scene.scene import Scene
 from dtrepair.wording import counted
-
-if TYPE_CHECKING:
-    from dtrepair.repair.repairer import SceneRepairer
 
 # So many pairs of bodies are named.
 NAMED = 3
@@ -25,17 +20,17 @@ DEFORMED, LOST, LITTLE = 0.2, 0.1, 0.05
 CLOSED = 1e-2
 
 
-def name_of(scene: SceneRepairer, body: int) -> str:
+def name_of(scene: Scene, body: int) -> str:
     """The name of a body, or its number if there are several."""
     return scene.bodies[body].name or (f"body {body}" if len(scene.bodies) > 1 else "the mesh")
 
 
-def contacts_left(scene: SceneRepairer, pairs: IntArray) -> str:
+def contacts_left(scene: Scene, pairs: IntArray) -> str:
     """Which bodies the pairs (K, 2) of triangles join, and whether they could move at all."""
     if len(pairs) == 0:
         return ""
     still = _still(scene, pairs)
-    owner = np.sort(scene._body_of[pairs], axis=1)
+    owner = np.sort(scene.body_of[pairs], axis=1)
     combined, place = np.unique(owner, axis=0, return_inverse=True)
     place = place.reshape(-1)
     counts = np.bincount(place)
@@ -56,9 +51,9 @@ def contacts_left(scene: SceneRepairer, pairs: IntArray) -> str:
     return "; ".join(parts) + more
 
 
-def cures(scene: SceneRepairer, pairs: IntArray) -> str:
+def cures(scene: Scene, pairs: IntArray) -> str:
     """What a user may do about the pairs (K, 2) that are left, by what was chosen."""
-    owner = scene._body_of[pairs]
+    owner = scene.body_of[pairs]
     rigid = np.array([body.rigid for body in scene.bodies])[owner].all(axis=1)
     rigid &= owner[:, 0] == owner[:, 1]
     still = _still(scene, pairs)
@@ -81,16 +76,16 @@ def cures(scene: SceneRepairer, pairs: IntArray) -> str:
     return "; ".join(sentences)
 
 
-def _still(scene: SceneRepairer, pairs: IntArray) -> NDArray[np.bool_]:
+def _still(scene: Scene, pairs: IntArray) -> NDArray[np.bool_]:
     """Which pairs (K, 2) are of triangles no vertex of which may move."""
-    still: NDArray[np.bool_] = (scene._mobility == 0.0)[scene._faces].all(axis=1)
+    still: NDArray[np.bool_] = (scene.mobility == 0.0)[scene.faces].all(axis=1)
     return np.asarray(still[pairs].all(axis=1))
 
 
-def enclosed_left(scene: SceneRepairer, parts: IntArray) -> str:
+def enclosed_left(scene: Scene, parts: IntArray) -> str:
     """Which parts (K, 2) lie wholly inside which, as the bodies they belong to."""
     told: dict[str, None] = {}
-    for inner, outer in bodies_of_parts(scene, parts).tolist():
+    for inner, outer in scene.body_of_part[parts].tolist():
         who = name_of(scene, inner)
         where = name_of(scene, outer)
         if inner == outer:
@@ -100,13 +95,12 @@ def enclosed_left(scene: SceneRepairer, parts: IntArray) -> str:
     return "; ".join(named) + (f" and {len(told) - NAMED} more" if len(told) > NAMED else "")
 
 
-def deformed(scene: SceneRepairer, body: int, before: FloatArray, after: FloatArray) -> str:
+def deformed(scene: Scene, body: int, before: FloatArray, after: FloatArray) -> str:
     """By how much a repair deformed a body, poses (V, 3), where that is much; else empty."""
     change = edge_log_ratio(before, after, scene.edges_of_bodies[body])
     if change < LITTLE:
         return ""
-    start, stop = scene._triangles[body : body + 2]
-    faces = scene._faces[start:stop] - scene._vertices[body]
+    faces = scene.faces[scene.triangles_of(body)] - scene.vertex_starts[body]
     areas = vector_areas(before, faces)
     closed = lengths(areas.sum(axis=0)[None])[0] <= CLOSED * lengths(areas).sum()
     given = volume(before, faces) if closed else 0.0

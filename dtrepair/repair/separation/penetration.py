@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,8 @@ from scipy.spatial import cKDTree
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_areas
 from dtrepair.numerics.metrics import volume
+from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.surface.rays import exits_along, frame_along, windings
-
-if TYPE_CHECKING:
-    from dtrepair.repair.repairer import SceneRepairer
 
 # Vertices that are looked at: to find what is inside, to rank ways, and to measure the best ones.
 MANY, FEW, SOME = 600, 16, 120
@@ -28,13 +26,13 @@ Vertices = NDArray[np.integer]
 class Shape:
     """One body as it is at rest: vertices start..stop of the scene, faces (F, 3) of the scene."""
 
-    def __init__(self, scene: SceneRepairer, body: int) -> None:
-        first, last = scene._triangles[body : body + 2]
-        self.vertices = np.arange(scene._vertices[body], scene._vertices[body + 1])
-        self.faces: IntArray = scene._faces[first:last]
-        parts = scene.enclosures.part_of_face[first:last]
+    def __init__(self, scene: Scene, body: int) -> None:
+        own, triangles = scene.vertices_of(body), scene.triangles_of(body)
+        self.vertices = np.arange(own.start, own.stop)
+        self.faces: IntArray = scene.faces[triangles]
+        parts = scene.enclosures.part_of_face[triangles]
         self.closed = bool(scene.enclosures.closed[parts].all())
-        self.rest = scene._rest
+        self.rest = scene.rest
 
     @cached_property
     def area(self) -> float:

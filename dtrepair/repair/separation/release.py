@@ -7,17 +7,13 @@ the repair of the contacts takes over where it ends.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.intersect.ignored import of_ignored_bodies
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import eased_in_time
-
-if TYPE_CHECKING:
-    from dtrepair.repair.repairer import SceneRepairer
+from dtrepair.repair.scene.scene import Scene
 
 # The shift goes this part farther than to the surface.
 BEYOND = 1.02
@@ -25,30 +21,7 @@ BEYOND = 1.02
 WIDTH = 2.0
 
 
-def caught_parts(scene: SceneRepairer, points: FloatArray, pairs: IntArray) -> IntArray:
-    """Parts of a pose (V, 3) wholly inside others that they are not inside of at rest (K, 2).
-
-    Of contacts that count only: mode and ignored pairs are respected.
-    """
-    found = scene.enclosures(points, pairs)
-    parts = found.parts[~found.meant]
-    bodies = bodies_of_parts(scene, parts)
-    between = bodies[:, 0] != bodies[:, 1]
-    counted = ~of_ignored_bodies(bodies, scene.ignored)
-    if scene.options.mode != "both":
-        counted &= between == (scene.options.mode == "inter")
-    return parts[counted]
-
-
-def bodies_of_parts(scene: SceneRepairer, parts: IntArray) -> IntArray:
-    """The bodies (K, 2) of parts (K, 2)."""
-    owner = np.zeros(scene.enclosures.count, dtype=np.int32)
-    used = scene.enclosures.part >= 0
-    owner[scene.enclosures.part[used]] = scene.body_of_vertex[used]
-    return owner[parts]
-
-
-def released(scene: SceneRepairer, points: FloatArray, parts: IntArray) -> FloatArray:
+def released(scene: Scene, points: FloatArray, parts: IntArray) -> FloatArray:
     """The pose (V, 3) with every inner part of (inner, outer) (K, 2) shifted out of its outer one.
 
     A part that cannot move stays.
@@ -58,7 +31,7 @@ def released(scene: SceneRepairer, points: FloatArray, parts: IntArray) -> Float
 
 
 def released_frames(
-    scene: SceneRepairer,
+    scene: Scene,
     poses: FloatArray,
     parts: Sequence[IntArray],
     frames: FloatArray,
@@ -90,7 +63,7 @@ def released_frames(
     return result
 
 
-def _movable(scene: SceneRepairer, part: int) -> NDArray[np.integer] | None:
+def _movable(scene: Scene, part: int) -> NDArray[np.integer] | None:
     """The vertices that move along with a part: all of its body if that is rigid; None: held."""
     vertices = scene.enclosures.vertices(part)
     body = int(scene.body_of_vertex[vertices[0]])
@@ -99,4 +72,4 @@ def _movable(scene: SceneRepairer, part: int) -> NDArray[np.integer] | None:
     else:
         # Duplicates along seams move along.
         vertices = np.flatnonzero(np.isin(scene.rest_weld, vertices))
-    return vertices if (scene._mobility[vertices] > 0.0).all() else None
+    return vertices if (scene.mobility[vertices] > 0.0).all() else None

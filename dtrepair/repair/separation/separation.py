@@ -10,13 +10,15 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from dtrepair.numerics.temporal import eased_in_time
-from dtrepair.repair.clip.restore_shape import STIFF
+from dtrepair.repair.scene.bodies import STIFF
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.welded_mesh import WeldedMesh
 from dtrepair.repair.separation.penetration import Inside, Piercing, Shape, find_inside
 from dtrepair.repair.separation.untangling import (
     FARTHEST,
@@ -25,10 +27,6 @@ from dtrepair.repair.separation.untangling import (
     shortest_way,
     ways_around,
 )
-
-if TYPE_CHECKING:
-    from dtrepair.repair.repairer import SceneRepairer
-    from dtrepair.repair.scene.welded_mesh import System
 
 # A body pierces another where it is deeper inside than this many times its own thickness; if it is
 # not stiff, at least this part of the vertices of either must be inside of the other: a character
@@ -56,8 +54,8 @@ class Contact(NamedTuple):
 
 
 def parted_frames(
-    scene: SceneRepairer,
-    system: System,
+    scene: Scene,
+    mesh: WeldedMesh,
     poses: FloatArray,
     pairs: Sequence[IntArray],
     frames: FloatArray,
@@ -75,7 +73,7 @@ def parted_frames(
     limited = scene.options.maximum_displacement is not None
     if len(scene.bodies) == 1 or limited or scene.options.method == "paper":
         return poses
-    parting = _Parting(scene, system, poses, frames, sheets)
+    parting = _Parting(scene, mesh, poses, frames, sheets)
     for contact in parting.contacts(pairs):
         if not parting.part(contact) and (contact.first, contact.second) in hooked:
             parting.unhook(contact)
@@ -87,13 +85,13 @@ class _Parting:
 
     def __init__(
         self,
-        scene: SceneRepairer,
-        system: System,
+        scene: Scene,
+        mesh: WeldedMesh,
         poses: FloatArray,
         frames: FloatArray,
         sheets: Collection[int],
     ) -> None:
-        self.scene, self.system, self.frames, self.sheets = scene, system, frames, sheets
+        self.scene, self.mesh, self.frames, self.sheets = scene, mesh, frames, sheets
         self.poses = poses
         self.shapes: dict[int, Shape] = {}
 
@@ -101,7 +99,7 @@ class _Parting:
         """Bodies that meet and of which one may move, those with most pairs first."""
         met: dict[tuple[int, int], dict[int, int]] = {}
         for frame, found in enumerate(pairs):
-            names, counts = contact_counts(self.scene._body_of, found)
+            names, counts = contact_counts(self.scene.body_of, found)
             for (first, second), count in zip(names.tolist(), counts.tolist(), strict=True):
                 met.setdefault((first, second), {})[frame] = count
         for (first, second), where in sorted(met.items(), key=lambda m: -sum(m[1].values())):
@@ -195,10 +193,8 @@ class _Parting:
 
     def _met(self, contact: Contact, pose: FloatArray) -> tuple[int, int]:
         """Pairs between the bodies of a contact, and all pairs of either, in a pose."""
-        surface, both = self.system.surface, (contact.first, contact.second)
-        pairs = surface.pairs(
-            pose[self.system.kept] / surface.size, active=np.isin(surface.body_of, both)
-        )
+        surface, both = self.mesh.surface, (contact.first, contact.second)
+        pairs = surface.pairs(self.mesh.reduced(pose), active=np.isin(surface.body_of, both))
         bodies = np.sort(surface.body_of[pairs], axis=1)
         return int((bodies == both).all(axis=1).sum()), len(bodies)
 
@@ -214,8 +210,8 @@ class _Parting:
         for inner, outer, found in sides:
             if len(found.vertices) == 0:
                 continue
-            surface, body = self.system.surface, self.scene.bodies[inner]
-            under = surface.cover[self.system.place[found.vertices]]
+            surface, body = self.mesh.surface, self.scene.bodies[inner]
+            under = surface.cover[self.mesh.place[found.vertices]]
             covering = (under >= 0) & (surface.body_of_vertex[under] == outer)
             if covering.mean() > COVERING:
                 return False
@@ -233,9 +229,9 @@ class _Parting:
         freedom = []
         for body in (first, second):
             own = self._shape(body).vertices
-            if self.scene._direction[own].any():
+            if self.scene.direction[own].any():
                 return None
-            mobility = self.scene._mobility[own]
+            mobility = self.scene.mobility[own]
             whole = mobility.min() == mobility.max()
             freedom.append(mobility.min() / (self._shape(body).area or 1.0) if whole else 0.0)
         total = sum(freedom)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.intersect.detector import Detector
-from dtrepair.intersect.ignored import CountedPairs, of_ignored_bodies
+from dtrepair.intersect.ignored import CountedPairs, counted_between
 from dtrepair.intersect.proximity import close_pairs, face_each_other
 from dtrepair.intersect.queries import Queries, link_labels
 from dtrepair.numerics.geometry import (
@@ -253,10 +253,8 @@ class Surface:
 
     def _separable(self, pairs: IntArray) -> BoolArray:
         first, second = pairs[:, -2], pairs[:, -1]
-        keep = np.ones(len(pairs), dtype=bool)
-        if self.mode != "both":
-            keep &= (self.body_of[first] != self.body_of[second]) == (self.mode == "inter")
-        keep &= ~of_ignored_bodies(self.body_of[pairs[:, -2:]], self.ignored)
+        owner = self.body_of[pairs[:, -2:]]
+        keep = counted_between(owner, mode=self.mode, ignored=self.ignored)
         if self.stiff.any():
             still, own = self.fixed[self.faces].all(axis=1), self.body_of
             keep &= ~(still[first] & still[second])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -22,13 +23,9 @@ FRAMES = 36
 @pytest.fixture
 def small_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows of 20 frames that overlap by 6."""
-    monkeypatch.setattr(animation, "WINDOW", 20)
-    monkeypatch.setattr(animation, "OVERLAP", 6)
-
-    def small(scene: repairer.SceneRepairer) -> animation.AnimationRepairer:
-        return animation.AnimationRepairer(scene, window=20, overlap=6)
-
-    monkeypatch.setattr(repairer, "AnimationRepairer", small)
+    small = partial(animation.ClipOptions, window=20, overlap=6)
+    monkeypatch.setattr(animation, "ClipOptions", small)
+    monkeypatch.setattr(repairer, "ClipOptions", small)
     monkeypatch.setattr("dtrepair.cli.commands.repair.open_journal", lambda *some, **more: None)
 
 

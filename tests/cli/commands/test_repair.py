@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dtrepair.files.mesh_files import read_mesh
 from dtrepair.repair.options import RepairResult
@@ -155,21 +154,18 @@ def test_failed_frame_is_kept_and_ends_with_4(tmp_path: Path) -> None:
 
 
 def test_solver_errors_fail_one_frame_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from dtrepair.repair import repairer
+    from dtrepair.repair.independent import repair_poses
 
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED + 0.1, CLOSED))
     calls = []
-    solve = repairer.SceneRepairer.__call__
 
-    def sometimes(
-        self: repairer.SceneRepairer, points: Sequence[NDArray[np.float64]]
-    ) -> list[RepairResult]:
+    def sometimes(*arguments: Any) -> list[list[RepairResult]]:
         calls.append(1)
         if len(calls) == 2:
             raise ArithmeticError("no factor")
-        return solve(self, points)
+        return repair_poses(*arguments)
 
-    monkeypatch.setattr(repairer.SceneRepairer, "__call__", sometimes)
+    monkeypatch.setattr("dtrepair.repair.repairer.repair_poses", sometimes)
     done = run("repair", path, "-o", tmp_path / "b.usdc", "--alone", "--jobs", 1)
     assert done.code == 4 and "frame 2: failed: ArithmeticError: no factor" in done.err
     before, after = read_samples(path), read_samples(tmp_path / "b.usdc")

@@ -14,9 +14,9 @@ from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.repair_text import say
 from dtrepair.pipeline.observer import FrameDone
 from dtrepair.repair import repairer
-from dtrepair.repair import solution_cache as remember
 from dtrepair.repair.clip import animation
 from dtrepair.repair.clip.window_method import ShotMethod
+from dtrepair.repair.independent import repair_poses
 from tests.command_line import CLOSED, OPEN, Outcome, assert_fails, run, tube_stage
 
 FRAMES, WINDOW, OVERLAP = 40, 20, 6
@@ -32,9 +32,9 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def windows(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Small windows, and the number of those that were solved, not remembered."""
-    small = partial(remember.RememberingAnimator, window=WINDOW, overlap=OVERLAP)
-    monkeypatch.setattr(remember, "RememberingAnimator", small)
-    monkeypatch.setattr(animation, "WINDOW", WINDOW)
+    small = partial(animation.ClipOptions, window=WINDOW, overlap=OVERLAP)
+    monkeypatch.setattr(animation, "ClipOptions", small)
+    monkeypatch.setattr(repairer, "ClipOptions", small)
     solved: list[int] = []
     solve = ShotMethod.__call__
 
@@ -93,13 +93,12 @@ def test_frames_repaired_alone_are_resumed_one_by_one(
     stopped = interrupted(monkeypatch, clip, tmp_path / "b.usdc", 30, "--alone", "--jobs", 1)
     assert_fails(stopped, 130, "--resume")
     calls = []
-    solve = repairer.SceneRepairer.__call__
 
-    def counted(self: repairer.SceneRepairer, points: Any) -> Any:
+    def counted(*arguments: Any) -> Any:
         calls.append(1)
-        return solve(self, points)
+        return repair_poses(*arguments)
 
-    monkeypatch.setattr(repairer.SceneRepairer, "__call__", counted)
+    monkeypatch.setattr(repairer, "repair_poses", counted)
     resumed = run("repair", clip, "-o", tmp_path / "b.usdc", "--alone", "--resume", "--jobs", 1)
     assert resumed.code == 0 and len(calls) == FRAMES - 30
     assert (tmp_path / "b.usdc").read_bytes() == (tmp_path / "whole.usdc").read_bytes()

@@ -88,8 +88,7 @@ def test_a_window_of_frames_tells_how_far_it_is() -> None:
     rest, faces, frames = swing()
     animator = SceneRepairer([Body(rest, faces)]).animator
     told: list[float] = []
-    animator.progress = told.append
     poses = ((float(time), [pose]) for time, pose in enumerate(frames))
-    assert sum(1 for _ in animator.stream(poses, jobs=1)) == len(frames)
+    assert sum(1 for _ in animator.stream(poses, jobs=1, progress=told.append)) == len(frames)
     assert len(told) > 3 and told == sorted(told)
     assert 0.0 < told[0] and told[-1] <= len(frames)

@@ -97,14 +97,13 @@ def test_an_output_is_not_called_an_input(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not can_fork(), reason="processes cannot be forked here")
 def test_a_trace_reaches_into_the_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from dtrepair.repair import repairer
 
-    def deep_inside(self: object, points: object) -> None:
+    def deep_inside(*arguments: object) -> None:
         raise ArithmeticError("no factor")
 
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, CLOSED))
     out = ["-o", tmp_path / "b.usdc", "--chunk", "1/1", "--jobs", 2]
-    monkeypatch.setattr(repairer.SceneRepairer, "__call__", deep_inside)
+    monkeypatch.setattr("dtrepair.repair.repairer.repair_poses", deep_inside)
     told = run("repair", path, *out, "--alone", "-vv")
     assert told.code == 4 and "Traceback" in told.err
     assert told.err.count("in deep_inside") == 3  # one of each frame
@@ -114,13 +113,13 @@ def test_a_trace_reaches_into_the_workers(tmp_path: Path, monkeypatch: pytest.Mo
 def test_a_trace_tells_why_frames_are_not_repaired_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from dtrepair.repair.clip.animation import AnimationRepairer
+    from dtrepair.repair.clip.animation import ClipRepairer
 
     def deep_inside(self: object, poses: object, **options: object) -> None:
         raise ArithmeticError("no window")
 
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, CLOSED))
-    monkeypatch.setattr(AnimationRepairer, "stream", deep_inside)
+    monkeypatch.setattr(ClipRepairer, "stream", deep_inside)
     told = run("repair", path, "-o", tmp_path / "b.usdc", "-vv")
     assert told.code == 0 and "in deep_inside" in told.err
     assert "the frames are repaired alone: ArithmeticError: no window" in told.err

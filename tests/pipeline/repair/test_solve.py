@@ -18,7 +18,7 @@ from dtrepair.pipeline.repair.solve import FrameRepairer, repair_frames
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.frames import Frame, make_counter, read_frames
 from dtrepair.pipeline.stages.sources import Source, open_source
-from dtrepair.repair.clip.animation import AnimationRepairer
+from dtrepair.repair.clip.animation import ClipOptions
 from dtrepair.repair.options import RepairResult
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
@@ -34,10 +34,14 @@ def source(tmp_path: Path) -> Source:
 
 @pytest.fixture
 def repairer(source: Source) -> FrameRepairer:
+    return repairer_of(source, alone=True)
+
+
+def repairer_of(source: Source, *, alone: bool, clip: ClipOptions | None = None) -> FrameRepairer:
     mesh = source.meshes[0]
-    scene = SceneRepairer([Body(mesh.rest, mesh.faces)])
+    scene = SceneRepairer([Body(mesh.rest, mesh.faces)], clip=clip)
     counter = make_counter(source, mode="both", device="cpu")
-    return FrameRepairer(source, scene, counter, alone=True)
+    return FrameRepairer(source, scene, counter, alone=alone)
 
 
 def frames_of(source: Source) -> list[Frame]:
@@ -108,7 +112,7 @@ def test_frames_are_solved_together_and_steadily(source: Source, repairer: Frame
 def test_frames_that_cannot_be_solved_together_are_solved_alone(
     source: Source, repairer: Any, before: int
 ) -> None:
-    def stream(poses: Iterator[Any], *, jobs: int) -> Iterator[Any]:
+    def stream(poses: Iterator[Any], *, jobs: int, progress: object) -> Iterator[Any]:
         for number, (time, points) in enumerate(poses):
             if number == before:
                 next(poses)  # it looked ahead
@@ -116,7 +120,7 @@ def test_frames_that_cannot_be_solved_together_are_solved_alone(
             yield SimpleNamespace(time=time, results=repairer.repairer(points))
 
     repairer.alone = False
-    repairer.repairer.animator = SimpleNamespace(stream=stream)
+    repairer.repairer.make_animator = lambda memory: SimpleNamespace(stream=stream)
     done = list(repair_frames(frames_of(source), repairer))
     assert [item.frame.time for item in done] == [1, 2, 3, 4, 5]
     assert {item.record.status for item in done} == {"clean"}
@@ -172,12 +176,10 @@ def test_errors_take_the_place_of_a_frame(source: Source, repairer: FrameRepaire
     assert [item.record.status for item in done][2:3] == ["clean"]
 
 
-def test_frames_are_forgotten_once_they_are_written(
-    source: Source, repairer: FrameRepairer
-) -> None:
+def test_frames_are_forgotten_once_they_are_written(source: Source) -> None:
     """However long the clip: no more than a window is held, and what is just being checked."""
-    repairer.alone, window = False, 8
-    repairer.repairer.animator = AnimationRepairer(repairer.repairer, window=window, overlap=2)
+    window = 8
+    repairer = repairer_of(source, alone=False, clip=ClipOptions(window=window, overlap=2))
     given, alive, most = frames_of(source), [], 0
 
     def frames() -> Iterator[Frame]:

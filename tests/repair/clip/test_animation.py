@@ -17,7 +17,7 @@ from dtrepair.files.mesh_files import read_mesh
 from dtrepair.numerics.geometry import weld_map
 from dtrepair.numerics.metrics import displacements, jitter
 from dtrepair.numerics.operators import Factor
-from dtrepair.repair.clip.animation import AnimationRepairer
+from dtrepair.repair.clip.animation import ClipOptions
 from tests.meshes import icosphere, swept
 from usd_io import open_stage, read_meshes, read_points
 
@@ -138,8 +138,8 @@ def test_cut_ends_a_run(swung: Swung) -> None:
 def test_windows_overlap_without_a_seam() -> None:
     rest, faces, frames = swing()
     double = np.concatenate([frames[:-1], frames])
-    scene = SceneRepairer([Body(rest, faces)])
-    animator = AnimationRepairer(scene, window=24, overlap=8)
+    sizes = ClipOptions(window=24, overlap=8)
+    animator = SceneRepairer([Body(rest, faces)], clip=sizes).animator
     stamped = ((float(index), [pose]) for index, pose in enumerate(double))
     repaired = np.stack([frame.results[0].points for frame in animator.stream(stamped)])
     assert sum(crossings(rest, faces, repaired)) == 0
@@ -156,8 +156,8 @@ def test_stream_holds_one_window() -> None:
             taken.append(index)
             yield float(index), [frames[index % 6]]
 
-    animator = AnimationRepairer(SceneRepairer([Body(rest, faces)]), window=16, overlap=4)
-    stream = animator.stream(endless())
+    sizes = ClipOptions(window=16, overlap=4)
+    stream = SceneRepairer([Body(rest, faces)], clip=sizes).animator.stream(endless())
     for index in range(100):
         assert next(stream).time == index
         assert len(taken) <= index + 18
@@ -238,7 +238,7 @@ def test_wrong_times_and_windows() -> None:
     with pytest.raises(ValueError, match=r"should have \d+ rows"):
         repairer.animation(frames[:2, :-1])
     with pytest.raises(ValueError, match="at least 2 x 12 frames, got 20"):
-        AnimationRepairer(SceneRepairer([Body(rest, faces)]), window=20)
+        ClipOptions(window=20)
 
 
 def test_walk_stays_clean_and_steady(shared_data: Path) -> None:

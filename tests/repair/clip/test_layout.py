@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair.repair.clip import animation
+from dtrepair.repair.clip.animation import ClipOptions
 from dtrepair.repair.clip.frames import read_frames
 from dtrepair.repair.clip.layout import Window, frames_to_solve, motions_of, window_layout
 from dtrepair.repair.repairer import SceneRepairer
@@ -35,7 +36,7 @@ def test_windows_are_those_of_the_stream(
     monkeypatch: pytest.MonkeyPatch, cuts: Sequence[int]
 ) -> None:
     poses, (points, faces) = walk(75, cuts), icosphere(1)
-    scene = SceneRepairer([Body(points, faces)])
+    repairer = SceneRepairer([Body(points, faces)], clip=ClipOptions(**SIZES))
     seen = []
 
     def window(
@@ -46,13 +47,12 @@ def test_windows_are_those_of_the_stream(
         return done, [frame.centred for frame in frames[len(frames) - keep :]]
 
     monkeypatch.setattr(animation._Stream, "_window", window)
-    stream = animation.AnimationRepairer(scene, **SIZES)
     frames = [(float(k), [pose]) for k, pose in enumerate(poses)]
-    done = [frame.time for frame in stream.stream(frames)]
+    done = [frame.time for frame in repairer.animator.stream(frames)]
     assert done == list(range(75))
     layout = window_layout(np.arange(75.0).tolist(), motions_of(poses), **SIZES)
     assert [(w.start, w.stop, w.end - w.start) for w in layout] == seen
-    starts = [frame.time for frame in read_frames(scene, frames) if frame.starts]
+    starts = [frame.time for frame in read_frames(repairer.scene, frames) if frame.starts]
     assert [w.start for w in layout if not w.follows] == starts == [0, *cuts]
 
 

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dtrepair import Body, RepairOptions, SceneRepairer
+from dtrepair import Body, RepairOptions
 from dtrepair.repair.scene.diagnosis import contacts_left, cures, deformed
+from dtrepair.repair.scene.scene import make_scene
 from tests.meshes import icosphere, joined
 
 BALL, FACES = icosphere(1)
@@ -22,7 +23,7 @@ def left(
     rest: np.ndarray = TWO_APART, *, options: RepairOptions | None = None, **given: Any
 ) -> tuple[str, str]:
     """What is said of a body of two balls that cross: what is left, and the cures."""
-    scene = SceneRepairer([Body(rest, TWO_FACES, **given)], options=options)
+    scene = make_scene([Body(rest, TWO_FACES, **given)], options or RepairOptions())
     pairs = scene.detector(TWO_CROSSING)
     assert len(pairs)
     return contacts_left(scene, pairs), cures(scene, pairs)
@@ -63,14 +64,15 @@ def test_what_is_held_has_no_cure() -> None:
 
 def test_some_that_are_held_leave_cures_for_the_others() -> None:
     bodies = [Body(TWO_APART, TWO_FACES, rigid=True), Body(BALL + 2 * AWAY, FACES)]
-    scene = SceneRepairer(bodies)
+    scene = make_scene(bodies, RepairOptions())
     pairs = scene.detector(np.concatenate([TWO_CROSSING, BALL + np.array([0.0, 0.7, 0.0])]))
     assert cures(scene, pairs) == f"raise the diffusion; {HELD}"
 
 
 def test_what_is_much_deformed_is_told() -> None:
     flat, fine = BALL * (1.0, 1.0, 0.4), BALL * (1.0, 1.0, 0.97)
-    scene = SceneRepairer([Body(BALL, FACES), Body(BALL + AWAY, FACES, name="pea")])
+    bodies = [Body(BALL, FACES), Body(BALL + AWAY, FACES, name="pea")]
+    scene = make_scene(bodies, RepairOptions())
     assert deformed(scene, 0, BALL, BALL) == deformed(scene, 0, BALL, fine) == ""
     told = deformed(scene, 1, BALL + AWAY, flat + AWAY)
     assert told.startswith("pea is clean but much deformed (lengths by a factor of 1.")
@@ -84,6 +86,6 @@ def test_what_is_much_deformed_is_told() -> None:
 
 def test_an_open_surface_has_no_volume_to_lose() -> None:
     half = FACES[BALL[FACES].mean(axis=1)[:, 2] > 0.0]
-    scene = SceneRepairer([Body(BALL, half)])
+    scene = make_scene([Body(BALL, half)], RepairOptions())
     assert deformed(scene, 0, BALL, BALL * (1.0, 1.0, 0.87)) == ""
     assert "(lengths by a factor of 2.00)" in deformed(scene, 0, BALL, 2.0 * BALL)

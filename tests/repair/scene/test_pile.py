@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dtrepair import Body, SceneRepairer, Status
+from dtrepair import Body, RepairOptions, SceneRepairer, Status
 from dtrepair.numerics.geometry import unique_edges
 from dtrepair.repair import independent as poses_of_scenes
-from dtrepair.repair.clip.frames import system_of
 from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
 from dtrepair.repair.full.push import PushOptions, _of_length
 from dtrepair.repair.full.relax import RelaxOptions, relax
 from dtrepair.repair.independent import _squeezed
+from dtrepair.repair.scene.scene import make_scene
+from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.exact_reference import exact_pairs
@@ -98,12 +99,12 @@ def test_what_is_pressed_from_many_sides_is_not_led_out() -> None:
     sides = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, 0, 1)])
     for count, squeezed in ((2, False), (4, True)):
         meshes = [(ball, faces), *((ball + 1.004 * way, faces) for way in sides[:count])]
-        scene = SceneRepairer([Body(*mesh) for mesh in meshes])
+        scene = make_scene([Body(*mesh) for mesh in meshes], RepairOptions())
         points = np.concatenate([mesh[0] for mesh in meshes])
-        system = system_of(scene, [scene._weld(points)])
+        mesh = WeldedMeshes(scene)([scene.weld(points)])
         torn = np.arange(count + 1) == 0
-        assert _squeezed(system, points, torn)[0] == squeezed
-        assert not _squeezed(system, points, torn)[1:].any()
+        assert _squeezed(mesh, points, torn)[0] == squeezed
+        assert not _squeezed(mesh, points, torn)[1:].any()
 
 
 def test_only_what_has_a_way_out_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,8 @@ import pytest
 from dtrepair import Body, RepairOptions, SceneRepairer, Status
 from dtrepair.numerics.geometry import FloatArray, extent, unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio, jitter
-from dtrepair.repair.clip.frames import system_of
+from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.separation.penetration import Piercing, Shape, find_inside
 from dtrepair.repair.separation.separation import parted_frames
 from tests.exact_reference import exact_pairs
@@ -29,13 +30,13 @@ def pair(rod: FloatArray, **of: list[Any]) -> list[Body]:
     return [Body(*mesh, **own) for mesh, own in zip(meshes, given, strict=True)]
 
 
-def parted(scene: SceneRepairer, *poses: list[FloatArray]) -> FloatArray:
+def parted(scene: Scene, *poses: list[FloatArray]) -> FloatArray:
     """The poses (T, V, 3) that the repair of contacts would start from."""
     stacked = np.stack([np.concatenate(pose) for pose in poses])
-    welds = [scene._weld(pose) for pose in stacked]
-    pairs = [scene._pairs(pose, weld) for pose, weld in zip(stacked, welds, strict=True)]
-    system = system_of(scene, welds)
-    return parted_frames(scene, system, stacked, pairs, np.arange(len(poses), dtype=np.float64))
+    welds = [scene.weld(pose) for pose in stacked]
+    pairs = [scene.pairs(pose, weld) for pose, weld in zip(stacked, welds, strict=True)]
+    mesh = WeldedMeshes(scene)(welds)
+    return parted_frames(scene, mesh, stacked, pairs, np.arange(len(poses), dtype=np.float64))
 
 
 def edge_change(before: FloatArray, after: FloatArray, faces: np.ndarray) -> float:
@@ -81,9 +82,9 @@ def test_the_shift_of_a_clip_is_steady_and_leaves_far_frames_alone() -> None:
 
 
 def test_what_touches_only_a_little_is_left_to_the_contacts() -> None:
-    scene = SceneRepairer(pair(ROD))
+    scene = make_scene(pair(ROD), RepairOptions())
     dented = [BALL, ROD * [8.0, 8.0, 1.0] + np.array([0.0, 0.0, 2.3])]
-    assert len(scene._pairs(np.concatenate(dented), scene._weld(np.concatenate(dented))))
+    assert len(scene.pairs(np.concatenate(dented), scene.weld(np.concatenate(dented))))
     assert np.array_equal(parted(scene, dented)[0], np.concatenate(dented))
 
 
@@ -92,7 +93,7 @@ def test_a_ring_stays_on_its_finger() -> None:
     ring, ring_faces = torus(32, 8, 1.05, 0.04)
     finger = BALL * np.array([1.05, 1.05, 6.0])
     apart = Body(ring + np.array([9.0, 0.0, 0.0]), ring_faces)
-    scene = SceneRepairer([Body(finger, BALL_FACES), apart])
+    scene = make_scene([Body(finger, BALL_FACES), apart], RepairOptions())
     pose = [finger, ring]
     assert np.array_equal(parted(scene, pose)[0], np.concatenate(pose))
 
@@ -102,7 +103,7 @@ def test_a_stiff_ring_that_is_too_narrow_is_not_drawn_off() -> None:
     ring, ring_faces = torus(32, 8, 1.0, 0.06)
     finger = BALL * np.array([1.05, 1.05, 3.0])
     apart = Body(ring + np.array([9.0, 0.0, 0.0]), ring_faces, diffusion=999.0)
-    scene = SceneRepairer([Body(finger, BALL_FACES), apart])
+    scene = make_scene([Body(finger, BALL_FACES), apart], RepairOptions())
     pose = [finger, ring]
     deep = find_inside(np.concatenate(pose), Shape(scene, 1), Shape(scene, 0)).depth
     assert deep > Shape(scene, 1).thickness
@@ -117,9 +118,11 @@ def test_a_layer_stays_on_what_it_covers(diffusion: float) -> None:
         return joined((outer, upper), (inner, upper[:, ::-1]))
 
     points, faces = sheet(1.05)
-    scene = SceneRepairer([Body(BALL, BALL_FACES), Body(points, faces, diffusion=diffusion)])
+    scene = make_scene(
+        [Body(BALL, BALL_FACES), Body(points, faces, diffusion=diffusion)], RepairOptions()
+    )
     sunk = [BALL, points - np.array([0.0, 0.0, 0.3])]
-    assert len(scene._pairs(np.concatenate(sunk), scene._weld(np.concatenate(sunk))))
+    assert len(scene.pairs(np.concatenate(sunk), scene.weld(np.concatenate(sunk))))
     assert np.array_equal(parted(scene, sunk)[0], np.concatenate(sunk))
 
 
@@ -137,13 +140,13 @@ def test_what_is_held_or_led_by_the_user_is_not_parted(held: str) -> None:
         options = RepairOptions(method="paper")
     else:
         ignore = [(0, 1)]
-    scene = SceneRepairer(pair(ROD, **of), options=options, ignore=ignore)
+    scene = make_scene(pair(ROD, **of), options, ignore)
     pose = [BALL, RIGHT_THROUGH]
     assert np.array_equal(parted(scene, pose)[0], np.concatenate(pose))
 
 
 def test_one_way_for_all_frames_of_a_contact() -> None:
-    scene = SceneRepairer(pair(ROD, mobility=[0.0, 1.0]))
+    scene = make_scene(pair(ROD, mobility=[0.0, 1.0]), RepairOptions())
     poses = [[BALL, ROD + np.array([x, 0.05, 0.0])] for x in (-0.2, -0.1, 0.0, 0.1, 0.2)]
     shifts = parted(scene, *poses)[:, -1] - np.stack([pose[1][-1] for pose in poses])
     ways = shifts / np.linalg.norm(shifts, axis=1, keepdims=True)
@@ -151,7 +154,7 @@ def test_one_way_for_all_frames_of_a_contact() -> None:
 
 
 def test_the_way_out_is_the_shortest_one() -> None:
-    scene = SceneRepairer(pair(ROD))
+    scene = make_scene(pair(ROD), RepairOptions())
     points = np.concatenate([BALL, RIGHT_THROUGH])
     rod, ball = Shape(scene, 1), Shape(scene, 0)
     inside = find_inside(points, rod, ball)

@@ -1,0 +1,73 @@
+"""A pose of a scene before it is solved: gathered, centred, welded, and its contacts found."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.repair.scene.bodies import about_centre
+from dtrepair.repair.scene.scene import Scene
+
+
+def _none() -> IntArray:
+    return np.zeros((0, 2), dtype=np.int32)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OpenedPose:
+    """A pose of all bodies.
+
+    Args:
+        given: The points of each body as they came.
+        original: These points (V, 3) in one array.
+        centred: The same about the origin, where they are far from it.
+        centre: What was taken off them (3,).
+        weld: Vertices (V,) that count as one.
+        detected: Whether the contacts are known.
+        pairs: The intersecting pairs (K, 2) that count.
+        caught: Parts (K, 2) wholly inside others.
+        seconds: What it took to find them.
+    """
+
+    given: Sequence[Any]
+    original: FloatArray
+    centred: FloatArray
+    centre: FloatArray | float
+    weld: IntArray
+    detected: bool = False
+    pairs: IntArray = field(default_factory=_none)
+    caught: IntArray = field(default_factory=_none)
+    seconds: float = 0.0
+
+    @property
+    def wrong(self) -> int:
+        """How many pairs, and parts inside others, there are to be repaired."""
+        return len(self.pairs) + len(self.caught)
+
+
+Pose = TypeVar("Pose", bound=OpenedPose)
+
+
+def gathered(scene: Scene, points: Sequence[Any]) -> OpenedPose:
+    """Points (V, 3) of each body as a pose; ValueError for wrong shapes or numbers."""
+    original = scene.gather(points)
+    centred, centre = about_centre(original)
+    return OpenedPose(
+        given=points, original=original, centred=centred, centre=centre, weld=scene.weld(centred)
+    )
+
+
+def detected(scene: Scene, pose: Pose) -> Pose:
+    """The pose with its contacts; as it is where they are known."""
+    if pose.detected:
+        return pose
+    start = time.perf_counter()
+    pairs = scene.pairs(pose.centred, pose.weld)
+    caught = scene.caught_parts(pose.centred, pairs)
+    seconds = time.perf_counter() - start
+    return replace(pose, detected=True, pairs=pairs, caught=caught, seconds=seconds)

@@ -1,0 +1,108 @@
+"""From a solved pose to results: verified, rounded to float32, counted, one for each body."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dtrepair.numerics.geometry import FloatArray, IntArray, as_given, differing, pair_keys
+from dtrepair.numerics.metrics import displacements
+from dtrepair.repair.options import Count, RepairResult, Solved, Status
+from dtrepair.repair.scene.diagnosis import contacts_left, cures, deformed, enclosed_left
+from dtrepair.repair.scene.opened_pose import OpenedPose
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.wording import counted
+
+
+class Kept(NamedTuple):
+    """The pose (V, 3) that is handed back, its pairs (K, 2), and parts inside others (K, 2)."""
+
+    points: FloatArray
+    pairs: IntArray
+    caught: IntArray
+
+
+def kept(scene: Scene, pose: OpenedPose, points: FloatArray, pairs: IntArray) -> Kept:
+    """What was found for a pose, with its exact `pairs`; the input where that is no better."""
+    caught = scene.caught_parts(points, pairs) if len(pose.caught) else pose.caught
+    if 0 < len(pairs) + len(caught) >= pose.wrong:
+        return Kept(pose.centred, pose.pairs, pose.caught)
+    return Kept(points, pairs, caught)
+
+
+def results_of(
+    scene: Scene, pose: OpenedPose, found: Kept, solved: Solved, seconds: dict[str, float]
+) -> list[RepairResult]:
+    """The results of each body; vertices that did not move keep every bit of the input."""
+    moved = differing(found.points, pose.centred)
+    rounded = found.points.astype(np.float32) + pose.centre
+    repaired = np.where(moved[:, None], rounded, pose.original)
+    return [
+        _result(scene, index, pose, found, repaired, solved, seconds)
+        for index in range(len(scene.bodies))
+    ]
+
+
+def _result(
+    scene: Scene,
+    index: int,
+    pose: OpenedPose,
+    found: Kept,
+    repaired: FloatArray,
+    solved: Solved,
+    seconds: dict[str, float],
+) -> RepairResult:
+    own = scene.vertices_of(index)
+    before, after = (_count(scene, pairs, index) for pairs in (pose.pairs, found.pairs))
+    moved = displacements(pose.original[own], repaired[own])
+    status = _status(before, after)
+    inside = _inside(scene, found.caught, index)
+    if inside and status is Status.CLEAN:
+        status = Status.IMPROVED if before.pairs else Status.UNCHANGED
+    return RepairResult(
+        points=as_given(repaired[own], pose.given[index]),
+        before=before,
+        after=after,
+        iterations=solved.iterations,
+        status=status,
+        message=inside
+        or _message(scene, index, status, found.pairs, solved)
+        or deformed(scene, index, pose.original[own], repaired[own]),
+        displacement_max=float(moved.max(initial=0.0)),
+        displacement_mean=float(moved.mean()) if len(moved) else 0.0,
+        stages=tuple(solved.stages),
+        seconds=seconds,
+    )
+
+
+def _inside(scene: Scene, caught: IntArray, index: int) -> str:
+    """What lies inside what, where it concerns a body; empty where nothing does."""
+    return enclosed_left(scene, caught[(scene.body_of_part[caught] == index).any(axis=1)])
+
+
+def _message(scene: Scene, index: int, status: Status, after: IntArray, solved: Solved) -> str:
+    if status is Status.CLEAN and solved.left:
+        return f"{counted(solved.left, 'pair')} closer than the clearance"
+    if len(after) and scene.options.rest_contacts == "leave":
+        at_rest = int(np.isin(pair_keys(after), scene.rest_keys).sum())
+        if at_rest == len(after):
+            return f"what is left intersects in the rest pose as well ({counted(at_rest, 'pair')})"
+    if status in (Status.IMPROVED, Status.UNCHANGED):
+        own = (scene.body_of[after] == index).any(axis=1)
+        return f"{contacts_left(scene, after[own])}: {status.meaning}: {cures(scene, after[own])}"
+    return status.meaning
+
+
+def _count(scene: Scene, pairs: IntArray, index: int) -> Count:
+    owner = scene.body_of[pairs]
+    own = (owner == index).any(axis=1)
+    triangles = np.unique(pairs)
+    inter = int((own & (owner[:, 0] != owner[:, 1])).sum())
+    return Count(int((scene.body_of[triangles] == index).sum()), int(own.sum()), inter)
+
+
+def _status(before: Count, after: Count) -> Status:
+    if after.pairs == 0:
+        return Status.CLEAN
+    return Status.IMPROVED if after.pairs < before.pairs else Status.UNCHANGED

@@ -1,0 +1,220 @@
+"""The bodies of a scene in one mesh, and pure questions to it: which vertices, which pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.intersect.detector import Detector, triangle_count
+from dtrepair.intersect.ignored import counted_between
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    as_mesh,
+    as_numpy,
+    as_points,
+    diagonal,
+    pair_keys,
+    unique_edges,
+    weld_map,
+)
+from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.scene.bodies import (
+    Body,
+    about_centre,
+    checked_ignored,
+    direction_of,
+    mobility_of,
+)
+from dtrepair.repair.surface.containment import Enclosures
+from dtrepair.repair.surface.rigid_bodies import RigidBodies
+
+# Largest clearance, part of the diagonal: with a larger one everything is close to everything.
+WIDEST_CLEARANCE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Bodies in one space as one mesh; nothing of it changes after it was built.
+
+    Args:
+        bodies: The bodies (B), whose vertices and triangles are numbered through in this order.
+        options: What the user chose.
+        ignored: Pairs (i, j), i <= j, of bodies whose contacts do not count.
+        rest: Rest positions (V, 3) of all bodies, length units of the scene.
+        faces: Triangles (F, 3).
+        vertex_starts: First vertex of each body, and the number of vertices (B + 1,).
+        triangle_starts: First triangle of each body, and the number of triangles (B + 1,).
+        mobility: How freely each vertex moves (V,), 0 fixed to 1 free.
+        direction: Preferred direction (V, 3) of the repair, zero rows where none.
+    """
+
+    bodies: tuple[Body, ...]
+    options: RepairOptions
+    ignored: tuple[tuple[int, int], ...]
+    rest: FloatArray
+    faces: IntArray
+    vertex_starts: NDArray[np.int64]
+    triangle_starts: NDArray[np.int64]
+    mobility: FloatArray
+    direction: FloatArray
+
+    @cached_property
+    def body_of(self) -> NDArray[np.int64]:
+        """The body of each triangle (F,)."""
+        return np.repeat(np.arange(len(self.bodies)), np.diff(self.triangle_starts))
+
+    @cached_property
+    def body_of_vertex(self) -> IntArray:
+        """The body of each vertex (V,)."""
+        return np.repeat(np.arange(len(self.bodies)), np.diff(self.vertex_starts)).astype(np.int32)
+
+    @cached_property
+    def centred_rest(self) -> FloatArray:
+        """The rest (V, 3), about its centre where it is far from the origin."""
+        return about_centre(self.rest)[0]
+
+    @cached_property
+    def detector(self) -> Detector:
+        """Detector of all bodies, built on their rest poses."""
+        return Detector(self.centred_rest, self.faces)
+
+    @cached_property
+    def rest_weld(self) -> IntArray:
+        """Vertices (V,) of one body at one position of the rest count as one."""
+        return self.weld(self.centred_rest)
+
+    @cached_property
+    def edges_of_bodies(self) -> list[IntArray]:
+        """Edges (E, 2) of each body, numbered within it."""
+        ends = zip(pairwise(self.triangle_starts), self.vertex_starts, strict=False)
+        return [unique_edges(self.faces[a:b] - start) for (a, b), start in ends]
+
+    @cached_property
+    def enclosures(self) -> Enclosures:
+        """Finds what lies wholly inside what."""
+        return Enclosures(self.rest, self.rest_weld[self.faces])
+
+    @cached_property
+    def body_of_part(self) -> IntArray:
+        """The body of each part of `enclosures`."""
+        owner = np.zeros(self.enclosures.count, dtype=np.int32)
+        used = self.enclosures.part >= 0
+        owner[self.enclosures.part[used]] = self.body_of_vertex[used]
+        return owner
+
+    @cached_property
+    def rigid(self) -> RigidBodies:
+        """The bodies that move as a whole only."""
+        ranges = zip(pairwise(self.vertex_starts.tolist()), self.bodies, strict=True)
+        chosen = [own for own, body in ranges if body.rigid]
+        return RigidBodies(chosen, np.ones(len(self.rest)))
+
+    @cached_property
+    def rest_pairs(self) -> IntArray:
+        """Intersecting pairs (K, 2) of the rest poses themselves."""
+        return self.pairs(self.centred_rest, self.rest_weld)
+
+    @cached_property
+    def rest_keys(self) -> NDArray[np.int64]:
+        """The intersecting pairs of the rest poses as numbers (K,), as `pair_keys`."""
+        return pair_keys(self.rest_pairs)
+
+    @cached_property
+    def rest_intersections(self) -> int:
+        """Number of intersecting triangles of the rest poses themselves."""
+        return triangle_count(self.rest_pairs)
+
+    def vertices_of(self, body: int) -> slice:
+        """The vertices of a body."""
+        return slice(int(self.vertex_starts[body]), int(self.vertex_starts[body + 1]))
+
+    def triangles_of(self, body: int) -> slice:
+        """The triangles of a body."""
+        return slice(int(self.triangle_starts[body]), int(self.triangle_starts[body + 1]))
+
+    def gather(self, points: Sequence[Any]) -> FloatArray:
+        """Poses (V, 3) of each body as one of all; ValueError for wrong shapes or numbers."""
+        if len(points) != len(self.bodies):
+            raise ValueError(f"points should hold {len(self.bodies)} poses, got {len(points)}")
+        counts = np.diff(self.vertex_starts)
+        return np.concatenate(
+            [
+                as_points(as_numpy(pose), int(count))
+                for pose, count in zip(points, counts, strict=True)
+            ]
+        )
+
+    def weld(self, points: FloatArray) -> IntArray:
+        """Vertices of one body at one float32 position of `points` (V, 3) count as one (V,)."""
+        with np.errstate(over="ignore"):  # the detector tells what is beyond float32
+            parts = [weld_map(points[a:b]) + a for a, b in pairwise(self.vertex_starts)]
+        return np.concatenate(parts).astype(np.int32)
+
+    def pairs(self, points: FloatArray, weld: IntArray) -> IntArray:
+        """Intersecting pairs (K, 2) of a pose (V, 3), exactly, on its float32 coordinates.
+
+        Of contacts that count only; `weld` (V,): vertices that count as one.
+        """
+        pairs = self.detector(points, weld=weld)
+        return pairs[self.counted(self.body_of[pairs])]
+
+    def caught_parts(self, points: FloatArray, pairs: IntArray) -> IntArray:
+        """Parts (K, 2) of a pose wholly inside others that they are not inside of at rest.
+
+        `pairs` (K, 2): the intersecting pairs of the pose. Of contacts that count only.
+        """
+        found = self.enclosures(points, pairs)
+        parts = found.parts[~found.meant]
+        return parts[self.counted(self.body_of_part[parts])]
+
+    def counted(self, bodies: NDArray[np.integer]) -> NDArray[np.bool_]:
+        """Which contacts (K,) count, given by the two bodies (K, 2) that they join."""
+        return counted_between(bodies, mode=self.options.mode, ignored=self.ignored)
+
+
+def make_scene(
+    bodies: Sequence[Body], options: RepairOptions, ignore: Sequence[tuple[int, int]] = ()
+) -> Scene:
+    """The scene of some bodies, whose contacts between pairs in `ignore` do not count.
+
+    Raises:
+        ValueError: bodies, options or pairs that cannot be used.
+    """
+    if not bodies:
+        raise ValueError("bodies should hold at least one body, got none")
+    for body in bodies:
+        if body.diffusion is not None and not 0.0 < body.diffusion < np.inf:
+            raise ValueError(
+                f"diffusion should be positive and finite, got {body.diffusion}: "
+                "None takes that of the options"
+            )
+    ignored = checked_ignored(ignore, len(bodies))
+    meshes = [as_mesh(body.rest, body.faces) for body in bodies]
+    rest = np.concatenate([points for points, _ in meshes])
+    most = WIDEST_CLEARANCE * diagonal(rest)
+    if options.clearance > most > 0.0:
+        raise ValueError(
+            f"clearance should be at most {most:.4g}, {WIDEST_CLEARANCE:.0%} of the diagonal of "
+            f"the rest poses, got {options.clearance:.4g}"
+        )
+    vertex_starts = np.cumsum([0, *(len(points) for points, _ in meshes)])
+    shifted = [faces + start for (_, faces), start in zip(meshes, vertex_starts, strict=False)]
+    sized = [(body, len(points)) for body, (points, _) in zip(bodies, meshes, strict=True)]
+    return Scene(
+        bodies=tuple(bodies),
+        options=options,
+        ignored=ignored,
+        rest=rest,
+        faces=np.concatenate(shifted).astype(np.int32),
+        vertex_starts=vertex_starts,
+        triangle_starts=np.cumsum([0, *(len(faces) for _, faces in meshes)]),
+        mobility=np.concatenate([mobility_of(body, count) for body, count in sized]),
+        direction=np.concatenate([direction_of(body, count) for body, count in sized]),
+    )

@@ -59,12 +59,12 @@ class OutputError(UsdIoError):
 
 
 def time_text(time: float) -> str:
-    """Words for a time code in a message: 'the default time' for NaN, else 'frame 12.5'."""
+    """Return words for a time code in a message: 'the default time' for NaN, or 'frame 12.5'."""
     return "the default time" if math.isnan(time) else f"frame {time:.15g}"
 
 
 def one_line(error: BaseException, limit: int = 300) -> str:
-    """The message of an exception of pxr as one line without its source locations."""
+    """Return the message of an exception of pxr as one line, without its source locations."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     messages = [line.split(" : ", 1)[-1] for line in lines]
     messages = [text[1:-1] if text[:1] == text[-1:] == "'" else text for text in messages]

@@ -24,12 +24,12 @@ class Polygons:
 
     @property
     def corner_polygons(self) -> NDArray[np.int64]:
-        """Polygon of each corner (C,)."""
+        """The polygon of each corner (C,)."""
         return np.repeat(np.arange(len(self.counts)), self.counts)
 
 
 def polygon_areas(polygons: Polygons, points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Vector areas (P, 3): normal times area, right-handed unless `flip` (Newell's sum)."""
+    """Return vector areas (P, 3): normal times area, right-handed unless `flip` (Newell's sum)."""
     corners = np.asarray(points, dtype=np.float64)[polygons.indices]
     starts = np.cumsum(polygons.counts) - polygons.counts
     owner = polygons.corner_polygons
@@ -50,7 +50,7 @@ def recompute_normals(
     interpolation: str,
     slots: NDArray[np.int64] | None = None,
 ) -> NDArray[np.float64] | None:
-    """Unit normals like the old ones (N, 3) for new points (V, 3).
+    """Return unit normals (N, 3) for new points (V, 3), smooth and hard as the old ones (N, 3).
 
     A normal becomes the mean of the vector areas of the polygons it belongs to. Corners of one
     vertex that share a normal in the old ones keep sharing one (smooth), others stay apart (hard).
@@ -96,6 +96,7 @@ def recompute_normals(
 def _sum_by(
     owner: NDArray[np.int64], values: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
+    """Return the sum (count, 3) of the values (C, 3) of each owner (C,)."""
     columns = [np.bincount(owner, weights=column, minlength=count) for column in values.T]
     return np.stack(columns, axis=1)
 
@@ -103,7 +104,7 @@ def _sum_by(
 def _smoothing_groups(
     vertices: NDArray[np.int64], normals: NDArray[np.floating]
 ) -> NDArray[np.int64]:
-    """Group number (C,) of each corner: same vertex and same normal, same group."""
+    """Return the group number (C,) of each corner: same vertex and normal, same group."""
     key = np.empty((len(vertices), 4), dtype=np.float64)
     key[:, 0] = vertices
     key[:, 1:] = np.round(np.asarray(normals, dtype=np.float64), 5)
@@ -112,7 +113,7 @@ def _smoothing_groups(
 
 
 def _shared(corner_slots: NDArray[np.int64], polygons: Polygons, interpolation: str) -> bool:
-    """Whether one indexed normal is used by several vertices (or polygons, if uniform)."""
+    """Return whether one indexed normal is used by several vertices (or polygons, if uniform)."""
     owner = polygons.corner_polygons if interpolation == "uniform" else polygons.indices
     pairs = np.unique(np.stack([corner_slots, owner], axis=1), axis=0)
     return bool((np.diff(pairs[:, 0]) == 0).any())

@@ -10,7 +10,7 @@ OUTPUT_EXTENSIONS = (".usd", ".usda", ".usdc")
 
 
 def check_output_path(path: str | os.PathLike[str]) -> str:
-    """The absolute path of an output layer.
+    """Return the absolute path of an output layer.
 
     Raises:
         UsageError: the extension is not that of a USD layer.
@@ -34,7 +34,7 @@ def check_output_path(path: str | os.PathLike[str]) -> str:
 
 
 def relative_asset_path(asset: str, directory: str) -> str:
-    """The asset path of a layer file as seen from a directory: ./shot.usd, ../shot.usd.
+    """Return the asset path of a layer file seen from a directory: ./a.usd, ../a.usd.
 
     Falls back to the absolute path where links make the relative one point elsewhere, or on
     another drive.
@@ -55,7 +55,7 @@ def relative_asset_path(asset: str, directory: str) -> str:
 
 
 def same_file(first: str, second: str) -> bool:
-    """Whether two paths name one file, through links of either kind."""
+    """Return whether two paths name one file, through links of either kind."""
     if os.path.realpath(first) == os.path.realpath(second):
         return True
     try:

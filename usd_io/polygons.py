@@ -39,7 +39,7 @@ def triangulate(
     holes: ArrayLike = (),
     flip: bool = False,
 ) -> Triangulation:
-    """Triangles of a polygon mesh, in the order of the polygons.
+    """Return the triangles of a polygon mesh, in the order of the polygons.
 
     Args:
         counts: corners of each polygon (P,).
@@ -64,8 +64,8 @@ def triangulate(
     if concave:
         fans, polygons = _replace_fans(fans, polygons, concave, points, indices, starts)
     hole = np.zeros(len(counts), dtype=bool)
-    asked = np.asarray(holes, dtype=np.int64).reshape(-1)
-    hole[asked[(asked >= 0) & (asked < len(counts))]] = True
+    named = np.asarray(holes, dtype=np.int64).reshape(-1)
+    hole[named[(named >= 0) & (named < len(counts))]] = True
     proper = (fans[:, 0] != fans[:, 1]) & (fans[:, 1] != fans[:, 2]) & (fans[:, 2] != fans[:, 0])
     covered = np.zeros(len(counts), dtype=bool)
     covered[polygons[proper]] = True
@@ -101,7 +101,7 @@ def check_topology(
 
 
 def nonmanifold_edges(faces: NDArray[np.int32]) -> int:
-    """Number of edges with more than two triangles, of faces (F, 3)."""
+    """Return the number of edges with more than two triangles, of faces (F, 3)."""
     ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64), axis=1)
     if not len(ends):
         return 0
@@ -112,7 +112,10 @@ def nonmanifold_edges(faces: NDArray[np.int32]) -> int:
 def _fans(
     counts: NDArray[np.int64], indices: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Fans from the first corner of every polygon: triangles (N, 3) and their polygons (N,)."""
+    """Return fans from the first corner of every polygon.
+
+    Triangles (N, 3) and their polygons (N,).
+    """
     starts = np.cumsum(counts) - counts
     triangles = np.maximum(counts - 2, 0)
     polygons = np.repeat(np.arange(len(counts)), triangles)
@@ -126,7 +129,10 @@ def _fans(
 def _plane(
     points: NDArray[np.floating], corners: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], float]:
-    """Corners (N, 2) in the plane of the polygon's vector area, counter-clockwise; its area."""
+    """Return corners (N, 2) in the plane of the polygon's vector area, and that area.
+
+    The corners are counter-clockwise.
+    """
     corners_3d = np.asarray(points[corners], dtype=np.float64)
     corners_3d = corners_3d - corners_3d[0]
     area = 0.5 * np.cross(corners_3d[1:-1], corners_3d[2:]).sum(axis=0)
@@ -143,7 +149,7 @@ def _plane(
 def _doubled_areas(
     first: NDArray[np.float64], second: NDArray[np.float64], third: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Twice the signed areas of triangles in the plane; corners (..., 2)."""
+    """Return twice the signed areas of triangles in the plane; corners (..., 2)."""
     one, two = second - first, third - first
     doubled: NDArray[np.float64] = one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0]
     return doubled
@@ -155,7 +161,7 @@ def _is_convex(
     starts: NDArray[np.int64],
     polygon: int,
 ) -> bool:
-    """Whether the polygon is convex, or too degenerate to tell."""
+    """Return whether the polygon is convex, or too degenerate to tell."""
     flat, size = _plane(points, indices[starts[polygon] : starts[polygon + 1]])
     turns = _doubled_areas(np.roll(flat, 1, axis=0), flat, np.roll(flat, -1, axis=0))
     return size == 0.0 or bool((turns >= -1e-6 * size).all())
@@ -169,7 +175,7 @@ def _replace_fans(
     indices: NDArray[np.int64],
     starts: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Swap the fans of the concave polygons for ears; as many triangles, in the same places."""
+    """Replace the fans of concave polygons by ears: as many triangles, in the same places."""
     fans = fans.copy()
     for polygon in concave:
         corners = indices[starts[polygon] : starts[polygon + 1]]
@@ -179,7 +185,7 @@ def _replace_fans(
 
 
 def _ears(flat: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Ear clipping of a counter-clockwise polygon (N, 2): triangles (N - 2, 3) of its corners.
+    """Clip the ears of a counter-clockwise polygon (N, 2): triangles (N - 2, 3) of its corners.
 
     Of all ears the one with the largest smallest height is cut, which keeps slivers away. If
     rounding or a self-crossing outline leaves no ear, the most convex corner is cut.
@@ -218,7 +224,7 @@ def _flip_slivers(flat: NDArray[np.float64], triangles: list[tuple[int, int, int
 
 
 def _height(flat: NDArray[np.float64], triangle: tuple[int, int, int]) -> float:
-    """Smallest height of a triangle in the plane; negative if it is clockwise."""
+    """Return the smallest height of a triangle in the plane; negative if it is clockwise."""
     first, middle, last = flat[list(triangle)]
     sides = (middle - first, last - middle, first - last)
     longest = max(float(np.linalg.norm(side)) for side in sides)
@@ -228,7 +234,7 @@ def _height(flat: NDArray[np.float64], triangle: tuple[int, int, int]) -> float:
 def _ear_quality(
     flat: NDArray[np.float64], corner: tuple[int, int, int], ring: list[int]
 ) -> tuple[bool, float]:
-    """Sorting key of a corner: is it an ear, and its height."""
+    """Return the sorting key of a corner: whether it is an ear, and its height."""
     first, middle, last = flat[list(corner)]
     height = _height(flat, corner)
     if height <= 0.0:

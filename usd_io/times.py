@@ -25,7 +25,7 @@ _HELP = "write frames as 7, 1:10, -5:10, 1:100x2 or several of them with commas"
 
 
 def time_code(time: float) -> Usd.TimeCode:
-    """The `Usd.TimeCode` of a float; NaN gives the default time."""
+    """Return the `Usd.TimeCode` of a float; NaN gives the default time."""
     return Usd.TimeCode.Default() if math.isnan(time) else Usd.TimeCode(float(time))
 
 
@@ -39,11 +39,11 @@ class FrameRange:
 
     @property
     def count(self) -> int:
-        """Number of frames."""
+        """The number of frames."""
         return math.floor((self.stop - self.start) / self.step + 1e-6) + 1
 
     def select(self, times: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which of the time codes (T,) are frames of this range."""
+        """Return which of the time codes (T,) are frames of this range, (T,)."""
         steps = np.round((times - self.start) / self.step)
         nearest = self.start + steps * self.step
         # Composed layer offsets leave rounding errors: 0.30000000000000004 is frame 0.3.
@@ -63,7 +63,7 @@ class FrameSpec:
     ranges: tuple[FrameRange, ...]
 
     def select(self, times: ArrayLike, *, require: bool = False) -> NDArray[np.bool_]:
-        """Which of the time codes (T,) are named by the specification, as a mask (T,).
+        """Return which of the time codes (T,) the specification names, as a mask (T,).
 
         Time codes between the frames of a range are not named: 1:3 is 1, 2, 3 and not 1.5 (that
         is 1:3x0.5). The default time (NaN) is never named. With `require`, a FrameSpecError is
@@ -72,14 +72,14 @@ class FrameSpec:
         times = np.asarray(times, dtype=np.float64).reshape(-1)
         known = ~np.isnan(times)
         mask = np.zeros(len(times), dtype=bool)
-        for part in self.ranges:
-            mask[known] |= part.select(times[known])
+        for frame_range in self.ranges:
+            mask[known] |= frame_range.select(times[known])
         if require and not mask.any():
             raise FrameSpecError(_none_in_range(self.text, times[known]))
         return mask
 
     def values(self) -> NDArray[np.float64]:
-        """All frames, sorted and without repetition, (N,)."""
+        """Return all frames, sorted and without repetition, (N,)."""
         if sum(part.count for part in self.ranges) > MOST_FRAMES:
             raise FrameSpecError(f"frames {self.text!r}: more than {MOST_FRAMES} frames")
         parts = [part.start + np.arange(part.count) * part.step for part in self.ranges]
@@ -102,6 +102,7 @@ def parse_frames(spec: str) -> FrameSpec:
 
 
 def _parse_part(spec: str, part: str) -> FrameRange:
+    """Return the range of one part of a specification. Raises FrameSpecError."""
     match = _PART.fullmatch(part)
     if match is None:
         raise FrameSpecError(f"frames {spec!r}: cannot read {part!r}; {_HELP}")
@@ -124,6 +125,7 @@ def _parse_part(spec: str, part: str) -> FrameRange:
 
 
 def _none_in_range(text: str, times: NDArray[np.float64]) -> str:
+    """Return the message for a specification that names none of the samples."""
     if not len(times):
         none = "the selected meshes have no time samples of their own; leave the frames out"
         return f"frames {text!r}: {none}"

@@ -19,7 +19,10 @@ VALUE_TYPES = {
 
 
 def create_attribute(layer: Sdf.Layer, prim_path: Sdf.Path, name: str) -> Sdf.Path:
-    """Make an attribute of an `over` prim in a layer; its path. Existing ones are returned."""
+    """Create an attribute of an `over` prim in a layer and return its path.
+
+    One that exists is kept.
+    """
     path = prim_path.AppendProperty(name)
     if not layer.GetAttributeAtPath(path):
         prim = Sdf.CreatePrimInLayer(layer, prim_path)
@@ -28,7 +31,7 @@ def create_attribute(layer: Sdf.Layer, prim_path: Sdf.Path, name: str) -> Sdf.Pa
 
 
 def vec3f_array(values: Any) -> Vt.Vec3fArray:
-    """Any (N, 3) values as a Vec3fArray; one that is there already is passed through."""
+    """Return values (N, 3) as a Vec3fArray; one that is there already is passed through."""
     if isinstance(values, Vt.Vec3fArray):
         return values
     array = np.ascontiguousarray(values, dtype=np.float32).reshape(-1, 3)
@@ -36,7 +39,7 @@ def vec3f_array(values: Any) -> Vt.Vec3fArray:
 
 
 def extent_of(points: NDArray[np.floating]) -> Vt.Vec3fArray | Sdf.ValueBlock:
-    """Bounds [min, max] of the finite points (N, 3); a block if there is none."""
+    """Return the bounds [min, max] of the finite points (N, 3); a block if there is none."""
     finite = points[np.isfinite(points).all(axis=1)]
     if not len(finite):
         return Sdf.ValueBlock()

@@ -45,6 +45,7 @@ def write_atomically(path: str | os.PathLike[str], content: bytes | str) -> None
 
 
 def _permissions(target: Path) -> int:
+    """Return the mode of the target file, or that of a new file of this user."""
     # mkstemp makes private files (0600); a result should look like any file the user creates.
     with suppress(FileNotFoundError):
         return target.stat().st_mode & 0o777

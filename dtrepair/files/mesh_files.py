@@ -86,6 +86,7 @@ def losses(mesh: PolygonMesh, format: str) -> tuple[str, ...]:
 
 
 def _check(mesh: PolygonMesh) -> None:
+    """Raise MeshFileError for a mesh without faces or with coordinates that are not finite."""
     if not len(mesh.points) or not len(mesh.faces()):
         raise MeshFileError("expected a mesh with faces, got none")
     if not np.isfinite(mesh.points).all():
@@ -93,6 +94,7 @@ def _check(mesh: PolygonMesh) -> None:
 
 
 def _format(path: Path) -> str:
+    """Return the extension of a path in lower case. Raises MeshFileError where there is none."""
     format = path.suffix.lower().lstrip(".")
     if not format:
         raise MeshFileError(f"{path}: expected a file extension such as .obj, got none")
@@ -100,6 +102,7 @@ def _format(path: Path) -> str:
 
 
 def _read_off(data: bytes) -> PolygonMesh:
+    """Read the bytes of an OFF file. Raises MeshFileError."""
     lines = (line.partition("#")[0].split() for line in data.decode("utf-8", "replace").split("\n"))
     rows = [words for words in lines if words]
     try:
@@ -118,6 +121,7 @@ def _read_off(data: bytes) -> PolygonMesh:
 
 
 def _write_off(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
+    """Return the bytes of an OFF file with points (V, 3)."""
     moved = mesh.changed(points)
     if mesh.format == "off" and not moved.any():
         return bytes(mesh.original)
@@ -132,6 +136,7 @@ def _write_off(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
 
 
 def _read_trimesh(data: bytes, format: str) -> PolygonMesh:
+    """Read the bytes of any other format with trimesh. Raises MeshFileError."""
     import trimesh
 
     if format not in trimesh.available_formats():
@@ -164,6 +169,7 @@ def _read_trimesh(data: bytes, format: str) -> PolygonMesh:
 
 
 def _write_trimesh(mesh: PolygonMesh, points: NDArray[np.float64], format: str) -> bytes:
+    """Return the bytes of any other format with points (V, 3), written by trimesh."""
     import trimesh
 
     if isinstance(mesh.original, trimesh.Trimesh):

@@ -67,16 +67,17 @@ def write_obj(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
         rows = mesh.texture_corners
     start = 0
     for count in mesh.counts:
-        part = slice(start, start + int(count))
-        words = [str(v + 1) for v in mesh.corners[part]]
+        corners = slice(start, start + int(count))
+        words = [str(v + 1) for v in mesh.corners[corners]]
         if rows is not None:
-            words = [f"{v}/{r + 1}" for v, r in zip(words, rows[part], strict=True)]
+            words = [f"{v}/{r + 1}" for v, r in zip(words, rows[corners], strict=True)]
         lines.append("f " + " ".join(words))
-        start = part.stop
+        start = corners.stop
     return ("\n".join(lines) + "\n").encode()
 
 
 def _patched(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
+    """Return the bytes of the mesh's own file with the lines of moved vertices replaced."""
     moved = mesh.changed(points)
     text: str = mesh.original
     if not moved.any():
@@ -98,16 +99,19 @@ def _patched(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
 
 
 def _text(row: NDArray[np.float64]) -> str:
+    """Return a point or texture coordinate as words of a line."""
     # The shortest text that reads back as the same float32: what was counted is what is written.
     return " ".join(str(value) for value in row.astype(np.float32))
 
 
 def _without_normal(word: str) -> str:
-    parts = word.split("/")[:2]
-    return parts[0] if parts[1:] in ([], [""]) else "/".join(parts)
+    """Return the word of a face's corner without its vertex normal: `1/2/3` becomes `1/2`."""
+    indices = word.split("/")[:2]
+    return indices[0] if indices[1:] in ([], [""]) else "/".join(indices)
 
 
 def _floats(words: list[str], least: int) -> list[float]:
+    """Return words as at least `least` finite numbers. Raises ValueError."""
     if len(words) < least:
         raise ValueError(f"expected {least} numbers, got {len(words)}")
     values = [float(word) for word in words]
@@ -117,12 +121,17 @@ def _floats(words: list[str], least: int) -> list[float]:
 
 
 def _corner(word: str, vertices: int, textures: int) -> tuple[int, int]:
-    parts = word.split("/")
-    row = _index(parts[1], textures) if len(parts) > 1 and parts[1] else -1
-    return _index(parts[0], vertices), row
+    """Return vertex and texture row (-1 for none) of a face's corner, counted from 0."""
+    indices = word.split("/")
+    row = _index(indices[1], textures) if len(indices) > 1 and indices[1] else -1
+    return _index(indices[0], vertices), row
 
 
 def _index(word: str, count: int) -> int:
+    """Return an index of the file, counted from 1 or back from the end, counted from 0.
+
+    Raises ValueError for 0 and for an index before the first entry.
+    """
     # OBJ counts from 1; a negative index counts back from the newest entry.
     index = int(word)
     index = index - 1 if index > 0 else count + index

@@ -23,19 +23,25 @@ _TYPES = {
 
 @dataclass(frozen=True)
 class _Element:
+    """An element of the header: so many records of the same properties."""
+
     name: str
     count: int
     properties: list[tuple[str, str, str]]  # name, value type, count type ("" for a scalar)
 
     def record(self, order: str) -> np.dtype[Any]:
+        """Return the type of a record without lists, in a byte order ("<" or ">")."""
         return np.dtype([(name, order + value) for name, value, _ in self.properties])
 
     def has_list(self) -> bool:
+        """Return whether a property is a list."""
         return any(count for _, _, count in self.properties)
 
 
 @dataclass(frozen=True)
 class _Original:
+    """The bytes of the file a mesh was read from, and where its vertices are."""
+
     data: bytes
     order: str  # "<", ">", or "" for ascii
     start: int  # of the vertex records in `data`
@@ -68,6 +74,7 @@ def write_ply(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
 
 
 def _header(data: bytes) -> tuple[str, list[_Element], int]:
+    """Return byte order ("" for ascii), elements, and where the header ends. Raises ValueError."""
     end = data.find(b"end_header")
     newline = data.find(b"\n", end)
     if not data.startswith(b"ply") or end < 0 or newline < 0:
@@ -92,6 +99,7 @@ def _header(data: bytes) -> tuple[str, list[_Element], int]:
 def _read_binary(
     data: bytes, order: str, elements: list[_Element], position: int
 ) -> tuple[NDArray[Any], Any, tuple[int, int]]:
+    """Return the vertex records, the polygons, and the vertices' span of bytes."""
     vertices: Any = None
     polygons: Any = []
     span = (0, 0)
@@ -128,6 +136,7 @@ def _binary_lists(data: bytes, order: str, element: _Element, position: int) -> 
 
 
 def _row_type(data: bytes, order: str, element: _Element, position: int) -> np.dtype[Any]:
+    """Return the type of the record with lists that starts at a position."""
     fields: list[Any] = []
     for name, value, count in element.properties:
         if not count:
@@ -141,6 +150,7 @@ def _row_type(data: bytes, order: str, element: _Element, position: int) -> np.d
 
 
 def _index_property(element: _Element) -> str:
+    """Return the name of the list of vertex indices."""
     names = [name for name, _, count in element.properties if count]
     for name in ("vertex_indices", "vertex_index"):
         if name in names:
@@ -151,6 +161,7 @@ def _index_property(element: _Element) -> str:
 def _read_ascii(
     data: bytes, order: str, elements: list[_Element], position: int
 ) -> tuple[NDArray[Any], Any, tuple[int, int]]:
+    """Return the vertex records, the polygons, and the vertices' span of bytes."""
     vertices: Any = None
     polygons: list[list[int]] = []
     span = (0, 0)
@@ -174,17 +185,19 @@ def _read_ascii(
 
 
 def _ascii_list(words: list[bytes], element: _Element) -> list[int]:
-    wanted = _index_property(element)
+    """Return the vertex indices of a face's words. Raises ValueError where there are none."""
+    index_name = _index_property(element)
     at = 0
     for name, _, count in element.properties:
         length = int(words[at]) if count else 1
-        if name == wanted:
+        if name == index_name:
             return [int(word) for word in words[at + 1 : at + 1 + length]]
         at += length + (1 if count else 0)
     raise ValueError("a face without vertex indices")
 
 
 def _patched(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
+    """Return the bytes of the mesh's own file with new positions and normals."""
     original: _Original = mesh.original
     moved = mesh.changed(points)
     if not moved.any():
@@ -205,6 +218,7 @@ def _patched(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
 
 
 def _ascii_block(original: _Original, vertices: NDArray[Any], moved: NDArray[np.bool_]) -> bytes:
+    """Return the lines of the vertices with new words where they changed."""
     lines = original.data[original.start : original.stop].splitlines()
     names = list(vertices.dtype.names or ())
     for index, line in enumerate(lines):
@@ -217,6 +231,7 @@ def _ascii_block(original: _Original, vertices: NDArray[Any], moved: NDArray[np.
 
 
 def _fresh(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
+    """Return the bytes of a new binary PLY file."""
     columns = [points.astype("<f4")]
     names = ["x", "y", "z"]
     if mesh.texture is not None and mesh.has_vertex_texture():

@@ -78,7 +78,7 @@ class Detector:
         exact: bool | Settle = True,
         active: NDArray[np.bool_] | None = None,
     ) -> NDArray[np.int32]:
-        """Intersecting pairs of a pose (V, 3) as (K, 2), or of poses (B, V, 3) as (K, 3).
+        """Return the intersecting pairs of a pose (V, 3) as (K, 2), of poses (B, V, 3) as (K, 3).
 
         Columns are (i, j) or (frame, i, j) with i < j; rows are sorted. `weld` replaces the weld
         map for this call. With `exact=False` pairs that floating point cannot settle count as
@@ -102,7 +102,7 @@ class Detector:
         weld: ArrayLike | None = None,
         active: NDArray[np.bool_] | None = None,
     ) -> NDArray[np.int32]:
-        """Rows (frame, i, j, 1 certain or 2 uncertain), unsorted, of float32 poses (B, V, 3)."""
+        """Return rows (frame, i, j, 1 certain or 2 uncertain), unsorted, of poses (B, V, 3)."""
         if self.tree is None or points.shape[0] == 0:
             return np.zeros((0, 4), dtype=np.int32)
         warp = self._warp
@@ -117,7 +117,7 @@ class Detector:
         return rows
 
     def _near(self, positions: Any, active: NDArray[np.bool_] | None) -> Any:
-        """Candidate pairs (frame, i, j) in leaf order: a Warp array of their number."""
+        """Return candidate pairs (frame, i, j) in leaf order, a Warp array of their number."""
         assert self.tree is not None
         warp = self._warp
         boxes = self.boxes(positions)
@@ -126,14 +126,15 @@ class Detector:
             near = warp.empty(capacity, dtype=warp.vec3i, device=self.device)
             count = warp.zeros(1, dtype=warp.int32, device=self.device)
             self.search(boxes, near, count, self._launch, active=active)
-            found = int(count.numpy()[0])
-            if found < 0:  # counted past 2^31: the pose has collapsed
+            needed = int(count.numpy()[0])
+            if needed < 0:  # counted past 2^31: the pose has collapsed
                 raise MemoryError("a pose has more overlapping boxes than can be counted")
-            if found <= capacity:
-                return near[:found]
-            self._capacity = max(self._capacity, 2 * found)
+            if needed <= capacity:
+                return near[:needed]
+            self._capacity = max(self._capacity, 2 * needed)
 
     def _active(self, active: NDArray[np.bool_]) -> Any:
+        """Return the tree's marks of active triangles (F,) on the device. Raises ValueError."""
         assert self.tree is not None
         if active.shape != (len(self.faces),) or active.dtype != bool:
             raise ValueError(
@@ -143,6 +144,7 @@ class Detector:
         return self._upload(self.tree.marks(active), self._warp.uint8)
 
     def _rounded(self, points: Any) -> NDArray[np.float32]:
+        """Return points as float32 poses (B, V, 3). Raises ValueError for others."""
         array = as_numpy(points)
         if array.ndim not in (2, 3) or array.shape[-2:] != (self.vertex_count, 3):
             raise ValueError(
@@ -159,6 +161,7 @@ class Detector:
         return rounded[None] if rounded.ndim == 2 else rounded
 
     def _settled(self, points: NDArray[np.float32], pairs: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Return the rows (K, 4) that intersect: uncertain ones are decided in integers."""
         uncertain = pairs[:, 3] == 2
         if not uncertain.any():
             return pairs
@@ -171,7 +174,7 @@ class Detector:
         return kept
 
     def boxes(self, points: Any) -> list[Any]:
-        """Boxes of triangles (in leaf order) and nodes, lower and upper, of poses (B, V, 3).
+        """Return the boxes of triangles (in leaf order) and nodes of poses (B, V, 3).
 
         The fifth array holds the boxes of the triangles once more, as blocks by leaf.
         """
@@ -182,7 +185,7 @@ class Detector:
         return boxes
 
     def box_arrays(self, frames: int) -> list[Any]:
-        """Arrays for the boxes of so many poses, to be filled by `fit`."""
+        """Return empty arrays for the boxes of `frames` poses, to be filled by `fit`."""
         assert self.tree is not None
         warp, nodes = self._warp, self.tree.node_count
         boxes = [
@@ -227,9 +230,11 @@ class Detector:
         return [self._ordered, self._welded, self._order]
 
     def _launch(self, kernel: Any, dimensions: tuple[int, ...], inputs: list[Any]) -> None:
+        """Launch a Warp kernel on the detector's device."""
         self._warp.launch(kernel, dim=dimensions, inputs=inputs, device=self.device)
 
     def _weld(self, weld: ArrayLike) -> Any:
+        """Return the welded corners (F, 3) in leaf order on the device. Raises ValueError."""
         assert self.tree is not None
         welded = np.asarray(weld)
         if welded.shape != (self.vertex_count,) or not np.issubdtype(welded.dtype, np.integer):
@@ -241,11 +246,12 @@ class Detector:
         return self._upload(corners, self._warp.vec3i)
 
     def _upload(self, values: NDArray[Any], dtype: Any) -> Any:
+        """Return values as a Warp array on the detector's device."""
         return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
 
 
 def find_intersections(points: ArrayLike, faces: ArrayLike) -> NDArray[np.int32]:
-    """Intersecting pairs (K, 2) of a mesh (V, 3), (F, 3): i < j, sorted, exact.
+    """Return the intersecting pairs (K, 2) of a mesh (V, 3), (F, 3): i < j, sorted, exact.
 
     Vertices at one float32 position count as one vertex. For several poses of one topology build a
     `Detector` once.
@@ -257,7 +263,7 @@ def find_intersections(points: ArrayLike, faces: ArrayLike) -> NDArray[np.int32]
 
 
 def triangle_count(pairs: NDArray[np.int32]) -> int:
-    """Number of distinct triangles in pairs (K, 2)."""
+    """Return the number of distinct triangles in pairs (K, 2)."""
     return len(np.unique(pairs))
 
 

@@ -16,7 +16,7 @@ Integers = NDArray[np.object_]
 
 
 def as_integers(points: NDArray[np.float32]) -> Integers:
-    """Finite float32 coordinates (..., 3) times one power of two, as Python integers."""
+    """Return float32 coordinates (..., 3), finite, times one power of two, as Python integers."""
     mantissa, exponent = np.frexp(points.astype(np.float64))
     whole = (mantissa * 2.0**24).astype(np.int64)
     used = whole != 0
@@ -28,7 +28,7 @@ def as_integers(points: NDArray[np.float32]) -> Integers:
 
 
 def cross(u: Integers, v: Integers) -> Integers:
-    """Cross product (..., 3) of integer vectors."""
+    """Return the cross product (..., 3) of integer vectors."""
     return np.stack(
         [
             u[..., 1] * v[..., 2] - u[..., 2] * v[..., 1],
@@ -40,18 +40,18 @@ def cross(u: Integers, v: Integers) -> Integers:
 
 
 def dot(u: Integers, v: Integers) -> Integers:
-    """Inner product (...,) of integer vectors."""
+    """Return the inner product (...,) of integer vectors."""
     products: Integers = u[..., 0] * v[..., 0] + u[..., 1] * v[..., 1] + u[..., 2] * v[..., 2]
     return products
 
 
 def sign(values: Integers) -> NDArray[np.int8]:
-    """Signs of integers as -1, 0, 1."""
+    """Return the signs of integers as -1, 0, 1."""
     return (values > 0).astype(np.int8) - (values < 0).astype(np.int8)
 
 
 def intersect(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Whether the closed triangles first[k] and second[k] (K, 3, 3) have a common point, exactly.
+    """Return whether the closed triangles first[k] and second[k] (K, 3, 3) meet, exactly (K,).
 
     Zero-area triangles intersect nothing (see the module's policy).
     """
@@ -78,7 +78,7 @@ def intersect(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArra
 
 
 def _edges_hit(edges: Integers, sides: NDArray[np.int8], triangle: Integers) -> NDArray[np.bool_]:
-    """Whether an edge of one triangle that does not lie in the other's plane meets the other.
+    """Return whether an edge that does not lie in the triangle's plane meets the triangle (K,).
 
     Triangles that are not coplanar intersect in a segment; its ends lie on such edges.
     """
@@ -97,13 +97,16 @@ def _edges_hit(edges: Integers, sides: NDArray[np.int8], triangle: Integers) -> 
 
 
 def _coplanar_intersect(a: Integers, b: Integers, normal: Integers) -> NDArray[np.bool_]:
-    """Closed coplanar triangles: apart if and only if a line along an edge separates them."""
+    """Return whether closed coplanar triangles (K, 3, 3) intersect (K,).
+
+    They are apart if and only if a line along an edge separates them.
+    """
     apart = np.zeros(len(a), dtype=bool)
     for one, other in ((a, b), (b, a)):
         for k in range(3):
             p, q, third = one[:, k], one[:, (k + 1) % 3], one[:, (k + 2) % 3]
             inward = cross(normal, q - p)
-            own = sign(dot(inward, third - p))
-            beyond = sign(dot(inward[:, None], other - p[:, None]))
-            apart |= (beyond == -own[:, None]).all(axis=1)
+            inner_side = sign(dot(inward, third - p))
+            other_sides = sign(dot(inward[:, None], other - p[:, None]))
+            apart |= (other_sides == -inner_side[:, None]).all(axis=1)
     return ~apart

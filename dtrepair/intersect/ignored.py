@@ -40,7 +40,7 @@ def counted_between(
 def of_ignored_bodies(
     owner: NDArray[np.integer], ignored: Sequence[tuple[int, int]]
 ) -> NDArray[np.bool_]:
-    """Which pairs of triangles, given by their bodies (K, 2), are of an ignored pair of bodies."""
+    """Return which pairs of triangles, given by their bodies (K, 2), are of ignored bodies (K,)."""
     mask = np.zeros(len(owner), dtype=bool)
     if ignored:
         count = int(owner.max(initial=0)) + 1

@@ -36,7 +36,10 @@ class Neighbors:
 
 
 def leaf_neighbors(faces: IntArray, leaf_start: IntArray) -> Neighbors:
-    """Neighbours of the leaves; faces (F, 3) in leaf order, at most 8 triangles in a leaf."""
+    """Return the neighbours of the leaves.
+
+    faces: (F, 3) in leaf order, at most 8 triangles in a leaf.
+    """
     leaves = len(leaf_start) - 1
     sizes = np.diff(leaf_start)
     assert sizes.max() <= 8
@@ -66,7 +69,7 @@ def leaf_neighbors(faces: IntArray, leaf_start: IntArray) -> Neighbors:
 def _merged(
     keys: NDArray[np.int64], bits: NDArray[np.uint64]
 ) -> tuple[NDArray[np.int64], NDArray[np.uint64]]:
-    """Each key once, ascending, with the union of its bits."""
+    """Return each key once, ascending, with the union of its bits."""
     order = np.argsort(keys, kind="stable")
     keys, bits = keys[order], bits[order]
     first = np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])

@@ -16,7 +16,9 @@ def close_pairs(
     *,
     active: NDArray[np.bool_] | None = None,
 ) -> IntArray:
-    """Pairs (K, 2), i < j, sorted, of triangles without a common vertex closer than `distance`.
+    """Return the pairs (K, 2), i < j, sorted, of triangles closer than `distance`.
+
+    Pairs with a common vertex are left out.
 
     Distances are those of the boundaries: of a pair that intersects only where an edge pierces a
     face the distance may be positive, so unite the result with the detector's pairs. Points (V, 3)
@@ -29,8 +31,8 @@ def close_pairs(
     from dtrepair.intersect.proximity_kernels import find_close_pairs
 
     warp = start_warp()
-    chosen = np.ones(len(tree.order), dtype=bool) if active is None else active[tree.order]
-    queries = np.flatnonzero(chosen).astype(np.int32)
+    searching = np.ones(len(tree.order), dtype=bool) if active is None else active[tree.order]
+    queries = np.flatnonzero(searching).astype(np.int32)
     boxes = detector.boxes(points[None])
     inputs = [warp.array(points, dtype=warp.vec3f, device="cpu", copy=False)]
     inputs.append(warp.array(detector.faces[tree.order], dtype=warp.vec3i, device="cpu"))
@@ -39,23 +41,25 @@ def close_pairs(
         for values in (tree.order, tree.leaf_start, tree.skip)
     ]
     inputs += [*boxes[:4], warp.array(queries, dtype=warp.int32, device="cpu")]
-    inputs.append(warp.array(chosen.astype(np.uint8), dtype=warp.uint8, device="cpu"))
+    inputs.append(warp.array(searching.astype(np.uint8), dtype=warp.uint8, device="cpu"))
     capacity = 4 * len(tree.order) + 1024
     while True:
         pairs = warp.empty(capacity, dtype=warp.vec2i, device="cpu")
         count = warp.zeros(1, dtype=warp.int32, device="cpu")
         arguments = [*inputs, float(distance), pairs, count]
         warp.launch(find_close_pairs, dim=len(queries), inputs=arguments, device="cpu")
-        found = int(count.numpy()[0])
-        if found <= capacity:
-            rows = pairs.numpy()[:found]
+        pair_count = int(count.numpy()[0])
+        if pair_count <= capacity:
+            rows = pairs.numpy()[:pair_count]
             ordered: IntArray = rows[np.lexsort((rows[:, 1], rows[:, 0]))]
             return ordered
-        capacity = 2 * found
+        capacity = 2 * pair_count
 
 
 def face_each_other(points: FloatArray, faces: IntArray, pairs: IntArray) -> NDArray[np.bool_]:
-    """Which pairs (K, 2) of triangles each have the other one in front (K,): outside lies between.
+    """Return which pairs (K, 2) of triangles have each other in front, (K,).
+
+    The outside lies between them.
 
     points: (V, 3); faces: (F, 3), normals outwards; told at the centres.
     """

@@ -36,7 +36,7 @@ class Queries:
     def folds(
         self, points: NDArray[np.float32], *, active: NDArray[np.bool_] | None = None
     ) -> IntArray:
-        """Pairs (K, 2) of triangles that share exactly one vertex and cross beyond it.
+        """Return the pairs (K, 2) of triangles that share exactly one vertex and cross beyond it.
 
         With `active` (V,) only those whose shared vertex is active.
         """
@@ -54,14 +54,14 @@ class Queries:
         return np.sort(self._fans[rows[folded.numpy().astype(bool)]][:, [0, 2]], axis=1)
 
     def _fan_rows(self, vertices: NDArray[np.int64]) -> IntArray:
-        """Rows of the fans around vertices."""
+        """Return the rows of `_fans` whose shared vertex is one of `vertices`."""
         starts, stops = self._fan_starts[vertices], self._fan_starts[vertices + 1]
         sizes = stops - starts
         offsets = np.repeat(starts - np.cumsum(sizes) + sizes, sizes)
         return (offsets + np.arange(len(offsets))).astype(np.int32)
 
     def ring_distance(self, pairs: IntArray) -> IntArray:
-        """Edge rings (K,) between the triangles of pairs (K, 2), at most RING_LIMIT + 1."""
+        """Return the edge rings (K,) between triangles of pairs (K, 2), at most RING_LIMIT + 1."""
         keys = pair_keys(pairs)
         place = np.searchsorted(self._known_keys, keys)
         new = place == len(self._known_keys)
@@ -80,7 +80,9 @@ class Queries:
     def crossings(
         self, points: NDArray[np.float32], vertices: IntArray, directions: FloatArray
     ) -> IntArray:
-        """Signed surface crossings (R,) of rays from vertices (R,) along directions (R, 3).
+        """Return the signed surface crossings (R,) of rays from vertices (R,).
+
+        directions: (R, 3), any length.
 
         Each exit counts 1 and each entry -1; triangles at the vertex do not count.
         """
@@ -96,7 +98,7 @@ class Queries:
         return counts
 
     def vector_areas(self, points: FloatArray) -> FloatArray:
-        """Vector area (V, 3) of each vertex of a pose (V, 3): a third of its triangles'."""
+        """Return the vector area (V, 3) of each vertex: a third of its triangles'."""
         warp, count = self._warp, self._detector.vertex_count
         areas = warp.empty(count, dtype=warp.vec3d, device="cpu")
         inputs = [self._array(points, warp.vec3d), self._faces, *self._corners, areas]
@@ -105,10 +107,12 @@ class Queries:
         return of_vertices
 
     def _node_boxes(self, points: NDArray[np.float32]) -> tuple[Any, Any]:
+        """Return the lower and the upper corners of the tree's nodes for a pose (V, 3)."""
         boxes = self._detector.boxes(points[None])
         return boxes[2], boxes[3]
 
     def _search(self, pairs: IntArray) -> IntArray:
+        """Return the ring distances (K,) of pairs (K, 2) by breadth-first search."""
         warp, count = self._warp, self._detector.vertex_count
         distance = warp.empty(len(pairs), dtype=warp.int32, device="cpu")
         indptr, indices = self._adjacency
@@ -123,14 +127,15 @@ class Queries:
 
     @cached_property
     def _tree(self) -> list[Any]:
-        """Triangles in leaf order, first of each leaf, skip links."""
+        """Triangles in leaf order, first of each leaf, skip links, on the device."""
         tree = self._detector.tree
         assert tree is not None
-        links = [self._array(part, self._warp.int32) for part in (tree.leaf_start, tree.skip)]
+        links = [self._array(values, self._warp.int32) for values in (tree.leaf_start, tree.skip)]
         return [self._array(self._detector.faces[tree.order], self._warp.vec3i), *links]
 
     @cached_property
     def _adjacency(self) -> tuple[Any, Any]:
+        """Neighbours of the vertices as compressed rows, on the device."""
         indptr, indices = adjacency(self._detector.faces, self._detector.vertex_count)
         return self._array(indptr, self._warp.int32), self._array(indices, self._warp.int32)
 
@@ -164,6 +169,7 @@ class Queries:
 
     @cached_property
     def _fans(self) -> IntArray:
+        """Pairs of triangles around each vertex; see `one_vertex_pairs`."""
         return one_vertex_pairs(self._detector.faces, self._detector.vertex_count)
 
     @cached_property
@@ -175,29 +181,33 @@ class Queries:
 
     @cached_property
     def _fan_array(self) -> Any:
+        """The fans on the device."""
         return self._array(self._fans, self._warp.vec4i)
 
     def _array(self, values: NDArray[Any], dtype: Any) -> Any:
+        """Return values as a Warp array on the CPU."""
         return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")
 
 
 def one_vertex_pairs(faces: IntArray, count: int) -> IntArray:
-    """Rows (triangle, its corner, triangle, its corner) of pairs that share exactly one vertex.
+    """Return the pairs of triangles that share exactly one vertex, (K, 4).
+
+    Rows are (triangle, its corner, triangle, its corner).
 
     Sorted by the shared vertex.
     """
     corners = np.argsort(faces.ravel(), kind="stable")
     valence = np.bincount(faces.ravel(), minlength=count)
     starts = np.concatenate([[0], np.cumsum(valence)])
-    found = []
+    by_valence = []
     for size in np.unique(valence[valence > 1]):
         vertices = np.flatnonzero(valence == size)
         around = corners[starts[vertices][:, None] + np.arange(size)]
         i, j = np.triu_indices(size, 1)
-        found.append(np.stack([around[:, i].ravel(), around[:, j].ravel()], axis=1))
-    if not found:
+        by_valence.append(np.stack([around[:, i].ravel(), around[:, j].ravel()], axis=1))
+    if not by_valence:
         return np.zeros((0, 4), dtype=np.int32)
-    first, second = np.concatenate(found).T
+    first, second = np.concatenate(by_valence).T
     shared = (faces[first // 3][:, :, None] == faces[second // 3][:, None, :]).sum(axis=(1, 2))
     first, second = first[shared == 1], second[shared == 1]
     rows = np.stack([first // 3, first % 3, second // 3, second % 3], axis=1).astype(np.int32)
@@ -205,7 +215,7 @@ def one_vertex_pairs(faces: IntArray, count: int) -> IntArray:
 
 
 def link_labels(links: NDArray[np.integer], count: int) -> IntArray:
-    """Connected component (count,) of each of `count` items under undirected links (K, 2).
+    """Return the connected component (count,) of each item under undirected links (K, 2).
 
     Components are numbered by their first items.
     """

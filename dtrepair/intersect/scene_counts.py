@@ -61,8 +61,10 @@ class SceneCounter:
         self.mode = mode
         self.ignored = tuple(ignored)
         self._vertices = np.cumsum([0, *(len(np.asarray(rest)) for rest in rests)])
-        self._triangles = np.cumsum([0, *(len(part) for part in faces)])
-        shifted = [part + start for part, start in zip(faces, self._vertices, strict=False)]
+        self._triangles = np.cumsum([0, *(len(triangles) for triangles in faces)])
+        shifted = [
+            triangles + start for triangles, start in zip(faces, self._vertices, strict=False)
+        ]
         self._owner = np.repeat(np.arange(len(faces)), np.diff(self._triangles))
         self._detector = Detector(
             np.concatenate([np.asarray(rest, dtype=np.float64) for rest in rests]),
@@ -75,9 +77,9 @@ class SceneCounter:
 
         Vertices of one mesh at one float32 position count as one.
         """
-        together = np.concatenate([np.asarray(part) for part in points]).astype(np.float32)
+        together = np.concatenate([np.asarray(pose) for pose in points]).astype(np.float32)
         welded = [
-            weld_map(part) + start for part, start in zip(points, self._vertices, strict=False)
+            weld_map(pose) + start for pose, start in zip(points, self._vertices, strict=False)
         ]
         every = pairs = self._detector(together, weld=np.concatenate(welded).astype(np.int32))
         owner = self._owner[pairs]
@@ -86,20 +88,21 @@ class SceneCounter:
         between = owner[:, 0] != owner[:, 1]
         hit = np.zeros(len(self._owner), dtype=bool)
         hit[pairs.reshape(-1)] = True
-        parts = tuple(
+        intersecting = tuple(
             hit[a:b] for a, b in zip(self._triangles[:-1], self._triangles[1:], strict=True)
         )
         each = []
-        for index, part in enumerate(parts):
-            own = (owner == index).any(axis=1)
-            each.append(_count(int(part.sum()), own, between & own))
+        for index, mask in enumerate(intersecting):
+            of_mesh = (owner == index).any(axis=1)
+            each.append(_count(int(mask.sum()), of_mesh, between & of_mesh))
         together, numbers = np.unique(np.sort(owner, axis=1), axis=0, return_counts=True)
         met = {(i, j): n for (i, j), n in zip(together.tolist(), numbers.tolist(), strict=True)}
         total = _count(int(hit.sum()), np.ones(len(pairs)), between)
-        return SceneCount(total, tuple(each), parts, met, every)
+        return SceneCount(total, tuple(each), intersecting, met, every)
 
 
 def _count(triangles: int, pairs: ArrayLike, between: ArrayLike) -> CountRecord:
+    """Return the counts of triangles and pairs as a record."""
     return CountRecord(
         triangles=triangles, pairs=int(np.sum(pairs)), inter_pairs=int(np.sum(between))
     )

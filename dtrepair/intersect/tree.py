@@ -29,21 +29,21 @@ class Tree:
 
     @property
     def leaf_count(self) -> int:
-        """Number of leaves, 2 ** depth."""
+        """The number of leaves, 2 ** depth."""
         return 1 << self.depth
 
     @property
     def node_count(self) -> int:
-        """Number of nodes, leaves included."""
+        """The number of nodes, leaves included."""
         return 2 * self.leaf_count - 1
 
-    def marks(self, chosen: NDArray[np.bool_]) -> NDArray[np.uint8]:
-        """Bits (nodes,) of chosen triangles (F,): bit k of a leaf for its triangle k in order.
+    def marks(self, active: NDArray[np.bool_]) -> NDArray[np.uint8]:
+        """Return the bits (nodes,) of active triangles (F,).
 
-        Bits of inner nodes are those of any leaf below.
+        Bit k of a leaf is that of its triangle k in order; inner nodes unite their leaves.
         """
         marks = np.zeros(self.node_count, dtype=np.uint8)
-        bits = self._bits * chosen[self.order]
+        bits = self._bits * active[self.order]
         marks[self.leaf_count - 1 :] = np.bitwise_or.reduceat(bits, self.leaf_start[:-1])
         for level in reversed(range(self.depth)):
             first = (1 << level) - 1
@@ -61,7 +61,7 @@ class Tree:
 
 
 def build_tree(centroids: FloatArray, *, leaf_size: int = LEAF_SIZE) -> Tree:
-    """Median splits along the longest axis of each node's centroids (F, 3), level by level."""
+    """Split the centroids (F, 3) of each node at the median of its longest axis, level by level."""
     count = len(centroids)
     depth = 0
     while count > leaf_size << depth:
@@ -81,12 +81,18 @@ def build_tree(centroids: FloatArray, *, leaf_size: int = LEAF_SIZE) -> Tree:
 
 
 def _segment_starts(count: int, level: int) -> np.ndarray:
-    """Bounds of the 2 ** level nearly equal parts of `count` triangles; halves of halves agree."""
+    """Return the bounds of the 2 ** level nearly equal parts of `count` triangles.
+
+    Halves of halves agree.
+    """
     return (np.arange((1 << level) + 1, dtype=np.int64) * count) >> level
 
 
 def _skip_links(depth: int) -> IntArray:
-    """The next node in depth-first order that is no descendant, for each node in heap order."""
+    """Return for each node in heap order the next node that is no descendant of it.
+
+    Next is meant in depth-first order; (nodes,), the number of nodes after the last one.
+    """
     nodes = (2 << depth) - 1
     skip = np.full(nodes, nodes, dtype=np.int32)
     for level in range(1, depth + 1):

@@ -14,7 +14,7 @@ IntArray = NDArray[np.int32]
 
 
 def as_mesh(points: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, IntArray]:
-    """Points (V, 3) as float64 and faces (F, 3) as int32, checked.
+    """Return points (V, 3) as float64 and faces (F, 3) as int32, checked.
 
     Raises ValueError for other shapes, numbers that are not finite and indices out of range.
     """
@@ -38,7 +38,10 @@ def as_mesh(points: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, IntArray]:
 
 
 def as_points(points: ArrayLike, count: int | None = None) -> FloatArray:
-    """Points (V, 3) as float64, finite, and `count` of them if a count is given (ValueError)."""
+    """Return points (V, 3) as float64, checked to be finite and, if given, `count` of them.
+
+    Raises ValueError that names the first vertex that is not finite, or the shape.
+    """
     vertices = np.ascontiguousarray(points, dtype=np.float64)
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise ValueError(f"points should have shape (V, 3), got {vertices.shape}")
@@ -55,31 +58,31 @@ def as_points(points: ArrayLike, count: int | None = None) -> FloatArray:
 
 
 def vector_areas(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Normal times area of each triangle (F, 3), squared length units."""
+    """Return normal times area of each triangle (F, 3), squared length units."""
     a, b, c = (points.take(corner, axis=0) for corner in faces.T)
     return 0.5 * np.cross(b - a, c - a)
 
 
 def triangle_areas(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Area of each triangle (F,), squared length units."""
+    """Return the area of each triangle (F,), squared length units."""
     return lengths(vector_areas(points, faces))
 
 
 def triangle_normals(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Unit normal of each triangle (F, 3); zero where the area is zero."""
+    """Return the unit normal of each triangle (F, 3); it is zero where the area is zero."""
     vectors = vector_areas(points, faces)
     length = lengths(vectors)[:, None]
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 def vertex_areas(points: FloatArray, faces: IntArray) -> FloatArray:
-    """A third of the incident triangle areas of each vertex (V,), squared length units."""
+    """Return a third of the incident triangle areas of each vertex (V,), squared length units."""
     thirds = np.repeat(triangle_areas(points, faces) / 3.0, 3)
     return np.bincount(faces.ravel(), thirds, len(points)).astype(np.float64)
 
 
 def unique_edges(faces: IntArray) -> IntArray:
-    """Edges (E, 2), each once, i < j, sorted."""
+    """Return the edges (E, 2) of faces (F, 3), each once, i < j, sorted."""
     if len(faces) == 0:
         return np.zeros((0, 2), dtype=np.int32)
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
@@ -91,24 +94,30 @@ def unique_edges(faces: IntArray) -> IntArray:
 
 
 def shared_edges(faces: IntArray) -> NDArray[np.int64]:
-    """Pairs (K, 2) of triangles with a common edge; all pairs of three or more around one edge."""
+    """Return the pairs (K, 2) of triangles with a common edge.
+
+    Three or more triangles around one edge give all their pairs.
+    """
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     triangles = np.tile(np.arange(len(faces)), 3)
     order = np.lexsort((triangles, edges[:, 1], edges[:, 0]))
     edges, triangles = edges[order], triangles[order]
-    found = []
+    by_step = []
     for step in range(1, len(edges)):
         same = (edges[step:] == edges[:-step]).all(axis=1)
         if not same.any():
             break
-        found.append(np.stack([triangles[:-step][same], triangles[step:][same]], axis=1))
-    pairs = np.concatenate(found) if found else np.zeros((0, 2), dtype=np.int64)
+        by_step.append(np.stack([triangles[:-step][same], triangles[step:][same]], axis=1))
+    pairs = np.concatenate(by_step) if by_step else np.zeros((0, 2), dtype=np.int64)
     distinct: NDArray[np.int64] = pairs[pairs[:, 0] != pairs[:, 1]]
     return distinct
 
 
 def adjacency(faces: IntArray, count: int) -> tuple[IntArray, IntArray]:
-    """Neighbours of each vertex as compressed rows: indptr (count + 1,), indices (2E,), sorted."""
+    """Return the neighbours of `count` vertices as compressed rows.
+
+    indptr (count + 1,): where the row of each vertex starts; indices (2E,): neighbours, sorted.
+    """
     edges = unique_edges(faces)
     both = np.concatenate([edges, edges[:, ::-1]])
     both = both[np.lexsort((both[:, 1], both[:, 0]))]
@@ -117,7 +126,10 @@ def adjacency(faces: IntArray, count: int) -> tuple[IntArray, IntArray]:
 
 
 def components(faces: IntArray, count: int) -> IntArray:
-    """Label of the connected component of each vertex (count,); unused vertices stand alone."""
+    """Return the label (count,) of the connected component of each vertex.
+
+    A vertex that no face uses is a component of its own.
+    """
     edges = unique_edges(faces)
     graph = sparse.coo_matrix(
         (np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(count, count)
@@ -127,7 +139,7 @@ def components(faces: IntArray, count: int) -> IntArray:
 
 
 def weld_map(points: ArrayLike) -> IntArray:
-    """For each vertex (V,) the smallest index of a vertex at the same float32 position.
+    """Return for each vertex (V,) the smallest index of a vertex at the same float32 position.
 
     -0.0 and 0.0 are one position. Vertices duplicated along texture seams weld into one.
     """
@@ -144,13 +156,13 @@ def weld_map(points: ArrayLike) -> IntArray:
 
 
 def extent(points: ArrayLike) -> float:
-    """Longest side of the bounding box: the unit of length of the repair."""
+    """Return the longest side of the bounding box: the unit of length of the repair."""
     vertices = np.asarray(points)
     return float(_sides(vertices).max()) if vertices.size else 0.0
 
 
 def diagonal(points: ArrayLike) -> float:
-    """Diagonal of the bounding box: the unit of the reported displacements."""
+    """Return the diagonal of the bounding box: the unit of the reported displacements."""
     vertices = np.asarray(points, dtype=np.float64)
     if not vertices.size:
         return 0.0
@@ -158,17 +170,18 @@ def diagonal(points: ArrayLike) -> float:
 
 
 def _sides(vertices: NDArray[Any]) -> NDArray[Any]:
+    """Return the sides (3,) of the bounding box of vertices (V, 3)."""
     # Column by column: reductions over the first axis are ten times slower.
     return np.array([np.ptp(column) for column in vertices.T])
 
 
 def lengths(vectors: FloatArray) -> FloatArray:
-    """Length (N,) of each vector (N, 3)."""
+    """Return the length (N,) of each vector (N, 3)."""
     return np.sqrt(dots(vectors, vectors))
 
 
 def dots(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Scalar product (N,) of each vector (N, 3) of one array with that of another."""
+    """Return the scalar product (N,) of each vector (N, 3) of one array with that of another."""
     # Columns side by side are added three times as fast as rows are.
     products = first * second
     total = products[:, 0] + products[:, 1]
@@ -177,19 +190,19 @@ def dots(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def differing(first: FloatArray, second: FloatArray) -> NDArray[np.bool_]:
-    """Whether each point (N, 3) of one array differs from that of another, (N,)."""
+    """Return whether each point (N, 3) of one array differs from that of another, (N,)."""
     unequal = first != second
     differs: NDArray[np.bool_] = unequal[:, 0] | unequal[:, 1] | unequal[:, 2]
     return differs
 
 
 def as_numpy(points: Any) -> NDArray[Any]:
-    """An array, or a tensor of any device, as an array."""
+    """Return an array, or a tensor of any device, as an array."""
     return points.detach().cpu().numpy() if hasattr(points, "detach") else np.asarray(points)
 
 
 def as_given(points: FloatArray, given: Any) -> Any:
-    """Points in the type and, for tensors, on the device of what was given."""
+    """Return points in the type and, for tensors, on the device of `given`."""
     if hasattr(given, "detach"):
         import torch
 
@@ -199,5 +212,5 @@ def as_given(points: FloatArray, given: Any) -> Any:
 
 
 def pair_keys(pairs: IntArray) -> NDArray[np.int64]:
-    """One number for each pair (K, 2)."""
+    """Return one number for each pair (K, 2): first * 2^32 + second."""
     return pairs[:, 0].astype(np.int64) << 32 | pairs[:, 1].astype(np.int64)

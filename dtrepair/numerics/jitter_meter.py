@@ -9,7 +9,7 @@ from dtrepair.numerics.geometry import diagonal
 
 
 class JitterMeter:
-    """Root mean square second difference of the displacement over the first frame's diagonal.
+    """Measures the root mean square second difference of the displacement, in diagonals.
 
     The same figure as `metrics.jitter`, in memory that does not grow with the number of frames.
     """
@@ -35,5 +35,5 @@ class JitterMeter:
 
     @property
     def value(self) -> float:
-        """The jitter so far; 0 for fewer than three frames."""
+        """The jitter of the frames so far; 0 for fewer than three frames."""
         return float(np.sqrt(self._sum / self._count)) / self._diagonal if self._count else 0.0

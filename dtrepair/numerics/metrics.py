@@ -8,12 +8,15 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
 
 
 def displacements(before: FloatArray, after: FloatArray) -> FloatArray:
-    """Distance each vertex moved (V,), relative to the bounding-box diagonal of `before`."""
+    """Return how far each vertex moved (V,), relative to the bounding-box diagonal of `before`."""
     return lengths(after - before) / (diagonal(before) or 1.0)
 
 
 def edge_log_ratio(before: FloatArray, after: FloatArray, edges: IntArray) -> float:
-    """Root mean square of the logarithm of the edges' length ratios: 0 for a rigid motion."""
+    """Return the root mean square of the logarithm of the edges' length ratios.
+
+    It is 0 for a rigid motion. before, after: (V, 3); edges: (E, 2).
+    """
     if len(edges) == 0:
         return 0.0
     first, second = edges.T
@@ -23,13 +26,13 @@ def edge_log_ratio(before: FloatArray, after: FloatArray, edges: IntArray) -> fl
 
 
 def volume(points: FloatArray, faces: IntArray) -> float:
-    """Signed volume enclosed by a closed mesh, cubed length units (divergence theorem)."""
+    """Return the signed volume of a closed mesh, cubed length units (divergence theorem)."""
     a, b, c = (points[faces[:, k]] - points.mean(axis=0) for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
 
 def jitter(before: FloatArray, after: FloatArray) -> float:
-    """Root mean square second difference of the displacement (T, V, 3) over the diagonal."""
+    """Return the root mean square second difference of the displacement (T, V, 3), in diagonals."""
     moved = after - before
     if len(moved) < 3:
         return 0.0

@@ -14,7 +14,9 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, unique_edges, verte
 def cotangent_laplacian(
     points: FloatArray, faces: IntArray, *, clamp: tuple[float, float] | None = None
 ) -> sparse.csr_matrix:
-    """Cotangent Laplacian (V, V), positive semidefinite, dimensionless (Pinkall & Polthier 1993).
+    """Return the cotangent Laplacian (V, V), positive semidefinite, dimensionless.
+
+    Pinkall & Polthier 1993.
 
     `clamp` bounds the weight of every edge from below and above: with positive weights the matrix
     is an M-matrix, so a diffused field never exceeds its source (maximum principle).
@@ -43,21 +45,23 @@ def cotangent_laplacian(
 
 
 def uniform_laplacian(faces: IntArray, count: int) -> sparse.csr_matrix:
-    """Graph Laplacian (count, count): degree on the diagonal, -1 for each edge."""
+    """Return the graph Laplacian (count, count): degree on the diagonal, -1 for each edge."""
     edges = unique_edges(faces)
     half = sparse.coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), (count, count))
     return _laplacian((half + half.T).tocsr())
 
 
 def lumped_mass(points: FloatArray, faces: IntArray, *, floor: float = 1e-2) -> FloatArray:
-    """Vertex areas (V,) scaled to mean 1 over the vertices in use, and at least `floor`."""
+    """Return vertex areas (V,) scaled to mean 1 over the vertices in use, and at least `floor`."""
     areas = vertex_areas(points, faces)
     used = areas[areas > 0]
     return np.maximum(areas / used.mean() if len(used) else areas, floor)
 
 
 def gradient_operator(points: FloatArray, faces: IntArray) -> sparse.csr_matrix:
-    """Gradient of a piecewise linear function: (3F, V), rows 3t..3t+2 of triangle t, 1 / length.
+    """Return the gradient (3F, V) of a piecewise linear function, in 1 / length.
+
+    Rows 3t, 3t + 1 and 3t + 2 are the gradient's x, y and z in triangle t.
 
     A zero-area triangle has no gradient: its rows are zero.
     """
@@ -80,11 +84,12 @@ def gradient_operator(points: FloatArray, faces: IntArray) -> sparse.csr_matrix:
 
 
 def _laplacian(edges: sparse.csr_matrix) -> sparse.csr_matrix:
+    """Return the Laplacian of symmetric edge weights (V, V): their sums on the diagonal."""
     return (sparse.diags(np.asarray(edges.sum(axis=1)).ravel()) - edges).tocsr()
 
 
 class Factor:
-    """Sparse Cholesky factor of a symmetric positive definite matrix, computed once.
+    """Solves with a sparse symmetric positive definite matrix, factorised once (Cholesky).
 
     `Factor.count` counts the factorisations of the process, so that a test can assert reuse.
     """
@@ -113,7 +118,7 @@ class Factor:
         )
 
     def __call__(self, right_hand_side: NDArray[np.floating]) -> FloatArray:
-        """Solution of matrix @ x = right_hand_side, shape (n,) or (n, k), float64."""
+        """Return the solution x of matrix @ x = right_hand_side, shape (n,) or (n, k), float64."""
         rows = np.ascontiguousarray(right_hand_side, dtype=np.float64)
         if rows.shape[0] != self.size:
             raise ValueError(f"right-hand side should have {self.size} rows, got {rows.shape}")

@@ -24,7 +24,7 @@ CUT_FLOOR, CUT_ALWAYS = 0.05, 0.5
 
 
 def frame_units(times: FloatArray) -> FloatArray:
-    """Times (T,) in units of their median spacing, so that a width means frames."""
+    """Return times (T,) in units of their median spacing, so that a width means frames."""
     if len(times) < 2:
         return np.zeros(len(times))
     frames: FloatArray = (times - times[0]) / float(np.median(np.diff(times)))
@@ -32,7 +32,7 @@ def frame_units(times: FloatArray) -> FloatArray:
 
 
 def gaussian_kernel(frames: FloatArray, width: float) -> FloatArray:
-    """Matrix (T, T) that smooths a function of time with a Gaussian; rows sum to 1.
+    """Return the matrix (T, T) that smooths a function of time with a Gaussian; rows sum to 1.
 
     frames: times (T,) in frame units; width: standard deviation in frames, 0 for the identity.
     """
@@ -45,7 +45,7 @@ def gaussian_kernel(frames: FloatArray, width: float) -> FloatArray:
 
 
 def apply_in_time(kernel: Floats, field: Floats) -> Any:
-    """The kernel (T, S) applied to a field (S, ...) over frames.
+    """Apply a kernel (T, S) to a field (S, ...) over frames; return (T, ...).
 
     In products too small for threads of the linear algebra library: those would be in the way of
     frames that are worked on side by side.
@@ -54,13 +54,16 @@ def apply_in_time(kernel: Floats, field: Floats) -> Any:
     result = np.empty((len(kernel), columns.shape[1]), dtype=columns.dtype)
     width = max(1, SMALL_PRODUCT // max(kernel.size, 1))
     for start in range(0, columns.shape[1], width):
-        own = slice(start, start + width)
-        np.matmul(kernel, columns[:, own], out=result[:, own])
+        block = slice(start, start + width)
+        np.matmul(kernel, columns[:, block], out=result[:, block])
     return result.reshape(len(kernel), *field.shape[1:])
 
 
 def eased_in_time(needed: FloatArray, frames: FloatArray, width: float) -> FloatArray:
-    """Smooth lengths (T,), nowhere less than needed (T,), that come and go within some frames."""
+    """Return lengths (T,) that are smooth in time and nowhere below `needed` (T,).
+
+    They come and go within some frames. frames: times (T,) in frame units; width: in frames.
+    """
     if len(frames) == 1:
         return needed
     distance = np.abs(frames[:, None] - frames[None, :]) / width
@@ -70,7 +73,7 @@ def eased_in_time(needed: FloatArray, frames: FloatArray, width: float) -> Float
 
 
 def undamped(kernel: FloatArray, field: FloatArray) -> FloatArray:
-    """A field (T, V, 3) smoothed in time such that a lone frame keeps its full length."""
+    """Smooth a field (T, V, 3) in time such that a lone frame keeps its full length."""
     x, y, z = np.moveaxis(field, 2, 0)
     length = np.sqrt(x * x + y * y + z * z)
     moved = length > 0
@@ -90,7 +93,7 @@ def undamped(kernel: FloatArray, field: FloatArray) -> FloatArray:
 def spread_in_time(
     frames: FloatArray, values: NDArray[np.float32], width: float
 ) -> NDArray[np.float32]:
-    """Largest of the values (T, k) of all frames, each fading over time as a bell of `width`."""
+    """Return the largest of the values (T, k) of all frames, each fading as a bell of `width`."""
     result = values.copy()
     for index, frame in enumerate(frames):
         distance = np.abs(frames - frame) / width
@@ -101,7 +104,7 @@ def spread_in_time(
 
 
 def second_differences(frames: FloatArray) -> FloatArray:
-    """Matrix (T - 2, T): accelerations of a function of time at its inner samples.
+    """Return the matrix (T - 2, T) of accelerations of a function of time at inner samples.
 
     frames: times (T,) in frame units.
     """
@@ -116,29 +119,29 @@ def second_differences(frames: FloatArray) -> FloatArray:
 
 
 def steady_weights(frames: FloatArray) -> FloatArray:
-    """Matrix (T, T), zero diagonal: each value from the others, with the least acceleration.
+    """Return the matrix (T, T), zero diagonal, that puts each value where it accelerates least.
 
     Minimises the sum of squared second differences over one value, the others held.
     """
     differences = second_differences(frames)
     normal = differences.T @ differences
-    own = np.diag(normal).copy()
-    own[own == 0.0] = 1.0
-    weights = -normal / own[:, None]
+    diagonal = np.diag(normal).copy()
+    diagonal[diagonal == 0.0] = 1.0
+    weights = -normal / diagonal[:, None]
     np.fill_diagonal(weights, 0.0)
     return weights
 
 
 def is_cut(before: float, jump: float, after: float, motion: float) -> bool:
-    """Whether a jump between two frames starts a new shot.
+    """Return whether a jump between two frames starts a new shot.
 
     before, jump, after: speeds (size / time) across the gap before, this gap and the one after: a
     cut stands out from both, however fast the shots are. motion: the jump itself, in sizes.
     """
-    alone = motion > CUT_FLOOR and jump > CUT_RATIO * max(before, after)
-    return alone or motion > CUT_ALWAYS
+    stands_out = motion > CUT_FLOOR and jump > CUT_RATIO * max(before, after)
+    return stands_out or motion > CUT_ALWAYS
 
 
 def motion_between(first: FloatArray, second: FloatArray, size: float) -> float:
-    """Root mean square motion of the vertices (V, 3) from one pose to another, in sizes."""
+    """Return the root mean square motion of vertices (V, 3) between two poses, in sizes."""
     return float(np.sqrt(((second - first) ** 2).sum(axis=1).mean())) / size

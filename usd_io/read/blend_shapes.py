@@ -32,7 +32,7 @@ class BlendShapes:
 
 
 def read_blend_shapes(mesh: AnimatedMesh) -> BlendShapes | None:
-    """The blend shapes of a mesh, and their weights over time; None if it has none.
+    """Return the blend shapes of a mesh and their weights over time; None if it has none.
 
     Raises:
         StageError: a shape is missing or does not fit the points.
@@ -66,18 +66,18 @@ def _fill(row: NDArray[np.float64], shape: UsdSkel.BlendShape) -> None:
     values = shape.GetOffsetsAttr().Get()
     offsets = np.zeros((0, 3)) if values is None else np.asarray(values, dtype=np.float64)
     indices = shape.GetPointIndicesAttr().Get()
-    chosen = np.arange(len(offsets)) if not indices else np.asarray(indices, dtype=np.int64)
-    fits = len(chosen) == len(offsets) and chosen.max(initial=-1) < len(row)
-    if not fits or chosen.min(initial=0) < 0:
+    moving = np.arange(len(offsets)) if not indices else np.asarray(indices, dtype=np.int64)
+    fits = len(moving) == len(offsets) and moving.max(initial=-1) < len(row)
+    if not fits or moving.min(initial=0) < 0:
         raise StageError(
             f"{shape.GetPath()}: expected offsets for indices below {len(row)}, got "
-            f"{len(offsets)} offsets and {len(chosen)} indices; export the shape again"
+            f"{len(offsets)} offsets and {len(moving)} indices; export the shape again"
         )
-    row[chosen] = offsets
+    row[moving] = offsets
 
 
 def _weights(mesh: AnimatedMesh, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Weights (T, K) as the mesh's animation has them; without one each shape in turn."""
+    """Return weights (T, K) as the mesh's animation has them; without one each shape in turn."""
     animation = mesh.skin.skeleton_query.GetAnimQuery() if mesh.skin is not None else None
     if mesh.skin is None or not animation:
         return in_turn(count)
@@ -90,5 +90,5 @@ def _weights(mesh: AnimatedMesh, count: int) -> tuple[NDArray[np.float64], NDArr
 
 
 def in_turn(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times 1, 2, ... (K,) and weights (K, K) that show one shape after the other."""
+    """Return times 1, 2, ... (K,) and weights (K, K) that show one shape after the other."""
     return np.arange(1.0, count + 1.0), np.eye(count)

@@ -21,7 +21,7 @@ SMALLEST_DETERMINANT = 1e-9
 
 
 def prim_matrix(prim: Usd.Prim, time: float) -> NDArray[np.float64]:
-    """Local to world matrix (4, 4) float64 of a prim at a time code.
+    """Return the local to world matrix (4, 4) float64 of a prim at a time code.
 
     At the default time (NaN) an animated transform without default values is taken at its
     earliest sample (pxr would silently leave it out).
@@ -33,7 +33,7 @@ def prim_matrix(prim: Usd.Prim, time: float) -> NDArray[np.float64]:
 
 
 def chain_times(prim: Usd.Prim, *, below: Sdf.Path = Sdf.Path.absoluteRootPath) -> set[float]:
-    """Time codes of the transforms of a prim and its ancestors, those under `below` only."""
+    """Return the time codes of the transforms of a prim and its ancestors below `below`."""
     times: set[float] = set()
     while prim and prim.GetPath() != below and not prim.IsPseudoRoot():
         xformable = UsdGeom.Xformable(prim)
@@ -46,7 +46,7 @@ def chain_times(prim: Usd.Prim, *, below: Sdf.Path = Sdf.Path.absoluteRootPath) 
 
 
 def transform_points(points: ArrayLike, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (..., 3) through a matrix (4, 4), in float64."""
+    """Return points (..., 3) transformed by a matrix (4, 4), in float64."""
     points = np.asarray(points, dtype=np.float64)
     moved: NDArray[np.float64] = points @ matrix[:3, :3] + matrix[3, :3]
     return moved
@@ -55,7 +55,7 @@ def transform_points(points: ArrayLike, matrix: NDArray[np.float64]) -> NDArray[
 def inverse_matrix(
     matrix: NDArray[np.float64], *, path: str = "transform", time: float = math.nan
 ) -> NDArray[np.float64]:
-    """World to local: the inverse (4, 4) of an affine matrix.
+    """Return world to local: the inverse (4, 4) of an affine matrix.
 
     Raises:
         FrameError: the matrix flattens space (a zero scale) or is not finite; pxr would return a

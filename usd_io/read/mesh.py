@@ -49,7 +49,7 @@ class AnimatedMesh:
 
     @property
     def prim(self) -> Usd.Prim:
-        """The prim; StageError if it is gone from the stage."""
+        """The prim of the mesh. Raises StageError if it is gone from the stage."""
         prim = self.stage.GetPrimAtPath(self.path)
         if not prim:
             raise StageError(f"{self.path}: no longer on the stage; read the meshes again")
@@ -62,7 +62,7 @@ class AnimatedMesh:
 
     @property
     def coordinate_step(self) -> float:
-        """Distance of neighbouring float32 numbers at the largest coordinate, stage units."""
+        """The distance of neighbouring float32 numbers at the largest coordinate, stage units."""
         return float(np.spacing(np.float32(np.abs(self.rest).max())))
 
     @property

@@ -11,26 +11,27 @@ from usd_io.read.mesh import AnimatedMesh
 
 
 def read_constants(mesh: AnimatedMesh, namespace: str) -> dict[str, Any]:
-    """Values of all primvars and attributes of a mesh in a namespace, by the rest of their names.
+    """Return all primvars and attributes of a mesh in a namespace, by the rest of their names.
 
     `primvars:NAMESPACE:x`, inherited from the prims above as constant primvars are, or else the
     custom attribute `NAMESPACE:x` of the mesh itself. Values at the default time, or else at the
     earliest; arrays of one element count as that element, longer ones come as numpy arrays.
     """
     prefix = f"{namespace}:"
-    found: dict[str, Any] = {}
+    settings: dict[str, Any] = {}
     for attribute in mesh.prim.GetAttributes():
         if attribute.GetName().startswith(prefix):
-            _take(found, attribute.GetName().removeprefix(prefix), attribute)
+            _take(settings, attribute.GetName().removeprefix(prefix), attribute)
     for primvar in UsdGeom.PrimvarsAPI(mesh.prim).FindPrimvarsWithInheritance():
         name = primvar.GetPrimvarName()
         # The indices of an indexed primvar are no value of their own.
         if name.startswith(prefix) and not name.endswith(":indices"):
-            _take(found, name.removeprefix(prefix), primvar.GetAttr())
-    return found
+            _take(settings, name.removeprefix(prefix), primvar.GetAttr())
+    return settings
 
 
-def _take(found: dict[str, Any], name: str, attribute: Usd.Attribute) -> None:
+def _take(settings: dict[str, Any], name: str, attribute: Usd.Attribute) -> None:
+    """Add the value of an attribute, if it has one, to the settings."""
     value = attribute.Get(Usd.TimeCode.Default())
     if value is None:
         value = attribute.Get(Usd.TimeCode.EarliestTime())
@@ -39,4 +40,4 @@ def _take(found: dict[str, Any], name: str, attribute: Usd.Attribute) -> None:
     if not isinstance(value, bool | int | float | str):
         array = np.asarray(value)
         value = array.reshape(-1)[0].item() if array.size == 1 else array
-    found[name] = value
+    settings[name] = value

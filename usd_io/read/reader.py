@@ -74,7 +74,7 @@ def read_meshes(
 
 
 def read_frame(mesh: AnimatedMesh, time: float) -> NDArray[np.float32] | None:
-    """Local points (V, 3) float32 of one frame; None for a blocked sample.
+    """Return the local points (V, 3) float32 of one frame; None for a blocked sample.
 
     The array is read-only and shares memory with pxr where it can.
 
@@ -85,7 +85,7 @@ def read_frame(mesh: AnimatedMesh, time: float) -> NDArray[np.float32] | None:
 
 
 def raw_points(mesh: AnimatedMesh, time: float) -> NDArray[np.float32] | None:
-    """Local points (N, 3) float32 of one frame as they are, unchecked; None if blocked."""
+    """Return the local points (N, 3) float32 of one frame, unchecked; None if blocked."""
     if mesh.skin is not None:
         return mesh.skin.points(time)
     value = mesh.geometry.GetPointsAttr().Get(time_code(time))
@@ -98,7 +98,7 @@ def raw_points(mesh: AnimatedMesh, time: float) -> NDArray[np.float32] | None:
 def check_points(
     mesh: AnimatedMesh, time: float, points: NDArray[np.float32] | None
 ) -> NDArray[np.float32] | None:
-    """The points themselves, or FrameError if they do not fit the mesh or are not finite."""
+    """Return the points. Raises FrameError if they do not fit the mesh or are not finite."""
     if points is None:
         return None
     if len(points) != len(mesh.rest):
@@ -120,7 +120,7 @@ def check_points(
 
 
 def read_points(mesh: AnimatedMesh, times: ArrayLike) -> NDArray[np.float32]:
-    """Local points (T, V, 3) float32 of several frames, all in memory.
+    """Return the local points (T, V, 3) float32 of several frames, all in memory.
 
     Raises:
         FrameError: a frame is unusable, or blocked.
@@ -136,6 +136,7 @@ def read_points(mesh: AnimatedMesh, times: ArrayLike) -> NDArray[np.float32]:
 
 
 def _read_mesh(stage: Usd.Stage, candidate: Candidate, *, skip_varying: bool) -> AnimatedMesh:
+    """Return a mesh of a stage. Raises _Skip for one that takes no part, StageError."""
     geometry = UsdGeom.Mesh(candidate.prim)
     path = str(candidate.prim.GetPath())
     try:
@@ -171,7 +172,7 @@ def _read_mesh(stage: Usd.Stage, candidate: Candidate, *, skip_varying: bool) ->
 
 
 def _skinned(skin: Skin, rest_time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rest points and times of a skinned mesh; StageError if it cannot be skinned at all."""
+    """Return rest points and times of a skinned mesh. Raises StageError if it cannot be skinned."""
     try:
         times = skin.times()
         skin.points(float(times[0]))
@@ -181,6 +182,7 @@ def _skinned(skin: Skin, rest_time: float) -> tuple[NDArray[np.float64], NDArray
 
 
 def _topology(geometry: UsdGeom.Mesh) -> tuple[Usd.Attribute, Usd.Attribute, Usd.Attribute]:
+    """Return the attributes of face counts, face indices and holes."""
     return (
         geometry.GetFaceVertexCountsAttr(),
         geometry.GetFaceVertexIndicesAttr(),
@@ -189,7 +191,7 @@ def _topology(geometry: UsdGeom.Mesh) -> tuple[Usd.Attribute, Usd.Attribute, Usd
 
 
 def _check_fixed_topology(geometry: UsdGeom.Mesh, path: str) -> None:
-    """StageError if counts, indices or holes change over time; many equal samples are fine."""
+    """Raise StageError if the topology changes over time; many equal samples are fine."""
     for attribute in _topology(geometry):
         times = attribute.GetTimeSamples()
         first = attribute.Get(Usd.TimeCode.EarliestTime())
@@ -204,7 +206,7 @@ def _check_fixed_topology(geometry: UsdGeom.Mesh, path: str) -> None:
 def _rest(
     geometry: UsdGeom.Mesh, path: str, samples: NDArray[np.float64]
 ) -> tuple[NDArray[np.floating], float]:
-    """Rest points (V, 3) and their time: the default time if it fits, else the first sample."""
+    """Return rest points (V, 3) and their time: the default time if it fits, else a sample's."""
     attribute = geometry.GetPointsAttr()
     default = attribute.Get(Usd.TimeCode.Default())
     if not len(samples):
@@ -237,11 +239,13 @@ def _rest(
 
 
 def _highest_index(geometry: UsdGeom.Mesh) -> int:
+    """Return the highest vertex index of the faces, -1 without any."""
     indices = geometry.GetFaceVertexIndicesAttr().Get(Usd.TimeCode.EarliestTime())
     return int(np.max(indices)) if indices is not None and len(indices) else -1
 
 
 def _triangles(geometry: UsdGeom.Mesh, path: str, rest: NDArray[np.floating]) -> Triangulation:
+    """Return the triangulation of the rest pose (V, 3). Raises StageError."""
     first = Usd.TimeCode.EarliestTime()
     counts, indices, holes = (attribute.Get(first) for attribute in _topology(geometry))
     flip = geometry.GetOrientationAttr().Get(first) == UsdGeom.Tokens.leftHanded
@@ -258,6 +262,7 @@ def _triangles(geometry: UsdGeom.Mesh, path: str, rest: NDArray[np.floating]) ->
 
 
 def _mesh_warnings(mesh: AnimatedMesh, degenerate: int) -> tuple[str, ...]:
+    """Return what an artist should know about a mesh that was read."""
     warnings = []
     edges = nonmanifold_edges(mesh.faces)
     if edges:

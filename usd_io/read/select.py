@@ -37,7 +37,7 @@ def select_prims(
     include_purposes: bool,
     uninstance: bool,
 ) -> tuple[list[Candidate], list[str]]:
-    """Mesh prims in the order of traversal, and warnings about the skipped ones.
+    """Return mesh prims in the order of traversal, and warnings about the skipped ones.
 
     See `usd_io.read_meshes` for the arguments and errors.
     """
@@ -71,7 +71,7 @@ def select_prims(
 
 
 def matching_paths(stage: Usd.Stage, expression: str) -> set[Sdf.Path]:
-    """Paths of all prims, instance proxies included, that a path expression matches.
+    """Return the paths of all prims, instance proxies too, that an expression matches.
 
     A relative expression starts at the root: `hero//` is `/hero//`.
 
@@ -88,10 +88,10 @@ def matching_paths(stage: Usd.Stage, expression: str) -> set[Sdf.Path]:
             try:
                 collection = Usd.CollectionAPI.Apply(helper, "selection")
                 collection.CreateMembershipExpressionAttr().Set(parsed)
-                found = Usd.CollectionAPI.ComputeIncludedObjects(
+                matches = Usd.CollectionAPI.ComputeIncludedObjects(
                     collection.ComputeMembershipQuery(), stage, _everywhere()
                 )
-                return {item.GetPath() for item in found if item.GetPath() != Sdf.Path(_HELPER)}
+                return {item.GetPath() for item in matches if item.GetPath() != Sdf.Path(_HELPER)}
             finally:
                 stage.RemovePrim(_HELPER)
     except Tf.ErrorException as error:
@@ -102,22 +102,25 @@ def matching_paths(stage: Usd.Stage, expression: str) -> set[Sdf.Path]:
 
 
 def _everywhere() -> Usd._PrimFlagsPredicate:
+    """Return the predicate of a traversal that visits instance proxies too."""
     return Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
 
 
 def _matching_meshes(stage: Usd.Stage, prim: str | None, exclude: str | None) -> list[Usd.Prim]:
-    wanted = None if prim is None else matching_paths(stage, prim)
-    unwanted = set() if exclude is None else matching_paths(stage, exclude)
+    """Return the mesh prims that an expression matches and another does not exclude."""
+    included = None if prim is None else matching_paths(stage, prim)
+    excluded = set() if exclude is None else matching_paths(stage, exclude)
     return [
         item
         for item in stage.Traverse(_everywhere())
         if item.IsA(UsdGeom.Mesh)
-        and (wanted is None or item.GetPath() in wanted)
-        and item.GetPath() not in unwanted
+        and (included is None or item.GetPath() in included)
+        and item.GetPath() not in excluded
     ]
 
 
 def _no_match(stage: Usd.Stage, prim: str | None, exclude: str | None) -> Exception:
+    """Return the error for an expression that matches no mesh."""
     if prim is None:
         broken = stage.GetCompositionErrors()
         return StageError(
@@ -139,7 +142,7 @@ def _no_match(stage: Usd.Stage, prim: str | None, exclude: str | None) -> Except
 
 
 def _instance_of(prim: Usd.Prim) -> Usd.Prim:
-    """The outermost instance above an instance proxy."""
+    """Return the outermost instance above an instance proxy."""
     while prim.IsInstanceProxy():
         prim = prim.GetParent()
     return prim
@@ -155,7 +158,7 @@ def _expand(stage: Usd.Stage, meshes: Iterable[Usd.Prim]) -> list[str]:
 
 
 def _prototype_roots(stage: Usd.Stage) -> list[Sdf.Path]:
-    """Point instancers and the roots of their prototypes."""
+    """Return the point instancers and the roots of their prototypes."""
     roots = []
     for prim in stage.Traverse(_everywhere()):
         if prim.IsA(UsdGeom.PointInstancer):
@@ -170,6 +173,7 @@ def _skip_reason(
     include_invisible: bool,
     include_purposes: bool,
 ) -> str:
+    """Return why a mesh takes no part; "" if it does."""
     if any(mesh.GetPath().HasPrefix(root) for root in prototypes):
         return "prototype of a point instancer"
     if not include_invisible and not _ever_visible(mesh):
@@ -181,7 +185,7 @@ def _skip_reason(
 
 
 def _ever_visible(mesh: Usd.Prim) -> bool:
-    """Whether the mesh is visible at any sample of the visibility on its chain."""
+    """Return whether the mesh is visible at any sample of the visibility on its chain."""
     times: set[float] = set()
     prim = mesh
     while prim and not prim.IsPseudoRoot():

@@ -38,7 +38,7 @@ class Skin:
     cache: UsdSkel.Cache
 
     def times(self) -> NDArray[np.float64]:
-        """Time codes to skin at (T,); [nan] if nothing moves.
+        """Return the time codes to skin at (T,); [nan] if nothing moves.
 
         All authored samples of joints, blend shapes, base points and transforms between mesh and
         skeleton, and every whole frame from the first to the last of them.
@@ -59,7 +59,7 @@ class Skin:
         return np.union1d(np.array(sorted(times)), whole)
 
     def _influence_times(self) -> set[float]:
-        """Samples of influences and bind transform.
+        """Return the samples of influences and bind transform.
 
         The query's own list throws where no bind transform is authored, which means the identity.
         """
@@ -72,7 +72,7 @@ class Skin:
         return {time for item in attributes if item for time in item.GetTimeSamples()}
 
     def points(self, time: float) -> NDArray[np.float32] | None:
-        """Deformed points (V, 3) float32 in the local space of the mesh; None if blocked.
+        """Return deformed points (V, 3) float32, local space of the mesh; None if blocked.
 
         Raises:
             FrameError: influences or blend shapes do not fit the points.
@@ -90,7 +90,7 @@ class Skin:
         return self._to_mesh(points, time)
 
     def rest(self, time: float) -> NDArray[np.float64]:
-        """Undeformed points (V, 3) where the skeleton binds them, local space of the mesh."""
+        """Return undeformed points (V, 3) where the skeleton binds them, in the mesh's space."""
         base = UsdGeom.PointBased(self.prim).GetPointsAttr().Get(time_code(time))
         points = np.asarray(base, dtype=np.float64).reshape(-1, 3)
         if not self.skinning_query.HasJointInfluences():
@@ -123,6 +123,7 @@ class Skin:
         return bool(self.skinning_query.ComputeSkinnedPoints(transforms, points, time_code(time)))
 
     def _to_mesh(self, points: Vt.Vec3fArray, time: float) -> NDArray[np.float32]:
+        """Return points (V, 3) of the space of the skeleton in the local space of the mesh."""
         if not self.skinning_query.HasJointInfluences():
             return np.asarray(points)
         matrix = self._skeleton_to_mesh(time)
@@ -131,6 +132,7 @@ class Skin:
         return transform_points(np.asarray(points), matrix).astype(np.float32)
 
     def _skeleton_to_mesh(self, time: float) -> NDArray[np.float64]:
+        """Return the matrix (4, 4) from the space of the skeleton to that of the mesh."""
         mesh = prim_matrix(self.prim, time)
         inverse = inverse_matrix(mesh, path=str(self.prim.GetPath()), time=time)
         skeleton = prim_matrix(self.skeleton, time)
@@ -140,11 +142,12 @@ class Skin:
         return product
 
     def _failed(self, time: float, reason: str) -> FrameError:
+        """Return the error of a frame that cannot be skinned."""
         return FrameError(str(self.prim.GetPath()), time, f"cannot be skinned: {reason}")
 
 
 def find_skin(prim: Usd.Prim) -> Skin | None:
-    """What deforms a mesh prim, None if nothing does.
+    """Return what deforms a mesh prim, None if nothing does.
 
     Raises:
         StageError: the mesh inherits its influences, so that it cannot be unbound alone.
@@ -168,7 +171,7 @@ def find_skin(prim: Usd.Prim) -> Skin | None:
 
 
 def _check_own_binding(prim: Usd.Prim) -> None:
-    """Removing the schema from the mesh only helps if nothing above it has influences."""
+    """Raise StageError if influences are inherited: then the mesh cannot be unbound alone."""
     above = prim.GetParent()
     while above and not above.IsPseudoRoot():
         if UsdSkel.BindingAPI(above).GetJointIndicesAttr().HasAuthoredValue():

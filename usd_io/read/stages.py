@@ -66,7 +66,7 @@ def open_stage(
 
 
 def as_stage(stage: OpenedStage | Usd.Stage) -> Usd.Stage:
-    """The `Usd.Stage` of an opened stage, or the stage itself."""
+    """Return the `Usd.Stage` of an opened stage, or the stage itself."""
     return stage.stage if isinstance(stage, OpenedStage) else stage
 
 
@@ -97,11 +97,12 @@ def no_diagnostics() -> Iterator[None]:
 
 
 def one_line_of(text: str) -> str:
-    """A text of several lines as one line."""
+    """Return a text of several lines as one line."""
     return " ".join(text.split())
 
 
 def _check_file(path: str) -> None:
+    """Raise StageError for a path that is no file that can be read."""
     if not path:
         raise StageError("no stage given: the path is empty")
     # A path into a package (scene.usdz[shot.usda]) is left to pxr.

@@ -10,17 +10,17 @@ from usd_io.read.mesh import AnimatedMesh
 
 
 def world_matrix(mesh: AnimatedMesh, time: float) -> NDArray[np.float64]:
-    """Local to world matrix (4, 4) float64 of a mesh at a time code; see `prim_matrix`."""
+    """Return the local to world matrix (4, 4) float64 of a mesh; see `prim_matrix`."""
     return prim_matrix(mesh.prim, time)
 
 
 def transform_times(mesh: AnimatedMesh) -> NDArray[np.float64]:
-    """Time codes (N,), sorted, of all animated transforms between the mesh and the root."""
+    """Return time codes (N,), sorted, of all animated transforms from the mesh to the root."""
     return np.array(sorted(chain_times(mesh.prim)), dtype=np.float64)
 
 
 def local_points(mesh: AnimatedMesh, time: float, world: ArrayLike) -> NDArray[np.float64]:
-    """World points (..., 3) in the local space of the mesh at a time code, float64."""
+    """Return world points (..., 3) in the local space of the mesh at a time code, float64."""
     matrix = world_matrix(mesh, time)
     inverse = inverse_matrix(matrix, path=mesh.path, time=time)
     # Subtract the offset before turning: no digits are lost far from the origin.
@@ -30,7 +30,7 @@ def local_points(mesh: AnimatedMesh, time: float, world: ArrayLike) -> NDArray[n
 
 
 def world_faces(mesh: AnimatedMesh, time: float) -> NDArray[np.int32]:
-    """Triangles (F, 3) int32 for world space: flipped where the transform mirrors."""
+    """Return triangles (F, 3) int32 for world space: flipped where the transform mirrors."""
     if np.linalg.det(world_matrix(mesh, time)[:3, :3]) < 0.0:
         return np.ascontiguousarray(mesh.faces[:, [0, 2, 1]])
     return mesh.faces

@@ -13,7 +13,7 @@ _PER_VERTEX = (UsdGeom.Tokens.vertex, UsdGeom.Tokens.varying)
 
 
 def read_vertex_weights(mesh: AnimatedMesh, name: str) -> NDArray[np.float64] | None:
-    """Weights (V,) between 0 and 1 of a mesh; None if it has nothing of that name.
+    """Return weights (V,) from 0 to 1 of a mesh; None if it has nothing of that name.
 
     A primvar (`name` with or without `primvars:`) of numbers with vertex, varying or constant
     interpolation, taken at the default time or else its earliest sample; or a GeomSubset below the
@@ -38,7 +38,7 @@ def read_vertex_weights(mesh: AnimatedMesh, name: str) -> NDArray[np.float64] | 
 
 
 def read_vertex_directions(mesh: AnimatedMesh, name: str) -> NDArray[np.float64] | None:
-    """Vectors (V, 3) of a primvar of a mesh, of any length; None if it has none of that name.
+    """Return vectors (V, 3) of a primvar, of any length; None if there is none.
 
     Vertex, varying or constant interpolation, taken as `read_vertex_weights` does.
 
@@ -55,6 +55,7 @@ def read_vertex_directions(mesh: AnimatedMesh, name: str) -> NDArray[np.float64]
 
 
 def _find(mesh: AnimatedMesh, name: str) -> UsdGeom.Primvar | None:
+    """Return the primvar of a name, with or without its namespace; None if there is none."""
     primvars = UsdGeom.PrimvarsAPI(mesh.prim)
     primvar = primvars.FindPrimvarWithInheritance(name.removeprefix("primvars:"))
     return primvar if primvar and primvar.HasAuthoredValue() else None
@@ -63,7 +64,7 @@ def _find(mesh: AnimatedMesh, name: str) -> UsdGeom.Primvar | None:
 def _values(
     mesh: AnimatedMesh, primvar: UsdGeom.Primvar, name: str, what: str, shape: tuple[int, ...]
 ) -> NDArray[np.float64]:
-    """One number or vector for each vertex, (V, *shape)."""
+    """Return one number or vector for each vertex, (V, *shape). Raises StageError."""
     where = f"{mesh.path}: primvar {name}"
     value = primvar.ComputeFlattened(Usd.TimeCode.Default())
     if value is None:
@@ -73,10 +74,10 @@ def _values(
     except (TypeError, ValueError):
         raise StageError(f"{where}: expected a {what}, got {primvar.GetTypeName()}") from None
     interpolation = primvar.GetInterpolation()
-    wanted = (len(mesh.rest), *shape)
+    expected = (len(mesh.rest), *shape)
     if interpolation == UsdGeom.Tokens.constant and values.size == int(np.prod(shape)):
-        return np.broadcast_to(values.reshape(shape), wanted).copy()
-    if interpolation not in _PER_VERTEX or values.shape != wanted:
+        return np.broadcast_to(values.reshape(shape), expected).copy()
+    if interpolation not in _PER_VERTEX or values.shape != expected:
         raise StageError(
             f"{where}: expected one {what} for each of {len(mesh.rest)} vertices, got "
             f"{values.shape} with {interpolation} interpolation"
@@ -85,6 +86,7 @@ def _values(
 
 
 def _from_subset(mesh: AnimatedMesh, subset: UsdGeom.Subset) -> NDArray[np.float64]:
+    """Return 1 for the vertices of a subset and 0 for others, (V,). Raises StageError."""
     where = f"{mesh.path}: GeomSubset {subset.GetPrim().GetName()}"
     kind = subset.GetElementTypeAttr().Get()
     indices = np.asarray(_first(subset.GetIndicesAttr()), dtype=np.int64).reshape(-1)
@@ -92,9 +94,9 @@ def _from_subset(mesh: AnimatedMesh, subset: UsdGeom.Subset) -> NDArray[np.float
         counts = np.asarray(_first(mesh.geometry.GetFaceVertexCountsAttr()), dtype=np.int64)
         corners = np.asarray(_first(mesh.geometry.GetFaceVertexIndicesAttr()), dtype=np.int64)
         _check_range(where, indices, len(counts), "faces")
-        chosen = np.zeros(len(counts), dtype=bool)
-        chosen[indices] = True
-        indices = corners[np.repeat(chosen, counts)]
+        in_subset = np.zeros(len(counts), dtype=bool)
+        in_subset[indices] = True
+        indices = corners[np.repeat(in_subset, counts)]
     elif kind != UsdGeom.Tokens.point:
         raise StageError(f"{where}: expected elements of type face or point, got {kind}")
     _check_range(where, indices, len(mesh.rest), "points")
@@ -104,11 +106,13 @@ def _from_subset(mesh: AnimatedMesh, subset: UsdGeom.Subset) -> NDArray[np.float
 
 
 def _first(attribute: Usd.Attribute) -> object:
+    """Return the earliest value of an attribute, () where it has none."""
     value = attribute.Get(Usd.TimeCode.EarliestTime())
     return () if value is None else value
 
 
 def _check_range(where: str, indices: NDArray[np.int64], count: int, what: str) -> None:
+    """Raise StageError for indices outside 0..count - 1."""
     wrong = indices[(indices < 0) | (indices >= count)]
     if len(wrong):
         raise StageError(f"{where}: expected indices below {count} ({what}), got {wrong[0]}")

@@ -113,6 +113,7 @@ class AtomicLayer:
         self.abort()
 
     def _save(self) -> None:
+        """Save the temporary layer. Raises OutputError."""
         assert self.layer is not None
         try:
             saved = self.layer.Save()
@@ -125,6 +126,7 @@ class AtomicLayer:
         self._unsaved = 0
 
     def _failed(self, error: BaseException) -> OutputError:
+        """Return the OutputError of an exception."""
         return OutputError(
             f"{self.path}: writing failed ({_reason(error)}); an older file is unchanged; check "
             "the free space and permissions"
@@ -132,6 +134,7 @@ class AtomicLayer:
 
 
 def _reason(error: BaseException) -> str:
+    """Return why the output cannot be written, in a few words."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     return one_line(error, limit=160)

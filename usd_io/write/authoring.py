@@ -106,6 +106,7 @@ def define_mesh(stage: Usd.Stage, mesh: AuthoredMesh) -> UsdGeom.Mesh:
 
 
 def _set_times(stage: Usd.Stage, codes: NDArray[np.float64], fps: float) -> None:
+    """Author start, end and rate of the stage's time codes (T,)."""
     stage.SetTimeCodesPerSecond(fps)
     stage.SetFramesPerSecond(fps)
     if len(codes):
@@ -114,13 +115,14 @@ def _set_times(stage: Usd.Stage, codes: NDArray[np.float64], fps: float) -> None
 
 
 def _frames(mesh: AuthoredMesh) -> Sequence[ArrayLike] | NDArray[np.floating]:
+    """Return the points of the frames of a mesh, none for a still one."""
     return () if mesh.points is None else mesh.points
 
 
 def _checked(
     mesh: AuthoredMesh, time_count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """Face counts, face indices and the number of points; an error if anything does not fit."""
+    """Return face counts, face indices and the number of points. Raises ValueError, UsageError."""
     if not Sdf.Path.IsValidPathString(mesh.path) or not Sdf.Path(mesh.path).IsPrimPath():
         raise UsageError(f"{mesh.path!r}: not a prim path; expected one like /Character/Body")
     if not Sdf.Path(mesh.path).IsAbsolutePath():
@@ -144,7 +146,7 @@ def _checked(
 def _topology(
     faces: ArrayLike | Sequence[Sequence[int]],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Counts and indices of polygons given as an array (F, k) or as lists."""
+    """Return counts and indices of polygons given as an array (F, k) or as lists."""
     if isinstance(faces, np.ndarray):
         counts = np.full(len(faces), faces.shape[1], dtype=np.int64)
         return counts, faces.reshape(-1).astype(np.int64)
@@ -160,6 +162,7 @@ def _define(
     indices: NDArray[np.int64],
     point_count: int,
 ) -> UsdGeom.Mesh:
+    """Define a mesh with its parents, topology, rest points and texture coordinates."""
     for ancestor in Sdf.Path(mesh.path).GetParentPath().GetPrefixes():
         if not stage.GetPrimAtPath(ancestor):
             UsdGeom.Xform.Define(stage, ancestor)
@@ -179,6 +182,7 @@ def _define(
 def _author_st(
     geometry: UsdGeom.Mesh, mesh: AuthoredMesh, corner_count: int, point_count: int
 ) -> None:
+    """Author texture coordinates of vertices or corners. Raises ValueError."""
     values = np.ascontiguousarray(mesh.st, dtype=np.float32)
     indices = None if mesh.st_indices is None else np.asarray(mesh.st_indices, dtype=np.int32)
     count = len(values) if indices is None else len(indices)
@@ -199,6 +203,7 @@ def _author_st(
 def _author_points(
     geometry: UsdGeom.Mesh, points: NDArray[np.floating], code: Usd.TimeCode
 ) -> None:
+    """Author points (V, 3) and their extent at a time."""
     values = vec3f_array(points)
     geometry.CreatePointsAttr().Set(values, code)
     geometry.CreateExtentAttr().Set(extent_of(np.asarray(values)), code)
@@ -207,6 +212,7 @@ def _author_points(
 def _author_frame(
     geometry: UsdGeom.Mesh, mesh: AuthoredMesh, row: int, time: float, count: int
 ) -> None:
+    """Author the points (V, 3) of frame `row`. Raises ValueError for another shape."""
     points = np.asarray(_frames(mesh)[row])
     if points.shape != (count, 3):
         raise ValueError(
@@ -218,6 +224,7 @@ def _author_frame(
 def _author_transforms(
     geometry: UsdGeom.Mesh, mesh: AuthoredMesh, codes: NDArray[np.float64]
 ) -> None:
+    """Author the transform of the parent, or one for each time code (T,). Raises ValueError."""
     if mesh.transforms is None:
         return
     matrices = np.asarray(mesh.transforms, dtype=np.float64)

@@ -27,16 +27,16 @@ _STILL = 1e-6
 
 
 def valid_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Names as identifiers, each once."""
-    found: list[str] = []
+    """Return names as identifiers, each once."""
+    identifiers: list[str] = []
     for name in names:
         base = Tf.MakeValidIdentifier(f"_{name}" if name[:1].isdigit() else name)
         number = 2
         unique = base
-        while unique in found:
+        while unique in identifiers:
             unique, number = f"{base}_{number}", number + 1
-        found.append(unique)
-    return tuple(found)
+        identifiers.append(unique)
+    return tuple(identifiers)
 
 
 def write_shapes_over(
@@ -74,7 +74,7 @@ def write_shapes_over(
 
 
 def check_target(mesh: AnimatedMesh) -> Sdf.Path:
-    """The prim that can be the SkelRoot of a mesh. Raises StageError where there is none."""
+    """Return the prim that can be the SkelRoot of a mesh. Raises StageError without any."""
     if mesh.skinned:
         raise StageError(f"{mesh.path}: is skinned already; give its mesh without the skin")
     root = Sdf.Path(mesh.path).GetPrefixes()[0]
@@ -118,7 +118,7 @@ def write_shapes(
 
 
 def _author(stage: Usd.Stage, root: Sdf.Path, prim: Usd.Prim, shapes: BlendShapes) -> None:
-    """Shapes below the mesh, and a skeleton without joints that carries their animation."""
+    """Author shapes below the mesh, and a skeleton without joints that carries their weights."""
     skeleton = UsdSkel.Skeleton.Define(stage, root.AppendChild("ShapeSkeleton"))
     animation = UsdSkel.Animation.Define(stage, root.AppendChild("ShapeAnimation"))
     animation.CreateBlendShapesAttr(Vt.TokenArray(shapes.names))

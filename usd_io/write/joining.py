@@ -33,7 +33,7 @@ class _Chunk:
     written: dict[str, frozenset[float]]
 
     def changed(self, prim: Sdf.Path, time: float) -> bool:
-        """Whether the chunk changed a mesh at a time; without a record it changed everything."""
+        """Return whether the chunk changed a mesh at a time: any, where it has no record."""
         if not self.record:
             return True
         if math.isnan(time):
@@ -78,6 +78,7 @@ def join_layers(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLi
 
 
 def _open_chunk(path: str) -> _Chunk:
+    """Open one input of a join. Raises StageError where it is no output of this package."""
     try:
         layer = Sdf.Layer.FindOrOpen(path)
     except Tf.ErrorException as error:
@@ -93,10 +94,15 @@ def _open_chunk(path: str) -> _Chunk:
 
 
 def _order(chunk: _Chunk) -> tuple[float, str]:
+    """Return the sorting key of a chunk: its first frame, then its path."""
     return min(chunk.record.get("frames", ()), default=math.inf), chunk.path
 
 
 def _check_chunks(chunks: Sequence[_Chunk], target: str) -> None:
+    """Raise StageError for layers that do not belong together.
+
+    Raise UsageError if one of their files is the target.
+    """
     first = chunks[0]
     for chunk in chunks:
         for file in (chunk.layer.realPath, *chunk.sources):
@@ -116,14 +122,14 @@ def _check_chunks(chunks: Sequence[_Chunk], target: str) -> None:
 
 
 def _check_complete(chunks: Sequence[_Chunk]) -> None:
-    """StageError if the layers say that they are parts K/N, and one of the N is not there."""
+    """Raise StageError if layers are parts K/N, and one of the N is not there."""
     parts = [str(chunk.record.get("settings", {}).get("chunk", "")) for chunk in chunks]
     numbers: dict[int, set[int]] = {}
     for index, slash, count in (part.partition("/") for part in parts):
         if slash:
             numbers.setdefault(int(count), set()).add(int(index))
-    for of, found in numbers.items():
-        missing = [f"{k}/{of}" for k in range(1, of + 1) if k not in found]
+    for of, present in numbers.items():
+        missing = [f"{k}/{of}" for k in range(1, of + 1) if k not in present]
         if missing:
             raise StageError(
                 f"chunk {', '.join(missing[:8])}{' ...' * (len(missing) > 8)} is missing: name the "
@@ -132,12 +138,14 @@ def _check_complete(chunks: Sequence[_Chunk]) -> None:
 
 
 def _prim_paths(layer: Sdf.Layer) -> list[Sdf.Path]:
+    """Return the paths of all prims of a layer."""
     paths: list[Sdf.Path] = []
     layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
     return [path for path in paths if path.IsPrimPath()]
 
 
 def _copy_info(source: Sdf.Spec, target: Sdf.Spec, *, but: Sequence[str]) -> None:
+    """Copy the fields of a spec but some."""
     for key in sorted(source.ListInfoKeys()):
         if key not in but:
             target.SetInfo(key, source.GetInfo(key))
@@ -161,6 +169,7 @@ def _join_prim(file: AtomicLayer, chunks: Sequence[_Chunk], path: Sdf.Path) -> N
 
 
 def _join_attribute(file: AtomicLayer, chunks: Sequence[_Chunk], path: Sdf.Path) -> None:
+    """Merge one attribute of the chunks: its value and its samples."""
     assert file.layer is not None
     holders = [chunk for chunk in chunks if chunk.layer.GetAttributeAtPath(path)]
     blocked = any(
@@ -180,11 +189,14 @@ def _join_attribute(file: AtomicLayer, chunks: Sequence[_Chunk], path: Sdf.Path)
 
 
 def _joined_value(chunks: Sequence[_Chunk], path: Sdf.Path, time: float) -> object:
-    """The sample all chunks with a say agree on: those that changed it, else those that kept it."""
-    found = [(chunk, _value(chunk.layer, path, time)) for chunk in chunks]
-    found = [(chunk, value) for chunk, value in found if value is not None]
-    changed = [item for item in found if item[0].changed(path.GetPrimPath(), time)]
-    deciding = changed or found
+    """Return the sample that the chunks agree on.
+
+    Those that changed it decide, or without any those that kept it.
+    """
+    samples = [(chunk, _value(chunk.layer, path, time)) for chunk in chunks]
+    samples = [(chunk, value) for chunk, value in samples if value is not None]
+    changed = [item for item in samples if item[0].changed(path.GetPrimPath(), time)]
+    deciding = changed or samples
     first, value = deciding[0]
     for chunk, other in deciding[1:]:
         # Rates differ at the seams of the chunks and are computed again.
@@ -197,6 +209,7 @@ def _joined_value(chunks: Sequence[_Chunk], path: Sdf.Path, time: float) -> obje
 
 
 def _value(layer: Sdf.Layer, path: Sdf.Path, time: float) -> Any:
+    """Return a sample, or the default value for NaN; None if there is none."""
     if math.isnan(time):
         attribute = layer.GetAttributeAtPath(path)
         return attribute.default if attribute.HasInfo("default") else None
@@ -204,6 +217,7 @@ def _value(layer: Sdf.Layer, path: Sdf.Path, time: float) -> Any:
 
 
 def _same(first: Any, second: Any) -> bool:
+    """Return whether two values are equal bit for bit."""
     blocks = [isinstance(value, Sdf.ValueBlock) for value in (first, second)]
     if any(blocks):
         return all(blocks)
@@ -212,7 +226,7 @@ def _same(first: Any, second: Any) -> bool:
 
 
 def _join_rates(file: AtomicLayer, chunks: Sequence[_Chunk], prim: Sdf.Path) -> None:
-    """Velocities and accelerations again, from the joined points."""
+    """Author velocities and accelerations again, from the joined points."""
     assert file.layer is not None
     layer = file.layer
     times = {
@@ -228,6 +242,7 @@ def _join_rates(file: AtomicLayer, chunks: Sequence[_Chunk], prim: Sdf.Path) -> 
 
 
 def _joined_record(chunks: Sequence[_Chunk], sources: Sequence[str]) -> dict[str, Any]:
+    """Return the record of the joined layer."""
     first = chunks[0].record
     written: dict[str, set[float]] = {}
     for chunk in chunks:

@@ -53,13 +53,13 @@ def set_record(layer: Sdf.Layer, record: Mapping[str, Any]) -> None:
 
 
 def get_record(layer: Sdf.Layer) -> dict[str, Any]:
-    """The record of a layer; empty if it has none."""
+    """Return the record of a layer; empty if it has none."""
     record = layer.customLayerData.get(RECORD, {})
     return dict(record) if isinstance(record, dict) else {}
 
 
 def usd_dictionary(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested plain Python and numpy values as a dictionary that a layer can store.
+    """Return nested plain Python and numpy values as a dictionary that a layer can store.
 
     None is left out; lists become typed arrays, with dictionaries in them as JSON; what a layer
     gave stays as it is; anything unknown becomes its text.
@@ -69,6 +69,7 @@ def usd_dictionary(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _usd_value(value: Any) -> Any:
+    """Return a value in a type that a layer can store."""
     if isinstance(value, Mapping):
         return usd_dictionary(value)
     if isinstance(value, np.generic):
@@ -88,6 +89,7 @@ def _usd_value(value: Any) -> Any:
 
 
 def _usd_array(items: list[Any]) -> Any:
+    """Return a list in a type that a layer can store."""
     if items and all(isinstance(item, bool) for item in items):
         return Vt.BoolArray(items)
     numbers = all(isinstance(item, int | float | np.number) for item in items)
@@ -99,6 +101,7 @@ def _usd_array(items: list[Any]) -> Any:
 
 
 def _text(item: Any) -> str:
+    """Return an item of a mixed list as text."""
     if not isinstance(item, Mapping):
         return str(item)
     return json.dumps(dict(item), default=str, ensure_ascii=False)

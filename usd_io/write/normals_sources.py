@@ -33,14 +33,14 @@ class NormalsSource:
     polygons: Polygons
 
     def value(self, mesh: AnimatedMesh, time: float) -> NDArray[np.float32] | None:
-        """The input's normals (N, 3) at a time code, None if there are none."""
+        """Return the input's normals (N, 3) at a time code, None if there are none."""
         value = mesh.prim.GetAttribute(self.name).Get(time_code(time))
         return None if value is None else np.asarray(value, dtype=np.float32).reshape(-1, 3)
 
     def recomputed(
         self, mesh: AnimatedMesh, time: float, points: NDArray[np.floating]
     ) -> NDArray[np.float64] | None:
-        """Normals for new points, None where they cannot be recomputed and must be blocked."""
+        """Return normals for new points; None where they must be blocked."""
         old = self.value(mesh, time)
         if old is None:
             return None
@@ -51,7 +51,7 @@ class NormalsSource:
 
 
 def normals_sources(mesh: AnimatedMesh) -> list[NormalsSource]:
-    """All authored normals of a mesh; `primvars:normals` wins over `normals` for clients."""
+    """Return all authored normals of a mesh; for clients `primvars:normals` wins."""
     geometry = mesh.geometry
     first = Usd.TimeCode.EarliestTime()
     sources = []
@@ -75,5 +75,5 @@ def normals_sources(mesh: AnimatedMesh) -> list[NormalsSource]:
 
 
 def authored_rates(mesh: AnimatedMesh) -> list[str]:
-    """Which of velocities and accelerations the input has."""
+    """Return which of velocities and accelerations the input has."""
     return [name for name in RATES if mesh.prim.GetAttribute(name).HasAuthoredValue()]

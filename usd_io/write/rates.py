@@ -61,7 +61,7 @@ def author_rates(
 def _difference(
     layer: Sdf.Layer, prim_path: Sdf.Path, name: str, time: float, near: Sequence[float]
 ) -> NDArray[np.float64] | None:
-    """First or second derivative (V, 3) per time code at `time`, one of two or three times."""
+    """Return the first or second derivative (V, 3) per time code at `time`, one of two or three."""
     path = prim_path.AppendProperty("points")
     values = [layer.QueryTimeSample(path, code) for code in near]
     frames = [

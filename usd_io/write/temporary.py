@@ -11,7 +11,9 @@ SUFFIX = ".tmp"
 
 
 def make_temporary_folder(path: str) -> str:
-    """A new hidden folder beside an output path; those of runs that no longer exist are removed.
+    """Make a hidden folder beside an output path and return it.
+
+    Those of runs that no longer exist are removed.
 
     The name tells host and process: a killed run cannot remove its folder, the next one does.
     Raises OSError where the directory cannot be written to.
@@ -37,25 +39,27 @@ def remove_own_folders(path: str | os.PathLike[str]) -> None:
 
 
 def _prefix(path: str) -> str:
+    """Return how the names of temporary folders of an output on this host begin."""
     return f".{os.path.basename(path)}.{socket.gethostname()}-"
 
 
 def _folders(path: str) -> list[tuple[str, int]]:
-    """Temporary folders of an output made on this host, and the processes that made them."""
+    """Return the temporary folders of an output made on this host, and their processes."""
     directory, prefix = os.path.dirname(path), _prefix(path)
     try:
         names = os.listdir(directory)
     except OSError:
         return []
-    found = []
+    folders = []
     for name in names:
         process = name.removeprefix(prefix).partition(".")[0]
         if name.startswith(prefix) and name.endswith(SUFFIX) and process.isdecimal():
-            found.append((os.path.join(directory, name), int(process)))
-    return found
+            folders.append((os.path.join(directory, name), int(process)))
+    return folders
 
 
 def _is_running(process: int) -> bool:
+    """Return whether a process of this number exists."""
     if os.name != "posix":
         return True  # there, signal 0 is not a question
     try:

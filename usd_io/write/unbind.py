@@ -16,7 +16,7 @@ def unbind(layer: Sdf.Layer, path: Sdf.Path) -> None:
 
 
 def unbound_warnings(paths: list[str]) -> list[str]:
-    """A warning about the meshes that a layer unbinds; none without any."""
+    """Return a warning about the meshes that a layer unbinds; none without any."""
     if not paths:
         return []
     more = f" and {len(paths) - 1} more" if paths[1:] else ""

@@ -189,11 +189,13 @@ class OverrideWriter:
 
     @property
     def _layer(self) -> Sdf.Layer:
+        """The layer. Raises ValueError after commit or abort."""
         if self._file.layer is None:
             raise ValueError(f"{self.path}: committed or aborted before; make a new writer")
         return self._file.layer
 
     def _output(self, mesh: AnimatedMesh) -> _MeshOutput:
+        """Return what was authored for a mesh; the first call creates its prim."""
         layer = self._layer
         if mesh.stage != self._stage:
             raise ValueError(f"{mesh.path}: lies on another stage; read the meshes again")
@@ -209,17 +211,19 @@ class OverrideWriter:
         return self._meshes[mesh.path]
 
     def _set(self, output: _MeshOutput, name: str, time: float, value: object) -> None:
+        """Author one sample."""
         path = create_attribute(self._layer, output.path, name)
         self._file.set_sample(path, time, value)
 
     def _set_points(self, output: _MeshOutput, time: float, points: NDArray[np.float32]) -> None:
+        """Author points (V, 3) and their extent at a time."""
         self._set(output, "points", time, vec3f_array(points))
         self._set(output, "extent", time, extent_of(points))
 
     def _set_normals(
         self, output: _MeshOutput, time: float, changed: NDArray[np.float32] | None
     ) -> None:
-        """Normals of changed points; without, those of the input."""
+        """Author normals of changed points; without points, those of the input."""
         for normals in list(output.normals):
             old = normals.value(output.mesh, time)
             if old is None:
@@ -245,6 +249,7 @@ class OverrideWriter:
         )
 
     def _done(self, output: _MeshOutput, time: float, *, written: bool) -> None:
+        """Note a time code as written or kept; the layer is saved every few frames."""
         if math.isnan(time):
             output.default = written
         else:
@@ -262,6 +267,7 @@ class OverrideWriter:
                 self.keep(output.mesh, float(time))
 
     def _author_rates(self, output: _MeshOutput) -> None:
+        """Author velocities and accelerations where the input has them."""
         prim = output.mesh.prim
         author_rates(
             self._file,
@@ -274,7 +280,7 @@ class OverrideWriter:
         )
 
     def _frames(self) -> dict[str, Any]:
-        """Time codes written, of all meshes together and of each one."""
+        """Return the time codes written, of all meshes together and of each one."""
         written = {
             path: sorted(time for time, changed in output.times.items() if changed)
             for path, output in self._meshes.items()
@@ -287,6 +293,7 @@ class OverrideWriter:
 
 
 def _checked(mesh: AnimatedMesh, time: float, points: ArrayLike) -> NDArray[np.float32]:
+    """Return points (V, 3) as float32. Raises ValueError where they do not fit the mesh."""
     array = np.asarray(points)
     where = f"{mesh.path} at {time_text(time)}"
     if array.shape != mesh.rest.shape:

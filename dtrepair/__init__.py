@@ -13,7 +13,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from dtrepair.intersect.detector import Detector as Detector
     from dtrepair.intersect.detector import find_intersections as find_intersections
-    from dtrepair.repair import CallablePackage
+    from dtrepair.repair import itself as repair
     from dtrepair.repair.options import Count as Count
     from dtrepair.repair.options import RepairOptions as RepairOptions
     from dtrepair.repair.options import RepairResult as RepairResult
@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from dtrepair.transfer.deformation import Transfer as Transfer
     from dtrepair.transfer.matching.correspondence import match_triangles as match_triangles
     from dtrepair.transfer.matching.registration import register as register
-
-    # A package that answers calls.
-    repair: CallablePackage
 
 _HOMES = {
     "Detector": "dtrepair.intersect.detector",

@@ -14,8 +14,11 @@ if TYPE_CHECKING:
 
     from dtrepair.repair.options import RepairOptions, RepairResult
 
+    # What `dtrepair.repair` is to a type checker: a module that answers calls.
+    itself: _CallablePackage
 
-class CallablePackage(ModuleType):
+
+class _CallablePackage(ModuleType):
     """A package with a function's name answers calls: importing a part of it hides a function."""
 
     def __call__(
@@ -27,4 +30,4 @@ class CallablePackage(ModuleType):
         return repair_mesh(points, faces, options=options)
 
 
-sys.modules[__name__].__class__ = CallablePackage
+sys.modules[__name__].__class__ = _CallablePackage

@@ -1,0 +1,101 @@
+"""Runs the command line on a stage as a user would, bounded in time, and reads its report."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of `dtrepair repair`: what it cost and what it said.
+
+    code: exit code, None where it was ended because it took longer than it was given.
+    seconds: processor seconds of the whole command; wall: seconds that passed.
+    report: its JSON report, empty without.
+    """
+
+    code: int | None
+    seconds: float
+    wall: float
+    limit: float
+    report: dict[str, Any] = field(default_factory=dict)
+    errors: str = ""
+
+    @property
+    def statuses(self) -> dict[float, str]:
+        """Status of each frame that the report names, by time code."""
+        return {frame["time"]: frame["status"] for frame in self.report.get("frames", ())}
+
+    def pairs(self, when: str, time: float) -> int | None:
+        """Pairs that the report counts `before` or `after` in the frame of a time code, or None."""
+        for frame in self.report.get("frames", ()):
+            if frame["time"] == time and frame[when] is not None:
+                return int(frame[when]["pairs"])
+        return None
+
+    def told(self) -> str:
+        """Exit code and the number of frames of each status, as text."""
+        if self.code is None:
+            return f"no output in {self.limit:g} s"
+        names = list(self.statuses.values())
+        counts = [f"{names.count(name)} {name}" for name in dict.fromkeys(names)]
+        return f"exit {self.code}: {', '.join(counts) or 'no report'}"
+
+
+def repair(stage: Path, folder: Path, options: list[str], limit: float) -> Run:
+    """Repair a stage into the folder; the processes are ended after `limit` seconds."""
+    folder.mkdir(parents=True, exist_ok=True)
+    layer, report, note = files(stage, folder)
+    for path in (layer, report, note):
+        path.unlink(missing_ok=True)
+    command = [sys.executable, "-m", "dtrepair", "repair", str(stage), "-o", str(layer)]
+    command += ["--report", str(report), "-q", *options]
+    spent, start = _children(), os.times().elapsed
+    process = subprocess.Popen(
+        command, stderr=subprocess.PIPE, text=True, errors="replace", start_new_session=True
+    )
+    code: int | None
+    try:
+        errors = process.communicate(timeout=limit)[1]
+        code = process.returncode
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        errors, code = process.communicate()[1], None
+    run = Run(
+        code,
+        _children() - spent,
+        os.times().elapsed - start,
+        limit,
+        json.loads(report.read_text()) if report.exists() else {},
+        errors[-2000:],
+    )
+    kept = {name: value for name, value in asdict(run).items() if name != "report"}
+    note.write_text(json.dumps(kept, indent=1))
+    return run
+
+
+def earlier(stage: Path, folder: Path) -> Run:
+    """The run that wrote what lies in the folder. Raises FileNotFoundError where none did."""
+    _, report, note = files(stage, folder)
+    content = json.loads(report.read_text()) if report.exists() else {}
+    return Run(**json.loads(note.read_text()), report=content)
+
+
+def files(stage: Path, folder: Path) -> tuple[Path, Path, Path]:
+    """Layer, report and note of a run."""
+    names = (f"{stage.stem}{end}" for end in (".usdc", ".report.json", ".run.json"))
+    layer, report, note = (folder / name for name in names)
+    return layer, report, note
+
+
+def _children() -> float:
+    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return spent.ru_utime + spent.ru_stime

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pxr import Usd, UsdGeom
@@ -18,11 +19,11 @@ from usd_io import (
 
 
 def rewrite(
-    path: Path, output: Path, times: Sequence[float] | None = None, **options: object
+    path: Path, output: Path, times: Sequence[float] | None = None, **options: Any
 ) -> AnimatedMesh:
     """Write points + 1 at the given times (default: all) of every mesh; the first mesh."""
     opened = open_stage(path)
-    selection = read_meshes(opened, **options)  # type: ignore[arg-type]
+    selection = read_meshes(opened, **options)
     with OverrideWriter(opened, output, settings={"iterations": 60}) as writer:
         for mesh in selection.meshes:
             for time in mesh.times if times is None else times:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,10 +54,10 @@ def new_stage(path: Path) -> Usd.Stage:
     return stage
 
 
-def cube_file(path: Path, *, times: Sequence[float] = (), **options: object) -> Path:
+def cube_file(path: Path, *, times: Sequence[float] = (), **options: Any) -> Path:
     """A file with one cube, /Root/Cube."""
     stage = new_stage(path)
-    define_cube(stage, times=times, **options)  # type: ignore[arg-type]
+    define_cube(stage, times=times, **options)
     stage.GetRootLayer().Save()
     return path
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pxr import Sdf, Usd, UsdGeom
@@ -10,8 +11,8 @@ from usd_io import SelectionError, StageError, open_stage, read_meshes
 from usd_io.read.select import matching_paths
 
 
-def paths_of(path: Path, **options: object) -> list[str]:
-    return [mesh.path for mesh in read_meshes(open_stage(path), **options).meshes]  # type: ignore[arg-type]
+def paths_of(path: Path, **options: Any) -> list[str]:
+    return [mesh.path for mesh in read_meshes(open_stage(path), **options).meshes]
 
 
 @pytest.fixture

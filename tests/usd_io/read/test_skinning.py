@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,8 +77,8 @@ def bent(angle: float) -> np.ndarray:
     return values
 
 
-def only_mesh(path: Path, **options: object) -> AnimatedMesh:
-    return read_meshes(open_stage(path), **options).meshes[0]  # type: ignore[arg-type]
+def only_mesh(path: Path, **options: Any) -> AnimatedMesh:
+    return read_meshes(open_stage(path), **options).meshes[0]
 
 
 def test_frames_between_sparse_keys_are_skinned(tmp_path: Path) -> None:

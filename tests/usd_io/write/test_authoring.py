@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -109,11 +110,11 @@ def test_fixed_transform_and_lists_of_points(tmp_path: Path) -> None:
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(
-    tmp_path: Path, options: dict[str, object], error: type[Exception], reason: str
+    tmp_path: Path, options: dict[str, Any], error: type[Exception], reason: str
 ) -> None:
-    fine = {"path": "/A/Cube", "faces": CUBE_QUADS, "points": POINTS}
+    fine: dict[str, Any] = {"path": "/A/Cube", "faces": CUBE_QUADS, "points": POINTS}
     with pytest.raises(error, match=reason):
-        write_animation(tmp_path / "new.usdc", AuthoredMesh(**{**fine, **options}), times=TIMES)  # type: ignore[arg-type]
+        write_animation(tmp_path / "new.usdc", AuthoredMesh(**{**fine, **options}), times=TIMES)
     assert list(tmp_path.iterdir()) == []
 
 

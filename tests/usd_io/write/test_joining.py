@@ -3,6 +3,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from itertools import permutations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,12 +31,12 @@ from usd_io import (
 
 
 def chunk(
-    path: Path, output: Path, times: Iterable[float], *, change: float = 1.0, **options: object
+    path: Path, output: Path, times: Iterable[float], *, change: float = 1.0, **options: Any
 ) -> Path:
     """A part of an animation: the frames given are changed."""
     opened = open_stage(path)
     with OverrideWriter(opened, output, settings={"change": change}, version="1") as writer:
-        for mesh in read_meshes(opened, **options).meshes:  # type: ignore[arg-type]
+        for mesh in read_meshes(opened, **options).meshes:
             for time in times:
                 points = read_frame(mesh, time)
                 assert points is not None

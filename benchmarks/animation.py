@@ -17,6 +17,7 @@ import pstats
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -79,7 +80,7 @@ def print_stages(clip: Path, rest_file: Path) -> None:
             writer.write(mesh, float(moment), result.points.astype(np.float32))
         writer.commit(record={})
         profile.disable()
-    stats = pstats.Stats(profile)
+    stats: Any = pstats.Stats(profile)
     calls = {(Path(file).name, name): row[3] for (file, _, name), row in stats.stats.items()}
     total, named = stats.total_tt, 0.0
     print("| part | s | part of all |")

@@ -31,9 +31,10 @@ def kernel_modules() -> list[str]:
 def compile_module(name: str, arch: int, folder: Path) -> list[Path]:
     """Compile one module to machine code of compute capability `arch`; the files written."""
     warp = start_warp()
-    return warp.compile_aot_module(
+    files: list[Path] = warp.compile_aot_module(
         importlib.import_module(name), arch=arch, module_dir=folder, use_ptx=False
     )
+    return files
 
 
 def main() -> int:

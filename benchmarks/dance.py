@@ -117,7 +117,8 @@ class Dancer:
     def pose(self, transforms: Floats) -> Floats:
         """The surface (V, 3) moved by transforms (J, 4, 4): linear blends."""
         points = np.c_[self.rest, np.ones(len(self.rest))]
-        return np.einsum("vj,jab,vb->va", self.weights, transforms, points)[:, :3]
+        surface: Floats = np.einsum("vj,jab,vb->va", self.weights, transforms, points)[:, :3]
+        return surface
 
 
 def _flip(point: tuple[float, ...]) -> tuple[float, ...]:
@@ -128,7 +129,8 @@ def _distance(points: Floats, start: tuple[float, ...], end: tuple[float, ...]) 
     """Distance of points (V, 3) to a segment."""
     a, along = np.asarray(start), np.subtract(end, start)
     part = np.clip((points - a) @ along / (along @ along), 0.0, 1.0)
-    return np.linalg.norm(points - a - part[:, None] * along, axis=1)
+    distances: Floats = np.linalg.norm(points - a - part[:, None] * along, axis=1)
+    return distances
 
 
 def sampled(samples: str, frames: int) -> tuple[Floats, Floats, Floats]:

@@ -114,7 +114,8 @@ def pymeshlab(points: Points, faces: Faces) -> dict[str, Run]:
 
     def select() -> int:
         meshes.compute_selection_by_self_intersections_per_face()
-        return meshes.current_mesh().selected_face_number()
+        selected: int = meshes.current_mesh().selected_face_number()
+        return selected
 
     return {"pymeshlab": select}
 

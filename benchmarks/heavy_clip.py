@@ -96,7 +96,8 @@ class Blender:
         gradients = Rotation.from_rotvec(vectors).as_matrix() @ stretch
         right = self.divergence @ gradients.swapaxes(1, 2).reshape(-1, 3)
         points = self.factor(np.ascontiguousarray(right))
-        return points - points.mean(axis=0) + centre
+        placed: Floats = points - points.mean(axis=0) + centre
+        return placed
 
 
 def make_clip(humans: Path, name: str, frames: int) -> tuple[Floats, NDArray[np.int32], Floats]:

@@ -60,7 +60,7 @@ def main() -> None:
         bodies = [Body(*mesh, rigid=given.rigid and k % 2 == 1) for k, mesh in enumerate(meshes)]
         start = time.process_time()
         scene = SceneRepairer(bodies)
-        before = len(scene.detector(np.concatenate([points for points, _ in meshes])))
+        before = len(scene.scene.detector(np.concatenate([points for points, _ in meshes])))
         built = time.process_time()
         results = scene([points for points, _ in meshes])
         end = time.process_time()

@@ -72,7 +72,9 @@ def _triangles(mesh: Any) -> IntArray:
     corners = np.array(mesh.GetFaceVertexIndicesAttr().Get())
     first = np.repeat(np.cumsum(counts) - counts, counts - 2)
     step = np.concatenate([np.arange(1, count - 1) for count in counts])
-    return corners[np.stack([first, first + step, first + step + 1], axis=1)].astype(np.int32)
+    fans = np.stack([first, first + step, first + step + 1], axis=1)
+    triangles: IntArray = corners[fans].astype(np.int32)
+    return triangles
 
 
 def write_stage(stage: Stage, path: Path) -> None:

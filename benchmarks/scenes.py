@@ -76,7 +76,8 @@ def find_by_cgal(points: FloatArray, faces: IntArray, weld: IntArray) -> IntArra
     pairs = remesh_self_intersections(single, faces.astype(np.int64), detect_only=True)[2]
     own = weld[faces[pairs]] if len(pairs) else np.zeros((0, 2, 3), dtype=np.int64)
     share = (own[:, 0, :, None] == own[:, 1, None, :]).any(axis=(1, 2))
-    return pairs.reshape(-1, 2)[~share]
+    distinct: IntArray = pairs.reshape(-1, 2)[~share]
+    return distinct
 
 
 def count_dirty(world: World, weld: IntArray, still: str, find: Finder) -> int:

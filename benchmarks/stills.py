@@ -134,7 +134,8 @@ def rest_shape_fill(rest: np.ndarray) -> Callable[..., np.ndarray]:
 def best_rotation(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Rotation (3, 3) that turns centred points (N, 3) best onto others (Kabsch 1976)."""
     u, _, v = np.linalg.svd((target - target.mean(axis=0)).T @ (source - source.mean(axis=0)))
-    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
+    rotation: np.ndarray = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
+    return rotation
 
 
 def options_of(variant: str) -> RepairOptions:

@@ -33,6 +33,8 @@ from dtrepair.transfer import (
 )
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
+Poses = NDArray[np.float64]
+Pairs = NDArray[np.int64]
 
 
 def load(path: Path) -> Mesh:
@@ -68,7 +70,9 @@ def row(name: str, value: str, bar: str = "") -> None:
     print(f"| {name} | {value} | {bar} |", flush=True)
 
 
-def animals(source: Mesh, target: Mesh, poses: NDArray, rows: NDArray, repeats: int) -> NDArray:
+def animals(
+    source: Mesh, target: Mesh, poses: Poses, rows: NDArray[np.int32], repeats: int
+) -> Pairs:
     """Horse to camel: print the table, return the pairs (K, 2)."""
     checked, seconds = best(lambda: check_markers(*source, *target, rows), repeats)
     row(f"marker check, {len(rows)} markers", f"{seconds:.2f} s, {len(checked.suspects)} suspects")
@@ -90,10 +94,10 @@ def animals(source: Mesh, target: Mesh, poses: NDArray, rows: NDArray, repeats: 
     off = 100 * np.linalg.norm(back - poses, axis=2) / diagonal(source[0])
     rms = np.sqrt((off**2).mean(axis=1)).max()
     row("round trip, rms / max", f"{rms:.2f} / {off.max():.1f} % of the diagonal", "1.6 / 6 %")
-    return pairs
+    return np.asarray(pairs)
 
 
-def large_target(source: Mesh, target: Mesh, poses: NDArray, pairs: NDArray) -> None:
+def large_target(source: Mesh, target: Mesh, poses: Poses, pairs: Pairs) -> None:
     """The same transfer to a target of sixteen times as many triangles."""
     count = len(target[1])
     large = split(split(target))

@@ -12,12 +12,15 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+# A run that waits for others is ended after this many times its limit has passed all the same.
+PATIENCE = 20.0
+
 
 @dataclass(frozen=True)
 class Run:
     """A run of `dtrepair repair`: what it cost and what it said.
 
-    code: exit code, None where it was ended because it took longer than it was given.
+    code: exit code, None where it was ended because it took more than `limit`.
     seconds: processor seconds of the whole command; wall: seconds that passed.
     report: its JSON report, empty without.
     """
@@ -44,14 +47,17 @@ class Run:
     def told(self) -> str:
         """Exit code and the number of frames of each status, as text."""
         if self.code is None:
-            return f"no output in {self.limit:g} s"
+            return f"ended after {self.limit:g} processor s"
         names = list(self.statuses.values())
         counts = [f"{names.count(name)} {name}" for name in dict.fromkeys(names)]
         return f"exit {self.code}: {', '.join(counts) or 'no report'}"
 
 
 def repair(stage: Path, folder: Path, options: list[str], limit: float) -> Run:
-    """Repair a stage into the folder; the processes are ended after `limit` seconds."""
+    """Repair a stage into the folder; it is ended after `limit` processor seconds.
+
+    Where those of all its processes cannot be read (only Linux tells), after as many that passed.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     layer, report, note = files(stage, folder)
     for path in (layer, report, note):
@@ -62,13 +68,18 @@ def repair(stage: Path, folder: Path, options: list[str], limit: float) -> Run:
     process = subprocess.Popen(
         command, stderr=subprocess.PIPE, text=True, errors="replace", start_new_session=True
     )
-    code: int | None
-    try:
-        errors = process.communicate(timeout=limit)[1]
-        code = process.returncode
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        errors, code = process.communicate()[1], None
+    code: int | None = None
+    while True:
+        try:
+            errors = process.communicate(timeout=1.0)[1]
+            code = process.returncode
+        except subprocess.TimeoutExpired:
+            passed = os.times().elapsed - start
+            if max(_session(process.pid, passed), passed / PATIENCE) < limit:
+                continue
+            os.killpg(process.pid, signal.SIGKILL)
+            errors = process.communicate()[1]
+        break
     run = Run(
         code,
         _children() - spent,
@@ -94,6 +105,22 @@ def files(stage: Path, folder: Path) -> tuple[Path, Path, Path]:
     names = (f"{stage.stem}{end}" for end in (".usdc", ".report.json", ".run.json"))
     layer, report, note = (folder / name for name in names)
     return layer, report, note
+
+
+def _session(leader: int, passed: float) -> float:
+    """Processor seconds of the processes of a session so far; `passed` where /proc tells none."""
+    if not Path("/proc/self/stat").exists():
+        return passed
+    ticks = 0
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            # The second field is a name in brackets and may hold anything.
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:  # it ended meanwhile
+            continue
+        if int(fields[3]) == leader:
+            ticks += sum(int(field) for field in fields[11:15])
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 def _children() -> float:

@@ -43,6 +43,11 @@ def move_bar(figures: Figures, factor: float) -> float:
     return float(factor * max(figures["depth"], default=0.0) + 0.01)
 
 
+def seconds_bar(figures: Figures) -> float:
+    """Processor seconds that a frame may take."""
+    return 6.0 if figures["triangles"] <= 20000 else 12.0
+
+
 def character_row(name: str, figures: Figures) -> list[Cell]:
     """One row of CHARACTER_COLUMNS; a file without an output has figures of its input only."""
     before = figures["real_before"]
@@ -102,8 +107,7 @@ def worn_row(name: str, figures: Figures) -> list[Cell]:
 
 def _seconds(figures: Figures) -> Cell:
     seconds = figures["seconds_per_frame"]
-    limit = 6.0 if figures["triangles"] <= 20000 else 12.0
-    return Cell(f"{seconds:.1f}", seconds <= limit)
+    return Cell(f"{seconds:.1f}", seconds <= seconds_bar(figures))
 
 
 def _said(figures: Figures) -> Cell:

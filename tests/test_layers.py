@@ -123,9 +123,7 @@ OWNERS = {
     "usd_io": ("usd_io", "dtrepair.pipeline", "dtrepair.cli.commands"),
     "dtrepair": ("dtrepair",),
 }
-KNOWN_STRANGERS: set[str] = {
-    "dtrepair.pipeline.repair.distributed names click",
-}
+KNOWN_STRANGERS: set[str] = {}
 
 
 def within(name: str, parents: tuple[str, ...]) -> bool:

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 class MeshFileError(ValueError):
     """A mesh file that cannot be read, or a format that cannot be written."""
 
+    exit_code = 3  # as the errors of usd_io about inputs
+
 
 @dataclass(frozen=True)
 class PolygonMesh:

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from dtrepair.report.record import Report
+
 CLEAN, REMAINING, USAGE, INPUT, FRAMES, OUTPUT = range(6)
 INTERNAL = 70  # a defect of the program itself (EX_SOFTWARE)
 CANCELLED = 130  # as a shell reports a process that Ctrl-C ended
@@ -45,3 +50,48 @@ class Cancelled(PipelineError):
     """The observer asked for the end; an older output is intact, and the journal is kept."""
 
     exit_code = CANCELLED
+
+
+_BY_CODE = {error.exit_code: error for error in (UsageError, InputError, OutputError)}
+
+
+def plain_error(error: Exception) -> PipelineError:
+    """Return the error of a run that stands for an exception of the libraries.
+
+    Those that are raised on purpose carry an exit code as these do; others are defects.
+    """
+    if isinstance(error, PipelineError):
+        return error
+    code = getattr(error, "exit_code", None)
+    if isinstance(code, int):
+        return _BY_CODE.get(code, PipelineError)(str(error), code)
+    if isinstance(error, MemoryError):
+        return PipelineError(str(error) or "out of memory; choose fewer frames or prims")
+    kind = type(error).__name__
+    return PipelineError(
+        f"internal error: {kind}: {error}; please report it with the output of -vv"
+    )
+
+
+@contextmanager
+def plain_errors() -> Iterator[None]:
+    """Raise what the libraries raise on purpose as the errors of a run, with them as the cause."""
+    try:
+        yield
+    except PipelineError:
+        raise
+    except Exception as error:
+        if hasattr(error, "exit_code"):
+            raise plain_error(error) from error
+        raise
+
+
+def exit_code(report: Report) -> int:
+    """Return the exit code of a run that has a report: CLEAN, REMAINING or FRAMES."""
+    if any(record.status == "failed" for record in report.frames):
+        return FRAMES
+    left = any(record.after is not None and record.after.pairs for record in report.frames)
+    if report.command == "repair":  # which knows of parts wholly inside others, too
+        left = any(record.status in ("improved", "unchanged") for record in report.frames)
+    spans = report.keyposes["spans"] if report.keyposes is not None else ()
+    return REMAINING if left or any(span["left"] for span in spans) else CLEAN

@@ -65,6 +65,10 @@ class Observer:
         return False
 
 
+# Hears nothing and lets every run go on.
+SILENT = Observer()
+
+
 class Progress:
     """The frames of one phase: tells the observer how far they are, and ends a cancelled run."""
 

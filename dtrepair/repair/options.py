@@ -8,7 +8,8 @@ from math import isinf
 from numbers import Integral
 from typing import Any
 
-from dtrepair.numerics.geometry import FloatArray
+import numpy as np
+from numpy.typing import NDArray
 
 METHODS = ("full", "paper")
 OPTIMIZERS = ("momentum-brake", "uniform-adam", "gradient-descent")
@@ -168,7 +169,7 @@ class Solved:
     left: pairs that are still closer than the clearance.
     """
 
-    points: FloatArray
+    points: NDArray[np.float64]
     stages: list[Stage] = field(default_factory=list)
     left: int = 0
 

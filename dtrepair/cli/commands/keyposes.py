@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dtrepair import __version__
-from dtrepair.cli.commands.repair import settings_of
 from dtrepair.cli.options.config import kept_tables
 from dtrepair.cli.options.method import method_options
 from dtrepair.cli.options.shared import (
@@ -30,11 +29,13 @@ from dtrepair.pipeline.errors import CLEAN, UsageError
 from dtrepair.pipeline.keyposes.solve import StageKeys
 from dtrepair.pipeline.observer import FrameDone
 from dtrepair.pipeline.repair.run import Run, make_repairer
+from dtrepair.pipeline.repair.settings import recorded_settings
 from dtrepair.pipeline.selection import ObjectOptions, Selection
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import mode_warnings, prim_records, refuse_if_none_usable
 from dtrepair.pipeline.stages.object_settings import recorded
+from dtrepair.pipeline.stages.plan import make_plan
 from dtrepair.pipeline.stages.rest import choose_rests, rest_warnings
 from dtrepair.pipeline.stages.sinks import Sink, existing, open_sink
 from dtrepair.pipeline.stages.sources import StageSource, is_stage, open_source
@@ -144,7 +145,7 @@ def command(
     console.warn(controls.warnings)
     run.ignored = controls.ignored
     more: dict[str, Any] = {"rest": rest, "objects": recorded(source, controls.settings)}
-    run.settings = settings_of(selection, objects, options, {**more, **vars(search)})
+    run.settings = recorded_settings(selection, objects, options, {**more, **vars(search)})
     del run.settings["jobs"]
     report = _keys(run, source, controls, search, console, rest=rest, dry_run=dry_run)
     if report is None:
@@ -202,7 +203,7 @@ def _keys(
         run.lap("read")
         rests = choose_rests(source, rest, device=run.device)
         if dry_run:
-            print_plan(console, source, rests, output, controls.settings, source.times)
+            print_plan(console, make_plan(source, rests, source.times, output, controls.settings))
             return None
         bodies = make_bodies(
             source, rests, controls, ConsoleObserver(console, say), mode=run.options.mode

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+import os
+from typing import TYPE_CHECKING
 
 import click
 
 from dtrepair.cli.options.config import kept_tables
+from dtrepair.cli.options.distributed import distributed_option
 from dtrepair.cli.options.method import method_options
 from dtrepair.cli.options.shared import (
     console_options,
@@ -22,25 +23,10 @@ from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.repair_text import print_plan, print_table, say
 from dtrepair.cli.terminal.report_place import check_report_place, put_report
-from dtrepair.pipeline.errors import CLEAN, FRAMES, REMAINING, UsageError
-from dtrepair.pipeline.observer import Observer
-from dtrepair.pipeline.repair.chunks import choose_chunk, empty_chunk_warnings, parse_chunk
-from dtrepair.pipeline.repair.distributed import (
-    ChunkedCommand,
-    distributed_option,
-    measured_jitter,
-    repair_distributed,
-)
-from dtrepair.pipeline.repair.run import Run, open_journal, repair_here
+from dtrepair.pipeline.errors import CLEAN, exit_code
+from dtrepair.pipeline.repair.settings import RepairSettings
+from dtrepair.pipeline.repair.stage import plan_repair, repair_stage
 from dtrepair.pipeline.selection import ObjectOptions, Selection
-from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
-from dtrepair.pipeline.stages.devices import device_of_method
-from dtrepair.pipeline.stages.frames import mode_warnings
-from dtrepair.pipeline.stages.object_settings import recorded
-from dtrepair.pipeline.stages.rest import choose_rests
-from dtrepair.pipeline.stages.sinks import existing, open_sink
-from dtrepair.pipeline.stages.sources import Source, open_source
-from dtrepair.report.record import FrameRecord, Report
 
 if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions
@@ -48,7 +34,6 @@ if TYPE_CHECKING:
 
 @click.command(
     "repair",
-    cls=ChunkedCommand,
     epilog="Exit code 0: every frame is clean; 1: intersections remain; 2: usage; 3: input "
     "unusable; 4: some frames failed, the rest is written; 5: output cannot be written.",
 )
@@ -115,123 +100,42 @@ def command(
         dtrepair repair body.obj -o body_repaired.obj
     """
     check_report_place(report_path, console, source_path, others=[output])
-    if skip_existing and existing(output):
+    if skip_existing and os.path.exists(output):
         console.result(f"{output}: exists; skipped")
         return CLEAN
-    wanted = _Wanted(
-        selection, objects, rest, parse_chunk(chunk), chunk, distributed, resume, dry_run
+    settings = RepairSettings(
+        selection=selection,
+        options=options,
+        objects=objects,
+        tables=kept_tables(),
+        rest=rest,
+        alone=alone,
+        chunk=chunk,
     )
-    there, warnings = device_of_method(device, options.method)
-    console.warn(warnings)
-    # The published method knows single poses only.
-    alone = alone or options.method == "paper"
-    run = Run(source_path, output, there, options, jobs, alone)
-    source = open_source(source_path, selection, collider=objects.collider)
-    console.warn([*source.warnings, *mode_warnings(source, options.mode)])
-    controls = _controls(run, source, objects, console)
-    more = {"rest": rest, "objects": recorded(source, controls.settings), "chunk": chunk}
-    run.settings = settings_of(selection, objects, options, more)
-    report = _repair(run, source, controls, wanted, console)
-    if report is None:
+    observer = ConsoleObserver(console, say)
+    if dry_run:
+        plan = plan_repair(
+            source_path,
+            output,
+            settings,
+            resume=resume,
+            distributed=distributed,
+            device=device,
+            observer=observer,
+        )
+        print_plan(console, plan)
         return CLEAN
+    clean_up_if_forced(output)
+    report = repair_stage(
+        source_path,
+        output,
+        settings,
+        resume=resume,
+        distributed=distributed,
+        jobs=jobs,
+        device=device,
+        observer=observer,
+    )
     put_report(report, report_path)
     print_table(console, report.frames, output)
-    return _exit_code(report.frames)
-
-
-@dataclass(frozen=True)
-class _Wanted:
-    """What a run is to do, beside the options of the method."""
-
-    selection: Selection
-    objects: ObjectOptions
-    rest: str | None
-    part: tuple[int, int] | None
-    chunk: str | None
-    distributed: str | None
-    resume: bool
-    dry_run: bool
-
-    def __post_init__(self) -> None:
-        """Refuse what does not go together."""
-        if self.distributed is not None and (self.part is not None or self.resume):
-            raise UsageError("--distributed: not with --chunk or --resume; leave one out")
-
-
-def _controls(run: Run, source: Source, objects: ObjectOptions, console: Console) -> Controls:
-    """What each object is told to do; refused where it has no effect."""
-    _refuse_without_effect(run, directed=objects.direction is not None)
-    controls = read_controls(source, objects, kept_tables())
-    console.warn(controls.warnings)
-    run.ignored = controls.ignored
-    _refuse_without_effect(run, directed=any(way is not None for way in controls.directions))
-    if run.options.method == "paper" and any(own.rigid for own in controls.settings):
-        raise UsageError("--rigid: has no effect with --method paper; leave it out")
-    return controls
-
-
-def _repair(
-    run: Run, source: Source, controls: Controls, wanted: _Wanted, console: Console
-) -> Report | None:
-    """Repair, here or on several machines, and write; None where nothing was to be done."""
-    observer = ConsoleObserver(console, say)
-    clean_up_if_forced(run.output)
-    sink = open_sink(source, run.output, run.settings)
-    try:
-        run.lap("read")
-        rests = choose_rests(source, wanted.rest, device=run.device)
-        run.chunk = choose_chunk(source, wanted.part, alone=run.alone)
-        console.warn(empty_chunk_warnings(run.chunk, wanted.chunk))
-        if wanted.dry_run:
-            written = run.chunk.times[run.chunk.written]
-            print_plan(console, source, rests, run.output, controls.settings, written)
-            return None
-        bodies = make_bodies(source, rests, controls, observer, mode=run.options.mode)
-        if wanted.distributed is not None and len(source.times) > 1:
-            sink.abort()
-            return _distributed(run, source, wanted, wanted.distributed, observer)
-        journal = open_journal(run, bodies, observer, resume=wanted.resume)
-        console.warn(journal.warnings if journal is not None else ())
-        return repair_here(run, source, rests, bodies, sink, observer, journal)
-    finally:
-        sink.abort()
-
-
-def _distributed(
-    run: Run, source: Source, wanted: _Wanted, where: str, observer: Observer
-) -> Report:
-    """Repair on several workers; the report is of the whole run."""
-    report = repair_distributed(where, source, run.output, jobs=run.jobs, observer=observer)
-    result = open_source(run.output, wanted.selection, collider=wanted.objects.collider)
-    run.lap("total")
-    seconds = {**report.seconds, "total": run.seconds["total"]}
-    jitter = measured_jitter(source, result)
-    return replace(report, output=run.output, seconds=seconds, jitter=jitter)
-
-
-def _refuse_without_effect(run: Run, *, directed: bool) -> None:
-    """Refuse options that the published method does not have."""
-    given = {
-        "--direction": directed,
-        "--clearance": run.options.clearance > 0.0,
-        "--maximum-displacement": run.options.maximum_displacement is not None,
-    }
-    for option, used in given.items():
-        if used and run.options.method == "paper":
-            raise UsageError(f"{option}: has no effect with --method paper; leave it out")
-
-
-def settings_of(
-    selection: Selection, objects: ObjectOptions, options: RepairOptions, more: dict[str, Any]
-) -> dict[str, Any]:
-    """Return what is recorded of the choices of a run."""
-    asked = {**vars(objects), "ignore": list(objects.ignore)}
-    chosen = {**vars(selection), **asdict(options), **asked, **more}
-    return {name: value for name, value in chosen.items() if value is not None}
-
-
-def _exit_code(records: tuple[FrameRecord, ...]) -> int:
-    if any(record.status == "failed" for record in records):
-        return FRAMES
-    left = any(record.status in ("improved", "unchanged") for record in records)
-    return REMAINING if left else CLEAN
+    return exit_code(report)

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from dtrepair.pipeline.errors import INTERNAL, InputError, PipelineError
+from dtrepair.pipeline.errors import PipelineError, plain_error
 
 
 def one_line_errors(function: Callable[..., int]) -> Callable[..., int]:
@@ -25,23 +25,6 @@ def one_line_errors(function: Callable[..., int]) -> Callable[..., int]:
             console = options.get("console")
             if os.environ.get("DTREPAIR_DEBUG") or getattr(console, "verbosity", 0) > 1:
                 raise
-            raise as_plain_error(error) from error
+            raise plain_error(error) from error
 
     return wrapper
-
-
-def as_plain_error(error: Exception) -> PipelineError:
-    """Return the error with an exit code that stands for an exception of the libraries."""
-    from dtrepair.files.mesh_files import MeshFileError
-
-    code = getattr(error, "exit_code", None)  # the errors of usd_io carry theirs
-    if isinstance(code, int):
-        return PipelineError(str(error), code)
-    if isinstance(error, MeshFileError):
-        return InputError(str(error))
-    if isinstance(error, MemoryError):
-        return PipelineError(str(error) or "out of memory; choose fewer frames or prims", INTERNAL)
-    return PipelineError(
-        f"internal error: {type(error).__name__}: {error}; please report it with the output of -vv",
-        INTERNAL,
-    )

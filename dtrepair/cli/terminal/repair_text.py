@@ -7,15 +7,11 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dtrepair.cli.terminal.console import Console
 from dtrepair.pipeline.observer import FrameDone
-from dtrepair.pipeline.selection import ObjectSettings
-from dtrepair.pipeline.stages.object_settings import described
-from dtrepair.pipeline.stages.rest import Rest
-from dtrepair.pipeline.stages.sources import Source, time_label
+from dtrepair.pipeline.selection import NUMBERS, ObjectSettings
+from dtrepair.pipeline.stages.plan import Plan
+from dtrepair.pipeline.stages.sources import time_label
 from dtrepair.report.record import FrameRecord, MotionRecord, summarize
 from dtrepair.wording import counted
 
@@ -42,24 +38,37 @@ def say(console: Console, done: FrameDone) -> None:
     )
 
 
-def print_plan(
-    console: Console,
-    source: Source,
-    rests: list[Rest],
-    output: str | None,
-    settings: Sequence[ObjectSettings],
-    times: NDArray[np.float64],
-) -> None:
-    """Print what a run would do with the frames at `times` (T,); without an output it counts."""
-    rows = []
-    for mesh, rest, own in zip(source.meshes, rests, settings, strict=True):
-        role = described(own, collider=mesh.collider)
-        rows.append([mesh.path, str(len(mesh.rest)), str(len(mesh.faces)), role, rest.origin])
+def print_plan(console: Console, plan: Plan) -> None:
+    """Print what a run would do; without an output it counts."""
+    rows = [
+        [
+            mesh.path,
+            str(mesh.vertices),
+            str(mesh.triangles),
+            described(mesh.settings, collider=mesh.collider),
+            mesh.rest,
+        ]
+        for mesh in plan.meshes
+    ]
     console.table(["mesh", "vertices", "triangles", "role", "rest pose"], rows)
-    labels = [time_label(float(time)) for time in times] or ["none"]
-    frames = labels[0] if len(labels) == 1 else f"{labels[0]} to {labels[-1]}"
-    end = "counted" if output is None else f"written to {output}"
-    console.result(f"{counted(len(times), 'frame')} ({frames}) would be {end}")
+    end = "counted" if plan.output is None else f"written to {plan.output}"
+    console.result(f"{frames_text(plan.times)} would be {end}")
+
+
+def frames_text(times: Sequence[float]) -> str:
+    """How many frames there are, with the first and the last of them."""
+    labels = [time_label(time) for time in times] or ["none"]
+    ends = labels[0] if len(labels) == 1 else f"{labels[0]} to {labels[-1]}"
+    return f"{counted(len(times), 'frame')} ({ends})"
+
+
+def described(own: ObjectSettings, *, collider: bool) -> str:
+    """What an object does, in a word or two."""
+    if collider:
+        return "collider"
+    role = "rigid" if own.rigid else "repaired"
+    told = [f"{name} {getattr(own, name):g}" for name in NUMBERS if getattr(own, name) is not None]
+    return ", ".join([role, *told])
 
 
 def _print_contacts(

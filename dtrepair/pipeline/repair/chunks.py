@@ -22,16 +22,6 @@ class Chunk:
     written: NDArray[np.bool_]
 
 
-def parse_chunk(text: str | None) -> tuple[int, int] | None:
-    """K and N of `K/N`; a usage error for anything else."""
-    if text is None:
-        return None
-    number, slash, count = text.partition("/")
-    if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
-        raise UsageError(f"--chunk {text}: expected K/N with K from 1 to N, such as 2/8")
-    return int(number), int(count)
-
-
 def choose_chunk(source: Source, chunk: tuple[int, int] | None, *, alone: bool) -> Chunk:
     """The frames of a chunk; None is the whole.
 

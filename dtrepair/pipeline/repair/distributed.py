@@ -1,75 +1,90 @@
-"""`repair --distributed`: chunks of a clip on the workers of a Dask cluster, joined at the end."""
+"""Chunks of a clip on the workers of a Dask cluster, joined at the end."""
 
 from __future__ import annotations
 
 import os
 import shutil
+import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from dtrepair.numerics.jitter_meter import JitterMeter
-from dtrepair.pipeline.errors import INPUT, INTERNAL, PipelineError, UsageError
+from dtrepair.pipeline.errors import INTERNAL, InputError, PipelineError, UsageError, plain_error
 from dtrepair.pipeline.observer import Observer, Progress
+from dtrepair.pipeline.repair.settings import RepairSettings
 from dtrepair.pipeline.stages.frames import read_frame
 from dtrepair.pipeline.stages.outputs import writing
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.joining import join_reports
-from dtrepair.report.record import Report, read_report
+from dtrepair.report.record import Report
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Future
 
-_ARGUMENTS = "dtrepair.arguments"
+Repair = Callable[..., Report]  # as `dtrepair.pipeline.repair_stage`
 
-
-class ChunkedCommand(click.Command):
-    """A command that keeps its arguments as they were given, for the workers."""
-
-    def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
-        """Keep the arguments, then parse them."""
-        context.meta[_ARGUMENTS] = list(args)
-        return super().parse_args(context, args)
+# Seconds between two looks at the workers.
+PAUSE = 0.1
 
 
-def distributed_option(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --distributed; None where it is not given, or empty."""
-    return click.option(
-        "--distributed",
-        metavar="ADDRESS|local",
-        callback=lambda context, parameter, value: value or None,
-        help="Repair on the workers of a Dask scheduler, or of one started here.",
-    )(function)
+@dataclass(frozen=True)
+class Workers:
+    """Where chunks are repaired: address of a scheduler, or "local" for `jobs` workers here.
+
+    device: its name, as each worker is to understand it.
+    """
+
+    address: str
+    jobs: int
+    device: str
 
 
 def repair_distributed(
-    address: str, source: Source, output: str, *, jobs: int, observer: Observer
+    repair: Repair,
+    source: Source,
+    output: str,
+    settings: RepairSettings,
+    workers: Workers,
+    observer: Observer,
 ) -> Report:
     """Repair one chunk on each worker, join the layers into `output`, and the reports.
 
-    The workers run this very command again, with `--chunk`; they see the same files at the same
-    paths. `local` starts `jobs` workers here.
+    repair: repairs a chunk; the workers see the same files at the same paths.
     """
     from usd_io import join_layers
     from usd_io.write.temporary import make_temporary_folder
 
     target = os.path.abspath(output)
     with ExitStack() as stack:
-        client = stack.enter_context(_client(address, jobs))
+        client = stack.enter_context(_client(workers.address, workers.jobs))
         with writing(output):
             folder = make_temporary_folder(target)
         stack.callback(shutil.rmtree, folder, ignore_errors=True)
-        threads = [worker["nthreads"] for worker in _workers(client, address).values()]
+        threads = [worker["nthreads"] for worker in _workers(client, workers.address).values()]
         count = min(len(threads), len(source.times))
         parts = [os.path.join(folder, f"part{number}.usdc") for number in range(1, count + 1)]
-        done = _finished(client, parts, jobs=max(threads))
-        for _ in Progress(observer, "chunks repaired", count).over(done):
-            pass
+        each = {"jobs": max(threads), "device": workers.device}
+        futures = [
+            client.submit(
+                repair_chunk,
+                repair,
+                os.getcwd(),
+                source.name,
+                part,
+                replace(settings, chunk=f"{number}/{count}"),
+                **each,
+                pure=False,
+            )
+            for number, part in enumerate(parts, 1)
+        ]
+        stack.callback(client.cancel, futures)
+        progress = Progress(observer, "chunks repaired", count)
+        ended = _ended(futures, lambda: progress.ahead(0.0))
+        reports = {future.key: _result(future) for future in progress.over(ended)}
         join_layers(parts, target)
-        report = join_reports([read_report(_report_of(part)) for part in parts])
-    return report
+        return join_reports([reports[future.key] for future in futures])
 
 
 def measured_jitter(source: Source, result: Source) -> float | None:
@@ -84,45 +99,49 @@ def measured_jitter(source: Source, result: Source) -> float | None:
     return max(meter.value for meter in meters)
 
 
-def repair_chunk(directory: str, arguments: Sequence[str]) -> tuple[int, str]:
-    """Run `dtrepair repair` with arguments in a directory: exit code, and what was wrong."""
-    from dtrepair.cli.app import group
-
+def repair_chunk(
+    repair: Repair,
+    directory: str,
+    stage: str,
+    output: str,
+    settings: RepairSettings,
+    *,
+    jobs: int,
+    device: str,
+) -> dict[str, Any]:
+    """Repair a chunk on a worker, in a directory; return the document of its report."""
     try:
         os.chdir(directory)
-        code = group.main(["repair", *arguments], prog_name="dtrepair", standalone_mode=False)
-    except PipelineError as error:
-        return error.exit_code, str(error)
-    except click.ClickException as error:
-        return error.exit_code, error.format_message()
     except OSError as error:
-        return INPUT, f"{directory}: {error.strerror}; workers need the same files, same paths"
-    return int(code), ""
+        raise InputError(
+            f"{directory}: {error.strerror}; workers need the same files, same paths"
+        ) from None
+    try:
+        return repair(stage, output, settings, jobs=jobs, device=device).document()
+    except Exception as error:  # only plain errors are sure to travel
+        raise plain_error(error) from None
 
 
-def _finished(client: Client, parts: Sequence[str], *, jobs: int) -> Iterator[int]:
-    """Exit codes of the chunks as they end; the first that made no layer ends the run."""
-    from distributed import as_completed
-
-    given = click.get_current_context().meta[_ARGUMENTS]
-    futures = []
-    for number, part in enumerate(parts, 1):
-        chunk = ["-o", part, "--chunk", f"{number}/{len(parts)}", "--report", _report_of(part)]
-        # The last of several options of one name counts.
-        arguments = [*given, *chunk, "--jobs", str(jobs), "--distributed", "", "-q"]
-        futures.append(client.submit(repair_chunk, os.getcwd(), arguments, pure=False))
-    for future in as_completed(futures):
-        error = future.exception()
-        if error is not None:
-            raise PipelineError(f"a worker failed: {type(error).__name__}: {error}", INTERNAL)
-        code, message = future.result()
-        if message:
-            raise PipelineError(f"a worker failed: {message}", code)
-        yield code
+def _ended(futures: Sequence[Future[Any]], meanwhile: Callable[[], None]) -> Iterator[Future[Any]]:
+    """The futures as they end; `meanwhile` is called again and again while none does."""
+    waiting = list(futures)
+    while waiting:
+        for future in [future for future in waiting if future.done()]:
+            waiting.remove(future)
+            yield future
+        meanwhile()
+        clock.sleep(PAUSE)
 
 
-def _report_of(part: str) -> str:
-    return os.path.splitext(part)[0] + ".json"
+def _result(future: Future[Any]) -> dict[str, Any]:
+    """The report of a chunk; one that made no layer ends the run."""
+    error = future.exception()
+    if isinstance(error, PipelineError):
+        raise PipelineError(f"a worker failed: {error}", error.exit_code)
+    if error is not None:
+        raise PipelineError(f"a worker failed: {type(error).__name__}: {error}", INTERNAL)
+    document: dict[str, Any] = future.result()
+    return document
 
 
 @contextmanager

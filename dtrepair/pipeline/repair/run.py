@@ -38,7 +38,7 @@ class Run:
     output: str
     device: str
     options: RepairOptions
-    jobs: int
+    jobs: int | None
     alone: bool
     chunk: Chunk | None = None
     ignored: tuple[tuple[int, int], ...] = ()
@@ -121,13 +121,20 @@ def repair_here(
         input=run.input,
         output=run.output,
         device=run.device,
-        settings={**run.settings, "rest": [rest.origin for rest in rests]},
+        settings=_reported(run, rests),
         seconds=run.seconds,
         prims=prim_records(source, rest_counts),
         frames=tuple(records),
         warnings=(*source.warnings, *warnings),
         jitter=max(part.value for part in meter) if len(records) > 2 else None,
     )
+
+
+def _reported(run: Run, rests: list[Rest]) -> dict[str, Any]:
+    """The choices of a run for its report, which tells where the rest poses come from."""
+    asked = {"rest_option": run.settings["rest"]} if "rest" in run.settings else {}
+    rest = [rest.origin for rest in rests]
+    return {**run.settings, "rest": rest, **asked, "alone": run.alone}
 
 
 def make_repairer(

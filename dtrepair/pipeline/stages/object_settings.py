@@ -10,7 +10,6 @@ from dtrepair.pipeline.errors import InputError
 from dtrepair.pipeline.selection import (
     KEYS,
     NAMES,
-    NUMBERS,
     ObjectSettings,
     PrimTable,
     plain_value,
@@ -72,15 +71,6 @@ def _of_stage(path: str, handle: Any, warnings: list[str]) -> dict[str, Any]:
                 raise InputError(f"{where}: {wrong}")
             values[name] = plain_value(name, value)
     return values
-
-
-def described(own: ObjectSettings, *, collider: bool) -> str:
-    """What an object does, in a word or two."""
-    if collider:
-        return "collider"
-    role = "rigid" if own.rigid else "repaired"
-    told = [f"{name} {getattr(own, name):g}" for name in NUMBERS if getattr(own, name) is not None]
-    return ", ".join([role, *told])
 
 
 def recorded(source: Source, each: Sequence[ObjectSettings]) -> dict[str, dict[str, Any]]:

@@ -26,7 +26,7 @@ def small_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     small = partial(animation.ClipOptions, window=20, overlap=6)
     monkeypatch.setattr(animation, "ClipOptions", small)
     monkeypatch.setattr(repairer, "ClipOptions", small)
-    monkeypatch.setattr("dtrepair.cli.commands.repair.open_journal", lambda *some, **more: None)
+    monkeypatch.setattr("dtrepair.pipeline.repair.stage.open_journal", lambda *some, **more: None)
 
 
 def clip(path: Path) -> Path:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dtrepair.pipeline.errors import INPUT, PipelineError
 from dtrepair.pipeline.repair.distributed import repair_chunk
+from dtrepair.pipeline.repair.settings import RepairSettings
+from dtrepair.pipeline.repair.stage import repair_stage
 from dtrepair.report.record import read_report
 from tests.command_line import assert_fails, read_samples, run, tube_stage
 
@@ -58,7 +62,21 @@ def test_chunk_tells_what_was_wrong(
     tmp_path: Path, clip: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    code, message = repair_chunk(str(tmp_path), ["missing.usd", "-o", "b.usdc"])
-    assert code == 3 and "missing.usd" in message
-    code, message = repair_chunk(str(tmp_path / "elsewhere"), [str(clip), "-o", "b.usdc"])
-    assert code == 3 and "same paths" in message
+    missing = str(tmp_path / "missing.usd")
+    for directory, stage, words in (
+        (tmp_path, missing, "missing.usd"),
+        (tmp_path / "elsewhere", str(clip), "same paths"),
+    ):
+        with pytest.raises(PipelineError, match=words) as caught:
+            repair_chunk(
+                repair_stage,
+                str(directory),
+                stage,
+                str(tmp_path / "b.usdc"),
+                RepairSettings(),
+                jobs=1,
+                device="auto",
+            )
+        assert caught.value.exit_code == INPUT
+        # It comes from a worker with its code.
+        assert pickle.loads(pickle.dumps(caught.value)).exit_code == INPUT

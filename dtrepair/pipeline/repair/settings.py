@@ -1,0 +1,117 @@
+"""Everything that was chosen for a repair, as one object; what a report keeps of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, TypedDict, TypeVar
+
+from dtrepair.pipeline.errors import UsageError
+from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable, Selection
+from dtrepair.repair.options import RepairOptions
+
+Choices = TypeVar("Choices", Selection, ObjectOptions, RepairOptions, ObjectSettings)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepairSettings:
+    """What the result of a repair depends on, besides its input and the device.
+
+    Args:
+        selection: which meshes and frames take part.
+        options: of the method.
+        objects: how single meshes take part.
+        tables: settings of single meshes; they win over the options and what the stage holds.
+        rest: the rest pose: a time code of the input, "default", or the path of a stage or mesh
+            file; None: the points at the default time, else the frame with fewest intersections.
+        alone: repair each frame for itself, not steady in time; the published method always does.
+        chunk: "K/N": part K of N of the frames; `join_layers` gives what one run would have given.
+
+    Raises:
+        UsageError: a malformed chunk, or something that the published method has no use for.
+    """
+
+    selection: Selection = field(default_factory=Selection)
+    options: RepairOptions = field(default_factory=RepairOptions)
+    objects: ObjectOptions = field(default_factory=ObjectOptions)
+    tables: tuple[PrimTable, ...] = ()
+    rest: str | None = None
+    alone: bool = False
+    chunk: str | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense."""
+        parse_chunk(self.chunk)
+        if self.options.method == "paper" and self.objects.direction is not None:
+            raise UsageError("--direction: has no effect with --method paper; leave it out")
+
+    @property
+    def single(self) -> bool:
+        """Whether each frame is repaired for itself: the published method knows single poses."""
+        return self.alone or self.options.method == "paper"
+
+    @classmethod
+    def from_report(cls, settings: Mapping[str, Any]) -> RepairSettings:
+        """Return the settings of a run whose report has these `settings`.
+
+        Raises UsageError for a name that no setting has.
+        """
+        known = {"alone", "chunk", "rest", "rest_option", "objects"}
+        for part in (Selection, RepairOptions, ObjectOptions):
+            known |= {key.name for key in fields(part)}
+        if unknown := sorted(settings.keys() - known):
+            raise UsageError(f"settings: no repair has {unknown[0]!r}; take those of its report")
+        return cls(
+            selection=_chosen(Selection, settings),
+            options=_chosen(RepairOptions, settings),
+            objects=_chosen(ObjectOptions, settings),
+            tables=tuple(
+                PrimTable(path, _chosen(ObjectSettings, own), path)
+                for path, own in settings.get("objects", {}).items()
+            ),
+            rest=settings.get("rest_option"),
+            alone=settings.get("alone", False),
+            chunk=settings.get("chunk"),
+        )
+
+
+class RepairChoices(TypedDict, total=False):
+    """The fields of `RepairSettings`, each of which may be given by name."""
+
+    selection: Selection
+    options: RepairOptions
+    objects: ObjectOptions
+    tables: tuple[PrimTable, ...]
+    rest: str | None
+    alone: bool
+    chunk: str | None
+
+
+def recorded_settings(
+    selection: Selection, objects: ObjectOptions, options: RepairOptions, more: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return what an output and a report keep of the choices of a run."""
+    given = {**vars(objects), "ignore": list(objects.ignore)}
+    chosen = {**vars(selection), **asdict(options), **given, **more}
+    return {name: value for name, value in chosen.items() if value is not None}
+
+
+def parse_chunk(text: str | None) -> tuple[int, int] | None:
+    """K and N of `K/N`; a usage error for anything else."""
+    if text is None:
+        return None
+    number, slash, count = text.partition("/")
+    if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        raise UsageError(f"--chunk {text}: expected K/N with K from 1 to N, such as 2/8")
+    return int(number), int(count)
+
+
+def _chosen(kind: type[Choices], values: Mapping[str, Any]) -> Choices:
+    """An object of the values that have the names of its fields; a list of JSON is a tuple."""
+    names = {key.name for key in fields(kind)}
+    given = {name: value for name, value in values.items() if name in names}
+    return kind(**{name: _as_tuple(value) for name, value in given.items()})
+
+
+def _as_tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else value

@@ -123,7 +123,7 @@ OWNERS = {
     "usd_io": ("usd_io", "dtrepair.pipeline", "dtrepair.cli.commands"),
     "dtrepair": ("dtrepair",),
 }
-KNOWN_STRANGERS: set[str] = {}
+KNOWN_STRANGERS: set[str] = set()
 
 
 def within(name: str, parents: tuple[str, ...]) -> bool:

@@ -16,7 +16,7 @@ RING_LIMIT = 20
 
 
 class Queries:
-    """Queries on the mesh of a `Detector`; topological answers are remembered.
+    """Queries on the mesh of a `Detector`, which never change.
 
     They run on the CPU: their results steer the host's decisions.
     """
@@ -30,8 +30,6 @@ class Queries:
         self._warp = start_warp()
         self._kernels = query_kernels
         self._faces = self._array(detector.faces, self._warp.vec3i)
-        self._known_keys = np.zeros(0, dtype=np.int64)
-        self._known_rings = np.zeros(0, dtype=np.int32)
 
     def folds(
         self, points: NDArray[np.float32], *, active: NDArray[np.bool_] | None = None
@@ -59,23 +57,6 @@ class Queries:
         sizes = stops - starts
         offsets = np.repeat(starts - np.cumsum(sizes) + sizes, sizes)
         return (offsets + np.arange(len(offsets))).astype(np.int32)
-
-    def ring_distance(self, pairs: IntArray) -> IntArray:
-        """Return the edge rings (K,) between triangles of pairs (K, 2), at most RING_LIMIT + 1."""
-        keys = pair_keys(pairs)
-        place = np.searchsorted(self._known_keys, keys)
-        new = place == len(self._known_keys)
-        new[~new] = self._known_keys[place[~new]] != keys[~new]
-        if new.any():
-            unknown = np.sort(keys[new])
-            unknown = unknown[np.diff(unknown, prepend=-1) > 0]
-            rows = np.stack([unknown >> 32, unknown & 0xFFFFFFFF], axis=1).astype(np.int32)
-            every = np.concatenate([self._known_keys, unknown])
-            rings = np.concatenate([self._known_rings, self._search(rows)])
-            order = np.argsort(every)
-            self._known_keys, self._known_rings = every[order], rings[order]
-            place = np.searchsorted(self._known_keys, keys)
-        return self._known_rings[place]
 
     def crossings(
         self, points: NDArray[np.float32], vertices: IntArray, directions: FloatArray
@@ -111,20 +92,6 @@ class Queries:
         boxes = self._detector.boxes(points[None])
         return boxes[2], boxes[3]
 
-    def _search(self, pairs: IntArray) -> IntArray:
-        """Return the ring distances (K,) of pairs (K, 2) by breadth-first search."""
-        warp, count = self._warp, self._detector.vertex_count
-        distance = warp.empty(len(pairs), dtype=warp.int32, device="cpu")
-        indptr, indices = self._adjacency
-        scratch = [warp.zeros((2, count), dtype=warp.int32, device="cpu") for _ in range(2)]
-        queue = warp.empty(count, dtype=warp.int32, device="cpu")
-        half = RING_LIMIT // 2
-        inputs = [self._faces, indptr, indices, self._array(pairs, warp.vec2i)]
-        inputs += [half, RING_LIMIT - half, *scratch, queue, distance]
-        warp.launch(self._kernels.ring_distances, dim=1, inputs=inputs, device="cpu")
-        distances: IntArray = distance.numpy()
-        return distances
-
     @cached_property
     def _tree(self) -> list[Any]:
         """Triangles in leaf order, first of each leaf, skip links, on the device."""
@@ -132,12 +99,6 @@ class Queries:
         assert tree is not None
         links = [self._array(values, self._warp.int32) for values in (tree.leaf_start, tree.skip)]
         return [self._array(self._detector.faces[tree.order], self._warp.vec3i), *links]
-
-    @cached_property
-    def _adjacency(self) -> tuple[Any, Any]:
-        """Neighbours of the vertices as compressed rows, on the device."""
-        indptr, indices = adjacency(self._detector.faces, self._detector.vertex_count)
-        return self._array(indptr, self._warp.int32), self._array(indices, self._warp.int32)
 
     @cached_property
     def _corners(self) -> tuple[Any, Any]:
@@ -186,6 +147,69 @@ class Queries:
 
     def _array(self, values: NDArray[Any], dtype: Any) -> Any:
         """Return values as a Warp array on the CPU."""
+        return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")
+
+
+class RingDistances:
+    """Tells how many edge rings lie between triangles of one mesh, as `pairs -> rings`.
+
+    Threads may share one: what is remembered is replaced as a whole, never changed, so that at
+    worst they find the same answer twice.
+
+    Args:
+        faces: Triangles (F, 3).
+        vertex_count: Number of vertices.
+    """
+
+    def __init__(self, faces: IntArray, vertex_count: int) -> None:
+        from dtrepair.device import start_warp
+        from dtrepair.intersect import query_kernels
+
+        self._warp, self._kernels = start_warp(), query_kernels
+        self._faces, self._count = faces, vertex_count
+        self._known = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int32)
+
+    def __call__(self, pairs: IntArray) -> IntArray:
+        """Return the edge rings (K,) between triangles of pairs (K, 2), at most RING_LIMIT + 1."""
+        wanted = pair_keys(pairs)
+        keys, rings = self._known
+        place = np.searchsorted(keys, wanted)
+        new = place == len(keys)
+        new[~new] = keys[place[~new]] != wanted[~new]
+        if new.any():
+            unknown = np.sort(wanted[new])
+            unknown = unknown[np.diff(unknown, prepend=-1) > 0]
+            rows = np.stack([unknown >> 32, unknown & 0xFFFFFFFF], axis=1).astype(np.int32)
+            every = np.concatenate([keys, unknown])
+            found = np.concatenate([rings, self._search(rows)])
+            order = np.argsort(every)
+            self._known = keys, rings = every[order], found[order]
+            place = np.searchsorted(keys, wanted)
+        answer: IntArray = rings[place]
+        return answer
+
+    def _search(self, pairs: IntArray) -> IntArray:
+        """Return the ring distances (K,) of pairs (K, 2) by breadth-first search."""
+        warp, count = self._warp, self._count
+        distance = warp.empty(len(pairs), dtype=warp.int32, device="cpu")
+        faces, indptr, indices = self._mesh
+        scratch = [warp.zeros((2, count), dtype=warp.int32, device="cpu") for _ in range(2)]
+        queue = warp.empty(count, dtype=warp.int32, device="cpu")
+        half = RING_LIMIT // 2
+        inputs = [faces, indptr, indices, self._array(pairs, warp.vec2i)]
+        inputs += [half, RING_LIMIT - half, *scratch, queue, distance]
+        warp.launch(self._kernels.ring_distances, dim=1, inputs=inputs, device="cpu")
+        found: IntArray = distance.numpy()
+        return found
+
+    @cached_property
+    def _mesh(self) -> tuple[Any, Any, Any]:
+        """Triangles, and neighbours of the vertices as compressed rows, on the device."""
+        indptr, indices = adjacency(self._faces, self._count)
+        rows = (self._array(part, self._warp.int32) for part in (indptr, indices))
+        return self._array(self._faces, self._warp.vec3i), *rows
+
+    def _array(self, values: NDArray[Any], dtype: Any) -> Any:
         return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections import deque
 
 import numpy as np
 import pytest
@@ -13,8 +12,7 @@ from scipy.sparse import csgraph
 
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.exact import as_integers, cross, dot, sign
-from dtrepair.intersect.queries import RING_LIMIT, Queries, link_labels, one_vertex_pairs
-from dtrepair.numerics.geometry import adjacency
+from dtrepair.intersect.queries import Queries, link_labels, one_vertex_pairs
 from tests.meshes import Mesh, elbow, grid, icosphere, joined, overlapping_spheres, torus, tube
 
 SPHERE = icosphere(2)
@@ -62,21 +60,6 @@ def slow_folds(points: NDArray[np.float32], faces: NDArray[np.int32]) -> set[tup
         if crosses(p, q, faces[j]) or crosses(r, s, faces[i]):
             found.add((i, j))
     return found
-
-
-def slow_rings(faces: NDArray[np.int32], count: int, first: int) -> NDArray[np.int64]:
-    """Edge rings of every vertex from a triangle; far beyond the limit where unreachable."""
-    indptr, indices = adjacency(faces, count)
-    rings = np.full(count, 10 * RING_LIMIT)
-    rings[faces[first]] = 0
-    queue = deque(faces[first].tolist())
-    while queue:
-        v = queue.popleft()
-        for w in indices[indptr[v] : indptr[v + 1]].tolist():
-            if rings[w] > rings[v] + 1:
-                rings[w] = rings[v] + 1
-                queue.append(w)
-    return rings
 
 
 @pytest.mark.parametrize("mesh", [SPHERE, grid(4, 3), joined(icosphere(1), tube(5, 3))])
@@ -138,24 +121,6 @@ def test_active_folds_are_those_around_the_active_vertices() -> None:
     assert 0 < len(expected) < len(every)
     assert set(map(tuple, found.tolist())) == set(map(tuple, expected.tolist()))
     assert queries.folds(rounded(points), active=np.zeros(len(points), bool)).shape == (0, 2)
-
-
-@pytest.mark.parametrize("mesh", [torus(24, 8), tube(6, 40), joined(icosphere(1), icosphere(1))])
-def test_ring_distances_are_those_of_a_plain_search(mesh: Mesh) -> None:
-    points, faces = mesh
-    random = np.random.default_rng(0)
-    firsts = random.choice(len(faces), 12, replace=False)
-    pairs = np.array([(i, j) for i in firsts for j in random.integers(0, len(faces), 40)])
-    rings = {i: slow_rings(faces, len(points), i) for i in firsts.tolist()}
-    expected = [min(int(rings[i][faces[j]].min()), RING_LIMIT + 1) for i, j in pairs.tolist()]
-    queries = queries_of(mesh)
-    # In any order, and again: what is remembered must be the same.
-    for _ in range(2):
-        assert queries.ring_distance(pairs.astype(np.int32)).tolist() == expected
-    backward = queries.ring_distance(pairs[::-1].astype(np.int32))
-    assert backward.tolist() == expected[::-1]
-    assert queries.ring_distance(np.zeros((0, 2), np.int32)).shape == (0,)
-    assert max(expected) > 5
 
 
 def test_rays_of_a_closed_surface_balance() -> None:

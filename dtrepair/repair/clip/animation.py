@@ -305,7 +305,7 @@ class _Stream:
 
     def _too_close(self, mesh: WeldedMesh, pose: FloatArray) -> int:
         """How many pairs are closer than the clearance."""
-        return len(mesh.surface.close_pairs(mesh.reduced(pose), mesh.clearance))
+        return len(mesh.surface.contacts.close_pairs(mesh.reduced(pose), mesh.clearance))
 
     def _fallback(
         self, mesh: WeldedMesh, frame: Frame, pose: FloatArray, left: IntArray

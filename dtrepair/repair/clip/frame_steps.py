@@ -90,7 +90,11 @@ class WindowFrames:
         pose, before = self.poses[frame], self._detected.get(frame)
         if before is None or not np.abs(pose - before).max(initial=0.0) <= STALE:
             close = self.clearance > 0.0
-            found = surface.close_pairs(pose, self.clearance) if close else surface.pairs(pose)
+            found = (
+                surface.contacts.close_pairs(pose, self.clearance)
+                if close
+                else surface.contacts.pairs(pose)
+            )
             self._pairs[frame], self._detected[frame] = found, pose.copy()
         if frame not in self._in_fold:
             self._in_fold[frame] = self._around_folds(surface, self._pairs[frame])
@@ -150,7 +154,7 @@ class WindowFrames:
             pose = mend(surface, original[frame], [start], step=step)
             pose = allowed(surface.rigid, original[frame], pose, self.farthest)
             better = np.linalg.norm(steady - pose) < STEADIER * rough
-            if better and len(surface.pairs(pose)) == 0:
+            if better and len(surface.contacts.pairs(pose)) == 0:
                 self.added[frame] = pose - now
                 return True
         return False
@@ -182,7 +186,7 @@ class WindowFrames:
 
     def pairs_of_added(self, surface: Surface, frame: int) -> IntArray:
         """Intersecting pairs of the pose in `added`."""
-        return surface.pairs(self.added[frame])
+        return surface.contacts.pairs(self.added[frame])
 
     def couple(self, springs: Springs) -> None:
         """Soften close contacts with these springs between vertices from now on."""
@@ -191,14 +195,14 @@ class WindowFrames:
 
     def _around_folds(self, surface: Surface, pairs: IntArray) -> BoolArray:
         """Triangles (F,) within a ring of the input's own folds."""
-        near = surface.queries.ring_distance(pairs) <= FOLD_RINGS
+        near = surface.contacts.ring_distance(pairs) <= FOLD_RINGS
         return surface.triangles_at(surface.vertices_of(pairs[near]))
 
     def _classified(
         self, surface: Surface, frame: int, pairs: IntArray
     ) -> tuple[BoolArray, Springs]:
         """Raise the levels of near contacts; which pairs (K,) are to be pushed, and springs."""
-        near = surface.queries.ring_distance(pairs) <= FOLD_RINGS
+        near = surface.contacts.ring_distance(pairs) <= FOLD_RINGS
         own_fold = self._in_fold[frame][pairs].any(axis=1)
         # Two bodies that are always close, as a sleeve and its arm, are pushed like any others.
         owner = surface.body_of[pairs]

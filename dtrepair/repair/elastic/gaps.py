@@ -97,7 +97,7 @@ class Gaps:
         triangles = self._faced(points, areas, vertices, radius)
         pairs = np.stack([self._triangle_at[vertices], triangles], axis=1)[triangles >= 0]
         vertices = vertices[triangles >= 0]
-        counts = self.surface.counts(pairs)
+        counts = self.surface.contacts.counts(pairs)
         vertices, triangles = vertices[counts], pairs[counts, 1]
         keys: NDArray[np.int64] = (
             vertices.astype(np.int64) << 32 | triangles.astype(np.int64) | FACING

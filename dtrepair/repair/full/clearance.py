@@ -12,8 +12,9 @@ from dtrepair.repair.elastic.arap import ArapSystem
 from dtrepair.repair.elastic.contact_step import ContactStepOptions, step_with_gaps
 from dtrepair.repair.elastic.gaps import GapOptions, Gaps
 from dtrepair.repair.full.push import Limit, PushOptions, push
+from dtrepair.repair.surface.contacts import NEIGHBOUR_RINGS
 from dtrepair.repair.surface.defects import Defects, find_defects
-from dtrepair.repair.surface.surface import NEIGHBOUR_RINGS, Surface
+from dtrepair.repair.surface.surface import Surface
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +58,7 @@ def open_contacts(
     """
 
     def close(pose: FloatArray) -> IntArray:
-        return surface.close_pairs(pose, clearance, facing=facing)
+        return surface.contacts.close_pairs(pose, clearance, facing=facing)
 
     folds = len(find_defects(surface, points).folds)
     points, left = _opened(surface, points, clearance, close, folds, limit, options)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
-from dtrepair.repair.surface.layers import lift_covers
+from dtrepair.repair.surface.layers import pushed_off_covered
 from dtrepair.repair.surface.surface import Surface
 
 
@@ -73,7 +73,8 @@ def volume_gradient(
     surface: Surface, points: FloatArray, buried: FloatArray, count: int, regions: IntArray
 ) -> FloatArray:
     """Gradient (V, 3) of the overlap volume; every region weighs the same."""
-    field = buried[:, None] * surface.vector_areas(points)
+    areas = surface.vector_areas(points)
+    field = buried[:, None] * areas
     if surface.face_direction is not None:
         wanted = surface.incidence @ surface.face_direction
         length = np.linalg.norm(wanted, axis=1, keepdims=True)
@@ -82,5 +83,4 @@ def volume_gradient(
     inside = np.flatnonzero(buried)
     totals = np.bincount(regions[inside], lengths(field[inside]), minlength=count)
     field[inside] /= np.maximum(totals[regions[inside]], 1e-30)[:, None]
-    lift_covers(surface, points, buried, field)
-    return field
+    return pushed_off_covered(field, buried, surface.cover, areas)

@@ -57,6 +57,6 @@ def mend(
     assert best is not None
     if alone is not None:
         cold = alone(surface, original)
-        if len(surface.pairs(cold)) < len(best.defects.crossings):
+        if len(surface.contacts.pairs(cold)) < len(best.defects.crossings):
             return cold
     return best.points

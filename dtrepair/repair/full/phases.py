@@ -207,7 +207,7 @@ class Phases:
     def _filled(self, pushed: Pushed, near: int, options: FillOptions) -> Candidate:
         start = time.perf_counter()
         surface = self.surface
-        folds = surface.folds(pushed.points)
+        folds = surface.contacts.folds(pushed.points)
         points, left = pushed.points, Defects(pushed.pairs, folds)
         if "fill" not in self.skip:
             points, left = fill_creases(surface, points, known=left, options=options)

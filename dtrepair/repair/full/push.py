@@ -85,7 +85,7 @@ def push(
     """
     best: tuple[float, FloatArray, IntArray] | None = None
     start = points
-    detect, deepest = detect or surface.pairs, options.direction.deepest
+    detect, deepest = detect or surface.contacts.pairs, options.direction.deepest
     renewed, pairs = 0, known_pairs
     for iteration in range(options.iterations + 1):
         if pairs is None:
@@ -188,7 +188,7 @@ def _direction(
             far,
             weights,
             direction=surface.face_direction,
-            sides=covering_sides(surface, far),
+            sides=covering_sides(surface.cover, surface.faces, surface.body_of_vertex, far),
         )
     ]
     if buried.any():

@@ -74,14 +74,14 @@ class PaperMethod:
         found = []
         for index, original in enumerate(originals):
             points = result.points[index].numpy()
-            left = len(self.surface.pairs(points))
+            left = len(self.surface.contacts.pairs(points))
             value = distortion(self.surface, original, points)
             count = int(result.iterations[index])
             found.append(Solved(points, [Stage("descent", left, 0, value, count, seconds)]))
         return found
 
     def _detect(self, points: torch.Tensor) -> IntArray:
-        return self.surface.batch_pairs(points.numpy())
+        return self.surface.contacts.batch_pairs(points.numpy())
 
 
 def _on_device(
@@ -115,7 +115,7 @@ def _on_device(
         detector,
         queue,
         size=surface.size,
-        counted=surface.counted_pairs,
+        counted=surface.contacts.counted_pairs,
     )
 
 

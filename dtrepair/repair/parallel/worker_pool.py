@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import mmap
 import os
 from collections.abc import Callable, Sequence
@@ -10,7 +9,6 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from queue import SimpleQueue
 from types import TracebackType
 from typing import Any, Protocol
 
@@ -77,7 +75,7 @@ class Crew:
 
 
 class ThreadCrew(Crew):
-    """Threads that share one surface; only the answers that its queries remember are their own."""
+    """Threads that share one surface."""
 
     def __init__(self, jobs: int) -> None:
         """Work on `jobs` threads."""
@@ -87,22 +85,13 @@ class ThreadCrew(Crew):
     def start(self, state: State) -> None:
         """Work on `state` from now on."""
         super().start(state)
-        self._surfaces: SimpleQueue[Surface] = SimpleQueue()
-        for _ in range(self.jobs):
-            other = copy.copy(state.surface)
-            other.queries = copy.copy(state.surface.queries)
-            self._surfaces.put(other)
         self._pool = self._pool or ThreadPoolExecutor(self.jobs)
 
     def map(self, name: str, items: Sequence[Any], *more: Any) -> list[Any]:
         """Answers of state.name(surface, item, *more) in the order of the items."""
 
         def call(item: Any) -> Any:
-            surface = self._surfaces.get()
-            try:
-                return getattr(self.state, name)(surface, item, *more)
-            finally:
-                self._surfaces.put(surface)
+            return getattr(self.state, name)(self.state.surface, item, *more)
 
         assert self._pool is not None
         return list(self._pool.map(call, items))
@@ -198,9 +187,9 @@ def make_crew(surface: Surface, jobs: int | None = None) -> Crew:
     # Everything lazy that frames need is made now, once, before surfaces are shared.
     surface.diffuse(np.zeros((surface.count, 3)), surface.rest)
     surface.vector_areas(surface.rest)
-    surface.pairs(surface.rest)
-    surface.folds(surface.rest)
-    surface.queries.ring_distance(np.array([[0, len(surface.faces) - 1]], dtype=np.int32))
+    surface.contacts.pairs(surface.rest)
+    surface.contacts.folds(surface.rest)
+    surface.contacts.ring_distance(np.array([[0, len(surface.faces) - 1]], dtype=np.int32))
     if not can_fork():
         return ThreadCrew(jobs)
     start_warp().force_load("cpu")

@@ -194,7 +194,9 @@ class _Parting:
     def _met(self, contact: Contact, pose: FloatArray) -> tuple[int, int]:
         """Pairs between the bodies of a contact, and all pairs of either, in a pose."""
         surface, both = self.mesh.surface, (contact.first, contact.second)
-        pairs = surface.pairs(self.mesh.reduced(pose), active=np.isin(surface.body_of, both))
+        pairs = surface.contacts.pairs(
+            self.mesh.reduced(pose), active=np.isin(surface.body_of, both)
+        )
         bodies = np.sort(surface.body_of[pairs], axis=1)
         return int((bodies == both).all(axis=1).sum()), len(bodies)
 

@@ -30,7 +30,7 @@ class Defects(NamedTuple):
 
 def find_defects(surface: Surface, points: FloatArray) -> Defects:
     """All intersecting pairs and folds of a pose (V, 3) in units of the surface's size."""
-    return Defects(surface.pairs(points), surface.folds(points))
+    return Defects(surface.contacts.pairs(points), surface.contacts.folds(points))
 
 
 def update_defects(
@@ -41,11 +41,11 @@ def update_defects(
         return find_defects(surface, points)
     active = surface.triangles_at(moved)
     crossings = [known.crossings[~active[known.crossings].any(axis=1)]]
-    crossings.append(surface.pairs(points, active=active))
+    crossings.append(surface.contacts.pairs(points, active=active))
     # A fold changes where one of its two triangles moved; both are around the shared vertex.
     around = surface.vertices_of(np.flatnonzero(active))
     folds = [known.folds[~active[known.folds].any(axis=1)]]
-    found = surface.folds(points, active=around)
+    found = surface.contacts.folds(points, active=around)
     folds.append(found[active[found].any(axis=1)])
     return Defects(np.concatenate(crossings), np.concatenate(folds))
 
@@ -53,7 +53,7 @@ def update_defects(
 def near_contacts(surface: Surface, pairs: IntArray, near: int) -> BoolArray:
     """Which pairs (K,) join triangles at most `near` edge rings apart: the sides of a crease."""
     near_by: BoolArray = surface.body_of[pairs[:, 0]] == surface.body_of[pairs[:, 1]]
-    near_by[near_by] = surface.queries.ring_distance(pairs[near_by]) <= near
+    near_by[near_by] = surface.contacts.ring_distance(pairs[near_by]) <= near
     return near_by
 
 

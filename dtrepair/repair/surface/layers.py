@@ -7,34 +7,44 @@ pose tells which vertices cover what.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, extent
 
-if TYPE_CHECKING:
-    from dtrepair.repair.surface.surface import Surface
-
-# A vertex covers what is nearer than this part of the size of its body at rest.
+# A vertex covers what is nearer than this fraction of the size of its body at rest.
 NEAR = 0.1
 
 
-def covered_vertices(surface: Surface) -> IntArray:
+def covered_vertices(
+    rest: FloatArray,
+    normals: FloatArray,
+    edges: IntArray,
+    bodies: Sequence[slice],
+    *,
+    near: float = NEAR,
+) -> IntArray:
     """The vertex (V,) of another body that each vertex covers in the rest pose, -1 where none.
 
     That is the nearest one, if it is near, behind the vertex as seen from its normal, and the
-    vertex lies outside as seen from the other normal. Of bodies that intersect each other at rest
-    nobody knows which side is out: they cover nothing of each other.
+    vertex lies outside as seen from the other normal.
+
+    Args:
+        rest: Rest positions (V, 3).
+        normals: Normals (V, 3) there, of any length.
+        edges: Edges (E, 2).
+        bodies: The vertices of each body.
+        near: Fraction of the size of its body within which a vertex covers another.
     """
-    result = np.full(surface.count, -1, dtype=np.int32)
-    spacing = _spacing(surface)
-    rest, normals = surface.rest, _unit(surface.vector_areas(surface.rest))
-    for body in surface.bodies if len(surface.bodies) > 1 else ():
+    result = np.full(len(rest), -1, dtype=np.int32)
+    spacing, normals = _spacing(rest, edges), _unit(normals)
+    for body in bodies if len(bodies) > 1 else ():
         own = np.arange(body.start, body.stop)
-        near = NEAR * extent(rest[own])
-        radius = near + spacing.max()
+        reach = near * extent(rest[own])
+        radius = reach + spacing.max()
         low, high = rest[own].min(axis=0) - radius, rest[own].max(axis=0) + radius
         others = np.flatnonzero(((rest >= low) & (rest <= high)).all(axis=1))
         others = others[(others < body.start) | (others >= body.stop)]
@@ -43,62 +53,77 @@ def covered_vertices(surface: Surface) -> IntArray:
         distance, place = cKDTree(rest[others]).query(rest[own])
         beneath = others[place]
         # Between the vertices of a coarse mesh the surface is nearer than any of them.
-        close = distance <= near + spacing[beneath]
+        close = distance <= reach + spacing[beneath]
         own, beneath = own[close], beneath[close]
         offset = rest[beneath] - rest[own]
         behind = np.einsum("ij,ij->i", normals[own], offset) < 0.0
         height = -np.einsum("ij,ij->i", normals[beneath], offset)
-        outside = (height > 0.0) & (height < near)
+        outside = (height > 0.0) & (height < reach)
         result[own[behind & outside]] = beneath[behind & outside]
-    covers = np.flatnonzero(result >= 0)
-    if len(covers):
-        found = surface.body_of_vertex[np.stack([covers, result[covers]], axis=1)]
-        crossing = surface.body_of[surface.detector(surface.written(rest), exact=False)]
-        count = len(surface.bodies)
-        unclear = np.isin(np.sort(found) @ [count, 1], np.sort(crossing) @ [count, 1])
-        result[covers[unclear]] = -1
     return result
 
 
-def covering_sides(surface: Surface, pairs: IntArray) -> FloatArray | None:
+def without_crossing(
+    cover: IntArray, body_of_vertex: NDArray[np.integer], crossing: NDArray[np.integer]
+) -> IntArray:
+    """What vertices cover (V,), less what is of two bodies that cross at rest.
+
+    Of bodies that intersect each other at rest nobody knows which side is out: they cover nothing
+    of each other. `crossing` (K, 2): bodies that do.
+    """
+    covers = np.flatnonzero(cover >= 0)
+    found = body_of_vertex[np.stack([covers, cover[covers]], axis=1)]
+    count = int(body_of_vertex.max(initial=0)) + 1
+    unclear = np.isin(np.sort(found) @ [count, 1], np.sort(crossing) @ [count, 1])
+    result = cover.copy()
+    result[covers[unclear]] = -1
+    return result
+
+
+def covering_sides(
+    cover: IntArray, faces: IntArray, body_of_vertex: NDArray[np.integer], pairs: IntArray
+) -> FloatArray | None:
     """For both triangles of pairs (K, 2) -1 where it covers the body of the other one, else 1.
 
-    None where nothing covers anything.
+    None where nothing covers anything. `cover` (V,): see `covered_vertices`.
     """
-    if len(surface.bodies) == 1 or not (surface.cover >= 0).any():
+    if not (cover >= 0).any():
         return None
     sides = np.ones((len(pairs), 2))
     for mine, other in ((0, 1), (1, 0)):
-        cover = surface.cover[surface.faces[pairs[:, mine]]]
-        body = np.where(cover >= 0, surface.body_of_vertex[cover], -1)
-        sides[(body == surface.body_of[pairs[:, other]][:, None]).all(axis=1), mine] = -1.0
+        covered = cover[faces[pairs[:, mine]]]
+        body = np.where(covered >= 0, body_of_vertex[covered], -1)
+        of_other = body_of_vertex[faces[pairs[:, other], 0]]
+        sides[(body == of_other[:, None]).all(axis=1), mine] = -1.0
     return sides
 
 
-def lift_covers(
-    surface: Surface, points: FloatArray, buried: FloatArray, field: FloatArray
-) -> None:
-    """Turn the overlap gradient (V, 3) of buried vertices that cover others, in place.
+def pushed_off_covered(
+    field: FloatArray, buried: FloatArray, cover: IntArray, normals: FloatArray
+) -> FloatArray:
+    """The overlap gradient (V, 3) with that of buried vertices that cover others turned.
 
-    They leave along the normal of what they cover, which gives way as much.
+    They leave along the normal of what they cover, which gives way as much. `buried`, `cover`
+    (V,): how deep vertices are, and what they cover; `normals` (V, 3), of any length.
     """
-    lifted = np.flatnonzero((buried > 0) & (surface.cover >= 0))
-    if len(lifted) == 0:
-        return
-    beneath = surface.cover[lifted]
-    ways = _unit(surface.vector_areas(points))[beneath]
-    force = np.linalg.norm(field[lifted], axis=1, keepdims=True) * ways
-    field[lifted] = -force
-    np.add.at(field, beneath, force)
+    turned = np.flatnonzero((buried > 0) & (cover >= 0))
+    if len(turned) == 0:
+        return field
+    beneath = cover[turned]
+    force = np.linalg.norm(field[turned], axis=1, keepdims=True) * _unit(normals)[beneath]
+    result = field.copy()
+    result[turned] = -force
+    np.add.at(result, beneath, force)
+    return result
 
 
-def _spacing(surface: Surface) -> FloatArray:
+def _spacing(rest: FloatArray, edges: IntArray) -> FloatArray:
     """Length of the longest edge at each vertex (V,) at rest."""
-    result = np.zeros(surface.count)
-    ends = surface.rest[surface.edges]
+    result = np.zeros(len(rest))
+    ends = rest[edges]
     length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
     for side in (0, 1):
-        np.maximum.at(result, surface.edges[:, side], length)
+        np.maximum.at(result, edges[:, side], length)
     return result
 
 

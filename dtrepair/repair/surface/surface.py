@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.intersect.detector import Detector
-from dtrepair.intersect.ignored import CountedPairs, counted_between
-from dtrepair.intersect.proximity import close_pairs, face_each_other
 from dtrepair.intersect.queries import Queries, link_labels
 from dtrepair.numerics.geometry import (
     FloatArray,
@@ -25,16 +23,14 @@ from dtrepair.numerics.geometry import (
     unique_edges,
 )
 from dtrepair.numerics.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
-from dtrepair.repair.surface.layers import covered_vertices
+from dtrepair.repair.surface.contacts import Contacts
+from dtrepair.repair.surface.layers import covered_vertices, without_crossing
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
-from dtrepair.repair.surface.uncertain_pairs import Doubts
 
 BoolArray = NDArray[np.bool_]
 
 # Weights of the cotangent Laplacian are kept positive: the diffused field then has no overshoot.
 COTANGENT_CLAMP = (1e-3, 1e3)
-# Triangles at most so many edge rings apart are the sides of a crease to a clearance.
-NEIGHBOUR_RINGS = 6
 # Anchor of the as-rigid-as-possible steps to the input.
 ANCHOR = 0.01
 
@@ -54,8 +50,9 @@ class Surface:
 
     Lengths are in units of `size`, the largest coordinate range of the rest pose, so that step
     sizes mean the same for every mesh. Everything comes from the rest pose once and is never
-    changed. Several bodies never share a triangle, so every operator is block diagonal; each body
-    has its own diffusion factor (Jang et al. 2025, section 7.5.2).
+    changed; what is remembered from pose to pose has an owner of its own, `contacts`. Several
+    bodies never share a triangle, so every operator is block diagonal; each body has its own
+    diffusion factor (Jang et al. 2025, section 7.5.2).
 
     Args:
         rest: Rest positions (V, 3), any length unit.
@@ -87,8 +84,6 @@ class Surface:
         self.count = len(rest)
         self.bodies = tuple(bodies or (BodyRange(0, self.count, 99.0),))
         self.mobility = np.ones(self.count) if mobility is None else mobility
-        self.mode = mode
-        self.ignored = tuple(ignored)
         sizes = [body.stop - body.start for body in self.bodies]
         self.body_of_vertex = np.repeat(np.arange(len(self.bodies)), sizes)
         self.body_of = self.body_of_vertex[faces[:, 0]]
@@ -110,9 +105,18 @@ class Surface:
         )
         self.detector = Detector(rest, faces, device=device)
         self.queries = Queries(self.detector)
-        self.doubts = Doubts(self.detector, self.written(self.rest))
-        self.leave_rest = leave_rest
-        self._close_at_rest: dict[float, NDArray[np.int64]] = {}
+        self.contacts = Contacts(
+            self.detector,
+            self.queries,
+            self.rest,
+            self.size,
+            body_of=self.body_of,
+            fixed=self.fixed,
+            rigid=self.rigid.mask,
+            mode=mode,
+            ignored=tuple(ignored),
+            leave_rest=leave_rest,
+        )
         self.direction = direction
         self.face_direction = None if direction is None else _unit(direction[faces].sum(axis=1))
 
@@ -141,7 +145,12 @@ class Surface:
     @cached_property
     def cover(self) -> IntArray:
         """The vertex (V,) of another body that each vertex covers in the rest pose, or -1."""
-        return covered_vertices(self)
+        bodies = [slice(body.start, body.stop) for body in self.bodies]
+        cover = covered_vertices(self.rest, self.vector_areas(self.rest), self.edges, bodies)
+        if not (cover >= 0).any():
+            return cover
+        crossing = self.body_of[self.detector(self.written(self.rest), exact=False)]
+        return without_crossing(cover, self.body_of_vertex, crossing)
 
     @cached_property
     def edge_keys(self) -> NDArray[np.int64]:
@@ -182,94 +191,6 @@ class Surface:
         """Points in units of `size` as the float32 coordinates that are counted and written."""
         return (points * self.size).astype(np.float32)
 
-    def pairs(self, points: FloatArray, *, active: BoolArray | None = None) -> IntArray:
-        """Intersecting pairs (K, 2); with `active` (F,) those with at least one active triangle.
-
-        Pairs that floating point cannot settle count as intersecting, but see `Doubts`.
-        """
-        return self._counted(self.detector(self.written(points), exact=self.doubts, active=active))
-
-    def close_pairs(
-        self, points: FloatArray, clearance: float, *, facing: bool = False
-    ) -> IntArray:
-        """Pairs (K, 2) closer than a clearance, units of the size, that are not neighbours.
-
-        Neighbours are triangles at most NEIGHBOUR_RINGS apart, the sides of a crease, and those as
-        close in the rest pose; or, with `facing`, for a rest pose that has the contacts itself,
-        those that do not face each other, as the sides of a limb. Intersecting pairs count as close
-        whatever they are.
-        """
-        found = close_pairs(self.detector, self.written(points), clearance * self.size)
-        if facing:
-            found = found[face_each_other(points, self.faces, found)]
-        else:
-            near = 1.1 * clearance * self.size
-            if near not in self._close_at_rest:
-                rest = close_pairs(self.detector, self.written(self.rest), near)
-                self._close_at_rest[near] = pair_keys(rest)
-            found = found[~np.isin(pair_keys(found), self._close_at_rest[near])]
-        found = found[self.queries.ring_distance(found) > NEIGHBOUR_RINGS]
-        crossing = self.detector(self.written(points), exact=self.doubts)
-        return self._counted(_united(crossing, found))
-
-    def folds(self, points: FloatArray, *, active: BoolArray | None = None) -> IntArray:
-        """Folds (K, 2) that are to go; with `active` (V,) those around active vertices."""
-        found = self.queries.folds(self.written(points), active=active)
-        if self.leave_rest:
-            found = found[~np.isin(pair_keys(found), self._folds_at_rest)]
-        if self.stiff.any():
-            found = found[~self.stiff[self.faces[found]].all(axis=(1, 2))]
-        return found
-
-    def batch_pairs(self, points: FloatArray) -> IntArray:
-        """Intersecting pairs (K, 3) of poses (B, V, 3): frame, triangle, triangle."""
-        return self._counted(self.detector(self.written(points), exact=self.doubts))
-
-    @cached_property
-    def counted_pairs(self) -> CountedPairs:
-        """What `counts` tells of pairs, for detection on a device."""
-        still = self.fixed[self.faces].all(axis=1)
-        whole = self.rigid.mask[self.faces[:, 0]]
-        kinds = np.stack([self.body_of, still, whole], axis=1).astype(np.int64)
-        known, group = np.unique(kinds, axis=0, return_inverse=True)
-        members = np.unique(group, return_index=True)[1]
-        first, second = np.meshgrid(members, members, indexing="ij")
-        both = np.stack([first.ravel(), second.ravel()], axis=1).astype(np.int32)
-        counted = self._separable(both).reshape(len(known), len(known))
-        listed = np.zeros((0, 2), dtype=np.int32)
-        if self.leave_rest:
-            listed = self.detector(self.written(self.rest))
-        return CountedPairs(group.ravel().astype(np.int32), counted, listed)
-
-    def _counted(self, pairs: IntArray) -> IntArray:
-        return pairs[self.counts(pairs)]
-
-    def counts(self, pairs: IntArray) -> BoolArray:
-        """Which pairs can be separated: not two fixed triangles, nor two of one rigid body."""
-        keep = self._separable(pairs)
-        if self.leave_rest:
-            keep &= ~np.isin(pair_keys(pairs[:, -2:]), self._crossing_at_rest)
-        return keep
-
-    def _separable(self, pairs: IntArray) -> BoolArray:
-        first, second = pairs[:, -2], pairs[:, -1]
-        owner = self.body_of[pairs[:, -2:]]
-        keep = counted_between(owner, mode=self.mode, ignored=self.ignored)
-        if self.stiff.any():
-            still, own = self.fixed[self.faces].all(axis=1), self.body_of
-            keep &= ~(still[first] & still[second])
-            whole = self.rigid.mask[self.faces[:, 0]]
-            keep &= ~(whole[first] & (own[first] == own[second]))
-        return keep
-
-    @cached_property
-    def _folds_at_rest(self) -> NDArray[np.int64]:
-        return pair_keys(self.queries.folds(self.written(self.rest)))
-
-    @cached_property
-    def _crossing_at_rest(self) -> NDArray[np.int64]:
-        return pair_keys(self.detector(self.written(self.rest)))
-
     def vertices_of(self, triangles: NDArray[np.integer]) -> BoolArray:
         """Mask (V,) of the corners of triangles given by index, any shape."""
         mask = np.zeros(self.count, dtype=bool)
@@ -307,12 +228,6 @@ class Surface:
     def vector_areas(self, points: FloatArray) -> FloatArray:
         """Vector area (V, 3) of each vertex: a third of its triangles'."""
         return self.queries.vector_areas(points)
-
-
-def _united(first: IntArray, second: IntArray) -> IntArray:
-    """The pairs of two sets, each once, sorted."""
-    keys = np.union1d(pair_keys(first), pair_keys(second))
-    return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Contacts in doubt that the rest pose tells to be none: settled exactly, so they move nothing."""
+"""Pairs that floating point cannot settle, and the rest pose has not: settled exactly."""
 
 from __future__ import annotations
 
@@ -13,36 +13,40 @@ from dtrepair.numerics.geometry import IntArray, pair_keys
 
 BoolArray = NDArray[np.bool_]
 
-# Verdicts kept; what stands still is asked about again and again.
-MOST_KEPT = 100_000
 
+class UncertainPairs:
+    """Decides which candidates of a detector count; remembers its verdicts.
 
-class Doubts:
-    """Says which candidates of a detector count; one for each surface, with a memory.
+    Floating point leaves pairs uncertain that lie in one plane, such as the slivers of a flat cap.
+    While contacts are being repaired they count, which saves exact arithmetic. Those that are
+    uncertain and clear in the rest pose are settled: what touches nothing, as a prop beside a
+    character, must not be moved for an uncertain pair.
 
-    Floating point leaves pairs in doubt that lie in one plane, such as the slivers of a flat cap.
-    While contacts are being repaired they count, which saves exact arithmetic. Those that are in
-    doubt and clear in the rest pose are settled: what touches nothing, as a prop beside a
-    character, must not be moved for the sake of a doubt.
+    Args:
+        detector: The detector of the mesh.
+        rest: Its rest pose (V, 3).
+        most_kept: Verdicts that are kept before all are forgotten, which bounds the memory; what
+            stands still is asked about again and again.
     """
 
-    def __init__(self, detector: Detector, rest: NDArray[np.float32]) -> None:
-        """Take a detector and its rest pose (V, 3)."""
-        self._detector, self._rest = detector, rest
+    def __init__(
+        self, detector: Detector, rest: NDArray[np.float32], *, most_kept: int = 100_000
+    ) -> None:
+        self._detector, self._rest, self._most_kept = detector, rest, most_kept
         self._known: dict[tuple[int, int, bytes], bool] = {}
 
     def __call__(self, points: NDArray[np.float32], rows: IntArray) -> BoolArray:
         """Which rows (K, 4) of `Detector.candidates` of poses (B, V, 3) to keep."""
         keep = np.ones(len(rows), dtype=bool)
-        doubtful = rows[:, 3] == 2
-        if doubtful.any():
-            asked = doubtful & np.isin(pair_keys(rows[:, 1:3]), self._clear_at_rest)
+        uncertain = rows[:, 3] == 2
+        if uncertain.any():
+            asked = uncertain & np.isin(pair_keys(rows[:, 1:3]), self._clear_at_rest)
             keep[asked] = self._settled(points, rows[asked])
         return keep
 
     @cached_property
     def _clear_at_rest(self) -> NDArray[np.int64]:
-        """Pairs that are in doubt in the rest pose and do not intersect there, as numbers."""
+        """Pairs that are uncertain in the rest pose and do not intersect there, as numbers."""
         rows = self._detector.candidates(self._rest[None])
         rows = rows[rows[:, 3] == 2]
         corners = self._corners(self._rest[None], rows)
@@ -66,7 +70,7 @@ class Doubts:
             at_rest = without_area(self._rest[self._detector.faces[rows[new, 1:3]]])
             flattened = (without_area(corners[new]) & ~at_rest).any(axis=1)
             found = intersect(corners[new, 0], corners[new, 1]) | flattened
-            if len(self._known) > MOST_KEPT:
+            if len(self._known) > self._most_kept:
                 self._known.clear()
             for index, verdict in zip(new, found.tolist(), strict=True):
                 verdicts[index] = self._known[keys[index]] = verdict

@@ -88,7 +88,7 @@ def test_mended_poses_change_as_little_as_the_starts_allow() -> None:
     clean, dirty = frames[0] / surface.size, frames[15] / surface.size
     assert (mend(surface, dirty, [clean, dirty], step=0.004) == clean).all()
     mended = mend(surface, dirty, [dirty, clean], step=0.004)
-    assert len(surface.pairs(dirty)) > 0 == len(surface.pairs(mended))
+    assert len(surface.contacts.pairs(dirty)) > 0 == len(surface.contacts.pairs(mended))
     assert np.linalg.norm(mended - dirty) < np.linalg.norm(clean - dirty)
 
 

@@ -166,12 +166,12 @@ def test_clearance_is_kept_between_parts() -> None:
     solved = FullMethod(surface, clearance=clearance)(pose)
     assert solved.left == 0
     assert len(exact_pairs(surface.written(solved.points), surface.faces)) == 0
-    assert len(surface.close_pairs(solved.points, clearance)) == 0
+    assert len(surface.contacts.close_pairs(solved.points, clearance)) == 0
     first, second = solved.points[:half], solved.points[half:]
     apart = np.linalg.norm(first[:, None] - second[None], axis=2).min()
     assert apart >= clearance * (1 - 1e-4)
     close = FullMethod(surface)(pose).points
-    assert len(surface.close_pairs(close, clearance)) > 0
+    assert len(surface.contacts.close_pairs(close, clearance)) > 0
 
 
 def test_a_crumpled_first_phase_is_followed_by_another() -> None:

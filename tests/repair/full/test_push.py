@@ -43,7 +43,7 @@ def detached_energy(
 
 def crossing_pairs() -> tuple[Surface, IntArray, FloatArray]:
     surface = Surface(*overlapping_spheres(1, 1.4))
-    pairs = surface.pairs(surface.rest)
+    pairs = surface.contacts.pairs(surface.rest)
     return surface, pairs, np.random.default_rng(0).random(len(pairs)) + 0.5
 
 
@@ -116,11 +116,11 @@ def surface_and_pose(kind: str) -> tuple[Surface, FloatArray]:
 def test_push_separates_parts(kind: str) -> None:
     surface, pose = surface_and_pose(kind)
     kept = pose.copy()
-    before = surface.pairs(pose)
+    before = surface.contacts.pairs(pose)
     pushed = push(surface, pose, near=6, step=0.01, options=PushOptions(iterations=40))
     assert np.isfinite(pushed.points).all()
     assert np.array_equal(pose, kept)
-    assert np.array_equal(pushed.pairs, surface.pairs(pushed.points))
+    assert np.array_equal(pushed.pairs, surface.contacts.pairs(pushed.points))
     far = [int((~near_contacts(surface, pairs, 6)).sum()) for pairs in (before, pushed.pairs)]
     assert far[0] > 20 and far[1] <= 0.1 * far[0]
     assert 0 < pushed.iterations <= 40
@@ -154,11 +154,11 @@ def test_a_symmetric_pose_stays_finite(tilt: float) -> None:
 
 def test_creases_are_left_alone() -> None:
     surface, pose = surface_and_pose("elbow")
-    assert len(surface.pairs(pose)) > 20
+    assert len(surface.contacts.pairs(pose)) > 20
     pushed = push(surface, pose, near=20, step=0.01)
     assert pushed.iterations == 0
     assert np.array_equal(pushed.points, pose)
-    assert len(pushed.pairs) == len(surface.pairs(pose))
+    assert len(pushed.pairs) == len(surface.contacts.pairs(pose))
 
 
 def test_a_clean_pose_is_left_alone() -> None:
@@ -172,7 +172,7 @@ def test_a_clean_pose_is_left_alone() -> None:
 def test_known_pairs_save_a_detection_and_change_nothing() -> None:
     surface, pose = surface_and_pose("arm")
     one = push(surface, pose, near=6, step=0.01)
-    other = push(surface, pose, near=6, step=0.01, known_pairs=surface.pairs(pose))
+    other = push(surface, pose, near=6, step=0.01, known_pairs=surface.contacts.pairs(pose))
     assert np.array_equal(one.points, other.points)
     assert one.iterations == other.iterations
 

@@ -93,7 +93,9 @@ def test_surfaces_come_to_rest_against_each_other() -> None:
     relaxed, _ = relax(surface, original, clean, cycles=12, folds=0, reach=reach)
     assert find_defects(surface, relaxed).rank == (0, 0)
     # What is left between them is a few margins, not the distance the push left.
-    assert len(surface.close_pairs(relaxed, 0.005)) > 2 * len(surface.close_pairs(clean, 0.005))
+    assert len(surface.contacts.close_pairs(relaxed, 0.005)) > 2 * len(
+        surface.contacts.close_pairs(clean, 0.005)
+    )
     assert displacements(original, relaxed).mean() < 0.8 * displacements(original, clean).mean()
 
 

@@ -88,9 +88,11 @@ def test_what_counts_is_what_counts_for_the_surface() -> None:
         {"leave_rest": True},
     ):
         surface = Surface(points, faces, bodies=ranges, **options)
-        detection = FixedDetection(surface.detector, 2, QUEUE, counted=surface.counted_pairs)
+        detection = FixedDetection(
+            surface.detector, 2, QUEUE, counted=surface.contacts.counted_pairs
+        )
         rows = found(detection, surface.written(poses / surface.size))
-        assert np.array_equal(rows, surface.batch_pairs(poses / surface.size))
+        assert np.array_equal(rows, surface.contacts.batch_pairs(poses / surface.size))
         results.append(len(rows))
     assert len(set(results)) == len(results) and min(results) > 0
 

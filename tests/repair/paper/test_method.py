@@ -31,9 +31,9 @@ def test_poses_at_once_are_those_one_by_one() -> None:
     surface, poses = tube()
     method = PaperMethod(surface, OPTIONS)
     for pose, solved in zip(poses, method.batch(poses), strict=True):
-        assert len(surface.pairs(pose)) > 0
+        assert len(surface.contacts.pairs(pose)) > 0
         assert np.array_equal(solved.points, method(pose).points)
-        assert len(surface.pairs(solved.points)) == solved.stages[0].crossings < 20
+        assert len(surface.contacts.pairs(solved.points)) == solved.stages[0].crossings < 20
 
 
 @pytest.mark.parametrize("bodies", [1, 2])
@@ -51,7 +51,7 @@ def test_the_loop_of_a_device_cleans_as_well(monkeypatch: pytest.MonkeyPatch, bo
     method = PaperMethod(surface, OPTIONS, queue=DeviceQueue("cpu"))
     assert isinstance(method.descent, DeviceDescent)
     for pose, solved in zip(poses, method.batch(poses), strict=True):
-        assert 10 * len(surface.pairs(solved.points)) < len(surface.pairs(pose))
+        assert 10 * len(surface.contacts.pairs(solved.points)) < len(surface.contacts.pairs(pose))
         if bodies == 2:
             assert np.array_equal(solved.points[:half], pose[:half])
             assert not np.array_equal(solved.points[half:], pose[half:])

@@ -91,13 +91,13 @@ def test_nothing_moved_keeps_the_known_defects() -> None:
 
 def test_a_crease_is_near_and_two_parts_are_far() -> None:
     surface, pose = surface_and_pose("elbow")
-    pairs = surface.pairs(pose)
+    pairs = surface.contacts.pairs(pose)
     assert near_contacts(surface, pairs, 12).mean() > 0.5
     assert near_contacts(surface, pairs, 20).all()
     apart, crossed = surface_and_pose("tubes")
-    assert not near_contacts(apart, apart.pairs(crossed), 20).any()
+    assert not near_contacts(apart, apart.contacts.pairs(crossed), 20).any()
     # A pair at ring distance r is near from a limit of r on.
-    rings = surface.queries.ring_distance(pairs)
+    rings = surface.contacts.ring_distance(pairs)
     for limit in range(1, 6):
         assert np.array_equal(near_contacts(surface, pairs, limit), rings <= limit)
 
@@ -124,7 +124,7 @@ def test_contact_regions_are_connected_through_pairs_and_edges() -> None:
         (ball + np.array([0.95, 0.2, 0.0]), ball_faces),
     )
     surface = Surface(*mesh)
-    pairs = surface.pairs(surface.rest)
+    pairs = surface.contacts.pairs(surface.rest)
     random = np.random.default_rng(0)
     buried = random.random(surface.count) < 0.05
     for mask in (np.zeros(surface.count, dtype=bool), buried):

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair import Body, RepairResult, SceneRepairer, Status
-from dtrepair.repair.surface.layers import covered_vertices, covering_sides
+from dtrepair.repair.surface.layers import covering_sides
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.exact_reference import exact_pairs
 from tests.meshes import Mesh, grid, icosphere, joined, tube
@@ -64,6 +64,10 @@ def surface_of(*meshes: Mesh) -> Surface:
     return Surface(points, faces, bodies=[BodyRange(int(a), int(b), 99.0) for a, b in ranges])
 
 
+def sides_of(surface: Surface, pairs: NDArray[np.signedinteger]) -> NDArray[np.float64] | None:
+    return covering_sides(surface.cover, surface.faces, surface.body_of_vertex, pairs)
+
+
 def outside(points: Points, body: Points, faces: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Whether points lie outside a closed body, by solid angles (van Oosterom & Strackee 1983)."""
     corners = body[faces][None] - points[:, None, None]
@@ -78,20 +82,20 @@ def outside(points: Points, body: Points, faces: NDArray[np.int32]) -> NDArray[n
 
 def test_a_sleeve_covers_its_arm_and_not_the_reverse() -> None:
     surface = surface_of(arm(), open_sleeve())
-    cover = covered_vertices(surface)
+    cover = surface.cover
     count = surface.bodies[0].stop
     assert (cover[:count] == -1).all() and (cover[count:] >= 0).all()
     assert (cover[count:] < count).all()
     distance = np.linalg.norm(surface.rest[count:] - surface.rest[cover[count:]], axis=1)
     assert distance.max() * surface.size < 0.1
     of_arm, of_sleeve = 0, len(arm()[1])
-    sides = covering_sides(surface, np.array([[of_arm, of_sleeve], [of_arm, of_arm + 1]]))
+    sides = sides_of(surface, np.array([[of_arm, of_sleeve], [of_arm, of_arm + 1]]))
     assert sides is not None and sides.tolist() == [[1.0, -1.0], [1.0, 1.0]]
 
 
 def test_only_the_far_side_of_a_thick_sleeve_covers() -> None:
     surface = surface_of(arm(), thick_sleeve())
-    cover = covered_vertices(surface)[surface.bodies[1].start :]
+    cover = surface.cover[surface.bodies[1].start :]
     half = len(cover) // 2
     ring = 24  # the normals of the rims point along the arm
     assert (cover[ring : half - ring] == -1).all() and (cover[half + ring : -ring] >= 0).all()
@@ -101,15 +105,15 @@ def test_solids_side_by_side_cover_nothing() -> None:
     beside = np.array([2.05, 0.0, 0.0])
     ball, faces = icosphere(3)
     surface = surface_of((ball, faces), (ball + beside, faces))
-    assert (covered_vertices(surface) == -1).all()
-    assert covering_sides(surface, np.zeros((0, 2), dtype=np.int32)) is None
-    assert (covered_vertices(surface_of((ball, faces))) == -1).all()
+    assert (surface.cover == -1).all()
+    assert sides_of(surface, np.zeros((0, 2), dtype=np.int32)) is None
+    assert (surface_of((ball, faces)).cover == -1).all()
 
 
 def test_bodies_that_intersect_at_rest_cover_nothing() -> None:
     through = open_sleeve()[0] + np.array([0.09, 0.0, 0.0])
     surface = surface_of(arm(), (through, open_sleeve()[1]))
-    assert (covered_vertices(surface) == -1).all()
+    assert (surface.cover == -1).all()
 
 
 def check_layers(results: list[RepairResult], meshes: list[Mesh]) -> None:

@@ -158,20 +158,20 @@ def test_pairs_are_those_of_the_written_coordinates() -> None:
     surface = Surface(points, faces)
     expected = find_intersections(surface.written(surface.rest), faces)
     assert len(expected) > 20
-    assert np.array_equal(surface.pairs(surface.rest), expected)
-    batch = surface.batch_pairs(np.stack([surface.rest, surface.rest]))
+    assert np.array_equal(surface.contacts.pairs(surface.rest), expected)
+    batch = surface.contacts.batch_pairs(np.stack([surface.rest, surface.rest]))
     assert np.array_equal(batch[batch[:, 0] == 1, 1:], expected)
 
 
 def test_active_pairs_have_an_active_triangle() -> None:
     points, faces = crossing_tubes(8, 20)
     surface = Surface(points, faces)
-    every = surface.pairs(surface.rest)
+    every = surface.contacts.pairs(surface.rest)
     active = np.zeros(len(faces), dtype=bool)
     active[every[::3, 0]] = True
     expected = every[active[every].any(axis=1)]
     assert 0 < len(expected) < len(every)
-    assert np.array_equal(surface.pairs(surface.rest, active=active), expected)
+    assert np.array_equal(surface.contacts.pairs(surface.rest, active=active), expected)
 
 
 def test_mode_chooses_the_pairs() -> None:
@@ -182,7 +182,9 @@ def test_mode_chooses_the_pairs() -> None:
     split = len(crossing[0])
     bodies = [BodyRange(0, split, 99.0), BodyRange(split, len(points), 99.0)]
     found = {
-        mode: Surface(points, faces, bodies=bodies, mode=mode).pairs(points / extent(points))
+        mode: Surface(points, faces, bodies=bodies, mode=mode).contacts.pairs(
+            points / extent(points)
+        )
         for mode in ("both", "self", "inter")
     }
     side = faces[:, 0] >= split
@@ -197,9 +199,13 @@ def test_pairs_of_two_fixed_triangles_do_not_count() -> None:
     mobility = np.ones(len(points))
     mobility[: len(points) // 2] = 0.0
     half_fixed = Surface(points, faces, mobility=mobility)
-    assert len(half_fixed.pairs(half_fixed.rest)) == len(find_intersections(points, faces)) > 0
+    assert (
+        len(half_fixed.contacts.pairs(half_fixed.rest))
+        == len(find_intersections(points, faces))
+        > 0
+    )
     still = Surface(points, faces, mobility=np.zeros(len(points)))
-    assert len(still.pairs(still.rest)) == 0
+    assert len(still.contacts.pairs(still.rest)) == 0
 
 
 def test_diffused_field_of_a_thin_body_is_finite() -> None:

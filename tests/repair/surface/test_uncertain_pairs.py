@@ -10,9 +10,9 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.exact import intersect
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
-from dtrepair.repair.surface import uncertain_pairs as doubts
+from dtrepair.repair.surface import uncertain_pairs
 from dtrepair.repair.surface.surface import BodyRange, Surface
-from dtrepair.repair.surface.uncertain_pairs import Doubts
+from dtrepair.repair.surface.uncertain_pairs import UncertainPairs
 from tests.meshes import bent_tube
 
 ALONG = np.array([1.0, 0.0, 0.0])
@@ -63,7 +63,7 @@ def test_coplanar_contact_is_still_a_contact() -> None:
     count = len(points)
     bodies = [BodyRange(0, count, 99.0), BodyRange(count, 2 * count, 99.0)]
     surface = Surface(both, joined, bodies=bodies)
-    found = surface.pairs(both / surface.size)
+    found = surface.contacts.pairs(both / surface.size)
     exact = Detector(both, joined)(both)
     assert len(exact) > 0 and {*map(tuple, exact)} <= {*map(tuple, found)}
 
@@ -72,7 +72,7 @@ def test_what_is_flattened_does_not_pass_for_clean() -> None:
     points, faces = capped_cylinder()
     surface = Surface(points, faces)
     flat = points / surface.size * ALONG
-    assert len(Detector(points, faces)(flat)) == 0 < len(surface.pairs(flat))
+    assert len(Detector(points, faces)(flat)) == 0 < len(surface.contacts.pairs(flat))
 
 
 def test_the_answer_does_not_depend_on_what_else_is_asked() -> None:
@@ -80,7 +80,7 @@ def test_the_answer_does_not_depend_on_what_else_is_asked() -> None:
     surface = Surface(points, faces)
     bent = points / surface.size + 0.1 * np.sin(7.0 * points)[:, [1, 2, 0]]
     active = np.arange(len(faces)) < 40
-    every, some = surface.pairs(bent), surface.pairs(bent, active=active)
+    every, some = surface.contacts.pairs(bent), surface.contacts.pairs(bent, active=active)
     assert np.array_equal(some, every[active[every].any(axis=1)])
 
 
@@ -92,12 +92,14 @@ def test_verdicts_are_kept_and_the_memory_is_bounded(monkeypatch: pytest.MonkeyP
         asked.append(len(first))
         return intersect(first, second)
 
-    monkeypatch.setattr(doubts, "intersect", counting)
+    monkeypatch.setattr(uncertain_pairs, "intersect", counting)
     detector = Detector(points, faces)
-    own = Doubts(detector, points.astype(np.float32))
+    own = UncertainPairs(detector, points.astype(np.float32))
     moved = points + ALONG
     assert len(detector(moved, exact=own)) == len(detector(moved, exact=own)) == 0
     assert len(asked) == 2  # of the rest, and once of this pose
-    monkeypatch.setattr(doubts, "MOST_KEPT", 1)
-    assert len(detector(points, exact=own)) == len(detector(moved, exact=own)) == 0
+    asked.clear()
+    own = UncertainPairs(detector, points.astype(np.float32), most_kept=1)
+    for pose in (moved, points, moved):
+        assert len(detector(pose, exact=own)) == 0
     assert len(asked) == 4 and len(own._known) == asked[1]

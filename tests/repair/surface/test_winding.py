@@ -53,7 +53,7 @@ def sure_winding(surface: Surface) -> tuple[IntArray, np.ndarray]:
 
 
 def winding(surface: Surface) -> IntArray:
-    return winding_numbers(surface, surface.rest, surface.pairs(surface.rest))
+    return winding_numbers(surface, surface.rest, surface.contacts.pairs(surface.rest))
 
 
 @pytest.mark.parametrize("distance", [0.7, 1.2, 1.7])
@@ -123,7 +123,7 @@ def test_the_same_pose_has_the_same_winding_numbers() -> None:
 def test_crossing_edges_are_those_that_pass_through_the_other_triangle() -> None:
     surface = Surface(*overlapping_spheres())
     points, faces = surface.rest, surface.faces
-    pairs = surface.pairs(points)
+    pairs = surface.contacts.pairs(points)
     found = set(map(tuple, crossing_edges(points, faces, pairs).tolist()))
     expected = set()
     normals = triangle_normals(points, faces)

@@ -33,7 +33,7 @@ def changes(
     keep_keys: bool,
     full: bool,
 ) -> Iterator[Change]:
-    """Changes worth a try, given the poses at an in-between and what repair made of them.
+    """Return changes worth a try, given poses at an in-between and what repair made of them.
 
     First the neighbouring keys moved: keys at the times `added` freely, others a little, unless
     `keep_keys`; then a key added, unless `full`.
@@ -62,7 +62,7 @@ def neighbours_moved(
     *,
     only_added: bool = False,
 ) -> Change | None:
-    """The two keys around a time moved least such that the pose between them is `found`.
+    """Return the two keys around a time, moved least such that the pose between them is `found`.
 
     Least squares over the keys that may move: with weights w of the keys in the pose (1 - p and p
     for part p of the span) the displacement times w / sum w^2. None where no key may move, or a
@@ -94,7 +94,7 @@ def neighbours_moved(
 
 
 def scaled(old: Pose, new: Pose, scale: float) -> Pose:
-    """A pose displaced by `scale` times as much; vertices that stayed keep every bit."""
+    """Return a pose displaced by `scale` times as much; vertices that stayed keep every bit."""
     if scale == 1.0:
         return new
     moved = (old != new).any(axis=1)

@@ -80,7 +80,7 @@ class _Search:
         return tuple(track.at(time, interpolation=self.options.interpolation) for track in tracks)
 
     def parts(self, span: tuple[float, float], added: Sequence[float]) -> list[tuple[float, float]]:
-        """A span split at the keys that were added in it."""
+        """Return a span split at the keys that were added in it."""
         start, end = span
         times = [start, *sorted(time for time in added if start < time < end), end]
         return list(pairwise(times))
@@ -100,14 +100,14 @@ class _Search:
             self.known = dict(zip(self.spans, found, strict=True))
 
     def samples(self, spans: Sequence[tuple[float, float]]) -> list[tuple[Sample, ...]]:
-        """Samples of spans, those of their parts one after the other."""
+        """Return the samples of spans, those of their parts one after the other."""
         return [
             tuple(sample for part in self.parts(span, self.added) for sample in self.known[part])
             for span in spans
         ]
 
     def answer(self, before: Sequence[tuple[Sample, ...]]) -> KeyPoses:
-        """The tracks and what is left between their keys."""
+        """Return the tracks and what is left between their keys."""
         after = self.samples(self.spans)
         spans = tuple(
             Span(*span, old, new, tuple(t for t in self.added if span[0] < t < span[1]))
@@ -131,7 +131,10 @@ class _Search:
                 self.accept(trial)
 
     def best_trial(self, part: tuple[float, float], *, full: bool) -> _Trial | None:
-        """The change that leaves least; None where none leaves less. full: add no more keys."""
+        """Return the change that leaves least, None where none leaves less.
+
+        full: no more keys may be added.
+        """
         best: _Trial | None = None
         options, cost = self.options, _cost(part, self.known[part])
         for time in _places(self.known[part]):
@@ -177,11 +180,11 @@ class _Search:
                 yield tuple(displaced)
 
     def settled(self, time: float, start: tuple[Pose, ...]) -> tuple[Pose, ...] | None:
-        """A start that is clean, or repaired; None where there is neither."""
+        """Return a start that is clean, or repaired; None where there is neither."""
         return start if not self.solver.pairs(time, start) else self.solver.repair(time, start)
 
     def measured(self, change: Change, part: tuple[float, float]) -> _Trial | None:
-        """What a change leaves, mainly of `part`; None where a key gets pairs by it."""
+        """Return what a change leaves, mainly of `part`; None where a key gets pairs by it."""
         if not change.keys:
             return None
         tracks = list(self.tracks)
@@ -223,7 +226,7 @@ class _Search:
         return _Trial(tuple(tracks), added, known, solved, before - after)
 
     def reached(self, tracks: Sequence[Track], change: Change) -> tuple[float, float]:
-        """The times between which a change of keys has an effect."""
+        """Return the times between which a change of keys has an effect."""
         low, high = np.inf, -np.inf
         for index, time, _ in change.keys:
             first, last = tracks[index].reach(time, interpolation=self.options.interpolation)
@@ -269,12 +272,12 @@ class _Trial:
 
 
 def _cost(part: tuple[float, float], samples: Sequence[Sample]) -> float:
-    """Pairs integrated over time, so that finer samples cost no more."""
+    """Return pairs integrated over time, so that finer samples cost no more."""
     return (part[1] - part[0]) * sum(sample.pairs for sample in samples) / len(samples)
 
 
 def _places(samples: Sequence[Sample]) -> list[float]:
-    """Where a key may help: amid the samples that are not clean, and at the worst of them."""
+    """Return where a key may help: amid samples that are not clean, and at the worst."""
     dirty = [sample for sample in samples if sample.pairs]
     worst = max(dirty, key=lambda sample: sample.pairs).time
     return list(dict.fromkeys([0.5 * (dirty[0].time + dirty[-1].time), worst]))

@@ -13,13 +13,13 @@ class Solver(Protocol):
     """What a scene can answer about poses (V, 3) float32, one for each mesh."""
 
     def pairs(self, time: float, poses: Sequence[Pose]) -> int:
-        """Intersecting pairs, exactly."""
+        """Return the number of intersecting pairs, exactly."""
 
     def repair(self, time: float, poses: Sequence[Pose]) -> tuple[Pose, ...] | None:
-        """Poses with fewer pairs; None where there are none."""
+        """Return poses with fewer pairs; None where there are none."""
 
     def allowed(self, index: int, time: float, given: Pose, pose: Pose) -> Pose:
-        """The nearest pose that a mesh may have instead of the given one."""
+        """Return the nearest pose that a mesh may have instead of `given`."""
 
 
 class Sample(NamedTuple):

@@ -42,7 +42,7 @@ class Track:
             raise ValueError("times should increase; sort the keys and leave out doubles")
 
     def at(self, time: float, *, interpolation: str = "linear") -> Pose:
-        """Points (V, 3) float32 at a time; the first and last pose are held beyond the ends."""
+        """Return points (V, 3) float32 at a time; first and last pose are held beyond the ends."""
         if self.original is not None and not self.changed and interpolation == "linear":
             return self.original(time)
         if not self.times:
@@ -50,7 +50,7 @@ class Track:
         return between(self.times, self.poses, time, interpolation=interpolation)
 
     def with_key(self, time: float, pose: Pose, *, all_times: Sequence[float] = ()) -> Track:
-        """The track with a key changed or added.
+        """Return the track with a key changed or added.
 
         all_times: a still mesh gets keys at these times first, so that it changes nowhere else.
         """
@@ -69,7 +69,7 @@ class Track:
         )
 
     def without_key(self, time: float) -> Track:
-        """The track without the key at `time`, if it has one."""
+        """Return the track without the key at `time`, if it has one."""
         if time not in self.times:
             return self
         index = self.times.index(time)
@@ -81,14 +81,14 @@ class Track:
         )
 
     def around(self, time: float) -> tuple[float, float] | None:
-        """The keys before and after a time; None at a key, beyond the ends, and for still ones."""
+        """Return the keys before and after a time; None at a key, beyond the ends, or if still."""
         index = bisect_left(self.times, time)
         if index in (0, len(self.times)) or self.times[index] == time:
             return None
         return self.times[index - 1], self.times[index]
 
     def reach(self, time: float, *, interpolation: str = "linear") -> tuple[float, float]:
-        """The times between which the pose depends on a key at `time`."""
+        """Return the times between which the pose depends on a key at `time`."""
         keys = 1 if interpolation == "linear" else 2
         first = bisect_left(self.times, time) - keys
         last = bisect_right(self.times, time) + keys - 1
@@ -99,7 +99,7 @@ class Track:
 def between(
     times: Sequence[float], poses: Sequence[Any], time: float, *, interpolation: str = "linear"
 ) -> Pose:
-    """Points (V, 3) float32 at a time between keys (T,), poses T x (V, 3) float32.
+    """Return points (V, 3) float32 at a time between keys (T,), poses T x (V, 3) float32.
 
     "linear" rounds as USD does, bit for bit: weights in double precision, each product rounded to
     float32, then their sum. "cubic" is the Catmull-Rom spline (Catmull and Rom 1974) for uneven
@@ -128,7 +128,7 @@ def between(
 
 
 def _slope(times: Sequence[float], poses: Sequence[Any], index: int) -> NDArray[np.float64]:
-    """Difference quotient over the neighbours of a key."""
+    """Return the difference quotient over the neighbours of a key."""
     before, after = max(index - 1, 0), min(index + 1, len(times) - 1)
     change = np.asarray(poses[after], np.float64) - np.asarray(poses[before], np.float64)
     return change / (times[after] - times[before])

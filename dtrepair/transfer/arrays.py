@@ -13,19 +13,19 @@ Array = Any
 
 
 def to_numpy(values: Array) -> NDArray[Any]:
-    """The values as a numpy array; a torch tensor is detached and brought to the CPU."""
+    """Return the values as a numpy array; a torch tensor is detached and brought to the CPU."""
     if _is_tensor(values):
         return np.asarray(values.detach().cpu().numpy())
     return np.asarray(values)
 
 
 def floating_type(values: NDArray[Any]) -> np.dtype[Any]:
-    """float32 stays float32; everything else comes back as float64."""
+    """Return the type of a result: float32 for float32, float64 for everything else."""
     return np.dtype(np.float32) if values.dtype == np.float32 else np.dtype(np.float64)
 
 
 def like(result: NDArray[Any], model: Array) -> Array:
-    """The result as a tensor on the model's device if the model is one, else as it is."""
+    """Return the result as a tensor on the model's device if the model is one, else as it is."""
     if _is_tensor(model):
         torch = sys.modules["torch"]
         return torch.from_numpy(np.ascontiguousarray(result)).to(model.device)
@@ -33,6 +33,7 @@ def like(result: NDArray[Any], model: Array) -> Array:
 
 
 def _is_tensor(values: Array) -> bool:
+    """Return whether values are a torch tensor, without importing torch."""
     # Who holds a tensor has imported torch; asking sys.modules keeps torch out of this library.
     torch = sys.modules.get("torch")
     return torch is not None and isinstance(values, torch.Tensor)

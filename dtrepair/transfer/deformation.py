@@ -94,7 +94,7 @@ class Transfer:
         self._assemble(divergence, matrix)
 
     def _weights(self, weights: Weights, average: sparse.csr_matrix) -> FloatArray:
-        """Weight of each target triangle (Ft,)."""
+        """Return the weight of each target triangle (Ft,)."""
         if weights in ("area", "cotan"):
             areas = triangle_areas(self.target, self.target_faces)
             return areas / float(areas.mean())
@@ -122,7 +122,7 @@ class Transfer:
             )
 
     def __call__(self, poses: Array) -> Array:
-        """Target positions (T, Vt, 3), target units, of source poses (T, Vs, 3), source units.
+        """Return target positions (T, Vt, 3), target units, of source poses (T, Vs, 3).
 
         A single pose (Vs, 3) gives (Vt, 3). float32 comes back as float32, torch as torch. Raises
         ValueError for other shapes and numbers that are not finite.
@@ -142,11 +142,11 @@ class Transfer:
         return like(result[0] if single else result, poses)
 
     def turned(self, frame: Array) -> FloatArray:
-        """One pose (Vs, 3), checked, in the target's axes."""
+        """Return one pose (Vs, 3), checked, in the target's axes."""
         return as_points(frame, len(self.source)) @ self._turn.T
 
     def solve(self, stack: FloatArray) -> FloatArray:
-        """Target positions (Vt, 3) up to the translation of each piece, its anchor at zero."""
+        """Return target positions (Vt, 3) with the anchor of each piece at zero."""
         right = self._matched_part @ stack
         if self._filled_part is not None:
             right += self._filled_part @ self.gradients.filled(stack)
@@ -155,7 +155,7 @@ class Transfer:
         return points
 
     def back_substitute(self, loads: FloatArray) -> FloatArray:
-        """Responses (Vt, k) to loads (Vt, k), the anchor of each piece at zero."""
+        """Return the responses (Vt, k) to loads (Vt, k), the anchor of each piece at zero."""
         responses = np.zeros(loads.shape)
         responses[self.free] = self.factor(loads[self.free])
         return responses
@@ -167,7 +167,7 @@ class Transfer:
         stack: FloatArray,
         held: NDArray[np.bool_] | None = None,
     ) -> FloatArray:
-        """A solution moved to its place; pieces in the mask `held` stay where they are."""
+        """Move a solution (Vt, 3) to its place; pieces in the mask `held` stay where they are."""
         points = self.placement(points, pose, stack, held)
         if self.snap and held is None:
             points += self.up * (self._ground_wanted(pose) - self._lowest(points))
@@ -183,7 +183,7 @@ class Transfer:
 
 
 def transfer_blend_shapes(transfer: Transfer, offsets: Array) -> Array:
-    """Blend shapes of the target (K, Vt, 3) from those of the source (K, Vs, 3), as offsets.
+    """Return blend shapes of the target (K, Vt, 3) from the source's (K, Vs, 3), as offsets.
 
     Each shape is transferred once, at full weight; the animation of the weights is kept as it is
     (within 0.2 % of the diagonal of transferring the blended poses).
@@ -199,7 +199,7 @@ def transfer_blend_shapes(transfer: Transfer, offsets: Array) -> Array:
 
 
 class _GradientSource:
-    """Deformation gradients wanted on the target, as linear maps of the source's stack."""
+    """Deformation gradients of the target's triangles, as linear maps of the source's stack."""
 
     def __init__(
         self,
@@ -215,13 +215,13 @@ class _GradientSource:
         self.fill = None if self.matched.all() else HarmonicFill(target, faces, self.matched)
 
     def filled(self, stack: FloatArray) -> FloatArray:
-        """Gradients of the unmatched triangles, stacked as rows (3 * unmatched, 3)."""
+        """Return gradients of the unmatched triangles, stacked as rows (3 * unmatched, 3)."""
         assert self.fill is not None
         known = (self.known @ stack).reshape(-1, 9)
         return self.fill(known).reshape(-1, 3)
 
     def __call__(self, stack: FloatArray) -> FloatArray:
-        """Deformation gradients S (Ft, 3, 3) wanted on every target triangle."""
+        """Return the deformation gradients S (Ft, 3, 3) asked of the target's triangles."""
         columns = np.empty((len(self.matched), 9))
         known = (self.known @ stack).reshape(-1, 9)
         columns[self.matched] = known
@@ -232,7 +232,7 @@ class _GradientSource:
     def right_hand_sides(
         self, divergence: sparse.csr_matrix
     ) -> tuple[sparse.csr_matrix, sparse.csr_matrix | None]:
-        """The right-hand side's two factors: on the stack, and on the filled gradients."""
+        """Return the right-hand side's two factors: on the stack, and on the filled gradients."""
         matched = np.repeat(self.matched, 3)
         direct = (divergence[:, matched] @ self.known).tocsr()
         direct.eliminate_zeros()

@@ -14,7 +14,7 @@ DEGENERATE_HEIGHT = 1e-6
 
 
 def scaled_normals(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Fourth vertex minus first of each triangle (F, 3): n / sqrt|n| with n the cross product.
+    """Return fourth vertex minus first of each triangle (F, 3): n / sqrt|n|, n = cross product.
 
     Sumner & Popovic 2004, eq. 1. The square root makes it scale with the edges, so that a scaled
     triangle has a scaled deformation gradient.
@@ -26,7 +26,7 @@ def scaled_normals(points: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def degenerate_triangles(points: FloatArray, faces: IntArray) -> NDArray[np.bool_]:
-    """Mask (F,) of triangles whose height is below 1e-6 of their longest edge."""
+    """Return the mask (F,) of triangles whose height is below 1e-6 of their longest edge."""
     corners = points[faces]
     edges = corners - np.roll(corners, 1, axis=1)
     longest = np.einsum("fij,fij->fi", edges, edges).max(axis=1, initial=0.0)
@@ -38,7 +38,7 @@ def degenerate_triangles(points: FloatArray, faces: IntArray) -> NDArray[np.bool
 def surface_gradient(
     points: FloatArray, faces: IntArray, degenerate: NDArray[np.bool_]
 ) -> sparse.csr_matrix:
-    """Gradient operator (3F, V) with zero rows for the degenerate triangles, 1 / length."""
+    """Return the gradient operator (3F, V), zero rows for degenerate triangles, 1 / length."""
     good = np.flatnonzero(~degenerate)
     entries = gradient_operator(points, faces[good]).tocoo()
     rows = 3 * good[entries.row // 3] + entries.row % 3
@@ -49,7 +49,7 @@ def surface_gradient(
 def deformation_operator(
     points: FloatArray, faces: IntArray, degenerate: NDArray[np.bool_]
 ) -> sparse.csr_matrix:
-    """Operator A (3F, V + F) with A @ [pose; scaled normals of the pose] = deformation gradients.
+    """Return A (3F, V + F): A @ [pose; its scaled normals] = deformation gradients.
 
     Row 3t + i of the product is column i of the deformation gradient of triangle t (Sumner &
     Popovic 2004, eq. 3-4, with the fourth vertex kept as an offset). Rows of degenerate
@@ -66,7 +66,7 @@ def deformation_operator(
 
 
 def stacked(pose: FloatArray, faces: IntArray) -> FloatArray:
-    """[positions; scaled normals] of a pose (V + F, 3), positions relative to their mean.
+    """Return [positions; scaled normals] of a pose (V + F, 3), positions relative to their mean.
 
     Gradients do not see a translation; taking it out first keeps poses far from the origin exact.
     """

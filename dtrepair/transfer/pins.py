@@ -41,7 +41,7 @@ class Pins:
         self._pieces = transfer.placement.labels[self.vertices]
 
     def __call__(self, poses: Array, positions: Array) -> Array:
-        """Target positions (T, Vt, 3) with the pins at `positions` (T, P, 3), target units.
+        """Return target positions (T, Vt, 3) with the pins at `positions` (T, P, 3), target units.
 
         A pin whose position is NaN is free in that frame. A single pose (Vs, 3) with positions
         (P, 3) gives (Vt, 3). Raises ValueError for other shapes.
@@ -77,7 +77,7 @@ class Pins:
     def _hold(
         self, points: FloatArray, active: NDArray[np.int64], place: FloatArray
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Solution with the active pins at their places, and the mask of pieces they hold.
+        """Return the solution with the active pins at their places, and the pieces they hold.
 
         x = x0 - Z f + N c with pin forces f that add up to zero on each piece (else the free
         system has no solution) and a translation c of each held piece.

@@ -27,13 +27,13 @@ class Match:
 
     @property
     def matched_areas(self) -> FloatArray:
-        """Rest area of each target triangle (Ft,), zero where it has no partner."""
+        """The rest area of each target triangle (Ft,), zero where it has no partner."""
         weights = np.asarray(self.average.sum(axis=1)).ravel() > 0
         return triangle_areas(self.target, self.target_faces) * weights
 
 
 def ground_ratio(match: Match, up: FloatArray) -> float:
-    """Height of the target over its ground divided by that of the source, both at rest.
+    """Return the height of the target over its ground divided by the source's, both at rest.
 
     Heights are of the matched area means along the unit vector `up`; the ground is the lowest
     vertex. For meshes that lie flat, the ratio of the diagonals.
@@ -54,7 +54,7 @@ def ground_ratio(match: Match, up: FloatArray) -> float:
 
 
 def ground_level(points: FloatArray, faces: IntArray, up: FloatArray) -> float:
-    """Lowest coordinate along `up` of the vertices in use."""
+    """Return the lowest coordinate along `up` of the vertices in use."""
     return float((points @ up)[faces.ravel()].min())
 
 
@@ -106,7 +106,7 @@ class Placement:
         stack: FloatArray,
         held: NDArray[np.bool_] | None = None,
     ) -> FloatArray:
-        """Placed positions (Vt, 3) from a solution (Vt, 3) free in the translation of each piece.
+        """Return placed positions (Vt, 3) of a solution free in the translation of each piece.
 
         `pose` (Vs, 3) and its `stack` (Vs + Fs, 3) are the source's; pieces of the mask `held`
         (pieces,) stay as they come.
@@ -161,7 +161,10 @@ class _Seats:
 
 
 def _carrying_rows(weights: sparse.csr_matrix, offsets: FloatArray) -> sparse.csr_matrix:
-    """Rows (C, 3F) that take stacked gradients to S_c @ offsets[c], S_c their weighted sum."""
+    """Return rows (C, 3F) that take stacked gradients to S_c @ offsets[c].
+
+    S_c is their weighted sum.
+    """
     entries = weights.tocoo()
     axis = np.arange(3)
     return sparse.coo_matrix(
@@ -179,7 +182,7 @@ def _closest_vertices(
     labels: IntArray,
     pieces: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """For each piece its vertex closest to a vertex of `body`, and that vertex."""
+    """Return for each piece its vertex closest to a vertex of `body`, and that vertex."""
     riders = np.flatnonzero(np.isin(labels, pieces))
     distances, nearest = cKDTree(target[body]).query(target[riders])
     order = np.lexsort((distances, labels[riders]))
@@ -188,7 +191,7 @@ def _closest_vertices(
 
 
 def _vertex_weights(match: Match) -> sparse.csr_matrix:
-    """Matched areas of the triangles around each target vertex (Vt, Ft)."""
+    """Return matched areas of the triangles around each target vertex (Vt, Ft)."""
     corners = match.target_faces.ravel()
     triangles = np.repeat(np.arange(len(match.target_faces)), 3)
     shape = (len(match.target), len(match.target_faces))
@@ -201,7 +204,7 @@ def _vertex_weights(match: Match) -> sparse.csr_matrix:
 def _shared_pieces(
     first: sparse.csr_matrix, second: sparse.csr_matrix, labels: IntArray
 ) -> NDArray[np.bool_]:
-    """Mask (C,) of the rows of two operators (C, Vs) that reach into a common source piece."""
+    """Return the mask (C,) of rows of two operators (C, Vs) that reach into one source piece."""
     pieces = sparse.coo_matrix((np.ones(len(labels)), (np.arange(len(labels)), labels))).tocsr()
     common = (first @ pieces).multiply(second @ pieces)
     return np.asarray(common.sum(axis=1)).ravel() > 0
@@ -210,7 +213,7 @@ def _shared_pieces(
 def _area_means(
     match: Match, weights: sparse.csr_matrix
 ) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """Weighted centroid means over target vertices (C, Vt) and over their partners (C, Vs).
+    """Return weighted centroid means over target vertices (C, Vt) and their partners (C, Vs).
 
     `weights` (C, Ft) need not be normalised; an empty row gives empty rows.
     """
@@ -221,13 +224,14 @@ def _area_means(
 
 
 def _centroid_operator(faces: IntArray, count: int) -> sparse.csr_matrix:
-    """Operator (F, count) from vertex positions to triangle centroids."""
+    """Return the operator (F, count) from vertex positions to triangle centroids."""
     rows = np.repeat(np.arange(len(faces)), 3)
     weights = np.full(3 * len(faces), 1.0 / 3.0)
     return sparse.coo_matrix((weights, (rows, faces.ravel())), (len(faces), count)).tocsr()
 
 
 def _normalized(weights: sparse.csr_matrix) -> sparse.csr_matrix:
+    """Return the rows scaled to sum 1; empty ones stay empty."""
     totals = np.asarray(weights.sum(axis=1)).ravel()
     scale = np.divide(1.0, totals, out=np.zeros_like(totals), where=totals > 0)
     return sparse.diags(scale) @ weights

@@ -19,7 +19,7 @@ def poisson_system(
     degenerate: NDArray[np.bool_],
     weights: FloatArray,
 ) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """Divergence (V, 3F) and matrix (V, V) of the Poisson system.
+    """Return divergence (V, 3F) and matrix (V, V) of the Poisson system.
 
     Degenerate triangles have no gradient term; uniform edge terms |x_j - x_i - S (v_j - v_i)|^2
     of negligible weight say where their vertices go when nothing else does.
@@ -40,7 +40,7 @@ def poisson_system(
 def _edge_terms(
     points: FloatArray, faces: IntArray, triangles: NDArray[np.int64]
 ) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """Edges of some triangles as differences (E, V) of positions and S (v_j - v_i) as (E, 3F)."""
+    """Return edges of triangles as differences (E, V), and S (v_j - v_i) as (E, 3F)."""
     first, second = faces[triangles].ravel(), np.roll(faces[triangles], -1, axis=1).ravel()
     count = len(first)
     rows, ones = np.arange(count), np.ones(count)

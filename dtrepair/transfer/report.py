@@ -79,7 +79,7 @@ class Coverage:
 
     @property
     def unmatched_part(self) -> float:
-        """Part of the target's triangles without a partner."""
+        """The fraction of the target's triangles without a partner."""
         return self.unmatched / max(self.target_triangles, 1)
 
 
@@ -120,7 +120,7 @@ class TransferReport:
 def measure_coverage(
     pairs: Array, source_faces: Array, target: Array, target_faces: Array
 ) -> Coverage:
-    """Coverage of a target (Vt, 3), faces (Ft, 3), by pairs (K, 2) with source faces (Fs, 3)."""
+    """Return how pairs (K, 2) with source faces (Fs, 3) cover a target (Vt, 3), (Ft, 3)."""
     points, faces = as_mesh(to_numpy(target), to_numpy(target_faces))
     source_count = len(to_numpy(source_faces))
     rows = checked_pairs(pairs, source_count, len(faces))
@@ -142,7 +142,7 @@ def measure_coverage(
 def examine(
     transfer: Transfer, poses: Array, result: Array, *, samples: int = 48
 ) -> TransferReport:
-    """Figures of `result` (T, Vt, 3), the transfer of `poses` (T, Vs, 3).
+    """Return the figures of `result` (T, Vt, 3), the transfer of `poses` (T, Vs, 3).
 
     At most `samples` frames, evenly spread, are looked at. Raises ValueError when the two do not
     belong together.
@@ -182,7 +182,7 @@ def examine(
 
 
 def residuals(transfer: Transfer, poses: Array, result: Array) -> FloatArray:
-    """|| G x - S P ||, Frobenius, of each triangle and frame (T, Ft); a map, no pass or fail."""
+    """Return || G x - S P ||, Frobenius, of each triangle and frame (T, Ft); no pass or fail."""
     operator = surface_gradient(transfer.target, transfer.target_faces, transfer.degenerate)
     normals = triangle_normals(transfer.target, transfer.target_faces)
     values = np.zeros((len(poses), len(transfer.target_faces)))
@@ -197,7 +197,7 @@ def residuals(transfer: Transfer, poses: Array, result: Array) -> FloatArray:
 
 
 def flipped_parts(transfer: Transfer, poses: Array, result: Array) -> FloatArray:
-    """Part of the target's triangles whose normal points against S n, per frame (T,)."""
+    """Return the fraction of target triangles whose normal points against S n, per frame (T,)."""
     rest = triangle_normals(transfer.target, transfer.target_faces)
     parts = np.zeros(len(poses))
     for index, (pose, points) in enumerate(zip(poses, result, strict=True)):
@@ -208,7 +208,7 @@ def flipped_parts(transfer: Transfer, poses: Array, result: Array) -> FloatArray
 
 
 def unit_ratio(transfer: Transfer, pose: Array) -> float:
-    """Median det(S)^(1/3) over the target's triangles: 1 when pose and rest share their units."""
+    """Return the median det(S)^(1/3) of the target: 1 when pose and rest share their units."""
     return float(np.median(np.cbrt(np.linalg.det(_wanted(transfer, pose)))))
 
 

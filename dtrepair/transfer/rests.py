@@ -14,7 +14,7 @@ INSIDE_OUT_LIMIT = -1e-3
 
 
 def rotation_of(matrix: ArrayLike) -> FloatArray:
-    """The rotation (3, 3), for column vectors, closest to a linear map (3, 3) of row vectors.
+    """Return the rotation (3, 3), for column vectors, closest to a linear map of row vectors.
 
     Scale, shear and reflection are taken out (orthogonal Procrustes).
     """
@@ -26,7 +26,7 @@ def rotation_of(matrix: ArrayLike) -> FloatArray:
 def local_rotation(
     source_up: ArrayLike, target_up: ArrayLike, source_matrix: ArrayLike, target_matrix: ArrayLike
 ) -> FloatArray:
-    """Rotation (3, 3) from the source's local axes to the target's local axes.
+    """Return the rotation (3, 3) from the source's local axes to the target's local axes.
 
     Up axes (3,) in the world of each; matrices (4, 4) from local space to that world, row vectors.
     """
@@ -38,7 +38,7 @@ def local_rotation(
 def rotation_between_rests(
     source: tuple[Array, Array], target: tuple[Array, Array], pairs: Array
 ) -> FloatArray:
-    """Rotation (3, 3) that best turns the source's rest onto the target's, by pairs (K, 2).
+    """Return the rotation (3, 3) that best turns the source's rest onto the target's, by pairs.
 
     Each mesh is points (V, 3) and faces (F, 3). Raises ValueError where the centroids of the
     paired triangles lie on a line.
@@ -47,7 +47,7 @@ def rotation_between_rests(
 
 
 def laid_over(source: tuple[Array, Array], target: tuple[Array, Array], pairs: Array) -> FloatArray:
-    """The source's rest (V, 3) moved onto the target's by the best similarity of its pairs."""
+    """Return the source's rest (V, 3) moved onto the target's by the best similarity of pairs."""
     return _similarity(source, target, pairs)(np.asarray(to_numpy(source[0]), dtype=np.float64))
 
 
@@ -63,7 +63,7 @@ def _similarity(
 
 
 def inside_out(points: Array, faces: Array) -> bool:
-    """Whether a mesh (V, 3), (F, 3) is wound with its normals inward: a negative volume."""
+    """Return whether a mesh (V, 3), (F, 3) is wound with its normals inward: a negative volume."""
     positions, triangles = as_mesh(to_numpy(points), to_numpy(faces))
     size = extent(positions)
     if not size > 0:

@@ -20,17 +20,17 @@ class Similarity:
     translation: FloatArray  # (3,)
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """Points (V, 3) moved."""
+        """Return points (V, 3) moved."""
         return self.scale * points @ self.rotation.T + self.translation
 
     @property
     def angle(self) -> float:
-        """Angle of the rotation in degrees, 0 to 180."""
+        """The angle of the rotation in degrees, 0 to 180."""
         return float(np.degrees(np.arccos(np.clip((np.trace(self.rotation) - 1) / 2, -1, 1))))
 
 
 def similarity(source: ArrayLike, target: ArrayLike) -> Similarity:
-    """Least-squares similarity that takes points (K, 3) to points (K, 3) (Umeyama 1991).
+    """Return the similarity that takes points (K, 3) to points (K, 3) best (Umeyama 1991).
 
     Raises ValueError for fewer than three points, and for points on a line.
     """
@@ -56,7 +56,9 @@ def similarity(source: ArrayLike, target: ArrayLike) -> Similarity:
 
 
 def rotation_between(source_up: ArrayLike, target_up: ArrayLike) -> FloatArray:
-    """The smallest rotation (3, 3) that takes one axis to another, as for stages of other up axis.
+    """Return the smallest rotation (3, 3) that takes one axis to another.
+
+    For stages of another up axis.
 
     Axes need not have unit length. For opposite axes, half a turn about an axis across them.
     Raises ValueError for an axis of length zero.
@@ -76,7 +78,7 @@ def rotation_between(source_up: ArrayLike, target_up: ArrayLike) -> FloatArray:
 
 
 def unit_vector(vector: ArrayLike, name: str) -> FloatArray:
-    """The vector (3,) at length one; ValueError with its `name` for other shapes and for zero."""
+    """Return the vector (3,) at length one. Raises ValueError with its `name` for zero."""
     values = np.asarray(to_numpy(vector), dtype=np.float64)
     if values.shape != (3,) or not np.linalg.norm(values) > 0:
         raise ValueError(f"{name} should be a vector (3,) other than zero, got {values}")
@@ -84,7 +86,10 @@ def unit_vector(vector: ArrayLike, name: str) -> FloatArray:
 
 
 def checked_rotation(rotation: ArrayLike | None) -> FloatArray:
-    """The rotation (3, 3), orthogonal to float64; None gives the identity. ValueError if none."""
+    """Return the rotation (3, 3), orthogonal to float64; None gives the identity.
+
+    Raises ValueError for a matrix that is no rotation.
+    """
     if rotation is None:
         return np.eye(3)
     matrix = np.asarray(to_numpy(rotation), dtype=np.float64)

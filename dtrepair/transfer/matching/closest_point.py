@@ -31,7 +31,7 @@ class ClosestSurface:
     def __call__(
         self, points: FloatArray, normals: FloatArray
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Closest points (V, 3), and a mask (V,) of the vertices that have a compatible one."""
+        """Return closest points (V, 3), and which vertices (V,) have a compatible one."""
         near = self._tree.query(points, self._neighbors)[1]
         facing = np.einsum("vnj,vj->vn", self._normals[near], normals) > 0
         vertex, slot = np.nonzero(facing)
@@ -45,7 +45,7 @@ class ClosestSurface:
 
 
 def closest_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """Closest point (K, 3) of triangle k with corners (K, 3, 3) to point k (K, 3).
+    """Return the closest point (K, 3) of triangle k, corners (K, 3, 3), to point k (K, 3).
 
     The projection where it falls inside, else the closest point of the three edges.
     """
@@ -74,5 +74,6 @@ def closest_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
 
 
 def _dots(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the scalar products (K,) of vectors (K, 3)."""
     products: FloatArray = np.einsum("kj,kj->k", first, second)
     return products

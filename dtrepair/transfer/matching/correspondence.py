@@ -14,7 +14,7 @@ from dtrepair.transfer.arrays import Array, like, to_numpy
 
 
 def identity_pairs(faces: ArrayLike, other_faces: ArrayLike | None = None) -> IntArray:
-    """Pairs (F, 2) of every triangle with itself, for two meshes of one topology.
+    """Return pairs (F, 2) of every triangle with itself, for two meshes of one topology.
 
     Given both face arrays, raises ValueError when they differ.
     """
@@ -31,7 +31,7 @@ def identity_pairs(faces: ArrayLike, other_faces: ArrayLike | None = None) -> In
 
 
 def checked_pairs(pairs: ArrayLike, source_count: int, target_count: int) -> IntArray:
-    """Pairs (K, 2) int32 of (source triangle, target triangle), sorted, each once.
+    """Return pairs (K, 2) int32 of (source triangle, target triangle), sorted, each once.
 
     Raises ValueError for a wrong shape, no pair at all and indices out of range.
     """
@@ -62,7 +62,7 @@ def match_triangles(
     neighbors: int = 64,
     max_distance: float | None = None,
 ) -> Array:
-    """Pairs (K, 2) int32 of (source triangle, target triangle), sorted.
+    """Return pairs (K, 2) int32 of (source triangle, target triangle), sorted.
 
     Each triangle is paired with the triangle of the other mesh whose centroid is closest among
     its `neighbors` nearest with a normal within 90 degrees; both directions are united (Sumner &
@@ -92,7 +92,7 @@ def _closest_compatible(
     neighbors: int,
     limit: float,
 ) -> NDArray[np.int64]:
-    """Pairs (K, 2) of each query triangle with the closest compatible other triangle, if any."""
+    """Return pairs (K, 2) of each query triangle with the closest compatible other one, if any."""
     if not len(queries[1]) or not len(others[1]):
         return np.zeros((0, 2), dtype=np.int64)
     centroids = queries[0][queries[1]].mean(axis=1)
@@ -120,7 +120,7 @@ def _closest_compatible(
 def averaging_operator(
     pairs: IntArray, usable: NDArray[np.bool_], target_count: int
 ) -> sparse.csr_matrix:
-    """Mean over the paired, usable source triangles of each target triangle (Ft, Fs).
+    """Return the mean (Ft, Fs) over the paired, usable source triangles of each target triangle.
 
     Rows of target triangles without a usable partner are empty. `usable` is a mask (Fs,).
     """
@@ -157,12 +157,14 @@ class HarmonicFill:
         self._factor = Factor(degree - graph[:, self.unmatched])
 
     def __call__(self, values: FloatArray) -> FloatArray:
-        """Values (unmatched, k) from the values of the matched triangles (matched, k)."""
+        """Return values (unmatched, k) from the values of the matched triangles (matched, k)."""
         return self._factor(self._boundary @ values)
 
 
 def _linked(target: FloatArray, faces: IntArray, matched: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Dual edges (K, 2) of the fill; pieces without a matched neighbour are linked to the nearest.
+    """Return dual edges (K, 2) of the fill.
+
+    Pieces without a matched neighbour are linked to the nearest matched triangle.
 
     A cut-off piece of constant value needs one link only, from its closest triangle.
     """

@@ -25,7 +25,7 @@ def read_markers(
     source_count: int | None = None,
     target_count: int | None = None,
 ) -> IntArray:
-    """Markers (K, 2) int32 of (source vertex, target vertex), 0-based.
+    """Return markers (K, 2) int32 of (source vertex, target vertex), 0-based.
 
     Reads `.cons` (a count, then "source, target" lines) and text of two columns separated by
     blanks or a comma; `#` begins a comment. Raises ValueError with the line for what is not that,
@@ -45,7 +45,7 @@ def read_markers(
 def read_correspondence(
     path: str | os.PathLike[str], source_faces: Array, target_faces: Array
 ) -> IntArray:
-    """Pairs (K, 2) int32 of (source triangle, target triangle), 0-based, for these two meshes.
+    """Return pairs (K, 2) int32 of (source triangle, target triangle), 0-based.
 
     Reads the npz of `write_correspondence` (refused if it was made for other faces), `.tricorrs`
     (a count, then "source, target, squared distance" lines) and text of two or three columns.
@@ -91,12 +91,13 @@ def write_correspondence(
 
 
 def faces_hash(faces: ArrayLike) -> str:
-    """SHA-256 of a face array (F, 3) as little-endian int32, whatever its type in memory."""
+    """Return the SHA-256 of a face array (F, 3) as little-endian int32, whatever its type."""
     data = np.ascontiguousarray(to_numpy(faces), dtype="<i4")
     return hashlib.sha256(data.tobytes()).hexdigest()
 
 
 def _read_npz(path: Path, faces: tuple[NDArray[np.integer], ...]) -> NDArray[np.integer]:
+    """Return the array of pairs of an npz file. Raises ValueError."""
     expected = "expected an npz written by write_correspondence"
     try:
         with np.load(path, allow_pickle=False) as archive:
@@ -121,7 +122,7 @@ def _read_npz(path: Path, faces: tuple[NDArray[np.integer], ...]) -> NDArray[np.
 
 
 def _read_rows(path: Path, *, columns: tuple[int, ...]) -> NDArray[np.int64]:
-    """Integer rows of a text file; a first line of one number is their count."""
+    """Return integer rows of a text file; a first line of one number is their count."""
     lines = [
         (number, line.partition("#")[0].replace(",", " ").split())
         for number, line in enumerate(_text(path).splitlines(), start=1)

@@ -35,7 +35,7 @@ class MarkerCheck:
 def check_markers(
     source: Array, source_faces: Array, target: Array, target_faces: Array, markers: Array
 ) -> MarkerCheck:
-    """Suspects among markers (K, 2), by the smooth part of the registration.
+    """Return the suspects among markers (K, 2), by the smooth part of the registration.
 
     One factor and K right-hand sides reduce the registration to a quadratic energy of the marker
     positions (a Schur complement), on which every question is cheap. Swapped: exchanging the two
@@ -61,7 +61,7 @@ def check_markers(
 
 
 def _reduced(system: RegistrationSystem) -> tuple[FloatArray, FloatArray]:
-    """Schur complement (K, K) of the system on its markers, and its right-hand side (K, 3)."""
+    """Return the Schur complement (K, K) of the system on its markers, and its right side."""
     factor = Factor(system.free_matrix)
     coupling = system.coupling.toarray()
     solved = factor(np.concatenate([coupling, system.right[system.free]], axis=1))
@@ -73,7 +73,7 @@ def _reduced(system: RegistrationSystem) -> tuple[FloatArray, FloatArray]:
 def _offsets(
     stiffness: FloatArray, load: FloatArray, values: FloatArray, trusted: NDArray[np.bool_]
 ) -> FloatArray:
-    """Where the trusted markers other than itself put each marker, minus where it is (K, 3)."""
+    """Return where the other trusted markers put each marker, minus where it is (K, 3)."""
     kept, removed = np.flatnonzero(trusted), np.flatnonzero(~trusted)
     offsets = np.empty_like(values)
     inner, right = stiffness[np.ix_(kept, kept)], load[kept]
@@ -91,6 +91,7 @@ def _offsets(
 
 
 def _lengths(vectors: FloatArray) -> FloatArray:
+    """Return the length (K,) of each vector (K, 3)."""
     lengths: FloatArray = np.linalg.norm(vectors, axis=1)
     return lengths
 
@@ -98,7 +99,7 @@ def _lengths(vectors: FloatArray) -> FloatArray:
 def _exchanged(
     stiffness: FloatArray, load: FloatArray, values: FloatArray
 ) -> tuple[FloatArray, tuple[tuple[int, int], ...]]:
-    """Marker positions with the swapped pairs set right, and those pairs.
+    """Return marker positions with the swapped pairs set right, and those pairs.
 
     E(y) = y . A y / 2 - b . y; exchanging i and j adds (g_i - g_j) . d + c |d|^2 / 2 with
     g = A y - b, d = y_j - y_i and c = A_ii + A_jj - 2 A_ij.
@@ -131,7 +132,7 @@ def _exchanged(
 
 
 def _trusted(stiffness: FloatArray, load: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
-    """Mask (K,) of the markers that agree with each other."""
+    """Return the mask (K,) of the markers that agree with each other."""
     trusted = np.ones(len(values), dtype=bool)
     while trusted.sum() > 3:
         distances = _lengths(_offsets(stiffness, load, values, trusted))

@@ -9,7 +9,7 @@ from dtrepair.transfer.arrays import Array, to_numpy
 
 
 def checked_markers(markers: Array, source_count: int, target_count: int) -> IntArray:
-    """Markers (K, 2) int32 of (source vertex, target vertex).
+    """Return markers (K, 2) int32 of (source vertex, target vertex).
 
     Raises ValueError for a wrong shape, indices out of range, and a vertex that occurs twice: a
     second marker at a vertex would move the result far without a sign of it.

@@ -41,7 +41,7 @@ def register(
     closest: Sequence[float] = CLOSEST_WEIGHTS,
     neighbors: int = 16,
 ) -> Array:
-    """Source rest (Vs, 3) deformed onto the target, target units (Sumner & Popovic 2004, eq. 11).
+    """Return the source rest (Vs, 3) deformed onto the target (Sumner & Popovic 2004, eq. 11).
 
     Minimises  smoothness * sum over neighbours |T_i - T_j|^2 + identity * sum |T_i - I|^2 +
     closest * sum |v_i - c_i|^2  over positions and fourth vertices, the markers (K, 2) of (source
@@ -106,7 +106,7 @@ class RegistrationSystem:
         self.coupling = rows[:, self.fixed].tocsr()
 
     def solve(self, weights: FloatArray, attracted: FloatArray) -> FloatArray:
-        """Positions (Vs, 3) with each vertex drawn to `attracted` (Vs, 3) by `weights` (Vs,)."""
+        """Return positions (Vs, 3), each drawn to `attracted` (Vs, 3) by `weights` (Vs,)."""
         count = len(self.aligned)
         diagonal_terms = np.zeros(self.matrix.shape[0])
         diagonal_terms[:count] = weights
@@ -120,7 +120,7 @@ class RegistrationSystem:
         return solution[:count]
 
     def in_target_units(self, points: FloatArray) -> FloatArray:
-        """Positions (V, 3) at unit size back in the target's units."""
+        """Return positions (V, 3) at unit size in the target's units."""
         restored: FloatArray = points * self._size + self._centre
         return restored
 
@@ -133,7 +133,7 @@ def _smoothness_system(
     smoothness: float,
     identity: float,
 ) -> tuple[sparse.csr_matrix, FloatArray]:
-    """Matrix (V + F, V + F) and right-hand side (V + F, 3) of the smoothness and identity terms.
+    """Return matrix (V + F, V + F) and right side (V + F, 3) of smoothness and identity terms.
 
     A degenerate triangle has no gradient: its edges are kept as weakly as the identity term, and
     its middle corner stays at its place on the longest edge. This, and what ties a loose piece,
@@ -169,7 +169,7 @@ def _smoothness_system(
 
 
 def _ties(points: FloatArray, faces: IntArray, marked: IntArray) -> sparse.csr_matrix:
-    """Edges (E, V) from each piece without a marker, and each unused vertex, to a piece with one.
+    """Return edges (E, V) from pieces without a marker, and unused vertices, to a piece with one.
 
     They join the closest vertices.
     """
@@ -185,7 +185,7 @@ def _ties(points: FloatArray, faces: IntArray, marked: IntArray) -> sparse.csr_m
 def _edges(
     points: FloatArray, first: NDArray[np.integer], second: NDArray[np.integer]
 ) -> sparse.csr_matrix:
-    """Operator (E, V): the second point of each edge minus the first."""
+    """Return the operator (E, V): the second point of each edge minus the first."""
     rows = np.arange(len(first))
     signs = np.concatenate([np.ones(len(first)), -np.ones(len(first))])
     ends = (np.concatenate([rows, rows]), np.concatenate([second, first]))
@@ -193,7 +193,7 @@ def _edges(
 
 
 def _places_on_edges(points: FloatArray, slivers: IntArray) -> sparse.csr_matrix:
-    """Operator (S, V): the middle corner of each sliver minus its projection on the longest edge.
+    """Return the operator (S, V): a sliver's middle corner minus its place on the longest edge.
 
     A vertex that only slivers use follows its neighbours by these rows.
     """
@@ -212,7 +212,7 @@ def _places_on_edges(points: FloatArray, slivers: IntArray) -> sparse.csr_matrix
 
 
 def _vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Area-weighted vertex normals (V, 3), not normalised: only their direction is asked."""
+    """Return area-weighted vertex normals (V, 3), not normalised: only their direction counts."""
     vectors = np.repeat(vector_areas(points, faces), 3, axis=0)
     return np.stack(
         [np.bincount(faces.ravel(), vectors[:, axis], len(points)) for axis in range(3)], axis=1

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dtrepair import Repairer
 from dtrepair.files.mesh_files import read_mesh
@@ -30,7 +31,11 @@ from usd_io import OverrideWriter, open_stage, read_meshes, read_points
 
 
 def print_row(
-    name: str, points: np.ndarray, found: np.ndarray, faces: np.ndarray, seconds: float
+    name: str,
+    points: NDArray[np.float64],
+    found: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    seconds: float,
 ) -> None:
     """Measure one way of repairing the clip (T, V, 3)."""
     detector = Detector(points[0], faces, weld=weld_map(points[0]))

@@ -21,11 +21,12 @@ import time
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 AROUND, ALONG, RADIUS = 8, 24, 0.1
 
 
-def tube(angle: float) -> np.ndarray:
+def tube(angle: float) -> NDArray[np.float64]:
     """Points (V, 3) of a tube of length 2 bent by an angle: from 2 pi on its ends meet."""
     along, around = np.meshgrid(
         np.linspace(0.0, 1.0, ALONG + 1), 2 * np.pi * np.arange(AROUND) / AROUND, indexing="ij"

@@ -23,6 +23,7 @@ from pathlib import Path
 from statistics import mean
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import linalg
 
@@ -97,22 +98,24 @@ def measure(path: Path, rest: Path | None, options: RepairOptions) -> Row:
     )
 
 
-def fold_count(points: np.ndarray, faces: np.ndarray) -> int:
+def fold_count(points: NDArray[np.float64], faces: NDArray[np.int32]) -> int:
     """Pairs of triangles that share one vertex and cross beyond it."""
     return len(Queries(Detector(points, faces)).folds(points.astype(np.float32)))
 
 
-def bent_count(points: np.ndarray, faces: np.ndarray) -> int:
+def bent_count(points: NDArray[np.float64], faces: NDArray[np.int32]) -> int:
     """Edges whose triangles' normals are more than 120 degrees apart."""
     normals = triangle_normals(points, faces)
     first, second = shared_edges(faces).T
     return int((np.einsum("ij,ij->i", normals[first], normals[second]) < -0.5).sum())
 
 
-def rest_shape_fill(rest: np.ndarray) -> Callable[..., np.ndarray]:
+def rest_shape_fill(rest: NDArray[np.float64]) -> Callable[..., NDArray[np.float64]]:
     """A fill whose patches keep the turned differential coordinates of the rest pose."""
 
-    def fill(laplacian: sparse.csr_matrix, field: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    def fill(
+        laplacian: sparse.csr_matrix, field: NDArray[np.float64], mask: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
         inner = np.flatnonzero(mask)
         rows = np.flatnonzero(abs(laplacian) @ mask)
         around = np.setdiff1d(rows, inner)
@@ -131,10 +134,10 @@ def rest_shape_fill(rest: np.ndarray) -> Callable[..., np.ndarray]:
     return fill
 
 
-def best_rotation(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+def best_rotation(source: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotation (3, 3) that turns centred points (N, 3) best onto others (Kabsch 1976)."""
     u, _, v = np.linalg.svd((target - target.mean(axis=0)).T @ (source - source.mean(axis=0)))
-    rotation: np.ndarray = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
+    rotation: NDArray[np.float64] = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
     return rotation
 
 
@@ -166,7 +169,7 @@ def sheet(data: Path, target: Path, use_rest: bool) -> None:
     save_pictures(target, images, captions=captions, columns=8)
 
 
-def hit(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def hit(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Mask (F,) of the triangles that intersect."""
     mask = np.zeros(len(faces), dtype=bool)
     mask[find_intersections(points, faces).ravel()] = True

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
 from dtrepair.report.record import read_report
@@ -16,7 +17,7 @@ from tests.command_line import CLOSED, OPEN, run, tube_stage
 ALLOWED = {"points", "extent"}
 
 
-def triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
+def triangles(mesh: UsdGeom.Mesh) -> NDArray[np.int32]:
     """Fans of the polygons, written down apart from `usd_io`."""
     corners, start, found = mesh.GetFaceVertexIndicesAttr().Get(), 0, []
     for count in mesh.GetFaceVertexCountsAttr().Get():

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from usd_io import (
@@ -34,7 +35,7 @@ def rewrite(
     return selection.meshes[0]
 
 
-def points_at(path: Path, time: float, prim: str = "/Root/Cube") -> np.ndarray | None:
+def points_at(path: Path, time: float, prim: str = "/Root/Cube") -> NDArray[np.float32] | None:
     code = Usd.TimeCode.Default() if np.isnan(time) else time
     stage = Usd.Stage.Open(str(path))
     value = UsdGeom.Mesh(stage.GetPrimAtPath(prim)).GetPointsAttr().Get(code)

@@ -80,7 +80,7 @@ def build_tree(centroids: FloatArray, *, leaf_size: int = LEAF_SIZE) -> Tree:
     return Tree(order.astype(np.int32), leaf_start.astype(np.int32), _skip_links(depth), depth)
 
 
-def _segment_starts(count: int, level: int) -> np.ndarray:
+def _segment_starts(count: int, level: int) -> NDArray[np.int64]:
     """Return the bounds of the 2 ** level nearly equal parts of `count` triangles.
 
     Halves of halves agree.

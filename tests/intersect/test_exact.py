@@ -7,6 +7,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.intersect.exact import as_integers, intersect
 from tests.cgal_reference import cgal_intersect
@@ -42,7 +43,7 @@ CASES: dict[str, tuple[Sequence[tuple[float, ...]], bool]] = {
 }
 
 
-def as_triangles(corners: Sequence[tuple[float, ...]]) -> np.ndarray:
+def as_triangles(corners: Sequence[tuple[float, ...]]) -> NDArray[np.float32]:
     return np.array([corners], dtype=np.float32)
 
 

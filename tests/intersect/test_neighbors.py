@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.intersect.neighbors import MOST_LEAVES, Neighbors, leaf_neighbors
 from dtrepair.intersect.tree import build_tree
 from tests import meshes
 
 
-def in_leaf_order(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def in_leaf_order(
+    points: NDArray[np.float64], faces: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     tree = build_tree(points[faces].mean(axis=1))
     return faces[tree.order], tree.leaf_start
 
 
-def excluded_pairs(neighbors: Neighbors, leaf_start: np.ndarray) -> set[tuple[int, int]]:
+def excluded_pairs(neighbors: Neighbors, leaf_start: NDArray[np.int32]) -> set[tuple[int, int]]:
     """All pairs i < j in leaf order whose bit is set."""
     pairs = set()
     for leaf in range(len(leaf_start) - 1):
@@ -29,7 +32,7 @@ def excluded_pairs(neighbors: Neighbors, leaf_start: np.ndarray) -> set[tuple[in
     return pairs
 
 
-def sharing_pairs(faces: np.ndarray) -> set[tuple[int, int]]:
+def sharing_pairs(faces: NDArray[np.int32]) -> set[tuple[int, int]]:
     shared = (faces[:, None, :, None] == faces[None, :, None, :]).any(axis=(2, 3))
     return {(int(i), int(j)) for i, j in np.argwhere(np.triu(shared, 1))}
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 from tests.present import present
@@ -44,7 +45,7 @@ def test_polygon_areas_of_empty_polygons() -> None:
         ("faceVarying", (CUBE / np.sqrt(3))[CORNER_VERTICES]),
     ],
 )
-def test_normals_turn_with_the_points(interpolation: str, old: np.ndarray) -> None:
+def test_normals_turn_with_the_points(interpolation: str, old: NDArray[np.float64]) -> None:
     # Hard edges stay hard and smooth ones smooth: the same normals, turned.
     new = recompute_normals(POLYGONS, CUBE @ TURN, old, interpolation)
     np.testing.assert_allclose(present(new), old @ TURN, atol=1e-6)
@@ -88,7 +89,7 @@ def test_indexed_normals() -> None:
     ],
 )
 def test_normals_that_do_not_fit_are_not_recomputed(
-    interpolation: str, count: int, slots: np.ndarray | None
+    interpolation: str, count: int, slots: NDArray[np.int64] | None
 ) -> None:
     old = np.ones((count, 3))
     assert recompute_normals(POLYGONS, CUBE, old, interpolation, slots) is None
@@ -99,7 +100,9 @@ def test_points_without_area_keep_their_normals() -> None:
     np.testing.assert_array_equal(recompute_normals(POLYGONS, CUBE * 0, old, "vertex"), old)
 
 
-def written_over(tmp_path: Path, name: str, values: np.ndarray, interpolation: str) -> Usd.Stage:
+def written_over(
+    tmp_path: Path, name: str, values: NDArray[np.float64], interpolation: str
+) -> Usd.Stage:
     """A cube with normals at frames 1 to 3, turned at frame 2 by the writer."""
     stage = new_stage(tmp_path / "in.usda")
     cube = define_cube(stage, times=[1.0, 2.0, 3.0])

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tests.usd_stages import CUBE, CUBE_QUADS
 from usd_io.polygons import nonmanifold_edges, triangulate
@@ -43,15 +43,19 @@ SPIRAL = [
 ]
 
 
-def vector_areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def vector_areas(points: NDArray[np.floating], faces: NDArray[np.int32]) -> NDArray[np.float64]:
     corners = points[faces]
     return 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
-def turned(outline: ArrayLike) -> np.ndarray:
+def turned(outline: ArrayLike) -> NDArray[np.float64]:
     """An outline somewhere in space, on no axis plane."""
     basis, _ = np.linalg.qr(np.array([[1.0, 2.0, 3.0], [0.0, 1.0, 4.0], [5.0, 6.0, 0.0]]))
-    turned_points: np.ndarray = np.array(outline, dtype=float) @ basis[:2] + [3.0, -7.0, 11.0]
+    turned_points: NDArray[np.float64] = np.array(outline, dtype=float) @ basis[:2] + [
+        3.0,
+        -7.0,
+        11.0,
+    ]
     return turned_points
 
 

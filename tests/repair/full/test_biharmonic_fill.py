@@ -24,7 +24,7 @@ from tests.meshes import Mesh, elbow, grid, icosphere, tube
 FILLS = [membrane_fill, bilaplacian_fill]
 
 
-def patch(mesh: Mesh, centre: int, rings: int) -> tuple[Surface, np.ndarray]:
+def patch(mesh: Mesh, centre: int, rings: int) -> tuple[Surface, NDArray[np.bool_]]:
     surface = Surface(*mesh)
     return surface, surface.dilate(np.arange(surface.count) == centre, rings)
 

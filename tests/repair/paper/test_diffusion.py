@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.numerics.operators import Factor, cotangent_laplacian, lumped_mass
@@ -22,7 +23,7 @@ def random_field(count: int, frames: int = 3, seed: int = 0) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("mass", [None, MASS], ids=["identity", "mass"])
-def test_equals_the_dense_formula(mass: np.ndarray | None) -> None:
+def test_equals_the_dense_formula(mass: NDArray[np.float64] | None) -> None:
     field = random_field(len(MASS))
     weights = np.diag(np.ones(len(MASS)) if mass is None else mass)
     inverse = np.linalg.inv(weights + 10.0 * LAPLACIAN.toarray())
@@ -35,7 +36,7 @@ def test_equals_the_dense_formula(mass: np.ndarray | None) -> None:
 
 
 @pytest.mark.parametrize("mass", [None, MASS], ids=["identity", "mass"])
-def test_dense_operator_is_the_same_operator(mass: np.ndarray | None) -> None:
+def test_dense_operator_is_the_same_operator(mass: NDArray[np.float64] | None) -> None:
     field = random_field(len(MASS))
     diffusion = Diffusion(LAPLACIAN, mass=mass)
     dense = diffusion.dense(device="cpu")

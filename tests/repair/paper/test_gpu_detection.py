@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
 from dtrepair.device import DeviceQueue
 from dtrepair.intersect.detector import Detector
@@ -16,7 +17,7 @@ from tests.meshes import bent_tube, icosphere, joined, overlapping_spheres
 QUEUE = DeviceQueue("cpu")
 
 
-def found(detection: FixedDetection, poses: np.ndarray) -> np.ndarray:
+def found(detection: FixedDetection, poses: NDArray[np.floating]) -> NDArray[np.int32]:
     """Sorted rows (K, 3) for poses (B, V, 3)."""
     detection.points.copy_(torch.from_numpy(poses))
     detection.run()
@@ -29,7 +30,7 @@ def overflow(detection: FixedDetection) -> tuple[int, int] | None:
     return detection.larger_than(detection.needed.tolist())
 
 
-def tubes() -> tuple[np.ndarray, np.ndarray]:
+def tubes() -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Poses (3, V, 3) of a tube bent ever more, and its triangles."""
     meshes = [bent_tube(angle, around=12, along=40, radius=0.08) for angle in (3.0, 6.4, 6.8)]
     return np.stack([points for points, _ in meshes]), meshes[0][1]

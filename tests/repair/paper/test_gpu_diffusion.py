@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.numerics.operators import cotangent_laplacian, lumped_mass
@@ -17,7 +18,7 @@ BALL, RING = icosphere(3), torus(40, 20)
 PAIR = joined(BALL, RING)
 
 
-def operator(mesh: Mesh, *, masses: bool = False) -> tuple[Diffusion, np.ndarray]:
+def operator(mesh: Mesh, *, masses: bool = False) -> tuple[Diffusion, NDArray[np.float64]]:
     """The diffusion of a mesh and its points."""
     points, faces = mesh
     mass = lumped_mass(points, faces) if masses else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.device import DeviceQueue
 from dtrepair.repair.options import RepairOptions
@@ -17,7 +18,7 @@ from tests.meshes import bent_tube, overlapping_spheres
 OPTIONS = RepairOptions(method="paper", iterations=60)
 
 
-def tube() -> tuple[Surface, list[np.ndarray]]:
+def tube() -> tuple[Surface, list[NDArray[np.float64]]]:
     """A straight tube and two poses of it that cross themselves."""
     rest, faces = bent_tube(0.1, around=16, along=60, radius=0.08)
     surface = Surface(rest, faces)

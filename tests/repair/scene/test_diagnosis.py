@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair import Body, RepairOptions
 from dtrepair.repair.scene.diagnosis import contacts_left, cures, deformed
@@ -20,7 +21,7 @@ TWO_CROSSING = joined((BALL, FACES), (BALL + NEAR, FACES))[0]
 
 
 def left(
-    rest: np.ndarray = TWO_APART, *, options: RepairOptions | None = None, **given: Any
+    rest: NDArray[np.float64] = TWO_APART, *, options: RepairOptions | None = None, **given: Any
 ) -> tuple[str, str]:
     """What is said of a body of two balls that cross: what is left, and the cures."""
     scene = make_scene([Body(rest, TWO_FACES, **given)], options or RepairOptions())

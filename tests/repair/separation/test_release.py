@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair import Body, Repairer, RepairOptions, SceneRepairer, Status
 from dtrepair.repair.surface.containment import Enclosures
@@ -28,7 +29,7 @@ def scene(
     return SceneRepairer(bodies, options=RepairOptions(mode=mode), ignore=ignore)
 
 
-def free(first: np.ndarray, second: np.ndarray) -> bool:
+def free(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
     """Whether neither body meets the other nor lies in it."""
     points, faces = joined((first, BALL_FACES), (second, SMALL_FACES))
     pairs = exact_pairs(points, faces)

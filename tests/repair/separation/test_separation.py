@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair import Body, RepairOptions, SceneRepairer, Status
 from dtrepair.numerics.geometry import FloatArray, extent, unique_edges
@@ -39,7 +40,7 @@ def parted(scene: Scene, *poses: list[FloatArray]) -> FloatArray:
     return parted_frames(scene, mesh, stacked, pairs, np.arange(len(poses), dtype=np.float64))
 
 
-def edge_change(before: FloatArray, after: FloatArray, faces: np.ndarray) -> float:
+def edge_change(before: FloatArray, after: FloatArray, faces: NDArray[np.int32]) -> float:
     return edge_log_ratio(before, np.asarray(after, np.float64), unique_edges(faces))
 
 

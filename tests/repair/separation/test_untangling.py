@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair import Body, SceneRepairer, Status
 from dtrepair.numerics.geometry import unique_edges
@@ -28,7 +29,9 @@ ROD = ROD * np.array([0.1, 0.1, 0.8])
 THROUGH = ROD + np.array([0.15, 0.1, 0.3])
 
 
-def edge_change(before: np.ndarray, after: np.ndarray, faces: np.ndarray) -> float:
+def edge_change(
+    before: NDArray[np.float64], after: NDArray[np.float64], faces: NDArray[np.int32]
+) -> float:
     return edge_log_ratio(before, np.asarray(after, np.float64), unique_edges(faces))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import find_intersections
 from dtrepair.repair.surface.containment import Enclosures
@@ -17,7 +18,7 @@ AWAY = np.array([3.0, 0.0, 0.0])
 DEEP = np.array([0.1, 0.05, 0.31])
 
 
-def two(shift: np.ndarray) -> Mesh:
+def two(shift: NDArray[np.float64]) -> Mesh:
     return joined((BALL, BALL_FACES), (SMALL + shift, SMALL_FACES))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.sparse import csgraph
 
 from dtrepair.intersect.detector import find_intersections
@@ -19,7 +20,7 @@ from dtrepair.repair.surface.surface import Surface
 from tests.meshes import armed_body, crossing_tubes, elbow, icosphere, joined, overlapping_spheres
 
 
-def surface_and_pose(kind: str) -> tuple[Surface, np.ndarray]:
+def surface_and_pose(kind: str) -> tuple[Surface, NDArray[np.float64]]:
     poses = {
         "elbow": (elbow(2.4), elbow(0.0)),
         "arm": (armed_body(4.2), armed_body(0.0)),
@@ -102,7 +103,9 @@ def test_a_crease_is_near_and_two_parts_are_far() -> None:
         assert np.array_equal(near_contacts(surface, pairs, limit), rings <= limit)
 
 
-def regions_by_graph(surface: Surface, pairs: IntArray, buried: np.ndarray) -> np.ndarray:
+def regions_by_graph(
+    surface: Surface, pairs: IntArray, buried: NDArray[np.bool_]
+) -> NDArray[np.int64]:
     """Labels (V,) from the dense graph of the definition; -1 outside."""
     touched = buried.copy()
     touched[surface.faces[pairs].ravel()] = True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair import Body, RepairOptions, SceneRepairer, Status
 from dtrepair.numerics.geometry import unique_edges
@@ -23,7 +24,9 @@ def rod(shift: tuple[float, float, float] = (0.1, 0.05, 0.8)) -> Mesh:
     return points + shift, faces
 
 
-def stretch(before: np.ndarray, after: np.ndarray, faces: np.ndarray) -> float:
+def stretch(
+    before: NDArray[np.float64], after: NDArray[np.float64], faces: NDArray[np.int32]
+) -> float:
     """Largest relative change of an edge's length."""
     edges = unique_edges(faces)
     first, second = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.intersect.exact import intersect
 from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_normals
@@ -41,7 +42,7 @@ def just_outside(surface: Surface, distance: float) -> FloatArray:
     return of_vertices
 
 
-def sure_winding(surface: Surface) -> tuple[IntArray, np.ndarray]:
+def sure_winding(surface: Surface) -> tuple[IntArray, NDArray[np.bool_]]:
     """Winding just outside each vertex, and where it is the same at two distances."""
     two = [
         np.rint(

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from tests.present import present
@@ -67,13 +68,13 @@ def skinned_file(path: Path, *, names: str = "A") -> None:
     stage.GetRootLayer().Save()
 
 
-def bent(angle: float) -> np.ndarray:
+def bent(angle: float) -> NDArray[np.float64]:
     """Where the points belong, local space of the mesh."""
     radians = np.radians(angle)
     turn = np.array([[np.cos(radians), np.sin(radians)], [-np.sin(radians), np.cos(radians)]])
     points = BOX + BIND
     points[UPPER, :2] = (points[UPPER, :2] - [0, 2]) @ turn + [0, 2]
-    values: np.ndarray = points + SKELETON - MESH
+    values: NDArray[np.float64] = points + SKELETON - MESH
     return values
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from pxr import Gf, UsdGeom
 
 from tests.usd_stages import CUBE, define_cube, new_stage
@@ -23,7 +24,9 @@ from usd_io import (
 NAN = float("nan")
 
 
-def cube_under(tmp_path: Path, *matrices: np.ndarray, name: str = "chain.usda") -> AnimatedMesh:
+def cube_under(
+    tmp_path: Path, *matrices: NDArray[np.float64], name: str = "chain.usda"
+) -> AnimatedMesh:
     """The cube below a chain of fixed transforms, outermost first."""
     stage = new_stage(tmp_path / name)
     path = "/Root"
@@ -35,13 +38,13 @@ def cube_under(tmp_path: Path, *matrices: np.ndarray, name: str = "chain.usda") 
     return read_meshes(open_stage(tmp_path / name)).meshes[0]
 
 
-def scaled(factors: tuple[float, float, float], offset: float = 0.0) -> np.ndarray:
+def scaled(factors: tuple[float, float, float], offset: float = 0.0) -> NDArray[np.float64]:
     matrix = np.diag([*factors, 1.0])
     matrix[3, :3] = offset
     return matrix
 
 
-def turned(angle: float) -> np.ndarray:
+def turned(angle: float) -> NDArray[np.float64]:
     matrix = np.eye(4)
     matrix[:2, :2] = [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
     return matrix

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
 from tests.usd_stages import CUBE, CUBE_QUADS, moved_cube
@@ -67,7 +68,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     [(8, None, "vertex"), (24, None, "faceVarying"), (5, np.arange(24) % 5, "faceVarying")],
 )
 def test_texture_coordinates(
-    tmp_path: Path, count: int, indices: np.ndarray | None, interpolation: str
+    tmp_path: Path, count: int, indices: NDArray[np.int32] | None, interpolation: str
 ) -> None:
     st = np.arange(2.0 * count).reshape(-1, 2)
     mesh = AuthoredMesh("/Cube", np.array(CUBE_QUADS), rest=CUBE, st=st, st_indices=indices)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Sdf, Usd
 
 from tests.usd_stages import CUBE, authored_properties, define_cube, new_stage, vec3f
@@ -14,7 +15,7 @@ RATE = 48.0
 STALE = np.full((8, 3), 77.0)
 
 
-def parabola(time: float) -> np.ndarray:
+def parabola(time: float) -> NDArray[np.float64]:
     """Points of constant acceleration, in time codes."""
     return CUBE + 0.25 * time**2 * np.array([1.0, 2.0, -1.0]) + time
 
@@ -22,7 +23,7 @@ def parabola(time: float) -> np.ndarray:
 def moving_cube(
     tmp_path: Path,
     written: Sequence[float],
-    points: Callable[[float], np.ndarray] = parabola,
+    points: Callable[[float], NDArray[np.float64]] = parabola,
     times: Sequence[float] = TIMES,
 ) -> Usd.Stage:
     """A cube with stale rates everywhere, some of its frames written anew."""
@@ -74,7 +75,7 @@ def test_untouched_stretches_keep_their_rates(tmp_path: Path) -> None:
 
 
 def test_neighbours_that_are_no_use_block_the_rate(tmp_path: Path) -> None:
-    def gap(time: float) -> np.ndarray:
+    def gap(time: float) -> NDArray[np.float64]:
         return parabola(time)[:5] if time == 3.5 else parabola(time)
 
     stage = moving_cube(tmp_path, [5.0, 2.0], gap)

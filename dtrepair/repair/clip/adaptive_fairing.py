@@ -1,7 +1,8 @@
-"""Fill of creases with a strength per vertex: smooth in time where the strength is."""
+"""Fairing of creases with a strength per vertex: smooth in time where the strength is."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,23 +15,36 @@ from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel, spread_in
 from dtrepair.repair.parallel.worker_pool import Crew
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
-# Levels below this leave a vertex alone.
-FAINT = 0.05
-# A frame without any level above this is not softened at all.
-SLIGHT = 0.3
-# A level of e holds a vertex with the weight 10 ** (HOLD - e).
-HOLD = 4.0
-# Width in frames of the smoothing of levels after they were spread.
-LEVEL_WIDTH = 1.5
-# Changes of a level below this keep the factor.
-UNCHANGED = 0.02
-
-
 Levels = NDArray[np.float32]
 
 
+@dataclass(frozen=True, kw_only=True)
+class FairingOptions:
+    """Levels of fairing: a level of e holds a vertex in its place with the weight 10 ** (hold - e).
+
+    Args:
+        first: Level of a vertex that is hit for the first time; each other hit raises it by 1.
+        highest: Highest level that acts; beyond it nothing holds a vertex.
+        memory: Hits are counted up to so far beyond the highest, so that they take as long to fall.
+        hold: Level at which that weight is 1, which about balances place and smoothness.
+        faint: Levels below this leave a vertex alone.
+        slight: A frame without a level above this is not faired at all, which saves its solve.
+        width: Of the smoothing in time of levels after they were spread, frames.
+        unchanged: Changes of a level below this keep the patch of the frame.
+    """
+
+    first: float
+    highest: float
+    memory: float = 2.0
+    hold: float = 4.0
+    faint: float = 0.05
+    slight: float = 0.3
+    width: float = 1.5
+    unchanged: float = 0.02
+
+
 class Patch(NamedTuple):
-    """Vertices that are softened, their system and the operator's rows."""
+    """Vertices that are faired, their system and the operator's rows."""
 
     vertices: IntArray
     system: sparse.csc_matrix
@@ -50,8 +64,8 @@ def _solve(matrix: sparse.csc_matrix, right_hand_side: FloatArray) -> FloatArray
     return solution
 
 
-class Softener:
-    """Levels (T, V) at which each frame's surroundings of a crease are softened.
+class AdaptiveFairing:
+    """Levels (T, V) at which each frame's surroundings of a crease are faired.
 
     A hit raises the level; levels fade over time as bells and over the mesh by one a ring, so the
     result changes smoothly from frame to frame: nothing switches. What frames share is in arrays of
@@ -65,12 +79,11 @@ class Softener:
         frames: FloatArray,
         crew: Crew,
         *,
-        first: float,
-        highest: float,
+        options: FairingOptions,
     ) -> None:
-        """Soften with a squared operator (V, V); the first hit gives the level `first`."""
+        """Fair with a squared operator (V, V) over times `frames` (T,) in frame units."""
         self.surface, self.matrix, self.frames = surface, matrix, frames
-        self.first, self.highest = first, highest
+        self.options = options
         shape = (len(frames), surface.count)
         self.hits: Levels = crew.array(shape, np.float32)
         self._wanted: Levels = crew.array(shape, np.float32)
@@ -80,7 +93,7 @@ class Softener:
         self._solved: dict[int, tuple[Patch, FloatArray, FloatArray]] = {}
 
     def __call__(self, frame: int, field: FloatArray) -> FloatArray:
-        """The field (V, 3) softened in a frame: least sum |L z|^2 + weight |z - field|^2.
+        """The field (V, 3) faired in a frame: least sum |L z|^2 + weight |z - field|^2.
 
         Frames whose patch and surroundings are as they were keep their last solution.
         """
@@ -98,12 +111,12 @@ class Softener:
 
     def hit(self, frame: int, vertices: BoolArray) -> None:
         """Raise the level of vertices (V,) of a frame."""
-        hits = self.hits[frame]
-        hits[vertices] = np.where(hits[vertices] == 0, self.first, hits[vertices] + 1.0)
-        np.minimum(hits, self.highest + 2.0, out=hits)
+        hits, options = self.hits[frame], self.options
+        hits[vertices] = np.where(hits[vertices] == 0, options.first, hits[vertices] + 1.0)
+        np.minimum(hits, options.highest + options.memory, out=hits)
 
     def replace_matrix(self, matrix: sparse.csr_matrix) -> None:
-        """Soften with another operator from now on."""
+        """Fair with another operator from now on."""
         self.matrix = matrix
         self._patches.clear()
 
@@ -113,7 +126,7 @@ class Softener:
         self._wanted[:, vertices] = 0.0
         if len(touched):
             spread = spread_in_time(self.frames, self.hits[:, touched], width)
-            kernel = gaussian_kernel(self.frames, LEVEL_WIDTH).astype(np.float32)
+            kernel = gaussian_kernel(self.frames, self.options.width).astype(np.float32)
             self._wanted[:, touched] = apply_in_time(kernel, spread)
 
     def settle(self, frame: int) -> None:
@@ -123,9 +136,9 @@ class Softener:
         wanted = self._wanted[frame].copy()
         self._settled[frame] = self._wanted[frame].copy()
         if wanted.max() > 0:
-            wanted = np.minimum(spread_rings(self.surface, wanted), self.highest)
+            wanted = np.minimum(spread_rings(self.surface, wanted), self.options.highest)
             wanted[self.surface.stiff] = 0.0
-        if np.abs(wanted - self.levels(frame)).max() > UNCHANGED:
+        if np.abs(wanted - self.levels(frame)).max() > self.options.unchanged:
             self._patches.pop(frame, None)
             self._levels[frame] = wanted
 
@@ -136,17 +149,18 @@ class Softener:
         return self._levels[frame]
 
     def patch(self, frame: int) -> Patch | None:
-        """What a frame has to solve; None where nothing is softened."""
+        """What a frame has to solve; None where nothing is faired."""
         if frame not in self._patches:
             self._patches[frame] = self._factored(self.levels(frame))
         return self._patches[frame]
 
     def _factored(self, level: NDArray[np.float32]) -> Patch | None:
-        if level.max(initial=0.0) <= SLIGHT:
+        options = self.options
+        if level.max(initial=0.0) <= options.slight:
             return None
-        inner = np.flatnonzero(level > FAINT).astype(np.int32)
+        inner = np.flatnonzero(level > options.faint).astype(np.int32)
         rows = self.matrix[inner]
-        hold = sparse.diags(10.0 ** (HOLD - level[inner].astype(np.float64)))
+        hold = sparse.diags(10.0 ** (options.hold - level[inner].astype(np.float64)))
         return Patch(inner, sparse.csc_matrix(rows[:, inner] + hold), rows)
 
 

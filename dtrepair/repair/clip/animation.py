@@ -5,7 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import islice
 from typing import Any, NamedTuple, Protocol, TypeVar
@@ -15,9 +15,9 @@ import numpy as np
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import frame_units
 from dtrepair.repair.clip.frames import Frame, cross_fade, read_frames
-from dtrepair.repair.clip.window_method import ShotMethod
-from dtrepair.repair.full.mend import mend
-from dtrepair.repair.full.method import FullMethod
+from dtrepair.repair.clip.window_method import WindowMethod, WindowOptions
+from dtrepair.repair.full.mend import MendOptions, mend
+from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.independent import repair_poses
 from dtrepair.repair.options import RepairOptions, RepairResult, Solved, Stage
 from dtrepair.repair.parallel.process_pool import forked_map, in_batches
@@ -52,6 +52,9 @@ class ClipOptions:
         tighten: Most cycles of tightening, even if the user's options allow more: later ones gain
             little.
         mend_step: Step, in units of the size, of a frame whose correction misses by rounding only.
+        windows: Numbers of the stages of a window.
+        mend: Numbers of the mending of that frame.
+        alone: Numbers of the full method, for frames that no window could clean.
 
     Raises:
         ValueError: windows that would overlap by more than half.
@@ -61,6 +64,9 @@ class ClipOptions:
     overlap: int = 12
     tighten: int = 3
     mend_step: float = 0.002
+    windows: WindowOptions = field(default_factory=WindowOptions)
+    mend: MendOptions = field(default_factory=MendOptions)
+    alone: FullOptions = field(default_factory=FullOptions)
 
     def __post_init__(self) -> None:
         """Check the window."""
@@ -161,12 +167,13 @@ class ClipRepairer:
 
 def window_method(choices: RepairOptions, options: ClipOptions, mesh: WeldedMesh) -> WindowSolver:
     """The solver of the windows of a mesh."""
-    return ShotMethod(
+    return WindowMethod(
         mesh.surface,
-        _alone,
+        partial(_alone, options=options.alone),
         tighten=min(choices.tighten, options.tighten),
         farthest=mesh.farthest,
         clearance=mesh.clearance,
+        options=options.windows,
     )
 
 
@@ -312,13 +319,22 @@ class _Stream:
     ) -> tuple[FloatArray, IntArray]:
         """The pose with the fewest pairs: mended from here, or repaired alone."""
         unit, start = mesh.reduced(frame.centred), mesh.reduced(pose)
-        near = mend(mesh.surface, unit, [start], step=self.options.mend_step, alone=_alone)
+        near = mend(
+            mesh.surface,
+            unit,
+            [start],
+            step=self.options.mend_step,
+            alone=partial(_alone, options=self.options.alone),
+            options=self.options.mend,
+        )
         near = allowed(mesh.surface.rigid, unit, near, mesh.farthest)
         mended = mesh.expanded(frame.centred, unit, near)
         found = self.scene.pairs(mended, frame.weld)
         return (mended, found) if len(found) < len(left) else (pose, left)
 
 
-def _alone(surface: Surface, original: FloatArray) -> FloatArray:
+def _alone(
+    surface: Surface, original: FloatArray, *, options: FullOptions = FullOptions()
+) -> FloatArray:
     """The single-frame solver, untightened: its result is blended with its neighbours'."""
-    return FullMethod(surface, rounds=0)(original).points
+    return FullMethod(surface, rounds=0, options=options)(original).points

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -11,39 +12,62 @@ from scipy import sparse
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import undamped
-from dtrepair.repair.clip.adaptive_fairing import Softener
-from dtrepair.repair.clip.regional_push import regional_push
-from dtrepair.repair.full.mend import mend
+from dtrepair.repair.clip.adaptive_fairing import AdaptiveFairing, FairingOptions
+from dtrepair.repair.clip.regional_push import RegionalPushOptions, regional_push
+from dtrepair.repair.full.mend import MendOptions, mend
 from dtrepair.repair.parallel.worker_pool import Crew
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
 Springs = NDArray[np.int64]
-
-# Poses that moved by less than this since they were detected keep their pairs.
-STALE = 2e-5
-# Contacts within this many rings, next to the input's own such contacts, are folds.
-FOLD_RINGS = 12
-# Contacts of triangles this close in the rest pose and in SAMPLES frames of the input, yet clean in
-# the input: lips, eyelids.
-CLOSE, SAMPLES = 0.05, 7
-# Weight of the springs between vertices that touch in close contacts.
-SPRING = 20.0
-# Softening levels at which folds and close contacts are pushed as well.
-PUSH_FOLD, PUSH_CLOSE = 5.5, 7.5
-# Close contacts that were hit more often are softened as folds too.
-STUBBORN = 8.0
-# Vertices that are smoothed in time at once. Their number must not depend on that of the workers:
-# products of matrices of other shapes round otherwise.
-BLOCK = 1024
-
-# Part of the neighbouring frame's correction that a frame starts from when it is mended.
-WARM = 0.9
-
-# Steadying: parts of the way that are tried, and what the distance has to fall to.
-STEADY_PARTS, STEADIER = (1.0, 0.5, 0.25), 0.95
-
 Alone = Callable[[Surface, FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameOptions:
+    """Numbers of the work on the frames of a window.
+
+    Args:
+        stale: Poses that moved by less than this since their pairs were found, units of the size,
+            keep them: detection is most of the work.
+        fold_rings: Contacts within so many rings, next to the input's own such contacts, are folds.
+        close: Contacts of triangles this close in the rest pose and in `samples` frames of the
+            input, units of the size, yet clean in the input, are always close: lips, eyelids.
+        samples: Frames looked at for that, evenly spread.
+        spring: Weight of the springs between vertices that touch in close contacts, next to the
+            squared operator's diagonal of about 40.
+        fold_pushed: Level of fairing at which folds are pushed as well: it did not help alone.
+        close_pushed: The same for close contacts.
+        stubborn: Close contacts that were hit more often are faired as folds too.
+        block: Vertices that are smoothed in time at once. It must not follow the number of workers:
+            products of matrices of other shapes round otherwise.
+        fade: Width of the bell as which levels of fairing fade over time, frames, however narrow
+            the pushes are.
+        warm: Fraction of the neighbouring frame's correction that a frame to be mended starts from.
+        steady_fractions: Fractions of the way that are tried in turn where a frame is steadied.
+        steadier: Fraction to which the distance to the steady place has to fall.
+        folds, closes: Fairing around folds and around close contacts.
+        push: The push of one frame.
+        mend: The mending of one frame.
+    """
+
+    stale: float = 2e-5
+    fold_rings: int = 12
+    close: float = 0.05
+    samples: int = 7
+    spring: float = 20.0
+    fold_pushed: float = 5.5
+    close_pushed: float = 7.5
+    stubborn: float = 8.0
+    block: int = 1024
+    fade: float = 3.5
+    warm: float = 0.9
+    steady_fractions: tuple[float, ...] = (1.0, 0.5, 0.25)
+    steadier: float = 0.95
+    folds: FairingOptions = field(default_factory=lambda: FairingOptions(first=3.0, highest=8.0))
+    closes: FairingOptions = field(default_factory=lambda: FairingOptions(first=4.0, highest=10.0))
+    push: RegionalPushOptions = field(default_factory=RegionalPushOptions)
+    mend: MendOptions = field(default_factory=MendOptions)
 
 
 class Chain(NamedTuple):
@@ -57,7 +81,7 @@ class WindowFrames:
     """The frames of one window; a crew calls the methods that take a surface and a frame.
 
     Arrays that all workers see: `original`, `smooth`, `extra` (T, V, 3) make the poses (see
-    `SpaceTime`), `poses` are those, `added` takes what a call has to give for each frame.
+    `WindowState`), `poses` are those, `added` takes what a call has to give for each frame.
     """
 
     def __init__(
@@ -70,13 +94,14 @@ class WindowFrames:
         alone: Alone,
         farthest: float | None,
         clearance: float,
+        options: FrameOptions = FrameOptions(),
     ) -> None:
         """Take poses (T, V, 3) in units of the surface's size at times `frames` (T,)."""
-        self.surface, self.original = surface, original
+        self.surface, self.original, self.options = surface, original, options
         self.alone, self.farthest, self.clearance = alone, farthest, clearance
         self.squared = (surface.uniform.T @ surface.uniform).tocsr()
-        self.folds = Softener(surface, self.squared, frames, crew, first=3.0, highest=8.0)
-        self.closes = Softener(surface, self.squared, frames, crew, first=4.0, highest=10.0)
+        self.folds = AdaptiveFairing(surface, self.squared, frames, crew, options=options.folds)
+        self.closes = AdaptiveFairing(surface, self.squared, frames, crew, options=options.closes)
         self.smooth, self.extra, self.poses, self.added = (
             crew.array(original.shape) for _ in range(4)
         )
@@ -88,7 +113,7 @@ class WindowFrames:
     def pairs(self, surface: Surface, frame: int) -> IntArray:
         """Pairs of a frame, found again if it moved since they were."""
         pose, before = self.poses[frame], self._detected.get(frame)
-        if before is None or not np.abs(pose - before).max(initial=0.0) <= STALE:
+        if before is None or not np.abs(pose - before).max(initial=0.0) <= self.options.stale:
             close = self.clearance > 0.0
             found = (
                 surface.contacts.close_pairs(pose, self.clearance)
@@ -122,7 +147,9 @@ class WindowFrames:
         pairs = self._pairs[frame]
         far, springs = self._classified(surface, frame, pairs)
         if far.any():
-            self.added[frame] = regional_push(surface, self.poses[frame], pairs, far, step=step)
+            self.added[frame] = regional_push(
+                surface, self.poses[frame], pairs, far, step=step, options=self.options.push
+            )
         return springs
 
     def mended(self, surface: Surface, chain: Chain, step: float, last: bool) -> None:
@@ -131,13 +158,15 @@ class WindowFrames:
         Each starts from where it is, then from the last one's correction, then from the
         displacements of the clean frames around the chain; `last`: then from its input.
         """
+        options = self.options
         warm: FloatArray | None = None
         for frame in chain.frames:
             before, now = self.original[frame], self.poses[frame]
-            starts = [now] if warm is None else [now, now + WARM * warm]
+            starts = [now] if warm is None else [now, now + options.warm * warm]
             starts += [before + self.poses[k] - self.original[k] for k in chain.lenders]
             alone = self.alone if last else None
-            warm = mend(surface, before, starts, step=step, alone=alone) - now
+            mended = mend(surface, before, starts, step=step, alone=alone, options=options.mend)
+            warm = mended - now
             self.added[frame] = warm
 
     def steadied(self, surface: Surface, frame: int, weights: FloatArray, step: float) -> bool:
@@ -146,14 +175,15 @@ class WindowFrames:
         weights: see `steady_weights`; the motion is in `added`. Returns whether it moves.
         """
         original, now, row = self.original, self.poses[frame], weights[frame]
+        options = self.options
         used = np.flatnonzero(row)
         steady = original[frame] + sum(row[k] * (self.poses[k] - original[k]) for k in used)
         rough = np.linalg.norm(steady - now)
-        for part in STEADY_PARTS:
-            start = surface.rigid.fitted(original[frame], now + part * (steady - now))
-            pose = mend(surface, original[frame], [start], step=step)
+        for fraction in options.steady_fractions:
+            start = surface.rigid.fitted(original[frame], now + fraction * (steady - now))
+            pose = mend(surface, original[frame], [start], step=step, options=options.mend)
             pose = allowed(surface.rigid, original[frame], pose, self.farthest)
-            better = np.linalg.norm(steady - pose) < STEADIER * rough
+            better = np.linalg.norm(steady - pose) < options.steadier * rough
             if better and len(surface.contacts.pairs(pose)) == 0:
                 self.added[frame] = pose - now
                 return True
@@ -170,47 +200,52 @@ class WindowFrames:
         own = self._vertices(block)
         self.extra[:, own] += undamped(kernel, self.added[:, own])
 
-    def leveled(self, surface: Surface, block: int, width: float) -> None:
-        """Levels of softening of a block of vertices, over `width` in frames."""
+    def leveled(self, surface: Surface, block: int) -> None:
+        """Levels of fairing of a block of vertices."""
         own = self._vertices(block)
-        self.folds.update(width, own)
-        self.closes.update(width, own)
+        self.folds.update(self.options.fade, own)
+        self.closes.update(self.options.fade, own)
 
     @property
     def blocks(self) -> int:
         """How many blocks of vertices there are: what is done in time is done by them."""
-        return -(-self.surface.count // BLOCK)
+        return -(-self.surface.count // self.options.block)
 
     def _vertices(self, block: int) -> slice:
-        return slice(block * BLOCK, min((block + 1) * BLOCK, self.surface.count))
+        size = self.options.block
+        return slice(block * size, min((block + 1) * size, self.surface.count))
 
     def pairs_of_added(self, surface: Surface, frame: int) -> IntArray:
         """Intersecting pairs of the pose in `added`."""
         return surface.contacts.pairs(self.added[frame])
 
     def couple(self, springs: Springs) -> None:
-        """Soften close contacts with these springs between vertices from now on."""
+        """Fair close contacts with these springs between vertices from now on."""
         matrix = _spring_matrix(springs, self.surface.count)
-        self.closes.replace_matrix(self.squared + SPRING * matrix)
+        self.closes.replace_matrix(self.squared + self.options.spring * matrix)
 
     def _around_folds(self, surface: Surface, pairs: IntArray) -> BoolArray:
         """Triangles (F,) within a ring of the input's own folds."""
-        near = surface.contacts.ring_distance(pairs) <= FOLD_RINGS
+        near = surface.contacts.ring_distance(pairs) <= self.options.fold_rings
         return surface.triangles_at(surface.vertices_of(pairs[near]))
 
     def _classified(
         self, surface: Surface, frame: int, pairs: IntArray
     ) -> tuple[BoolArray, Springs]:
         """Raise the levels of near contacts; which pairs (K,) are to be pushed, and springs."""
-        near = surface.contacts.ring_distance(pairs) <= FOLD_RINGS
+        near = surface.contacts.ring_distance(pairs) <= self.options.fold_rings
         own_fold = self._in_fold[frame][pairs].any(axis=1)
         # Two bodies that are always close, as a sleeve and its arm, are pushed like any others.
         owner = surface.body_of[pairs]
         close = self._always_close(pairs) & ~own_fold & (owner[:, 0] == owner[:, 1])
         fold = near & own_fold
         corners = surface.faces[pairs].reshape(-1, 6)
-        hard_fold = self.folds.levels(frame)[corners].max(axis=1, initial=0.0) >= PUSH_FOLD
-        hard_close = self.closes.levels(frame)[corners].max(axis=1, initial=0.0) >= PUSH_CLOSE
+        hard_fold = (
+            self.folds.levels(frame)[corners].max(axis=1, initial=0.0) >= self.options.fold_pushed
+        )
+        hard_close = (
+            self.closes.levels(frame)[corners].max(axis=1, initial=0.0) >= self.options.close_pushed
+        )
         springs: Springs = np.zeros(0, dtype=np.int64)
         if fold.any():
             self.folds.hit(frame, surface.vertices_of(pairs[fold]))
@@ -218,18 +253,18 @@ class WindowFrames:
             springs = _springs(surface, self.original[frame], pairs[close])
             touched = surface.vertices_of(pairs[close])
             self.closes.hit(frame, touched)
-            stubborn = touched & (self.closes.hits[frame] > STUBBORN)
+            stubborn = touched & (self.closes.hits[frame] > self.options.stubborn)
             if stubborn.any():
                 self.folds.hit(frame, stubborn)
         return ~(close | fold) | (fold & hard_fold) | (close & hard_close), springs
 
     def _always_close(self, pairs: IntArray) -> BoolArray:
         """Which pairs (K,) are close in the rest pose and in samples of the input."""
-        samples = np.linspace(0, len(self.original) - 1, SAMPLES).astype(int)
+        samples = np.linspace(0, len(self.original) - 1, self.options.samples).astype(int)
         close = np.ones(len(pairs), dtype=bool)
         for points in (self.surface.rest, *self.original[np.unique(samples)]):
             first, second = (points[self.surface.faces[pairs[:, k]]].mean(axis=1) for k in (0, 1))
-            close &= np.linalg.norm(first - second, axis=1) < CLOSE
+            close &= np.linalg.norm(first - second, axis=1) < self.options.close
         return close
 
 

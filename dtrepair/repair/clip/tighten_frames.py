@@ -2,119 +2,156 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel, spread_in_time
-from dtrepair.repair.clip.mend_frames import mend_frames
+from dtrepair.repair.clip.mend_frames import MendFramesOptions, mend_frames
 from dtrepair.repair.clip.restore_shape import stretch
-from dtrepair.repair.clip.window_state import Snapshot, SpaceTime
-
-# Width in frames of the kernel of the displacement that pushing adds.
-WIDTH = 3.5
-# Part of the displacement that is taken back, its decay on failure, the push's step.
-PULL_BACK, PULL_DECAY, PULL_STEP, PULL_SWEEPS = 0.2, 0.6, 0.003, 5
-# What had to be pushed in the last cycle is taken back by this part less.
-HELD = 0.85
-# What is dirty then goes back within these rings, try by try, and as a bell of this width in time;
-# from the second try on, frames that are still dirty are mended.
-BACK_RINGS, BACK_WIDTH = (10, 20, 40), 2.0
-BACK_MENDING, BACK_STEP = (1.0, 0.7, 0.0), 0.002
-# Levels of folds fall by this in a cycle.
-LEVEL_FALL = 0.8
-# A cycle must lower the cost to this part; the cost counts jitter so many times the displacement.
-PULL_GAIN, JITTER_WEIGHT, EDGE_WEIGHT = 0.995, 6.0, 0.25
-# Part of the usual work on a window that is done before tightening.
-BEFORE = 0.55
+from dtrepair.repair.clip.window_state import Snapshot, WindowState
 
 
-def tighten_frames(state: SpaceTime, cycles: int) -> None:
+@dataclass(frozen=True, kw_only=True)
+class TightenOptions:
+    """Numbers of the tightening of a window.
+
+    Args:
+        fraction: Of the displacement that a cycle takes back.
+        decay: Factor of the fraction where a cycle failed.
+        held: What had to be pushed in the last cycle is taken back by this fraction less.
+        forget: Factor by which that fades from cycle to cycle where no push was needed again.
+        level_fall: Levels of folds fall by so much in a cycle, as less is to be faired.
+        step: Largest motion in a sweep that pushes what collides then, units of the size.
+        sweeps: At most so many.
+        width: Of the kernel of what they add, frames: as smooth as what the first phase pushed.
+        back_rings: Around what is dirty then, the window goes back within so many rings, try by
+            try ...
+        back_width: ... and as a bell of this width in time, frames.
+        back_mend: From the second try on, frames that are still dirty are mended.
+        gain: A cycle must lower the cost to this fraction to be taken.
+        jitter_weight: What jitter costs, next to displacement: it is what is seen first.
+        edge_weight: What the change of edges costs where there are several bodies: one may move
+            much and another be stretched thin.
+        work_before: Fraction of the usual work on a window that is done before tightening, for the
+            progress that is told.
+    """
+
+    fraction: float = 0.2
+    decay: float = 0.6
+    held: float = 0.85
+    forget: float = 0.7
+    level_fall: float = 0.8
+    step: float = 0.003
+    sweeps: int = 5
+    width: float = 3.5
+    back_rings: tuple[int, ...] = (10, 20, 40)
+    back_width: float = 2.0
+    back_mend: MendFramesOptions = field(
+        default_factory=lambda: MendFramesOptions(widths=(1.0, 0.7, 0.0), step=0.002)
+    )
+    gain: float = 0.995
+    jitter_weight: float = 6.0
+    edge_weight: float = 0.25
+    work_before: float = 0.55
+
+
+def tighten_frames(
+    state: WindowState, cycles: int, *, options: TightenOptions = TightenOptions()
+) -> None:
     """Take back displacement, less where the last cycle had to push; keep what is better."""
-    kernel = gaussian_kernel(state.frames, WIDTH)
-    best, value = state.snapshot(), _cost(state)
+    kernel = gaussian_kernel(state.frames, options.width)
+    best, value = state.snapshot(), _cost(state, options)
     needed = np.zeros(state.original.shape[:2])
-    fraction, current = PULL_BACK, True
+    fraction, current = options.fraction, True
     for cycle in range(cycles):
-        state.tell_progress(BEFORE + (1.0 - BEFORE) * cycle / cycles)
-        kept = 1.0 - fraction * (1.0 - HELD * needed)[:, :, None]
-        added = _pulled(state, best, kept, fraction / PULL_BACK, kernel)
+        before = options.work_before
+        state.tell_progress(before + (1.0 - before) * cycle / cycles)
+        kept = 1.0 - fraction * (1.0 - options.held * needed)[:, :, None]
+        fall = options.level_fall * (fraction / options.fraction)
+        added = _pulled(state, best, kept, fall, kernel, options)
         if state.dirty:
-            _blend_back(state, best)
+            _blend_back(state, best, options)
         taken = np.linalg.norm(best.smooth * (1.0 - kept), axis=2)
         floor = 1e-3 * taken.max(initial=0.0) + 1e-30
         pushed = np.linalg.norm(added, axis=2) / np.maximum(taken, floor)
         pushed = apply_in_time(kernel, np.clip(pushed, 0.0, 1.0))
-        cost = _cost(state)
-        current = not state.dirty and cost < PULL_GAIN * value
+        cost = _cost(state, options)
+        current = not state.dirty and cost < options.gain * value
         if current:
             best, value = state.snapshot(), cost
-            needed = np.maximum(0.7 * needed, pushed)
+            needed = np.maximum(options.forget * needed, pushed)
         else:
-            fraction *= PULL_DECAY
+            fraction *= options.decay
             needed = np.maximum(needed, pushed)
     if not current:
         state.restore(best)
 
 
 def _pulled(
-    state: SpaceTime, best: Snapshot, kept: FloatArray, fall: float, kernel: FloatArray
+    state: WindowState,
+    best: Snapshot,
+    kept: FloatArray,
+    fall: float,
+    kernel: FloatArray,
+    options: TightenOptions,
 ) -> FloatArray:
-    """Start from a part of the best state and push what collides; what the push added (T, V, 3)."""
-    fallen = np.maximum(best.fold_hits - np.float32(LEVEL_FALL * fall), np.float32(0.0))
+    """Push what collides in a fraction of the best state; what the push added (T, V, 3)."""
+    fallen = np.maximum(best.fold_hits - np.float32(fall), np.float32(0.0))
     start = best._replace(smooth=best.smooth * kept, extra=best.extra * kept, fold_hits=fallen)
     state.restore(start)
     added = np.zeros_like(state.original)
-    for _ in range(PULL_SWEEPS):
+    for _ in range(options.sweeps):
         if not state.dirty:
             break
-        added += state.sweep(kernel, PULL_STEP)
+        added += state.sweep(kernel, options.step)
     return added
 
 
-def _blend_back(state: SpaceTime, best: Snapshot) -> None:
+def _blend_back(state: WindowState, best: Snapshot, options: TightenOptions) -> None:
     """Go back to the best state around what intersects, as far as needed; what is left is mended.
 
     All the way where even that fails.
     """
     now = state.snapshot()
     back = np.zeros(state.original.shape[:2], dtype=np.float32)
-    for index, rings in enumerate(BACK_RINGS):
+    for index, rings in enumerate(options.back_rings):
         for frame in state.dirty:
             np.maximum(back[frame], _around(state, frame, rings), out=back[frame])
-        back = np.maximum(back, spread_in_time(state.frames, back, BACK_WIDTH))
-        part = back[:, :, None].astype(np.float64)
+        back = np.maximum(back, spread_in_time(state.frames, back, options.back_width))
+        weight = back[:, :, None].astype(np.float64)
         mixed = Snapshot(
-            now.smooth + part * (best.smooth - now.smooth),
-            now.extra + part * (best.extra - now.extra),
+            now.smooth + weight * (best.smooth - now.smooth),
+            now.extra + weight * (best.extra - now.extra),
             now.fold_hits + back * (best.fold_hits - now.fold_hits),
             now.close_hits + back * (best.close_hits - now.close_hits),
             now.springs,
         )
         state.restore(mixed)
         if index > 0:
-            mend_frames(state, widths=BACK_MENDING, step=BACK_STEP, alone=False)
+            mend_frames(state, alone=False, options=options.back_mend)
         if not state.dirty:
             return
     state.restore(best)
 
 
-def _around(state: SpaceTime, frame: int, rings: int) -> FloatArray:
+def _around(state: WindowState, frame: int, rings: int) -> FloatArray:
     """1 at the vertices (V,) within some rings of a frame's pairs, fading out over as many."""
     surface = state.surface
     away = surface.rings_from(surface.vertices_of(state.pairs[frame]), 2 * rings)
-    part = np.minimum(2.0 - away / rings, 1.0)
+    weight = np.minimum(2.0 - away / rings, 1.0)
     for body in surface.rigid.slices:
-        part[body] = part[body].max()
-    return part
+        weight[body] = weight[body].max()
+    return weight
 
 
-def _cost(state: SpaceTime) -> float:
+def _cost(state: WindowState, options: TightenOptions) -> float:
     """What tightening lowers: mean displacement and rms second difference, weighted; and edges."""
     moved = state.poses - state.original
     second = np.diff(moved, 2, axis=0)
     jitter = float(np.sqrt((second**2).sum(axis=2).mean())) if len(second) else 0.0
-    cost = float(np.linalg.norm(moved, axis=2).mean()) + JITTER_WEIGHT * jitter
+    cost = float(np.linalg.norm(moved, axis=2).mean()) + options.jitter_weight * jitter
     if len(state.surface.bodies) > 1:
-        # Of several bodies one may move much and another be stretched thin.
-        cost += EDGE_WEIGHT * stretch(state, state.surface.edges)
+        cost += options.edge_weight * stretch(state, state.surface.edges)
     return cost

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -14,25 +15,13 @@ from dtrepair.numerics.temporal import (
     second_differences,
     steady_weights,
 )
-from dtrepair.repair.clip.frame_steps import Alone
-from dtrepair.repair.clip.mend_frames import mend_frames
-from dtrepair.repair.clip.restore_shape import stiffen_frames
-from dtrepair.repair.clip.tighten_frames import WIDTH, tighten_frames
-from dtrepair.repair.clip.window_state import SpaceTime
+from dtrepair.repair.clip.frame_steps import Alone, FrameOptions
+from dtrepair.repair.clip.mend_frames import MendFramesOptions, mend_frames
+from dtrepair.repair.clip.restore_shape import RestoreShapeOptions, restore_shapes
+from dtrepair.repair.clip.tighten_frames import TightenOptions, tighten_frames
+from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.parallel.worker_pool import Crew
 from dtrepair.repair.surface.surface import Surface
-
-# Sweeps are judged in blocks of this many; after so many blocks without progress a phase ends.
-BLOCK, PATIENCE = 2, 3
-# Frames with a larger root mean square second difference (units of the size) are steadied.
-ROUGH, STEADY_ROUNDS, STEADY_STEP = 1.5e-3, 6, 0.002
-# As long as a round lowers their roughness to this part.
-STEADY_GAIN = 0.97
-# Part of the usual work on a window that pushing is.
-PUSHED = 0.4
-# Displacements below this (units of the size) are left out; up to twice this they fade in. Around
-# what that would close they come back, fading out over these rings, try by try.
-STILL, EASE_RINGS = 1e-4, (3, 6)
 
 
 class Phase(NamedTuple):
@@ -43,12 +32,81 @@ class Phase(NamedTuple):
     width: float
 
 
-# Frames that stay dirty in the wide kernel get a narrower one: their neighbours stay clean.
-PHASES = (Phase(0.01, 20, WIDTH), Phase(0.006, 8, 0.5 * WIDTH))
-SWEEPS = sum(phase.sweeps for phase in PHASES)
+@dataclass(frozen=True, kw_only=True)
+class PushFramesOptions:
+    """Numbers of the push of a window.
+
+    Args:
+        phases: Frames that stay dirty in a wide kernel get a narrower one: their neighbours stay
+            clean.
+        block: Sweeps are judged in blocks of this many: single ones go up and down.
+        patience: After so many blocks in which no frame got better a phase ends.
+        work: Fraction of the usual work on a window that pushing is, for the progress that is told.
+    """
+
+    phases: tuple[Phase, ...] = (Phase(0.01, 20, 3.5), Phase(0.006, 8, 1.75))
+    block: int = 2
+    patience: int = 3
+    work: float = 0.4
 
 
-class ShotMethod:
+@dataclass(frozen=True, kw_only=True)
+class SteadyOptions:
+    """Numbers of the steadying of frames that stand out.
+
+    Args:
+        rough: Root mean square second difference of a frame, units of the size, above which it is
+            steadied: it is seen as a jump.
+        rounds: At most so many.
+        step: Largest motion in an iteration of the push that cleans a frame, units of the size.
+        gain: A round must lower the roughness to this fraction to be followed by another.
+    """
+
+    rough: float = 1.5e-3
+    rounds: int = 6
+    step: float = 0.002
+    gain: float = 0.97
+
+
+@dataclass(frozen=True, kw_only=True)
+class EaseOptions:
+    """Numbers of the leaving out of faint displacements.
+
+    Args:
+        still: Displacements below this, units of the size, are left out; up to twice this they fade
+            in: what is far from all contacts keeps every bit.
+        rings: Around what that would close they come back, fading out over so many rings, try by
+            try; then everywhere in the frame.
+    """
+
+    still: float = 1e-4
+    rings: tuple[int, ...] = (3, 6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowOptions:
+    """Every number of the repair of a window of frames, stage by stage.
+
+    Args:
+        frames: The work on single frames, in all stages.
+        push: All frames pushed together.
+        mend: Frames that pushing left dirty.
+        tighten: Back towards the input.
+        steady: Frames that stand out from their neighbours.
+        restore: Back to the shapes of bodies.
+        ease: Faint displacements left out.
+    """
+
+    frames: FrameOptions = field(default_factory=FrameOptions)
+    push: PushFramesOptions = field(default_factory=PushFramesOptions)
+    mend: MendFramesOptions = field(default_factory=MendFramesOptions)
+    tighten: TightenOptions = field(default_factory=TightenOptions)
+    steady: SteadyOptions = field(default_factory=SteadyOptions)
+    restore: RestoreShapeOptions = field(default_factory=RestoreShapeOptions)
+    ease: EaseOptions = field(default_factory=EaseOptions)
+
+
+class WindowMethod:
     """Repairs windows of frames of one surface, in units of its size."""
 
     def __init__(
@@ -59,13 +117,14 @@ class ShotMethod:
         tighten: int = 3,
         farthest: float | None = None,
         clearance: float = 0.0,
+        options: WindowOptions = WindowOptions(),
     ) -> None:
         """Use `alone` (surface, pose) for frames that stay dirty; `tighten` cycles at most.
 
         farthest: no vertex moves farther; clearance: what contacts keep where they can.
         """
         self.surface, self.alone, self.tighten = surface, alone, tighten
-        self.farthest, self.clearance = farthest, clearance
+        self.farthest, self.clearance, self.options = farthest, clearance, options
 
     def __call__(
         self,
@@ -75,11 +134,12 @@ class ShotMethod:
         *,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
-        """Repaired poses (T, V, 3) of poses at times in frame units; dirty where none was found.
+        """Repaired poses (T, V, 3) of poses at times in frame units; some may stay dirty.
 
         unless: asked with the pairs that pushing leaves; None is returned if it says so.
         """
-        state = SpaceTime(
+        options = self.options
+        state = WindowState(
             self.surface,
             original,
             frames,
@@ -87,33 +147,34 @@ class ShotMethod:
             alone=self.alone,
             farthest=self.farthest,
             clearance=self.clearance,
+            options=options.frames,
         )
         if not state.dirty:
             return original
-        push(state)
+        push_frames(state, options=options.push)
         if state.dirty and unless is not None and unless(state.pairs):
             return None
         state.forget_clearance()
-        mend_frames(state)
+        mend_frames(state, options=options.mend)
         state.given_up = frozenset(state.dirty)
         # Tightening would close a clearance again.
         if self.clearance == 0.0:
-            tighten_frames(state, self.tighten)
-        steady_frames(state)
+            tighten_frames(state, self.tighten, options=options.tighten)
+        steady_frames(state, options=options.steady)
         if self.clearance == 0.0:
-            stiffen_frames(state)
-        return eased(state)
+            restore_shapes(state, options=options.restore)
+        return eased(state, options=options.ease)
 
 
-def push(state: SpaceTime) -> None:
-    """Sweeps in phases until all frames are clean; the state with the fewest pairs is kept.
+def push_frames(state: WindowState, *, options: PushFramesOptions = PushFramesOptions()) -> None:
+    """Sweep in phases until all frames are clean; the state with the fewest pairs is kept.
 
     A phase goes on as long as any frame gets better, whatever the others do.
     """
     best = (state.remaining, state.snapshot())
     fewest = np.array([len(pairs) for pairs in state.pairs])
-    swept = 0
-    for phase in PHASES:
+    swept, sweeps = 0, sum(phase.sweeps for phase in options.phases)
+    for phase in options.phases:
         stalled = 0
         kernel = gaussian_kernel(state.frames, phase.width)
         for index in range(phase.sweeps):
@@ -121,22 +182,22 @@ def push(state: SpaceTime) -> None:
                 return
             state.sweep(kernel, phase.step)
             swept += 1
-            state.tell_progress(PUSHED * swept / SWEEPS)
-            if index % BLOCK != BLOCK - 1:
+            state.tell_progress(options.work * swept / sweeps)
+            if index % options.block != options.block - 1:
                 continue
             counts = np.array([len(pairs) for pairs in state.pairs])
             stalled = 0 if (counts < fewest).any() else stalled + 1
             fewest = np.minimum(fewest, counts)
             if state.remaining < best[0]:
                 best = (state.remaining, state.snapshot())
-            if stalled == PATIENCE:
+            if stalled == options.patience:
                 break
         if state.remaining > best[0]:
             state.restore(best[1])
 
 
-def steady_frames(state: SpaceTime) -> None:
-    """Frames that stand out from their neighbours go where these ask them to be, if still clean."""
+def steady_frames(state: WindowState, *, options: SteadyOptions = SteadyOptions()) -> None:
+    """Move frames that stand out to where their neighbours ask them to be, if still clean."""
     if len(state.frames) < 3:
         return
     weights, differences = steady_weights(state.frames), second_differences(state.frames)
@@ -147,22 +208,22 @@ def steady_frames(state: SpaceTime) -> None:
         return of_frames
 
     now = roughness()
-    for _ in range(STEADY_ROUNDS):
+    for _ in range(options.rounds):
         before = np.linalg.norm(now)
         for colour in range(3):
             rough = np.zeros(len(state.frames), dtype=bool)
-            rough[1:-1] = now > ROUGH
+            rough[1:-1] = now > options.rough
             rough[:-1] |= rough[1:]
             rough[1:] |= rough[:-1]
             frames = np.flatnonzero(rough)
             frames = frames[frames % 3 == colour]
-            if len(frames) and state.steady(frames.tolist(), weights, STEADY_STEP):
+            if len(frames) and state.steady(frames.tolist(), weights, options.step):
                 now = roughness()
-        if np.linalg.norm(now) > STEADY_GAIN * before:
+        if np.linalg.norm(now) > options.gain * before:
             break
 
 
-def eased(state: SpaceTime) -> FloatArray:
+def eased(state: WindowState, *, options: EaseOptions = EaseOptions()) -> FloatArray:
     """Poses with the faintest displacements taken out, except around what that would close.
 
     What is far from all contacts keeps every bit; displacements fade in over the surface and time.
@@ -171,22 +232,22 @@ def eased(state: SpaceTime) -> FloatArray:
     length = np.linalg.norm(moved, axis=2)
     for body in state.surface.rigid.slices:
         length[:, body] = length[:, body].max(axis=1, keepdims=True)
-    kept = np.clip(length / STILL - 1.0, 0.0, 1.0)
-    asked = np.flatnonzero((kept < np.minimum(length, 1.0)).any(axis=1)).tolist()
-    for rings in (*EASE_RINGS, None):
-        part = kept[:, :, None]
-        result = np.where(part > 0, state.original + part * moved, state.original)
-        result = np.where(part < 1, result, state.poses)
-        found = dict(zip(asked, state.pairs_of(result, asked), strict=True))
-        asked = [f for f, pairs in found.items() if len(pairs) > len(state.pairs[f])]
-        if not asked or rings is None:
+    kept = np.clip(length / options.still - 1.0, 0.0, 1.0)
+    changed = np.flatnonzero((kept < np.minimum(length, 1.0)).any(axis=1)).tolist()
+    for rings in (*options.rings, None):
+        weight = kept[:, :, None]
+        result = np.where(weight > 0, state.original + weight * moved, state.original)
+        result = np.where(weight < 1, result, state.poses)
+        pairs_of = dict(zip(changed, state.pairs_of(result, changed), strict=True))
+        changed = [f for f, pairs in pairs_of.items() if len(pairs) > len(state.pairs[f])]
+        if not changed or rings is None:
             break
-        for frame in asked:
-            closed = state.surface.vertices_of(found[frame])
+        for frame in changed:
+            closed = state.surface.vertices_of(pairs_of[frame])
             away = state.surface.rings_from(closed, 2 * rings) / rings - 1.0
             kept[frame] = np.where(length[frame] > 0, np.maximum(kept[frame], 1.0 - away), 0.0)
             kept[frame] = np.minimum(kept[frame], 1.0)
             for body in state.surface.rigid.slices:
                 kept[frame, body] = kept[frame, body].max()
-    result[asked] = state.poses[asked]
+    result[changed] = state.poses[changed]
     return result

@@ -8,13 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.clip.frame_steps import Alone, Chain, Springs, WindowFrames
+from dtrepair.repair.clip.frame_steps import Alone, Chain, FrameOptions, Springs, WindowFrames
 from dtrepair.repair.parallel.worker_pool import Crew
 from dtrepair.repair.surface.defects import contact_scale
 from dtrepair.repair.surface.surface import Surface
-
-# Softening fades over time as a bell of this width in frames, however narrow the pushes are.
-FADE = 3.5
 
 Levels = NDArray[np.float32]
 
@@ -29,11 +26,11 @@ class Snapshot(NamedTuple):
     springs: Springs
 
 
-class SpaceTime:
+class WindowState:
     """The frames of one window on their way to be clean.
 
     Unknowns Q (T, V, 3) with displacement D = K Q, K a Gaussian in time: `smooth` holds D. Each
-    frame's pose is its input moved by D, softened around close contacts, softened around folds,
+    frame's pose is its input moved by D, faired around close contacts, faired around folds,
     plus `extra`, the corrections of single frames. Frames are worked on by a crew.
     """
 
@@ -47,6 +44,7 @@ class SpaceTime:
         alone: Alone,
         farthest: float | None = None,
         clearance: float = 0.0,
+        options: FrameOptions = FrameOptions(),
     ) -> None:
         """Take poses (T, V, 3) in units of the surface's size at times `frames` (T,).
 
@@ -55,7 +53,14 @@ class SpaceTime:
         """
         self.surface, self.original, self.frames, self.crew = surface, original, frames, crew
         self.work = WindowFrames(
-            surface, original, frames, crew, alone=alone, farthest=farthest, clearance=clearance
+            surface,
+            original,
+            frames,
+            crew,
+            alone=alone,
+            farthest=farthest,
+            clearance=clearance,
+            options=options,
         )
         # Frames that no solver could clean must not keep the others from being tightened.
         self.given_up: frozenset[int] = frozenset()
@@ -88,10 +93,10 @@ class SpaceTime:
         """Pairs left in the dirty frames."""
         return sum(len(self.pairs[frame]) for frame in self.dirty)
 
-    def tell_progress(self, part: float) -> None:
-        """Tell who wants to know that this part of the work on the window is done."""
+    def tell_progress(self, fraction: float) -> None:
+        """Tell who wants to know that this fraction of the work on the window is done."""
         if self.crew.progress is not None:
-            self.crew.progress(part * len(self.original))
+            self.crew.progress(fraction * len(self.original))
 
     def forget_clearance(self) -> None:
         """From now on only intersecting pairs count."""
@@ -104,7 +109,7 @@ class SpaceTime:
         self.pairs = self.crew.map("evaluated", self._every)
 
     def sweep(self, kernel: FloatArray, step: float) -> FloatArray:
-        """Push and soften once; the displacement that the push added (T, V, 3), until the next."""
+        """Push and fair once; the displacement that the push added (T, V, 3), until the next."""
         self.work.added[:] = 0.0
         springs = [self.springs, *self.crew.map("pushed", self.dirty, self.scale * step)]
         wanted = np.unique(np.concatenate(springs))
@@ -160,5 +165,5 @@ class SpaceTime:
         self.crew.tell("couple", springs)
 
     def _update(self) -> None:
-        self.crew.map("leveled", self._blocks, FADE)
+        self.crew.map("leveled", self._blocks)
         self.evaluate()

@@ -15,7 +15,7 @@ from dtrepair.cli.terminal.repair_text import say
 from dtrepair.pipeline.observer import FrameDone
 from dtrepair.repair import repairer
 from dtrepair.repair.clip import animation
-from dtrepair.repair.clip.window_method import ShotMethod
+from dtrepair.repair.clip.window_method import WindowMethod
 from dtrepair.repair.independent import repair_poses
 from tests.command_line import CLOSED, OPEN, Outcome, assert_fails, run, tube_stage
 
@@ -36,13 +36,13 @@ def windows(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     monkeypatch.setattr(animation, "ClipOptions", small)
     monkeypatch.setattr(repairer, "ClipOptions", small)
     solved: list[int] = []
-    solve = ShotMethod.__call__
+    solve = WindowMethod.__call__
 
-    def counted(self: ShotMethod, *arguments: Any, **options: Any) -> Any:
+    def counted(self: WindowMethod, *arguments: Any, **options: Any) -> Any:
         solved.append(1)
         return solve(self, *arguments, **options)
 
-    monkeypatch.setattr(ShotMethod, "__call__", counted)
+    monkeypatch.setattr(WindowMethod, "__call__", counted)
     return solved
 
 

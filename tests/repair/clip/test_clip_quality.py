@@ -8,10 +8,13 @@ from numpy.typing import NDArray
 
 from dtrepair import Repairer, RepairOptions, Status
 from dtrepair.demo import character as demo_character
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import displacements, jitter
 from dtrepair.numerics.temporal import second_differences, steady_weights
-from dtrepair.repair.clip import window_method as shot
+from dtrepair.repair.clip.animation import _alone
+from dtrepair.repair.clip.window_method import EaseOptions, WindowMethod, WindowOptions
 from dtrepair.repair.full.mend import mend
+from dtrepair.repair.parallel.worker_pool import Crew
 from dtrepair.repair.surface.surface import Surface
 from tests.repair.clip.test_animation import crossings, pincers, results_of, roughness, swing
 
@@ -70,16 +73,20 @@ def test_frames_far_in_time_keep_every_bit_in_a_clip_of_several_windows() -> Non
     assert not kept[dirty].all(axis=1).any()
 
 
-def test_taken_out_displacements_come_back_where_they_are_needed(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_taken_out_displacements_come_back_where_they_are_needed() -> None:
     rest, faces, frames = swing()
-    monkeypatch.setattr(shot, "STILL", 0.02)
-    repaired = results_of(Repairer(rest, faces), frames)
-    assert sum(crossings(rest, faces, repaired)) == 0
-    monkeypatch.setattr(shot, "STILL", 1e-9)
-    everything = results_of(Repairer(rest, faces), frames)
-    assert (repaired == frames).mean() > (everything == frames).mean()
+    surface, times = Surface(rest, faces), np.arange(float(len(frames)))
+    original = frames / surface.size
+
+    def repaired(still: float) -> FloatArray:
+        options = WindowOptions(ease=EaseOptions(still=still))
+        poses = WindowMethod(surface, _alone, options=options)(original, times, Crew())
+        assert poses is not None
+        return poses
+
+    few, every = repaired(0.02), repaired(1e-9)
+    assert all(len(surface.pairs(pose)) == 0 for pose in few)
+    assert (few == original).mean() > (every == original).mean()
 
 
 def test_mended_poses_change_as_little_as_the_starts_allow() -> None:

@@ -5,72 +5,71 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair import Body, SceneRepairer, Status
-from dtrepair.numerics.geometry import unique_edges
+from dtrepair.numerics.geometry import FloatArray, unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio
-from dtrepair.repair.clip import animation
-from dtrepair.repair.clip import restore_shape as stiffen
-from dtrepair.repair.clip import window_method as shot
-from tests.meshes import icosphere
+from dtrepair.repair.clip.animation import _alone
+from dtrepair.repair.clip.restore_shape import RestoreShapeOptions
+from dtrepair.repair.clip.window_method import WindowMethod, WindowOptions
+from dtrepair.repair.parallel.worker_pool import Crew
+from dtrepair.repair.surface.surface import BodyRange, Surface
+from tests.meshes import icosphere, joined
 
 BALL, BALL_FACES = icosphere(2)
 ROD, ROD_FACES = BALL * np.array([0.2, 0.2, 0.8]), BALL_FACES
+USUAL, NEVER = RestoreShapeOptions(), RestoreShapeOptions(cycles=0, soft_cycles=0)
 
 
-def bending(diffusion: float, mobility: float = 0.0) -> float:
+def repaired(
+    diffusion: float,
+    mobility: FloatArray,
+    depth: FloatArray,
+    restore: RestoreShapeOptions = USUAL,
+) -> tuple[FloatArray, FloatArray]:
+    """A clip (T, V, 3) of a rod that dips into a ball by `depth` (T,), and the clean result."""
+    count = len(BALL)
+    rest, faces = joined((BALL, BALL_FACES), (ROD, ROD_FACES))
+    bodies = [BodyRange(0, count, 99.0), BodyRange(count, len(rest), diffusion)]
+    surface = Surface(rest, faces, bodies=bodies, mobility=mobility)
+    poses = np.repeat(rest[None], len(depth), axis=0)
+    poses[:, count:] += np.array([0.3, 0.1, 1.75]) - depth[:, None, None] * [0.0, 0.0, 1.0]
+    poses /= surface.size
+    method = WindowMethod(surface, _alone, options=WindowOptions(restore=restore))
+    result = method(poses, np.arange(float(len(poses))), Crew())
+    assert result is not None
+    assert all(len(surface.pairs(pose)) == 0 for pose in result)
+    return poses, result
+
+
+def bending(diffusion: float, mobility: float = 0.0, restore: RestoreShapeOptions = USUAL) -> float:
     """Root mean square of the rod's edge changes in a clip that is repaired clean."""
     depth = 0.9 * np.cos(np.linspace(-1.6, 1.6, 12))
-    poses = [[BALL, ROD + np.array([0.3, 0.1, 1.75 - d])] for d in depth]
-    bodies = [
-        Body(BALL, BALL_FACES, mobility=mobility),
-        Body(ROD, ROD_FACES, diffusion=diffusion),
+    mobilities = np.repeat([mobility, 1.0], len(BALL))
+    edges, rod = unique_edges(ROD_FACES), slice(len(BALL), None)
+    changes = [
+        edge_log_ratio(before[rod], after[rod], edges)
+        for before, after in zip(*repaired(diffusion, mobilities, depth, restore), strict=True)
     ]
-    frames = list(SceneRepairer(bodies).animator.stream(list(enumerate(poses)), jobs=1))
-    edges = unique_edges(ROD_FACES)
-    changes = []
-    for frame, (_, before) in zip(frames, poses, strict=True):
-        assert all(result.status is Status.CLEAN for result in frame.results)
-        changes.append(edge_log_ratio(before, frame.results[1].points, edges))
     assert sum(change > 0 for change in changes) > 3
     return float(np.sqrt(np.mean(np.square(changes))))
 
 
-@pytest.fixture(autouse=True)
-def contacts_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No body is led out of another as a whole."""
-    monkeypatch.setattr(animation, "parted_frames", lambda scene, system, poses, *_, **__: poses)
-
-
 @pytest.mark.parametrize("mobility", [0.0, 1.0])
-def test_a_stiff_body_hardly_bends(mobility: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    stiff = bending(999.0, mobility)
-    monkeypatch.setattr(shot, "stiffen_frames", lambda state: None)
-    bent = bending(999.0, mobility)
-    assert stiff < 0.8 * bent
+def test_a_stiff_body_hardly_bends(mobility: float) -> None:
+    assert bending(999.0, mobility) < 0.8 * bending(999.0, mobility, NEVER)
 
 
-def test_what_stretches_a_soft_body_is_evened_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    soft = bending(99.0)
-    monkeypatch.setattr(shot, "stiffen_frames", lambda state: None)
-    assert soft < 0.95 * bending(99.0)
+def test_what_stretches_a_soft_body_is_evened_out() -> None:
+    assert bending(99.0) < 0.95 * bending(99.0, restore=NEVER)
 
 
-def test_a_soft_body_that_is_hardly_stretched_is_left_alone(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(stiffen, "LITTLE", 1.0)
-    soft = bending(99.0)
-    monkeypatch.setattr(shot, "stiffen_frames", lambda state: None)
-    assert soft == bending(99.0)
+def test_a_soft_body_that_is_hardly_stretched_is_left_alone() -> None:
+    patient = RestoreShapeOptions(little=1.0)
+    assert bending(99.0, restore=patient) == bending(99.0, restore=NEVER)
 
 
-def test_pinned_vertices_of_a_stiff_body_hold() -> None:
-    pin = np.zeros(len(ROD))
-    pin[ROD[:, 2] > 0.6] = 1.0
+def test_fixed_vertices_of_a_stiff_body_hold() -> None:
+    fixed = np.concatenate([np.zeros(len(BALL), dtype=bool), ROD[:, 2] > 0.6])
     depth = 0.5 * np.cos(np.linspace(-1.6, 1.6, 8))
-    poses = [[BALL, ROD + np.array([0.3, 0.1, 1.75 - d])] for d in depth]
-    bodies = [Body(BALL, BALL_FACES), Body(ROD, ROD_FACES, diffusion=999.0, pin=pin)]
-    frames = list(SceneRepairer(bodies).animator.stream(list(enumerate(poses)), jobs=1))
-    for frame, (_, before) in zip(frames, poses, strict=True):
-        assert np.array_equal(frame.results[1].points[pin > 0], before[pin > 0])
-    assert frames[4].results[1].displacement_max > 0
+    poses, result = repaired(999.0, np.where(fixed, 0.0, 1.0), depth)
+    assert np.array_equal(result[:, fixed], poses[:, fixed])
+    assert (result[4, len(BALL) :] != poses[4, len(BALL) :]).any()

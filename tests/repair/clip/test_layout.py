@@ -36,7 +36,7 @@ def test_windows_are_those_of_the_stream(
     monkeypatch: pytest.MonkeyPatch, cuts: Sequence[int]
 ) -> None:
     poses, (points, faces) = walk(75, cuts), icosphere(1)
-    repairer = SceneRepairer([Body(points, faces)], clip=ClipOptions(**SIZES))
+    repairer = SceneRepairer([Body(points, faces)], clip=ClipOptions(window=20, overlap=6))
     seen = []
 
     def window(

@@ -85,7 +85,7 @@ def test_taken_out_displacements_come_back_where_they_are_needed() -> None:
         return poses
 
     few, every = repaired(0.02), repaired(1e-9)
-    assert all(len(surface.pairs(pose)) == 0 for pose in few)
+    assert all(len(surface.contacts.pairs(pose)) == 0 for pose in few)
     assert (few == original).mean() > (every == original).mean()
 
 

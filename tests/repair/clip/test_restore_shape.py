@@ -36,7 +36,7 @@ def repaired(
     method = WindowMethod(surface, _alone, options=WindowOptions(restore=restore))
     result = method(poses, np.arange(float(len(poses))), Crew())
     assert result is not None
-    assert all(len(surface.pairs(pose)) == 0 for pose in result)
+    assert all(len(surface.contacts.pairs(pose)) == 0 for pose in result)
     return poses, result
 
 

@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from dtrepair.intersect.detector import Detector as Detector
     from dtrepair.intersect.detector import find_intersections as find_intersections
     from dtrepair.repair import itself as repair
-    from dtrepair.repair.options import Count as Count
     from dtrepair.repair.options import RepairOptions as RepairOptions
-    from dtrepair.repair.options import RepairResult as RepairResult
-    from dtrepair.repair.options import Stage as Stage
-    from dtrepair.repair.options import Status as Status
     from dtrepair.repair.repairer import Repairer as Repairer
     from dtrepair.repair.repairer import SceneRepairer as SceneRepairer
     from dtrepair.repair.repairer import repair_mesh as repair_mesh
+    from dtrepair.repair.result import Count as Count
+    from dtrepair.repair.result import RepairResult as RepairResult
+    from dtrepair.repair.result import Stage as Stage
+    from dtrepair.repair.result import Status as Status
     from dtrepair.repair.scene.bodies import Body as Body
     from dtrepair.transfer.deformation import Transfer as Transfer
     from dtrepair.transfer.matching.correspondence import match_triangles as match_triangles
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 _HOMES = {
     "Detector": "dtrepair.intersect.detector",
     "find_intersections": "dtrepair.intersect.detector",
-    "Count": "dtrepair.repair.options",
+    "Count": "dtrepair.repair.result",
     "RepairOptions": "dtrepair.repair.options",
-    "RepairResult": "dtrepair.repair.options",
-    "Stage": "dtrepair.repair.options",
-    "Status": "dtrepair.repair.options",
+    "RepairResult": "dtrepair.repair.result",
+    "Stage": "dtrepair.repair.result",
+    "Status": "dtrepair.repair.result",
     "Body": "dtrepair.repair.scene.bodies",
     "Repairer": "dtrepair.repair.repairer",
     "SceneRepairer": "dtrepair.repair.repairer",

@@ -25,7 +25,7 @@ GRAPH = import_graph(FILES)
 # Files of a folder, besides __init__.py.
 FOLDER_SIZE = 13
 
-_SOLVERS = "parallel elastic surface options"
+_SOLVERS = "parallel elastic surface result options"
 # Each package from top to bottom: a room, and which rooms below it it may import.
 WALLS = {
     "dtrepair": {
@@ -38,12 +38,13 @@ WALLS = {
         "report": "files",
         "keyposes": "numerics",
         "transfer": "numerics files",
-        "repair": "intersect numerics device wording",
+        "repair": "intersect numerics diagnosis device",
         "intersect": "numerics device",
         "display": "files",
         "demo": "",
         "files": "",
         "numerics": "",
+        "diagnosis": "wording",
         "device": "",
         "wording": "",
     },
@@ -64,7 +65,7 @@ WALLS = {
         "errors": "",
     },
     "dtrepair.repair": {
-        "__init__": "repairer options",
+        "__init__": "repairer result options",
         "repairer": f"solution_cache clip independent separation scene full paper {_SOLVERS}",
         "solution_cache": f"clip independent separation scene full paper {_SOLVERS}",
         "clip": f"independent separation scene full {_SOLVERS}",
@@ -76,6 +77,7 @@ WALLS = {
         "parallel": "surface options",
         "elastic": "surface options",
         "surface": "options",
+        "result": "",
         "options": "",
     },
     "dtrepair.transfer": {

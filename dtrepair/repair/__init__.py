@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from dtrepair.repair.options import RepairOptions, RepairResult
+    from dtrepair.repair.options import RepairOptions
+    from dtrepair.repair.result import RepairResult
 
     # What `dtrepair.repair` is to a type checker: a module that answers calls.
     itself: _CallablePackage

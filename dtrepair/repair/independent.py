@@ -12,7 +12,8 @@ import numpy as np
 from dtrepair.intersect.proximity import close_pairs
 from dtrepair.numerics.geometry import FloatArray, IntArray, extent
 from dtrepair.numerics.metrics import displacements, edge_log_ratio
-from dtrepair.repair.options import RepairOptions, RepairResult, Solved
+from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.result import RepairResult, Solved
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene

@@ -18,7 +18,8 @@ from dtrepair.repair.clip.animation import (
     window_method,
 )
 from dtrepair.repair.independent import poses_at_once, repair_poses
-from dtrepair.repair.options import RepairOptions, RepairResult
+from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.result import RepairResult
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.scene import make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes

@@ -18,11 +18,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dtrepair.diagnosis import Diagnosis
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.clip.animation import MakeMethod, WindowSolver
-from dtrepair.repair.options import Count, RepairResult, Stage, Status
 from dtrepair.repair.parallel.process_pool import forked_map, in_batches
 from dtrepair.repair.parallel.worker_pool import Crew
+from dtrepair.repair.result import Count, RepairResult, Stage, Status
 from dtrepair.repair.surface.surface import Surface
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -156,6 +157,7 @@ def _result(points: NDArray[Any], fact: dict[str, Any]) -> RepairResult:
             "before": Count(**fact["before"]),
             "after": Count(**fact["after"]),
             "status": Status(fact["status"]),
+            "diagnosis": Diagnosis.from_document(fact["diagnosis"]),
             "stages": tuple(Stage(**stage) for stage in fact["stages"]),
         }
     )

@@ -9,10 +9,11 @@ import pytest
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.independent import poses_at_once
-from dtrepair.repair.options import RepairOptions, Solved
+from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.paper import method as paper
 from dtrepair.repair.parallel.process_pool import in_batches
 from dtrepair.repair.repairer import SceneRepairer
+from dtrepair.repair.result import Solved
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.solution_cache import repair_each
 from tests.meshes import bent_tube

@@ -105,7 +105,7 @@ class StageKeys:
 
     def check_key(self, time: float) -> Repaired:
         """Count a key of the input."""
-        from dtrepair.repair.options import Count, RepairResult, Status
+        from dtrepair.repair.result import Count, RepairResult, Status
 
         frame = self.frames[time]
         if not frame.usable:

@@ -23,7 +23,7 @@ from dtrepair.report.record import (
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCount
-    from dtrepair.repair.options import RepairResult
+    from dtrepair.repair.result import RepairResult
     from dtrepair.repair.scene.bodies import Body
 
 

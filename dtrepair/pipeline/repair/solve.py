@@ -21,8 +21,8 @@ from dtrepair.report.record import FrameRecord
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCounter
-    from dtrepair.repair.options import RepairResult
     from dtrepair.repair.repairer import SceneRepairer
+    from dtrepair.repair.result import RepairResult
     from dtrepair.repair.scene.bodies import Body
     from dtrepair.repair.solution_cache import Memory
 

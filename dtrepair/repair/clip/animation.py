@@ -19,7 +19,7 @@ from dtrepair.repair.clip.window_method import WindowMethod, WindowOptions
 from dtrepair.repair.full.mend import MendOptions, mend
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.independent import repair_poses
-from dtrepair.repair.options import RepairOptions, RepairResult, Solved, Stage
+from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.parallel.process_pool import forked_map, in_batches
 from dtrepair.repair.parallel.worker_pool import (
     Crew,
@@ -27,6 +27,7 @@ from dtrepair.repair.parallel.worker_pool import (
     make_crew,
     worthwhile_jobs,
 )
+from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.opened_pose import detected
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene

@@ -15,7 +15,7 @@ from dtrepair.repair.full.pull_back import PullBackOptions, pull_back
 from dtrepair.repair.full.relax import RelaxOptions, relax
 from dtrepair.repair.full.stage_log import StageLog
 from dtrepair.repair.full.unbend import UnbendOptions, unbend
-from dtrepair.repair.options import Solved
+from dtrepair.repair.result import Solved
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface
 

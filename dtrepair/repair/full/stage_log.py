@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.options import Stage
+from dtrepair.repair.result import Stage
 from dtrepair.repair.surface.distortion import distortion
 from dtrepair.repair.surface.surface import Surface
 

@@ -14,13 +14,14 @@ from dtrepair.device import DeviceQueue, out_of_memory
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.operators import cotangent_laplacian
-from dtrepair.repair.options import RepairOptions, Solved, Stage
+from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.paper.descent import Descent, DescentResult
 from dtrepair.repair.paper.diffusion import BodyDiffusion, Diffusion, SparseOperator
 from dtrepair.repair.paper.energy import KERNELS, triangle_directions
 from dtrepair.repair.paper.gpu_descent import DeviceDescent, too_large
 from dtrepair.repair.paper.gpu_operators import RowOperator
 from dtrepair.repair.paper.optimizer import make_optimizer
+from dtrepair.repair.result import Solved, Stage
 from dtrepair.repair.surface.distortion import distortion
 from dtrepair.repair.surface.surface import Surface
 

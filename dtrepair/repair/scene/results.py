@@ -6,13 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dtrepair.diagnosis import Diagnosis
 from dtrepair.numerics.geometry import FloatArray, IntArray, as_given, differing, pair_keys
 from dtrepair.numerics.metrics import displacements
-from dtrepair.repair.options import Count, RepairResult, Solved, Status
-from dtrepair.repair.scene.diagnosis import contacts_left, cures, deformed, enclosed_left
+from dtrepair.repair.result import Count, RepairResult, Solved, Status
+from dtrepair.repair.scene.diagnosis import (
+    advice_for,
+    contacts_left,
+    deformation_of,
+    enclosures_left,
+)
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.wording import counted
 
 
 class Kept(NamedTuple):
@@ -57,18 +62,21 @@ def _result(
     before, after = (_count(scene, pairs, index) for pairs in (pose.pairs, found.pairs))
     moved = displacements(pose.original[own], repaired[own])
     status = _status(before, after)
-    inside = _inside(scene, found.caught, index)
-    if inside and status is Status.CLEAN:
+    left = _left(scene, index, found)
+    if left.enclosures and status is Status.CLEAN:
         status = Status.IMPROVED if before.pairs else Status.UNCHANGED
+    if status is Status.CLEAN and solved.left:
+        left = Diagnosis(too_close=solved.left)
+    elif status is Status.CLEAN and not left:
+        deformation = deformation_of(scene, index, pose.original[own], repaired[own])
+        left = Diagnosis(deformations=(deformation,) if deformation else ())
     return RepairResult(
         points=as_given(repaired[own], pose.given[index]),
         before=before,
         after=after,
         iterations=solved.iterations,
         status=status,
-        message=inside
-        or _message(scene, index, status, found.pairs, solved)
-        or deformed(scene, index, pose.original[own], repaired[own]),
+        diagnosis=left,
         displacement_max=float(moved.max(initial=0.0)),
         displacement_mean=float(moved.mean()) if len(moved) else 0.0,
         stages=tuple(solved.stages),
@@ -76,22 +84,20 @@ def _result(
     )
 
 
-def _inside(scene: Scene, caught: IntArray, index: int) -> str:
-    """What lies inside what, where it concerns a body; empty where nothing does."""
-    return enclosed_left(scene, caught[(scene.body_of_part[caught] == index).any(axis=1)])
-
-
-def _message(scene: Scene, index: int, status: Status, after: IntArray, solved: Solved) -> str:
-    if status is Status.CLEAN and solved.left:
-        return f"{counted(solved.left, 'pair')} closer than the clearance"
-    if len(after) and scene.options.rest_contacts == "leave":
-        at_rest = int(np.isin(pair_keys(after), scene.rest_keys).sum())
-        if at_rest == len(after):
-            return f"what is left intersects in the rest pose as well ({counted(at_rest, 'pair')})"
-    if status in (Status.IMPROVED, Status.UNCHANGED):
-        own = (scene.body_of[after] == index).any(axis=1)
-        return f"{contacts_left(scene, after[own])}: {status.meaning}: {cures(scene, after[own])}"
-    return status.meaning
+def _left(scene: Scene, index: int, found: Kept) -> Diagnosis:
+    """Return what intersects or is enclosed, where it concerns a body."""
+    concerned = (scene.body_of_part[found.caught] == index).any(axis=1)
+    enclosures = enclosures_left(scene, found.caught[concerned])
+    if len(found.pairs) and scene.options.rest_contacts == "leave":
+        at_rest = int(np.isin(pair_keys(found.pairs), scene.rest_keys).sum())
+        if at_rest == len(found.pairs):
+            return Diagnosis(enclosures=enclosures, rest_pairs=at_rest)
+    own = found.pairs[(scene.body_of[found.pairs] == index).any(axis=1)]
+    if not len(own):
+        return Diagnosis(enclosures=enclosures)
+    return Diagnosis(
+        contacts=contacts_left(scene, own), advice=advice_for(scene, own), enclosures=enclosures
+    )
 
 
 def _count(scene: Scene, pairs: IntArray, index: int) -> Count:

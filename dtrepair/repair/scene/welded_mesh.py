@@ -10,7 +10,7 @@ import numpy as np
 from dtrepair.device import DeviceQueue
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.full.method import FullMethod
-from dtrepair.repair.options import Solved
+from dtrepair.repair.result import Solved
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.surface.surface import BodyRange, Surface
 

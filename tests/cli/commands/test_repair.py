@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from dtrepair.files.mesh_files import read_mesh
-from dtrepair.repair.options import RepairResult
+from dtrepair.repair.result import RepairResult
 from dtrepair.report.record import read_report
 from tests.command_line import (
     CLOSED,

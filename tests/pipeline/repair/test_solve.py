@@ -19,8 +19,8 @@ from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.frames import Frame, make_counter, read_frames
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.repair.clip.animation import ClipOptions
-from dtrepair.repair.options import RepairResult
 from dtrepair.repair.repairer import SceneRepairer
+from dtrepair.repair.result import RepairResult
 from dtrepair.repair.scene.bodies import Body
 from tests.command_line import CLOSED, OPEN, tube_pose, tube_stage
 from tests.present import present
@@ -135,7 +135,7 @@ def test_only_unusable_frames(repairer: FrameRepairer) -> None:
 
 def result_with(points: NDArray[Any]) -> list[RepairResult]:
     """What a solver returns that believes its points are clean."""
-    from dtrepair.repair.options import Count, RepairResult, Status
+    from dtrepair.repair.result import Count, RepairResult, Status
 
     nothing = Count(0, 0)
     return [RepairResult(points, nothing, nothing, 1, Status.CLEAN)]

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair import Body, RepairOptions
-from dtrepair.repair.scene.diagnosis import contacts_left, cures, deformed
+from dtrepair.diagnosis import Advice, advice_words
+from dtrepair.repair.scene.diagnosis import advice_for, contacts_left, deformation_of
 from dtrepair.repair.scene.scene import make_scene
 from tests.meshes import icosphere, joined
 
@@ -23,11 +24,13 @@ TWO_CROSSING = joined((BALL, FACES), (BALL + NEAR, FACES))[0]
 def left(
     rest: NDArray[np.float64] = TWO_APART, *, options: RepairOptions | None = None, **given: Any
 ) -> tuple[str, str]:
-    """What is said of a body of two balls that cross: what is left, and the cures."""
+    """What is said of a body of two balls that cross: what is left, and the advice."""
     scene = make_scene([Body(rest, TWO_FACES, **given)], options or RepairOptions())
     pairs = scene.detector(TWO_CROSSING)
     assert len(pairs)
-    return contacts_left(scene, pairs), cures(scene, pairs)
+    (contact,) = contacts_left(scene, pairs)
+    assert contact.pairs == len(pairs)
+    return str(contact), advice_words(advice_for(scene, pairs))
 
 
 def test_a_free_body_has_the_diffusion_only() -> None:
@@ -67,26 +70,37 @@ def test_some_that_are_held_leave_cures_for_the_others() -> None:
     bodies = [Body(TWO_APART, TWO_FACES, rigid=True), Body(BALL + 2 * AWAY, FACES)]
     scene = make_scene(bodies, RepairOptions())
     pairs = scene.detector(np.concatenate([TWO_CROSSING, BALL + np.array([0.0, 0.7, 0.0])]))
-    assert cures(scene, pairs) == f"raise the diffusion; {HELD}"
+    advice = advice_for(scene, pairs)
+    assert advice == (Advice.RAISE_DIFFUSION, Advice.RIGID)
+    assert advice_words(advice) == f"raise the diffusion; {HELD}"
+    first, second = contacts_left(scene, pairs)
+    assert {(first.first, first.second), (second.first, second.second)} == {
+        ("body 0", "body 0"),
+        ("body 0", "body 1"),
+    }
+    assert first.pairs >= second.pairs > 0 and first.rigid != second.rigid
 
 
 def test_what_is_much_deformed_is_told() -> None:
     flat, fine = BALL * (1.0, 1.0, 0.4), BALL * (1.0, 1.0, 0.97)
     bodies = [Body(BALL, FACES), Body(BALL + AWAY, FACES, name="pea")]
     scene = make_scene(bodies, RepairOptions())
-    assert deformed(scene, 0, BALL, BALL) == deformed(scene, 0, BALL, fine) == ""
-    told = deformed(scene, 1, BALL + AWAY, flat + AWAY)
+    assert deformation_of(scene, 0, BALL, BALL) is deformation_of(scene, 0, BALL, fine) is None
+    told = str(deformation_of(scene, 1, BALL + AWAY, flat + AWAY))
     assert told.startswith("pea is clean but much deformed (lengths by a factor of 1.")
     assert "volume to 40%)" in told
     # Turned and moved nothing is deformed.
-    assert deformed(scene, 0, BALL, BALL[:, [1, 2, 0]] + AWAY) == ""
+    assert deformation_of(scene, 0, BALL, BALL[:, [1, 2, 0]] + AWAY) is None
     # Thinner by an eighth: the edges hardly change.
-    thinner = deformed(scene, 0, BALL, BALL * (1.0, 1.0, 0.87))
-    assert "volume to 87%" in thinner
+    thinner = deformation_of(scene, 0, BALL, BALL * (1.0, 1.0, 0.87))
+    assert thinner is not None and thinner.volume == pytest.approx(0.87)
 
 
 def test_an_open_surface_has_no_volume_to_lose() -> None:
     half = FACES[BALL[FACES].mean(axis=1)[:, 2] > 0.0]
     scene = make_scene([Body(BALL, half)], RepairOptions())
-    assert deformed(scene, 0, BALL, BALL * (1.0, 1.0, 0.87)) == ""
-    assert "(lengths by a factor of 2.00)" in deformed(scene, 0, BALL, 2.0 * BALL)
+    assert deformation_of(scene, 0, BALL, BALL * (1.0, 1.0, 0.87)) is None
+    larger = deformation_of(scene, 0, BALL, 2.0 * BALL)
+    assert larger is not None and larger.volume is None
+    assert larger.lengths == pytest.approx(2.0)
+    assert "(lengths by a factor of 2.00)" in str(larger)

@@ -1,0 +1,104 @@
+"""What a repair answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.diagnosis import Diagnosis, sentence
+
+
+class Status(StrEnum):
+    """Outcome of one pose."""
+
+    CLEAN = "clean"
+    IMPROVED = "improved"
+    UNCHANGED = "unchanged"
+    FAILED = "failed"
+    SKIPPED = "skipped"
+
+    @property
+    def meaning(self) -> str:
+        """What it means for the pose; empty where nothing needs to be done."""
+        return _MEANING[self]
+
+
+_MEANING = {
+    Status.CLEAN: "",
+    Status.IMPROVED: "fewer intersections, but not none",
+    Status.UNCHANGED: "no pose with fewer intersections was found; the input is kept",
+    Status.FAILED: "the pose could not be used; the input is kept",
+    Status.SKIPPED: "",
+}
+
+
+@dataclass(frozen=True)
+class Count:
+    """Intersecting triangles, pairs, and the pairs between two bodies among them."""
+
+    triangles: int
+    pairs: int
+    inter_pairs: int = 0
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What one stage achieved.
+
+    crossings and folds left after it; distortion of the pose it leaves (edge log-ratio rms + 2 x
+    mean displacement over the diagonal); its iterations or cycles; wall seconds.
+    """
+
+    name: str
+    crossings: int
+    folds: int
+    distortion: float
+    iterations: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class RepairResult:
+    """A repaired pose.
+
+    points: positions (V, 3), same type as the input; vertices that did not have to move are
+    bit-identical. diagnosis: what is left, as values. Displacements are relative to the diagonal
+    of the input's bounding box.
+    """
+
+    points: Any
+    before: Count
+    after: Count
+    iterations: int
+    status: Status
+    diagnosis: Diagnosis = field(default_factory=Diagnosis)
+    displacement_max: float = 0.0
+    displacement_mean: float = 0.0
+    stages: tuple[Stage, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def message(self) -> str:
+        """What is left, and what may be done about it, in words; empty where nothing is."""
+        return sentence(self.diagnosis, self.status.meaning)
+
+
+@dataclass
+class Solved:
+    """What a method hands back: the pose in units of the surface's size, and its stages.
+
+    left: pairs that are still closer than the clearance.
+    """
+
+    points: NDArray[np.float64]
+    stages: list[Stage] = field(default_factory=list)
+    left: int = 0
+
+    @property
+    def iterations(self) -> int:
+        """Iterations of all stages."""
+        return sum(stage.iterations for stage in self.stages)

@@ -10,7 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from dtrepair.keyposes.changes import Change, changes
-from dtrepair.keyposes.spans import KeyOptions, KeyPoses, Sample, Solver, Span
+from dtrepair.keyposes.options import KeyOptions
+from dtrepair.keyposes.spans import KeyPoses, Sample, Solver, Span
 from dtrepair.keyposes.tracks import Pose, Track
 
 # The parts of a split span have finer samples, which may show by this part more than before.
@@ -21,16 +22,25 @@ MOVED = 0.1
 TRIALS = 4
 
 
+def _nothing() -> None:
+    """Let a search go on."""
+
+
 def verify_in_betweens(
     tracks: Sequence[Track],
     spans: Sequence[tuple[float, float]],
     solver: Solver,
     *,
     options: KeyOptions,
+    jobs: int = 1,
+    check: Callable[[], None] = _nothing,
 ) -> KeyPoses:
-    """Count the in-betweens of spans (start, end) of neighbouring keys; nothing is changed."""
-    search = _Search(tracks, spans, solver, options)
-    search.measure_all()
+    """Count the in-betweens of spans (start, end) of neighbouring keys; nothing is changed.
+
+    jobs: threads; check: called from time to time, and ends the search by what it raises.
+    """
+    search = _Search(tracks, spans, solver, options, check)
+    search.measure_all(jobs)
     return search.answer(search.samples(spans))
 
 
@@ -40,16 +50,19 @@ def clean_in_betweens(
     solver: Solver,
     *,
     options: KeyOptions,
+    jobs: int = 1,
     progress: Callable[[int], None] = lambda done: None,
+    check: Callable[[], None] = _nothing,
 ) -> KeyPoses:
     """Move keys or add the fewest until `options.samples` in-betweens of each span are clean.
 
     tracks: of each mesh; spans: (start, end) times of neighbouring keys of all tracks together.
     An added key starts a span of its own, with as many samples. Where nothing helps, the samples
-    of the result say what is left. progress: called with the number of spans that are done.
+    of the result say what is left. progress: called with the number of spans that are done; jobs
+    and check as for `verify_in_betweens`.
     """
-    search = _Search(tracks, spans, solver, options)
-    search.measure_all()
+    search = _Search(tracks, spans, solver, options, check)
+    search.measure_all(jobs)
     before = search.samples(spans)
     for number, span in enumerate(spans):
         search.clean(span)
@@ -68,10 +81,11 @@ class _Search:
         spans: Sequence[tuple[float, float]],
         solver: Solver,
         options: KeyOptions,
+        check: Callable[[], None],
     ) -> None:
         self.tracks = self.given = tuple(tracks)
         self.spans = tuple(spans)
-        self.solver, self.options = solver, options
+        self.solver, self.options, self.check = solver, options, check
         self.added: tuple[float, ...] = ()
         self.known: dict[tuple[float, float], tuple[Sample, ...]] = {}
         self.all_times = sorted({time for span in spans for time in span})
@@ -93,11 +107,16 @@ class _Search:
             Sample(time, self.solver.pairs(time, self.poses(tracks, time))) for time in times
         )
 
-    def measure_all(self) -> None:
+    def measure_all(self, jobs: int) -> None:
         """Measure every span, side by side."""
-        with ThreadPoolExecutor(self.options.jobs) as pool:
-            found = pool.map(lambda span: self.measure(self.tracks, span), self.spans)
-            self.known = dict(zip(self.spans, found, strict=True))
+        with ThreadPoolExecutor(jobs) as pool:
+            try:
+                found = pool.map(lambda span: self.measure(self.tracks, span), self.spans)
+                for span, samples in zip(self.spans, found, strict=True):
+                    self.check()
+                    self.known[span] = samples
+            finally:
+                pool.shutdown(wait=True, cancel_futures=True)
 
     def samples(self, spans: Sequence[tuple[float, float]]) -> list[tuple[Sample, ...]]:
         """Return the samples of spans, those of their parts one after the other."""
@@ -181,6 +200,7 @@ class _Search:
 
     def settled(self, time: float, start: tuple[Pose, ...]) -> tuple[Pose, ...] | None:
         """Return a start that is clean, or repaired; None where there is neither."""
+        self.check()
         return start if not self.solver.pairs(time, start) else self.solver.repair(time, start)
 
     def measured(self, change: Change, part: tuple[float, float]) -> _Trial | None:
@@ -208,6 +228,7 @@ class _Search:
         part: tuple[float, float],
     ) -> _Trial:
         """Measure the spans that a change of keys reaches."""
+        self.check()
         low, high = self.reached(tracks, change)
         before = after = inside = 0.0
         known: dict[tuple[float, float], tuple[Sample, ...]] = {}

@@ -1,4 +1,4 @@
-"""Spans between keys, what was found in them, and how they are looked at."""
+"""Spans between keys, and what was found in them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from dtrepair.keyposes.tracks import INTERPOLATIONS, Pose, Track
+from dtrepair.keyposes.tracks import Pose, Track
 
 
 class Solver(Protocol):
@@ -46,29 +46,3 @@ class KeyPoses:
 
     tracks: tuple[Track, ...]
     spans: tuple[Span, ...]
-
-
-@dataclass(frozen=True)
-class KeyOptions:
-    """How in-betweens are looked at and mended.
-
-    samples: looked at between two keys, evenly; extra: most keys added between two given ones;
-    keep_keys: given keys are not moved; interpolation: of "linear", "cubic"; jobs: threads.
-    """
-
-    samples: int = 4
-    extra: int = 8
-    keep_keys: bool = False
-    interpolation: str = "linear"
-    jobs: int = 1
-
-    def __post_init__(self) -> None:
-        """Check the choices."""
-        for name, least in (("samples", 1), ("extra", 0), ("jobs", 1)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name} should be at least {least}, got {getattr(self, name)}")
-        if self.interpolation not in INTERPOLATIONS:
-            raise ValueError(
-                f"interpolation should be one of {', '.join(INTERPOLATIONS)}, "
-                f"got {self.interpolation!r}"
-            )

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Pose = NDArray[np.float32]
+from dtrepair.keyposes.options import INTERPOLATIONS
 
-INTERPOLATIONS = ("linear", "cubic")
+Pose = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,14 @@ class FrameDone:
 
 
 @dataclass(frozen=True)
+class SpansDone:
+    """So many of the spans between keys are looked at, and mended as far as they can be."""
+
+    done: int
+    total: int
+
+
+@dataclass(frozen=True)
 class Trouble:
     """An exception that the run survived; a warning says what it led to."""
 
@@ -34,7 +42,7 @@ class ProgressKept:
     entries: int
 
 
-Remark = FrameDone | Trouble | ProgressKept
+Remark = FrameDone | SpansDone | Trouble | ProgressKept
 
 
 class Observer:
@@ -84,9 +92,9 @@ class Progress:
         """
         self._observer.start(self._phase, self._total)
         try:
-            self._check()
+            stop_if_cancelled(self._observer)
             for item in items:
-                self._check()
+                stop_if_cancelled(self._observer)
                 yield item
                 self._handed_out += 1
                 self.ahead(0.0)
@@ -98,13 +106,15 @@ class Progress:
 
         Raises Cancelled where the observer wants the run to end.
         """
-        self._check()
+        stop_if_cancelled(self._observer)
         self._done = max(self._done, min(self._handed_out + frames, self._total))
         self._observer.advance(self._done)
 
-    def _check(self) -> None:
-        if self._observer.cancelled():
-            raise Cancelled("cancelled; no output was written")
+
+def stop_if_cancelled(observer: Observer) -> None:
+    """Raise Cancelled where the observer wants the run to end."""
+    if observer.cancelled():
+        raise Cancelled("cancelled; no output was written")
 
 
 def warn(observer: Observer, texts: Iterable[str]) -> None:

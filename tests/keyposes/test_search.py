@@ -11,8 +11,9 @@ from pxr import Usd, UsdGeom, Vt
 
 from dtrepair import Repairer, RepairOptions, find_intersections
 from dtrepair.keyposes.changes import NEIGHBOUR_LIMIT, neighbours_moved, scaled
+from dtrepair.keyposes.options import KeyOptions
 from dtrepair.keyposes.search import clean_in_betweens, verify_in_betweens
-from dtrepair.keyposes.spans import KeyOptions, Sample
+from dtrepair.keyposes.spans import Sample
 from dtrepair.keyposes.tracks import Track, between
 from tests.swinging_arm import arm_mesh, arm_pose
 
@@ -179,7 +180,7 @@ def test_in_betweens_of_a_swing_through_the_body_become_clean() -> None:
 
 def test_verification_changes_nothing() -> None:
     track, solver = arm_track(1.0, -1.0), ArmSolver()
-    found = verify_in_betweens([track], [(0.0, 10.0)], solver, options=KeyOptions(jobs=2))
+    found = verify_in_betweens([track], [(0.0, 10.0)], solver, options=KeyOptions(), jobs=2)
     assert found.tracks == (track,) and solver.cases == 0
     (span,) = found.spans
     assert span.before == span.after and [s.time for s in span.after] == [2.0, 4.0, 6.0, 8.0]
@@ -200,8 +201,29 @@ def test_what_cannot_be_cleaned_is_told(helpless: bool) -> None:
 
 
 def test_bad_options_are_refused() -> None:
-    for name in ("samples", "extra", "jobs"):
+    for name in ("samples", "extra"):
         with pytest.raises(ValueError, match=f"{name} should be at least"):
             KeyOptions(**{name: -1})  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="linear, cubic"):
         KeyOptions(interpolation="held")
+
+
+class Ended(Exception):
+    """What a check raises."""
+
+
+@pytest.mark.parametrize("asked", [1, 3, 8])
+def test_a_check_ends_a_search(asked: int) -> None:
+    track, solver = arm_track(1.0, -1.0, -0.8), ArmSolver()
+    asked_so_far = 0
+
+    def check() -> None:
+        nonlocal asked_so_far
+        asked_so_far += 1
+        if asked_so_far == asked:
+            raise Ended
+
+    spans = [(0.0, 10.0), (10.0, 20.0)]
+    with pytest.raises(Ended):
+        clean_in_betweens([track], spans, solver, options=KeyOptions(), jobs=2, check=check)
+    assert asked_so_far == asked

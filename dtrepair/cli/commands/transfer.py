@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import os
+from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
 
 from dtrepair.cli.options.method import METHOD_NAMES, method_options
 from dtrepair.cli.options.shared import console_options, jobs_option, run_options, selection_options
-from dtrepair.cli.options.transfer import Inputs, TransferOptions
+from dtrepair.cli.options.transfer import transfer_options
 from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.report_place import check_report_place, put_report
-from dtrepair.pipeline.errors import CLEAN, UsageError
+from dtrepair.cli.terminal.transfer_text import print_plan, print_report, say
+from dtrepair.pipeline.errors import CLEAN, UsageError, exit_code
 from dtrepair.pipeline.selection import Selection
-from dtrepair.pipeline.stages.devices import device_of_method
-from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
-from dtrepair.pipeline.stages.sinks import existing
-from dtrepair.pipeline.transfer.run import run_transfer
+from dtrepair.pipeline.transfer.options import TransferOptions
+from dtrepair.pipeline.transfer.run import files_of, plan_transfer, transfer_stage
+from dtrepair.pipeline.transfer.settings import TransferSettings
 
 if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions
@@ -41,9 +43,6 @@ class GreedyPoses(click.Command):
         return super().parse_args(context, expanded)
 
 
-_UP = click.Choice(["Y", "Z"], case_sensitive=False)
-
-
 @click.command(
     "transfer",
     cls=GreedyPoses,
@@ -60,44 +59,14 @@ _UP = click.Choice(["Y", "Z"], case_sensitive=False)
     metavar="FILE...",
     help="Poses of SOURCE: mesh files, time codes 1, 2, ...; or one animated stage.",
 )
-@click.option("--markers", metavar="F", help="Vertex pairs: .cons, two columns of text, or npz.")
-@click.option("--correspondence", metavar="F", help="Triangle pairs: .tricorrs, text, or npz.")
-@click.option("--save-correspondence", metavar="F", help="Write the triangle pairs: npz or text.")
 @click.option("--rest", metavar="STAGE|MESH|TIME", help="Rest pose of SOURCE; default as repair.")
-@click.option("--target-prim", metavar="EXPR", help="The mesh of TARGET, as --prim for SOURCE.")
-@click.option("--source-up", type=_UP, help="Up axis of SOURCE, where it does not say.")
-@click.option("--target-up", type=_UP, help="Up axis of TARGET, where it does not say.")
-@click.option(
-    "--align",
-    type=click.Choice(["axes", "rests"]),
-    default="axes",
-    show_default=True,
-    help="Turn the motion as the up axes, or as the rest poses, lie to each other.",
-)
-@click.option(
-    "--root-scale",
-    type=click.FloatRange(min=0.0),
-    metavar="X",
-    help="Scale of the travel; default: the ratio of the heights.",
-)
-@click.option("--ground", is_flag=True, help="Keep the lowest vertex on the source's ground.")
-@click.option(
-    "--pin",
-    metavar="NAME|F.npz",
-    help="Target vertices held at rest: primvar or GeomSubset; or npz of vertices, positions.",
-)
+@transfer_options
 @click.option("--repair", is_flag=True, help="Repair each frame; the target's rest is its rest.")
 @click.option(
     "--alone/--together",
     default=None,
     help="Repair frames for themselves (default for pose files) or steady in time (stages).",
 )
-@click.option(
-    "--shapes",
-    is_flag=True,
-    help="Take --poses, or the blend shapes of SOURCE, as shapes; write UsdSkel blend shapes.",
-)
-@click.option("--picture", metavar="F.png", help="Draw the registered source over the target.")
 @click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
@@ -109,17 +78,22 @@ _UP = click.Choice(["Y", "Z"], case_sensitive=False)
 @one_line_errors
 def command(
     *,
+    source_path: str,
+    target_path: str,
     output: str,
+    poses: tuple[str, ...],
+    rest: str | None,
+    transfer: TransferOptions,
     repair: bool,
+    alone: bool | None,
     selection: Selection,
     options: RepairOptions,
     device: str,
     jobs: int,
     console: Console,
     skip_existing: bool,
+    dry_run: bool,
     report_path: str | None,
-    picture: str | None,
-    **given: Any,
 ) -> int:
     """Give TARGET the motion of SOURCE (deformation transfer).
 
@@ -134,52 +108,37 @@ def command(
         dtrepair transfer walk.usd hero.usd --prim /Cat/Body --target-prim /Lion/Body \\
             --correspondence cat_lion.npz -o lion_walk.usdc
     """
-    if skip_existing and existing(output):
+    if skip_existing and os.path.exists(output):
         console.result(f"{output}: exists; skipped")
         return CLEAN
-    wanted = TransferOptions(repair=options if repair else None, picture=picture, **given)
-    _check_options(wanted)
-    _check_outputs(wanted, output, report_path, console)
-    there, warnings = device_of_method(device, options.method)
-    console.warn(warnings)
+    if not repair:
+        _refuse_without_repair()
+    settings = TransferSettings(
+        selection=selection,
+        options=transfer,
+        poses=poses,
+        rest=rest,
+        repair=options if repair else None,
+        alone=alone if repair else None,
+    )
+    read, written = files_of(source_path, target_path, settings)
+    check_report_place(report_path, console, *read, others=[output, *written])
+    observer = ConsoleObserver(console, say)
+    inputs = (source_path, target_path, output, settings)
     clean_up_if_forced(output)
-    inputs = Inputs(wanted, selection, there, jobs)
-    code, report = run_transfer(inputs, output, console)
-    if report is not None:
-        put_report(report, report_path)
-    return code
+    if dry_run:
+        print_plan(console, plan_transfer(*inputs, device=device, observer=observer))
+        return CLEAN
+    report = transfer_stage(*inputs, jobs=jobs, device=device, observer=observer)
+    print_report(console, report, repaired=repair)
+    put_report(report, report_path)
+    return exit_code(report)
 
 
-def _check_options(wanted: TransferOptions) -> None:
-    if wanted.markers and wanted.correspondence:
-        raise UsageError("--markers, --correspondence: give one of them")
-    if wanted.ground and wanted.pin:
-        raise UsageError("--ground: has no effect on pinned frames; leave out it or --pin")
-    if wanted.shapes and wanted.pin:
-        raise UsageError("--pin: has no effect with --shapes; leave it out")
-    if wanted.shapes and wanted.repair is not None:
-        raise UsageError("--repair: repairs motion, not --shapes; repair the posed result")
-    if wanted.repair is not None:
-        return
+def _refuse_without_repair() -> None:
+    """Refuse options that only a repair has; a file of --config may serve `repair` as well."""
     context = click.get_current_context()
     for name in (*METHOD_NAMES, "alone"):
-        # A file of --config may serve `repair` as well.
         if context.get_parameter_source(name) == ParameterSource.COMMANDLINE:
             option = name.replace("_", "-")
             raise UsageError(f"--{option}: has no effect without --repair")
-
-
-def _check_outputs(
-    wanted: TransferOptions, output: str, report: str | None, console: Console
-) -> None:
-    """Refuse outputs that are inputs, each other, or not writable, before any computing."""
-    inputs = [wanted.source_path, wanted.target_path, *wanted.poses]
-    inputs += [path for path in (wanted.markers, wanted.correspondence, wanted.pin) if path]
-    files = [output]
-    refuse_overwriting(output, *inputs)
-    for path in (wanted.save_correspondence, wanted.picture):
-        if path is not None:
-            refuse_overwriting(path, *inputs, others=files)
-            check_writable(path)
-            files.append(path)
-    check_report_place(report, console, *inputs, others=files)

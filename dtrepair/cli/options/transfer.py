@@ -1,71 +1,50 @@
-"""What a transfer was asked for, and its clock."""
+"""Options of a transfer, as `TransferOptions`."""
 
 from __future__ import annotations
 
-import time as clock
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from dtrepair.pipeline.selection import Selection
+import click
 
-if TYPE_CHECKING:
-    from dtrepair.repair.options import RepairOptions
+from dtrepair.cli.options.fields import Function, as_object, field_option
+from dtrepair.pipeline.transfer.options import ALIGNMENTS, UP_AXES, TransferOptions
+
+_UP = click.Choice(UP_AXES, case_sensitive=False)
+_ATTRIBUTES: dict[str, dict[str, Any]] = {
+    "markers": {"metavar": "F", "help": "Vertex pairs: .cons, two columns of text, or npz."},
+    "correspondence": {"metavar": "F", "help": "Triangle pairs: .tricorrs, text, or npz."},
+    "save_correspondence": {"metavar": "F", "help": "Write the triangle pairs: npz or text."},
+    "target_prim": {"metavar": "EXPR", "help": "The mesh of TARGET, as --prim for SOURCE."},
+    "source_up": {"type": _UP, "help": "Up axis of SOURCE, where it does not say."},
+    "target_up": {"type": _UP, "help": "Up axis of TARGET, where it does not say."},
+    "align": {
+        "type": click.Choice(ALIGNMENTS),
+        "help": "Turn the motion as the up axes, or as the rest poses, lie to each other.",
+    },
+    "root_scale": {
+        "type": click.FloatRange(min=0.0),
+        "metavar": "X",
+        "help": "Scale of the travel; default: the ratio of the heights.",
+    },
+    "ground": {"help": "Keep the lowest vertex on the source's ground."},
+    "pin": {
+        "metavar": "NAME|F.npz",
+        "help": "Target vertices held at rest: primvar or GeomSubset; or npz of vertices, "
+        "positions.",
+    },
+    "shapes": {
+        "help": "Take --poses, or the blend shapes of SOURCE, as shapes; write UsdSkel blend "
+        "shapes."
+    },
+    "picture": {"metavar": "F.png", "help": "Draw the registered source over the target."},
+}
 
 
-@dataclass(frozen=True, kw_only=True)
-class TransferOptions:
-    """What the user chose.
-
-    repair: options of the repair, None for none. alone: each frame is repaired for itself; None:
-    poses in mesh files are, the frames of a stage are repaired together.
-    """
-
-    source_path: str
-    target_path: str
-    poses: tuple[str, ...] = ()
-    markers: str | None = None
-    correspondence: str | None = None
-    save_correspondence: str | None = None
-    rest: str | None = None
-    target_prim: str | None = None
-    source_up: str | None = None
-    target_up: str | None = None
-    align: str = "axes"
-    root_scale: float | None = None
-    ground: bool = False
-    pin: str | None = None
-    picture: str | None = None
-    dry_run: bool = False
-    shapes: bool = False
-    alone: bool | None = None
-    repair: RepairOptions | None = None
-
-
-@dataclass
-class Inputs:
-    """A run: options, where it computes, and the seconds of its parts."""
-
-    options: TransferOptions
-    selection: Selection
-    device: str
-    jobs: int
-    warnings: list[str] = field(default_factory=list)
-    late: list[str] = field(default_factory=list)  # warnings that come while it runs
-    seconds: dict[str, float] = field(default_factory=dict)
-    start: float = field(default_factory=clock.perf_counter)
-    last: float = field(default_factory=clock.perf_counter)
-
-    def lap(self, name: str) -> None:
-        """Give the time since the last lap to a part."""
-        now = clock.perf_counter()
-        self.seconds[name] = self.seconds.get(name, 0.0) + now - self.last
-        self.last = now
-
-    def settings(self) -> dict[str, Any]:
-        """What a report and an output say of the choices."""
-        chosen = {**vars(self.selection), **vars(self.options)}
-        repair = chosen.pop("repair")
-        chosen |= {"repair": repair is not None, **(asdict(repair) if repair else {})}
-        chosen["poses"] = list(self.options.poses)
-        del chosen["dry_run"]
-        return {name: value for name, value in chosen.items() if value is not None}
+def transfer_options(function: Function) -> Function:
+    """Add the options of the transfer; the command gets `transfer`, a `TransferOptions`."""
+    options = {
+        name: field_option(TransferOptions, name, **attributes)
+        for name, attributes in _ATTRIBUTES.items()
+    }
+    decorated: Function = as_object(TransferOptions, "transfer", options)(function)
+    return decorated

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.interrupts import current_interrupts
 from dtrepair.cli.terminal.progress_bar import ProgressBar, wanted
-from dtrepair.pipeline.observer import FrameDone, Observer, ProgressKept, Remark, Trouble
+from dtrepair.pipeline.observer import FrameDone, Observer, ProgressKept, Remark, SpansDone, Trouble
 
 SayFrame = Callable[[Console, FrameDone], None]
 
@@ -48,6 +48,8 @@ class ConsoleObserver(Observer):
         if isinstance(remark, FrameDone):
             self.console.trace(remark.error)
             self._say_frame(self.console, remark)
+        elif isinstance(remark, SpansDone):
+            self.console.remark(f"{remark.done} of {remark.total} spans done")
         elif isinstance(remark, Trouble):
             self.console.trace(remark.error)
         elif isinstance(remark, ProgressKept):

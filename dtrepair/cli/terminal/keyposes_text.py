@@ -1,41 +1,13 @@
-"""What `dtrepair keyposes` says and reports about in-betweens."""
+"""What `dtrepair keyposes` says about keys and in-betweens."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
 from dtrepair.cli.terminal.console import Console
-from dtrepair.pipeline.errors import CLEAN, FRAMES, REMAINING
 from dtrepair.pipeline.stages.sources import time_label
 from dtrepair.report.record import FrameRecord, Report
 from dtrepair.wording import counted
 
-if TYPE_CHECKING:
-    from dtrepair.keyposes.spans import KeyPoses, Sample
-
 _WHEN = ("before", "after")
-
-
-def in_betweens(found: KeyPoses, interpolation: str, skipped: int) -> dict[str, Any]:
-    """The in-betweens for the report."""
-
-    def count(samples: tuple[Sample, ...]) -> dict[str, int]:
-        dirty = [sample for sample in samples if sample.pairs]
-        pairs = sum(sample.pairs for sample in dirty)
-        return {"samples": len(samples), "dirty": len(dirty), "pairs": pairs}
-
-    spans = [
-        {
-            "start": span.start,
-            "end": span.end,
-            "before": count(span.before),
-            "after": count(span.after),
-            "left": [sample.time for sample in span.after if sample.pairs],
-            "added": list(span.added),
-        }
-        for span in found.spans
-    ]
-    return {"interpolation": interpolation, "skipped": skipped, "spans": spans}
 
 
 def print_keys(console: Console, records: tuple[FrameRecord, ...]) -> None:
@@ -76,13 +48,3 @@ def print_spans(console: Console, report: Report) -> None:
     if left:
         times = ", ".join(time_label(time) for time in left[:8]) + (" ..." if left[8:] else "")
         console.result(f"still intersecting at {times}")
-
-
-def exit_code(report: Report) -> int:
-    """Return the exit code of a run."""
-    assert report.keyposes is not None
-    if any(record.status == "failed" for record in report.frames):
-        return FRAMES
-    left = any(record.after is not None and record.after.pairs for record in report.frames)
-    left = left or any(span["left"] for span in report.keyposes["spans"])
-    return REMAINING if left else CLEAN

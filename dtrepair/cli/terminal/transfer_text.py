@@ -1,66 +1,28 @@
-"""What a transfer says: its section of the report, its table, its picture."""
+"""What `dtrepair transfer` says: its plan, each frame, its table and figures."""
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
-
 from dtrepair.cli.terminal.console import Console
-from dtrepair.pipeline.repair.solve import Repaired
+from dtrepair.pipeline.observer import FrameDone
+from dtrepair.pipeline.stages.plan import Plan
 from dtrepair.pipeline.stages.sources import time_label
-from dtrepair.pipeline.transfer.correspondence import Correspondence, Mesh
-from dtrepair.pipeline.transfer.solve import FrameTransfer
 from dtrepair.report.record import Report
-
-_FIGURES = (
-    "residual_median",
-    "residual_p95",
-    "residual_max",
-    "inside_out",
-    "unit_ratio",
-    "turn_degrees",
-    "rest_error",
-)
-# What the library calls its arguments, and what the command line calls them.
-_OPTIONS = (
-    ("give the rotation between them", "--align rests turns the motion with them"),
-    ("add markers there", "add --markers there"),
-)
+from dtrepair.wording import counted
 
 
-def describe(
-    found: Correspondence, moves: FrameTransfer, meshes: tuple[Mesh, Mesh], target: str
-) -> tuple[dict[str, Any], list[str]]:
-    """The report's section `transfer`, and warnings."""
-    from dtrepair.transfer import measure_coverage
-
-    coverage = measure_coverage(found.pairs, meshes[0][1], *meshes[1])
-    figures = moves.figures() or {}
-    section = {
-        "correspondence": found.origin,
-        "target": target,
-        "pairs": coverage.pairs,
-        "unmatched": coverage.unmatched,
-        "unmatched_area": coverage.unmatched_area,
-        "largest_hole": coverage.largest_hole,
-        "source_used": coverage.source_used,
-        "root_scale": float(moves.transfer.placement.ratio),
-        **{name: figures.get(name) for name in _FIGURES},
-        "markers": found.markers,
-    }
-    warnings = list(figures.get("warnings", coverage.warnings))
-    for words, option in _OPTIONS:
-        warnings = [text.replace(words, option) for text in warnings]
-    return section, warnings
+def print_plan(console: Console, plan: Plan) -> None:
+    """Print what a run would do."""
+    rows = [[mesh.path, str(mesh.vertices), str(mesh.triangles), mesh.rest] for mesh in plan.meshes]
+    console.table(["mesh", "vertices", "triangles", "rest pose"], rows)
+    labels = [time_label(time) for time in plan.times]
+    frames = labels[0] if len(labels) == 1 else f"{labels[0]} to {labels[-1]}"
+    console.result(f"{counted(len(labels), 'frame')} ({frames}) would be written to {plan.output}")
 
 
-def say(console: Console, done: Repaired) -> None:
+def say(console: Console, done: FrameDone) -> None:
     """Say how a frame went: with -v, or where it failed."""
     record = done.record
     label = f"frame {time_label(record.time)}"
-    console.trace(done.error)
     if record.before is None or record.after is None:
         console.warn([f"{label}: {record.status}: {record.message}"])
         return
@@ -104,35 +66,3 @@ def print_report(console: Console, report: Report, *, repaired: bool) -> None:
         + ("" if repaired or not left else ": --repair removes them")
     )
     console.result(f"written: {report.output}")
-
-
-def draw_registration(
-    path: str, source: Mesh, target: Mesh, found: Correspondence, *, up: NDArray[np.float64]
-) -> None:
-    """Draw the registered source, the target with its unmatched triangles, and both together.
-
-    Without a registration the source's rest is laid over the target by its triangle pairs.
-    """
-    from dtrepair.display.render import make_view, render, save_pictures
-    from dtrepair.transfer.rests import laid_over
-
-    placed = found.registered
-    if placed is None:
-        placed = laid_over(source, target, found.pairs)
-    unmatched = np.ones(len(target[1]), dtype=bool)
-    unmatched[found.pairs[:, 1]] = False
-    view = make_view([placed, target[0]], up=up)
-    together = np.concatenate([target[0], placed])
-    faces = np.concatenate([target[1], source[1] + len(target[0])]).astype(np.int32)
-    red = np.arange(len(faces)) >= len(target[1])
-    images = [
-        render(placed, source[1], view=view),
-        render(target[0], target[1], view=view, intersecting=unmatched),
-        render(together, faces, view=view, intersecting=red),
-    ]
-    captions = [
-        "source, registered" if found.registered is not None else "source, laid over",
-        f"target: {int(unmatched.sum())} unmatched triangles",
-        "both: source in red",
-    ]
-    save_pictures(path, images, captions=captions)

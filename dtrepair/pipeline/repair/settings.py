@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, TypedDict, TypeVar
+from typing import Any, ClassVar, Protocol, TypedDict, TypeVar
 
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable, Selection
 from dtrepair.repair.options import RepairOptions
 
-Choices = TypeVar("Choices", Selection, ObjectOptions, RepairOptions, ObjectSettings)
+
+class _Options(Protocol):
+    """A dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+
+Kind = TypeVar("Kind", bound=_Options)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,11 +69,11 @@ class RepairSettings:
         if unknown := sorted(settings.keys() - known):
             raise UsageError(f"settings: no repair has {unknown[0]!r}; take those of its report")
         return cls(
-            selection=_chosen(Selection, settings),
-            options=_chosen(RepairOptions, settings),
-            objects=_chosen(ObjectOptions, settings),
+            selection=object_of(Selection, settings),
+            options=object_of(RepairOptions, settings),
+            objects=object_of(ObjectOptions, settings),
             tables=tuple(
-                PrimTable(path, _chosen(ObjectSettings, own), path)
+                PrimTable(path, object_of(ObjectSettings, own), path)
                 for path, own in settings.get("objects", {}).items()
             ),
             rest=settings.get("rest_option"),
@@ -106,9 +113,9 @@ def parse_chunk(text: str | None) -> tuple[int, int] | None:
     return int(number), int(count)
 
 
-def _chosen(kind: type[Choices], values: Mapping[str, Any]) -> Choices:
+def object_of(kind: type[Kind], values: Mapping[str, Any]) -> Kind:
     """An object of the values that have the names of its fields; a list of JSON is a tuple."""
-    names = {key.name for key in fields(kind)}
+    names = kind.__dataclass_fields__.keys()
     given = {name: value for name, value in values.items() if name in names}
     return kind(**{name: _as_tuple(value) for name, value in given.items()})
 

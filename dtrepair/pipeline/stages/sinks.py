@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -122,8 +121,3 @@ class MeshSink:
 
     def abort(self) -> None:
         """Nothing was written yet."""
-
-
-def existing(path: str) -> bool:
-    """Return whether an output is there already."""
-    return os.path.exists(path)

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import os
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import USAGE, InputError
+from dtrepair.pipeline.stages.outputs import writing
 from dtrepair.pipeline.transfer.inputs import input_errors
-
-Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
+from dtrepair.pipeline.transfer.options import TransferOptions
+from dtrepair.pipeline.transfer.picture import Mesh, draw_registration
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,30 @@ class Correspondence:
     registered: NDArray[np.float64] | None = None
     markers: dict[str, Any] | None = None
     warnings: tuple[str, ...] = ()
+
+
+def match(
+    meshes: tuple[Mesh, Mesh], up: NDArray[np.float64], options: TransferOptions
+) -> Correspondence:
+    """Pair the triangles of source and target rest; save and draw them as asked.
+
+    up: the target's up axis (3,), for the picture.
+    """
+    from dtrepair.transfer import write_correspondence
+
+    found = find_correspondence(*meshes, markers=options.markers, file=options.correspondence)
+    if options.save_correspondence is not None:
+        with writing(options.save_correspondence):
+            faces = [mesh[1] for mesh in meshes]
+            write_correspondence(options.save_correspondence, found.pairs, *faces)
+    if options.picture is not None:
+        try:
+            with writing(options.picture):
+                draw_registration(options.picture, *meshes, found.pairs, found.registered, up=up)
+        except ImportError as error:
+            undrawn = f"{options.picture}: not drawn: {error}"
+            return replace(found, warnings=(undrawn, *found.warnings))
+    return found
 
 
 def find_correspondence(

@@ -2,250 +2,279 @@
 
 from __future__ import annotations
 
-import time as clock
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Generator, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Unpack
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dtrepair import __version__
-from dtrepair.cli.options.transfer import Inputs
-from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.transfer_text import describe, draw_registration, print_report, say
 from dtrepair.numerics.jitter_meter import JitterMeter
-from dtrepair.pipeline.errors import CLEAN, FRAMES, REMAINING
+from dtrepair.pipeline.errors import plain_errors
+from dtrepair.pipeline.observer import (
+    SILENT,
+    FrameDone,
+    Observer,
+    Progress,
+    Trouble,
+    stop_if_cancelled,
+    warn,
+)
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frames
 from dtrepair.pipeline.stages.bodies import in_units_of_frames
+from dtrepair.pipeline.stages.clock import Clock
+from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import make_counter, prim_records, refuse_if_none_usable
-from dtrepair.pipeline.stages.outputs import writing
-from dtrepair.pipeline.stages.rest import Rest, choose_rests
+from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
+from dtrepair.pipeline.stages.plan import Plan, make_plan
 from dtrepair.pipeline.stages.sinks import Sink
-from dtrepair.pipeline.stages.sources import MeshSource, Source, StageSource, time_label
-from dtrepair.pipeline.transfer.correspondence import Correspondence, find_correspondence
-from dtrepair.pipeline.transfer.inputs import (
-    Axes,
-    PoseFiles,
-    compare_axes,
-    input_errors,
-    input_problems,
-    open_poses,
-    open_target,
-)
-from dtrepair.pipeline.transfer.shapes import ShapeSink, open_shapes
+from dtrepair.pipeline.transfer.correspondence import match
+from dtrepair.pipeline.transfer.inputs import PoseFiles, input_errors
+from dtrepair.pipeline.transfer.pair import Pair, open_pair
+from dtrepair.pipeline.transfer.record import describe
+from dtrepair.pipeline.transfer.settings import TransferChoices, TransferSettings
+from dtrepair.pipeline.transfer.shapes import ShapeSink
 from dtrepair.pipeline.transfer.sinks import open_clip
 from dtrepair.pipeline.transfer.solve import FrameTransfer, PinSet, counted_frames, read_pin_set
 from dtrepair.report.record import FrameRecord, Report, summarize
-from dtrepair.wording import counted
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCounter
     from dtrepair.transfer import Transfer
 
 
-@dataclass(frozen=True)
-class Pair:
-    """Both inputs with their rest poses and axes."""
+def transfer_stage(
+    source: str,
+    target: str,
+    output: str,
+    settings: TransferSettings | None = None,
+    *,
+    jobs: int | None = None,
+    device: str = "auto",
+    observer: Observer = SILENT,
+    **choices: Unpack[TransferChoices],
+) -> Report:
+    """Give a target the motion of a source (deformation transfer), and write it.
 
-    source: Source
-    target: StageSource | MeshSource
-    source_rest: Rest
-    target_rest: Rest
-    axes: Axes
+    Args:
+        source: path of an animated stage, or of a rest mesh whose `poses` are given.
+        target: path of a stage, over which a layer is written, or of a mesh file, which gives a
+            new stage.
+        output: path of the stage or layer; it appears whole at the end, or not at all.
+        settings: all choices of a run as one object, such as `TransferSettings.from_report`.
+        jobs: processors to use; None: all of them.
+        device: "auto", "cpu" or "cuda[:N]".
+        observer: hears of the run, and may cancel it.
+        choices: fields of `TransferSettings`, by name; they replace those of `settings`.
 
-    @property
-    def meshes(self) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-        """Rest points and faces of source and target."""
-        return (
-            (self.source_rest.points, self.source.meshes[0].faces),
-            (self.target_rest.points, self.target.meshes[0].faces),
+    Raises:
+        PipelineError: with the exit code that stands for it, see its subclasses. Cancelled where
+            the observer wants the run to end. An older output is intact then.
+    """
+    chosen = replace(settings or TransferSettings(), **choices)
+    with plain_errors(), _prepared(source, target, output, chosen, device, jobs, observer) as run:
+        return _transferred(run)
+
+
+def plan_transfer(
+    source: str,
+    target: str,
+    output: str,
+    settings: TransferSettings | None = None,
+    *,
+    device: str = "auto",
+    observer: Observer = SILENT,
+    **choices: Unpack[TransferChoices],
+) -> Plan:
+    """Return what `transfer_stage` would do with the same arguments; check them, write nothing."""
+    chosen = replace(settings or TransferSettings(), **choices)
+    with plain_errors(), _prepared(source, target, output, chosen, device, None, observer) as run:
+        pair, times = run.pair, run.pair.source.times
+        sides = ((pair.source, pair.source_rest), (pair.target, pair.target_rest))
+        meshes = tuple(
+            replace(mesh, path=f"{side.name} {mesh.path}")
+            for side, rest in sides
+            for mesh in make_plan(side, [rest], times, output).meshes
         )
+        return Plan(meshes, tuple(times.tolist()), output)
 
 
-def run_transfer(run: Inputs, output: str, console: Console) -> tuple[int, Report | None]:
-    """Do a whole transfer; return the exit code and the report (None for a dry run)."""
-    pair = _open(run, console)
-    open_sink = ShapeSink if run.options.shapes else open_clip
-    sink = open_sink(pair.source, pair.target, output, run.settings())
+@dataclass
+class _Run:
+    """A transfer with its inputs and its output open."""
+
+    source: str
+    output: str
+    settings: TransferSettings
+    recorded: dict[str, object]
+    device: str
+    jobs: int | None
+    observer: Observer
+    pair: Pair
+    pins: PinSet | None
+    sink: Sink
+    clock: Clock
+    late: list[str] = field(default_factory=list)  # warnings that come while it runs
+
+
+@contextmanager
+def _prepared(
+    source: str,
+    target: str,
+    output: str,
+    settings: TransferSettings,
+    device: str,
+    jobs: int | None,
+    observer: Observer,
+) -> Iterator[_Run]:
+    """Check and open everything; what is not committed within the block is dropped."""
+    clock = Clock()
+    _check_outputs(source, target, output, settings)
+    method = settings.repair.method if settings.repair else "full"
+    there, warnings = device_of_method(device, method)
+    warn(observer, warnings)
+    pair = open_pair(source, target, settings, there)
+    warn(observer, pair.warnings)
+    open_sink = ShapeSink if settings.options.shapes else open_clip
+    recorded = settings.recorded(source, target)
+    sink = open_sink(pair.source, pair.target, output, recorded)
     try:
-        pins = read_pin_set(
-            pair.target, pair.target_rest.points, run.options.pin, len(pair.source.times)
+        count = len(pair.source.times)
+        pins = read_pin_set(pair.target, pair.target_rest.points, settings.options.pin, count)
+        clock.lap("read")
+        yield _Run(
+            source, output, settings, recorded, there, jobs, observer, pair, pins, sink, clock
         )
-        run.lap("read")
-        if run.options.dry_run:
-            _print_plan(console, pair, output)
-            return CLEAN, None
-        report = _transfer(run, pair, pins, sink, output, console)
     finally:
         sink.abort()
-    print_report(console, report, repaired=run.options.repair is not None)
-    return _exit_code(report.frames), report
 
 
-def _open(run: Inputs, console: Console) -> Pair:
-    options = run.options
-    open_source = open_shapes if options.shapes else open_poses
-    source = open_source(options.source_path, options.poses, run.selection)
-    target = open_target(options.target_path, options.target_prim)
-    run.warnings += [*source.warnings, *target.warnings, *input_problems(source, target)]
-    rest = options.rest
-    if rest is None and source.name != options.source_path:
-        rest = options.source_path  # the poses are a stage of their own, the source its rest
-    axes = compare_axes(source, target, (options.source_up, options.target_up))
-    source_rest = choose_rests(source, rest, device=run.device)[0]
-    target_rest = choose_rests(target, None, device=run.device)[0]
-    for side, found in ((source, source_rest), (target, target_rest)):
-        if found.origin.startswith("frame"):
-            run.warnings.append(
-                f"{side.name}: {side.meshes[0].path} has no points at the default time; its rest "
-                f"pose is taken from {found.origin}"
-            )
-    console.warn(run.warnings)
-    return Pair(source, target, source_rest, target_rest, axes)
+def files_of(source: str, target: str, settings: TransferSettings) -> tuple[list[str], list[str]]:
+    """The files that a transfer reads, and those that it writes besides its output."""
+    options = settings.options
+    read = (options.markers, options.correspondence, options.pin)
+    written = (options.save_correspondence, options.picture)
+    return (
+        [source, target, *settings.poses, *(path for path in read if path)],
+        [path for path in written if path is not None],
+    )
 
 
-def _match(run: Inputs, pair: Pair) -> Correspondence:
-    """Pair the triangles; save and draw them as asked."""
-    from dtrepair.transfer import write_correspondence
-
-    options = run.options
-    found = find_correspondence(*pair.meshes, markers=options.markers, file=options.correspondence)
-    if options.save_correspondence is not None:
-        with writing(options.save_correspondence):
-            faces = [mesh[1] for mesh in pair.meshes]
-            write_correspondence(options.save_correspondence, found.pairs, *faces)
-    if options.picture is not None:
-        try:
-            with writing(options.picture):
-                draw_registration(options.picture, *pair.meshes, found, up=pair.axes.up)
-        except ImportError as error:
-            run.late.append(f"{options.picture}: not drawn: {error}")
-    return found
+def _check_outputs(source: str, target: str, output: str, settings: TransferSettings) -> None:
+    """Refuse outputs that are inputs, each other, or not writable, before any computing."""
+    read, written = files_of(source, target, settings)
+    refuse_overwriting(output, *read)
+    for index, path in enumerate(written):
+        refuse_overwriting(path, *read, others=[output, *written[:index]])
+        check_writable(path)
 
 
-def _make_transfer(run: Inputs, pair: Pair, found: Correspondence) -> Transfer:
-    from dtrepair.transfer import Transfer
-    from dtrepair.transfer.rests import rotation_between_rests
-
-    rotation = pair.axes.rotation
-    if run.options.align == "rests":
-        with input_errors(prefix="--align rests: "):
-            rotation = rotation_between_rests(*pair.meshes, found.pairs)
-    with input_errors():
-        return Transfer(
-            *pair.meshes[0],
-            *pair.meshes[1],
-            found.pairs,
-            rotation=rotation,
-            up=pair.axes.up,
-            scale=run.options.root_scale,
-            snap=run.options.ground,
-        )
-
-
-def _transfer(
-    run: Inputs, pair: Pair, pins: PinSet | None, sink: Sink, output: str, console: Console
-) -> Report:
-    found = _match(run, pair)
-    run.lap("match")
-    moves = FrameTransfer(_make_transfer(run, pair, found), pair.source, pair.axes, pins)
-    run.lap("factor")
-    records, jitter, rest_count = _move_frames(run, pair, moves, sink, console)
+def _transferred(run: _Run) -> Report:
+    """Match, factor, move every frame, and write."""
+    pair, options = run.pair, run.settings.options
+    stop_if_cancelled(run.observer)
+    found = match(pair.meshes, pair.axes.up, options)
+    run.clock.lap("match")
+    stop_if_cancelled(run.observer)
+    moves = FrameTransfer(_make_transfer(run, found.pairs), pair.source, pair.axes, run.pins)
+    run.clock.lap("factor")
+    records, jitter, rest_count = _move_frames(run, moves)
     refuse_if_none_usable(pair.source, records)
-    section, late = describe(found, moves, pair.meshes, pair.target.meshes[0].path)
-    late = [*run.late, *found.warnings, *late]
+    section, concerns = describe(found, moves, pair.meshes, pair.target.meshes[0].path)
+    late = [*run.late, *found.warnings, *concerns]
     if rest_count:
         late.append(
             f"{pair.target.name}: the rest pose has {rest_count} intersecting triangles of its own"
         )
-    run.lap("examine")
-    late += sink.commit({"counts": summarize(records), "transfer": section})
-    run.lap("write")
-    console.warn(late)
-    run.seconds |= {**moves.seconds, "read": run.seconds["read"] + moves.seconds["read"]}
-    run.seconds["total"] = clock.perf_counter() - run.start
+    run.clock.lap("examine")
+    late += run.sink.commit({"counts": summarize(records), "transfer": section})
+    run.clock.lap("write")
+    run.clock.add(moves.seconds)
+    warn(run.observer, late)
     return Report(
         command="transfer",
         version=__version__,
-        input=run.options.source_path,
-        output=output,
+        input=run.source,
+        output=run.output,
         device=run.device,
-        settings=run.settings(),
-        seconds=run.seconds,
+        settings=run.recorded,
+        seconds=run.clock.total(),
         prims=prim_records(pair.target, [rest_count]),
         frames=tuple(records),
-        warnings=(*run.warnings, *late),
+        warnings=(*pair.warnings, *late),
         jitter=jitter,
         transfer=section,
     )
 
 
-def _move_frames(
-    run: Inputs, pair: Pair, moves: FrameTransfer, sink: Sink, console: Console
-) -> tuple[list[FrameRecord], float | None, int]:
+def _make_transfer(run: _Run, pairs: NDArray[np.int32]) -> Transfer:
+    from dtrepair.transfer import Transfer
+    from dtrepair.transfer.rests import rotation_between_rests
+
+    pair, options = run.pair, run.settings.options
+    rotation = pair.axes.rotation
+    if options.align == "rests":
+        with input_errors(prefix="--align rests: "):
+            rotation = rotation_between_rests(*pair.meshes, pairs)
+    with input_errors():
+        return Transfer(
+            *pair.meshes[0],
+            *pair.meshes[1],
+            pairs,
+            rotation=rotation,
+            up=pair.axes.up,
+            scale=options.root_scale,
+            snap=options.ground,
+        )
+
+
+def _move_frames(run: _Run, moves: FrameTransfer) -> tuple[list[FrameRecord], float | None, int]:
     """Transfer, repair and write all frames; return records, jitter, and the rest's count."""
+    pair = run.pair
     counter = make_counter(pair.target, mode="both", device=run.device)
     rest_count = counter([pair.target_rest.points]).total.triangles
     records, meter = [], JitterMeter()
-    outcomes = _outcomes(run, pair, moves, counter, console)
-    for done in console.progress(outcomes, total=len(pair.source.times), what="transferring"):
-        records.append(done.record)
-        say(console, done)
-        if done.frame.usable:
-            points = done.frame.points[0] if done.points[0] is None else done.points[0]
-            sink.put(0, done.frame.time, points)
-            meter.add(done.frame.spaces[0], done.spaces[0])
-        for name, value in done.seconds.items():
-            run.seconds[name] = run.seconds.get(name, 0.0) + value
-    run.last = clock.perf_counter()
-    measured = run.options.repair is not None and len(records) > 2
+    progress = Progress(run.observer, "transferring", len(pair.source.times))
+    with closing(_outcomes(run, moves, counter, progress)) as outcomes:
+        for done in progress.over(outcomes):
+            records.append(done.record)
+            run.observer.remark(FrameDone(done.record, done.error))
+            if done.frame.usable:
+                points = done.frame.points[0] if done.points[0] is None else done.points[0]
+                run.sink.put(0, done.frame.time, points)
+                meter.add(done.frame.spaces[0], done.spaces[0])
+            run.clock.add(done.seconds)
+    run.clock.skip()
+    measured = run.settings.repair is not None and len(records) > 2
     return records, meter.value if measured else None, rest_count
 
 
 def _outcomes(
-    run: Inputs, pair: Pair, moves: FrameTransfer, counter: SceneCounter, console: Console
-) -> Iterator[Repaired]:
+    run: _Run, moves: FrameTransfer, counter: SceneCounter, progress: Progress
+) -> Generator[Repaired]:
     """Frames transferred, and repaired where asked; all of them counted."""
-    options = run.options.repair
+    target, options = run.pair.target, run.settings.repair
     if options is None:
-        yield from counted_frames(moves.frames(), pair.target, counter)
+        yield from counted_frames(moves.frames(), target, counter)
         return
     from dtrepair.repair.repairer import SceneRepairer
     from dtrepair.repair.scene.bodies import Body
 
-    rest, faces = pair.meshes[1]
+    rest, faces = run.pair.meshes[1]
     pin = None if moves.pins is None else moves.pins.mask(len(rest))
-    options = in_units_of_frames(pair.target, options)
+    options = in_units_of_frames(target, options)
     scene = SceneRepairer([Body(rest, faces, pin=pin)], options=options, device=run.device)
-    repairer = FrameRepairer(pair.target, scene, counter, jobs=run.jobs, alone=_alone(run, pair))
+    repairer = FrameRepairer(target, scene, counter, jobs=run.jobs, alone=_alone(run))
+    repairer.progress = progress.ahead
     yield from repair_frames(moves.frames(), repairer)
     run.late += repairer.warnings
-    console.trace(repairer.error)
+    if repairer.error is not None:
+        run.observer.remark(Trouble(repairer.error))
 
 
-def _alone(run: Inputs, pair: Pair) -> bool:
+def _alone(run: _Run) -> bool:
     """Whether frames are repaired each for itself: poses in files need not be a motion."""
-    chosen = run.options.alone
-    return isinstance(pair.source, PoseFiles) if chosen is None else chosen
-
-
-def _print_plan(console: Console, pair: Pair, output: str) -> None:
-    """Print what a run would do."""
-    rows = [
-        [f"{side.name} {side.meshes[0].path}", str(len(mesh[0])), str(len(mesh[1])), rest.origin]
-        for side, mesh, rest in zip(
-            (pair.source, pair.target),
-            pair.meshes,
-            (pair.source_rest, pair.target_rest),
-            strict=True,
-        )
-    ]
-    console.table(["mesh", "vertices", "triangles", "rest pose"], rows)
-    labels = [time_label(float(time)) for time in pair.source.times]
-    frames = labels[0] if len(labels) == 1 else f"{labels[0]} to {labels[-1]}"
-    console.result(f"{counted(len(labels), 'frame')} ({frames}) would be written to {output}")
-
-
-def _exit_code(records: tuple[FrameRecord, ...]) -> int:
-    if any(record.status == "failed" for record in records):
-        return FRAMES
-    left = any(record.after is not None and record.after.pairs for record in records)
-    return REMAINING if left else CLEAN
+    chosen = run.settings.alone
+    return isinstance(run.pair.source, PoseFiles) if chosen is None else chosen

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from dtrepair.report.record import FramePrimRecord, FrameRecord
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCounter
-    from dtrepair.transfer import Transfer
+    from dtrepair.transfer import Transfer, TransferReport
 
 _SAMPLES = 48  # frames that the figures of a clip are taken from
 
@@ -130,24 +130,14 @@ class FrameTransfer:
             return np.asarray(self.transfer(pose))
         return np.asarray(self._hold(pose, self.pins.at(index)))
 
-    def figures(self) -> dict[str, Any] | None:
-        """What a report says of the transfer; None if no frame was usable."""
+    def examined(self) -> TransferReport | None:
+        """Figures of the transfer over the frames that were kept; None if none was usable."""
         from dtrepair.transfer import examine
 
         if not self.samples:
             return None
         poses, points = (np.stack(part) for part in zip(*self.samples, strict=True))
-        found = examine(self.transfer, poses, points)
-        return {
-            "residual_median": found.residual_median,
-            "residual_p95": found.residual_p95,
-            "residual_max": found.residual_max,
-            "inside_out": found.flipped,
-            "unit_ratio": found.unit_ratio,
-            "turn_degrees": found.turn,
-            "rest_error": found.rest_error,
-            "warnings": found.warnings,
-        }
+        return examine(self.transfer, poses, points)
 
 
 def counted_frames(

@@ -1,0 +1,224 @@
+"""Key poses from a stage to the layer over it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Unpack
+
+from dtrepair import __version__
+from dtrepair.keyposes.search import clean_in_betweens, verify_in_betweens
+from dtrepair.keyposes.spans import KeyPoses
+from dtrepair.pipeline.errors import UsageError, plain_errors
+from dtrepair.pipeline.keyposes.record import in_betweens
+from dtrepair.pipeline.keyposes.settings import KeyposeChoices, KeyposeSettings
+from dtrepair.pipeline.keyposes.solve import StageKeys
+from dtrepair.pipeline.observer import (
+    SILENT,
+    FrameDone,
+    Observer,
+    Progress,
+    SpansDone,
+    stop_if_cancelled,
+    warn,
+)
+from dtrepair.pipeline.repair.run import Run, make_repairer
+from dtrepair.pipeline.repair.settings import recorded_settings
+from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
+from dtrepair.pipeline.stages.devices import device_of_method
+from dtrepair.pipeline.stages.frames import mode_warnings, prim_records, refuse_if_none_usable
+from dtrepair.pipeline.stages.object_settings import recorded
+from dtrepair.pipeline.stages.plan import Plan, make_plan
+from dtrepair.pipeline.stages.rest import Rest, choose_rests, rest_warnings
+from dtrepair.pipeline.stages.sinks import Sink, open_sink
+from dtrepair.pipeline.stages.sources import StageSource, is_stage, open_source
+from dtrepair.report.record import FrameRecord, Report, summarize
+
+
+def repair_keyposes(
+    stage: str,
+    output: str | None = None,
+    settings: KeyposeSettings | None = None,
+    *,
+    jobs: int | None = None,
+    device: str = "auto",
+    observer: Observer = SILENT,
+    **choices: Unpack[KeyposeChoices],
+) -> Report:
+    """Repair the keys of a stage and make the poses between them clean; write a layer over it.
+
+    Keys are the samples of the points, and of the transforms where several meshes meet. Where
+    in-betweens intersect, keys are moved a little, or as few as possible are added.
+
+    Args:
+        stage: path of a USD stage.
+        output: path of the layer, which appears whole at the end, or not at all; None: only count
+            what intersects, and write nothing.
+        settings: all choices of a run as one object, such as `KeyposeSettings.from_report`.
+        jobs: processors to use; None: all of them.
+        device: "auto", "cpu" or "cuda[:N]".
+        observer: hears of the run, and may cancel it.
+        choices: fields of `KeyposeSettings`, by name; they replace those of `settings`.
+
+    Raises:
+        PipelineError: with the exit code that stands for it, see its subclasses. Cancelled where
+            the observer wants the run to end. An older output is intact then.
+    """
+    chosen = replace(settings or KeyposeSettings(), **choices)
+    with plain_errors(), _prepared(stage, output, chosen, device, jobs, observer) as prepared:
+        return _solved(prepared, observer)
+
+
+def plan_keyposes(
+    stage: str,
+    output: str | None = None,
+    settings: KeyposeSettings | None = None,
+    *,
+    device: str = "auto",
+    observer: Observer = SILENT,
+    **choices: Unpack[KeyposeChoices],
+) -> Plan:
+    """Return what `repair_keyposes` would do with the same arguments; check them, write nothing."""
+    chosen = replace(settings or KeyposeSettings(), **choices)
+    with plain_errors(), _prepared(stage, output, chosen, device, None, observer) as prepared:
+        source, controls = prepared.source, prepared.controls
+        return make_plan(source, prepared.rests, source.times, output, controls.settings)
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """A run with its input read, and its output opened."""
+
+    run: Run
+    settings: KeyposeSettings
+    source: StageSource
+    controls: Controls
+    rests: list[Rest]
+    sink: Sink | None
+
+
+@contextmanager
+def _prepared(
+    stage: str,
+    output: str | None,
+    settings: KeyposeSettings,
+    device: str,
+    jobs: int | None,
+    observer: Observer,
+) -> Iterator[_Prepared]:
+    """Read the input, open the output, and drop what is not committed within the block."""
+    options = settings.options
+    there, warnings = device_of_method(device, options.method)
+    warn(observer, warnings)
+    run = Run(stage, output or "", there, options, jobs, alone=True)
+    source = _open(stage, settings)
+    warn(observer, [*source.warnings, *mode_warnings(source, options.mode)])
+    controls = read_controls(source, settings.objects, settings.tables)
+    warn(observer, controls.warnings)
+    run.ignored = controls.ignored
+    more = {
+        "rest": settings.rest,
+        "objects": recorded(source, controls.settings),
+        **vars(settings.keys),
+    }
+    run.settings = recorded_settings(settings.selection, settings.objects, options, more)
+    sink = None if output is None else open_sink(source, output, run.settings)
+    try:
+        run.lap("read")
+        rests = choose_rests(source, settings.rest, device=there)
+        yield _Prepared(run, settings, source, controls, rests, sink)
+    finally:
+        if sink is not None:
+            sink.abort()
+
+
+def _open(stage: str, settings: KeyposeSettings) -> StageSource:
+    """The stage, which must have time samples."""
+    if not is_stage(stage):
+        raise UsageError(f"{stage}: is not a USD stage: only stages have keys")
+    source = open_source(stage, settings.selection, collider=settings.objects.collider)
+    assert isinstance(source, StageSource)
+    if math.isnan(source.times[0]):
+        raise UsageError(f"{stage}: no mesh has time samples; use dtrepair repair")
+    return source
+
+
+def _solved(prepared: _Prepared, observer: Observer) -> Report:
+    """Repair the keys, then the in-betweens; write; return the report."""
+    run, source, sink = prepared.run, prepared.source, prepared.sink
+    controls, mode = prepared.controls, prepared.settings.options.mode
+    bodies = make_bodies(source, prepared.rests, controls, observer, mode=mode)
+    repairer, rest_counts = make_repairer(run, source, prepared.rests, bodies)
+    warn(observer, rest_warnings(source, prepared.rests, rest_counts))
+    run.lap("factor")
+    keys = StageKeys(source, repairer, [bool(own.rigid) for own in controls.settings])
+    records = _repair_keys(keys, observer, only_count=sink is None)
+    refuse_if_none_usable(source, list(records.values()))
+    run.lap("solve")
+    found = _search(prepared, keys, observer)
+    run.lap("in-betweens")
+    added = {time: None for span in found.spans for time in span.added}
+    frames = tuple(
+        keys.record(record, time, found.tracks)
+        for time, record in sorted({**records, **added}.items())
+    )
+    warnings: tuple[str, ...] = ()
+    if sink is not None:
+        keys.write(found.tracks, sink)
+        warnings = sink.commit({"counts": summarize(frames)})
+        warn(observer, warnings)
+        run.lap("write")
+    return Report(
+        command="keyposes",
+        version=__version__,
+        input=run.input,
+        output=run.output or None,
+        device=run.device,
+        settings=run.settings,
+        seconds={**run.seconds, "total": run.last - run.start},
+        prims=prim_records(source, rest_counts),
+        frames=frames,
+        warnings=(*source.warnings, *warnings),
+        keyposes=in_betweens(found, prepared.settings.keys.interpolation, keys.skipped),
+    )
+
+
+def _repair_keys(
+    keys: StageKeys, observer: Observer, *, only_count: bool
+) -> dict[float, FrameRecord]:
+    """Repair each key for itself, or count it; the records by time."""
+    records: dict[float, FrameRecord] = {}
+    for time in Progress(observer, "keys", len(keys.selected)).over(keys.selected):
+        done = keys.check_key(time) if only_count else keys.repair_key(time)
+        records[time] = done.record
+        observer.remark(FrameDone(done.record, done.error))
+    return records
+
+
+def _search(prepared: _Prepared, keys: StageKeys, observer: Observer) -> KeyPoses:
+    """Look at the in-betweens, and mend them where there is an output."""
+    from dtrepair.repair.parallel.worker_pool import available_processors
+
+    total = len(keys.spans)
+
+    def tell(done: int) -> None:
+        observer.advance(done)
+        observer.remark(SpansDone(done, total))
+
+    only_count = prepared.sink is None
+    search = verify_in_betweens if only_count else partial(clean_in_betweens, progress=tell)
+    observer.start("in-betweens", total)
+    try:
+        return search(
+            keys.tracks,
+            keys.spans,
+            keys,
+            options=prepared.settings.keys,
+            jobs=prepared.run.jobs or available_processors(),
+            check=lambda: stop_if_cancelled(observer),
+        )
+    finally:
+        observer.end()

@@ -1,0 +1,47 @@
+"""What a report says of a transfer: coverage, residuals, markers; and what is wrong with it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from dtrepair.pipeline.transfer.correspondence import Correspondence
+from dtrepair.pipeline.transfer.picture import Mesh
+
+if TYPE_CHECKING:
+    from dtrepair.pipeline.transfer.solve import FrameTransfer
+
+
+def describe(
+    found: Correspondence, moves: FrameTransfer, meshes: tuple[Mesh, Mesh], target: str
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """The report's section `transfer`, and warnings; figures are None without a usable frame."""
+    from dtrepair.transfer import measure_coverage
+    from dtrepair.transfer.report import REMEDIES, Concern
+
+    # What the library calls its arguments, hosts know by the names of the options.
+    remedies = {
+        **REMEDIES,
+        Concern.UNMATCHED: "add --markers there",
+        Concern.TURN: "--align rests turns the motion with them",
+    }
+    figures = moves.examined()
+    coverage = measure_coverage(found.pairs, meshes[0][1], *meshes[1])
+    section = {
+        "correspondence": found.origin,
+        "target": target,
+        "pairs": coverage.pairs,
+        "unmatched": coverage.unmatched,
+        "unmatched_area": coverage.unmatched_area,
+        "largest_hole": coverage.largest_hole,
+        "source_used": coverage.source_used,
+        "root_scale": float(moves.transfer.placement.ratio),
+        "residual_median": figures and figures.residual_median,
+        "residual_p95": figures and figures.residual_p95,
+        "residual_max": figures and figures.residual_max,
+        "inside_out": figures and figures.flipped,
+        "unit_ratio": figures and figures.unit_ratio,
+        "turn_degrees": figures and figures.turn,
+        "rest_error": figures and figures.rest_error,
+        "markers": found.markers,
+    }
+    return section, (figures or coverage).sentences(remedies)

@@ -1,0 +1,82 @@
+"""Everything that was chosen for a transfer, as one object; what a report keeps of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, TypedDict
+
+from dtrepair.pipeline.errors import UsageError
+from dtrepair.pipeline.repair.settings import object_of
+from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.transfer.options import TransferOptions
+from dtrepair.repair.options import RepairOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransferSettings:
+    """What the result of a transfer depends on, besides source, target and the device.
+
+    Args:
+        selection: mesh and frames of the source.
+        options: how the motion is transferred.
+        poses: mesh files of the source's poses, time codes 1, 2, ...; or one animated stage.
+        rest: rest pose of the source, as `RepairSettings` takes it.
+        repair: repair each frame like this, with the target's rest; None: leave them.
+        alone: repair each frame for itself; None: only where the poses are mesh files.
+
+    Raises:
+        UsageError: choices that do not go together.
+    """
+
+    selection: Selection = field(default_factory=Selection)
+    options: TransferOptions = field(default_factory=TransferOptions)
+    poses: tuple[str, ...] = ()
+    rest: str | None = None
+    repair: RepairOptions | None = None
+    alone: bool | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense."""
+        if self.repair is None and self.alone is not None:
+            raise UsageError("--alone: has no effect without --repair")
+        if self.repair is not None and self.options.shapes:
+            raise UsageError("--repair: repairs motion, not --shapes; repair the posed result")
+
+    def recorded(self, source: str, target: str) -> dict[str, Any]:
+        """What an output and a report keep of the choices."""
+        chosen = {
+            **vars(self.selection),
+            "source_path": source,
+            "target_path": target,
+            "poses": list(self.poses),
+            "rest": self.rest,
+            **vars(self.options),
+            "alone": self.alone,
+            "repair": self.repair is not None,
+            **(asdict(self.repair) if self.repair else {}),
+        }
+        return {name: value for name, value in chosen.items() if value is not None}
+
+    @classmethod
+    def from_report(cls, settings: Mapping[str, Any]) -> TransferSettings:
+        """Return the settings of a transfer whose report has these `settings`."""
+        return cls(
+            selection=object_of(Selection, settings),
+            options=object_of(TransferOptions, settings),
+            poses=tuple(settings.get("poses", ())),
+            rest=settings.get("rest"),
+            repair=object_of(RepairOptions, settings) if settings.get("repair") else None,
+            alone=settings.get("alone"),
+        )
+
+
+class TransferChoices(TypedDict, total=False):
+    """The fields of `TransferSettings`, each of which may be given by name."""
+
+    selection: Selection
+    options: TransferOptions
+    poses: tuple[str, ...]
+    rest: str | None
+    repair: RepairOptions | None
+    alone: bool | None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from benchmarks.character_run import Run
 from benchmarks.character_stages import Character, Worn
 from tests.measures.crossing_numbers import crossing_numbers
 from tests.measures.exact_pairs import intersecting_pairs
-from tests.measures.modelled_zones import Attachment, Ties, Zones, attach, drift, join_ties
+from tests.measures.modelled_zones import Attachment, Ties, Zones, attach, behind, drift, join_ties
 from tests.measures.motion import box_diagonal, jitter, moves, spoilt_edges, volume_changes
 from tests.measures.penetration import deepest_penetration
 from tests.measures.surfaces import (
@@ -25,6 +25,7 @@ from tests.measures.surfaces import (
 
 # Parts without a common bind pose are attached where they meet in this share of all frames.
 NEARLY_ALL = 0.9
+SAMPLES = 9  # frames that tell whether a vertex is usually inside an open part
 
 Figures = dict[str, Any]
 
@@ -35,6 +36,7 @@ class Input:
 
     pairs: intersecting pairs of triangles (K, 2) of every frame.
     real: for every frame which of them are not modelled (K,).
+    usual: vertices of a part that are inside an open part anyway, once they were asked for.
     """
 
     character: Character
@@ -44,22 +46,50 @@ class Input:
     ties: Ties
     pairs: list[Ints]
     real: list[Mask]
+    usual: dict[tuple[int, int], Mask] = field(default_factory=dict)
 
     def welded(self, points: Floats) -> Floats:
         """Points (V, 3) as welded points (W, 3)."""
         return points[self.surface.point_of]
 
+    def exempt(self, part: int, other: int) -> Mask:
+        """Vertices (W,) of a part that may lie in another.
+
+        Those of zones, and of an open part those that lie in it in the bind pose, or without a
+        common one in half of a few frames: a leg in its trousers.
+        """
+        held = self.zones.held(part, other)
+        if self.surface.closed[other]:
+            return held
+        if (part, other) not in self.usual:
+            poses = [self.character.poses[k] for k in self._sample()]
+            first, second = self.skeleton(part), self.skeleton(other)
+            if first == second != "":
+                poses = [self.character.rest]
+            count = np.zeros(len(held), dtype=np.int64)
+            for points in poses:
+                count[behind(self.surface, self.welded(points), part, other)] += 1
+            self.usual[part, other] = 2 * count >= len(poses)
+        return np.asarray(held | self.usual[part, other])
+
+    def skeleton(self, part: int) -> str:
+        """The skeleton whose bind pose a part has, "" without."""
+        face = int(self.surface.triangles(part)[0])
+        return self.character.skeleton[int(self.character.owner[self.character.faces[face, 0]])]
+
+    def _sample(self) -> Ints:
+        count = len(self.character.poses)
+        return np.unique(np.linspace(0, count - 1, SAMPLES).astype(np.int64))
+
     def pairs_of(self, points: Floats) -> Ints:
         """Intersecting pairs (K, 2) of points (V, 3)."""
-        return intersecting_pairs(points, self.character.faces, self.surface.vertex_of)
+        return _pairs(self.character, self.surface, points, slice(None))
 
 
 def study(character: Character, *, modelled: bool = True) -> Input:
     """Count every frame, and find the modelled contacts unless nothing is modelled."""
     surface = make_surface(character.rest, character.faces, character.owner)
-    pairs = [
-        intersecting_pairs(points, character.faces, surface.vertex_of) for points in character.poses
-    ]
+    pairs = [_pairs(character, surface, points, slice(None)) for points in character.poses]
     attachments = _attachments(character, surface, pairs) if modelled else []
     zones = Zones(surface, attachments)
     return Input(
@@ -73,6 +103,11 @@ def study(character: Character, *, modelled: bool = True) -> Input:
     )
 
 
+def _pairs(character: Character, surface: Surface, points: Floats, faces: Ints | slice) -> Ints:
+    """Intersecting pairs (K, 2) among some of the triangles of points (V, 3)."""
+    return intersecting_pairs(points, character.faces[faces], surface.vertex_of, character.owner)
+
+
 def _attachments(character: Character, surface: Surface, pairs: list[Ints]) -> list[Attachment]:
     """Parts that meet in a common bind pose; without one, those that meet in nearly all frames."""
     names = np.array(character.skeleton)
@@ -80,7 +115,7 @@ def _attachments(character: Character, surface: Surface, pairs: list[Ints]) -> l
     found: list[Attachment] = []
     for name in sorted(set(character.skeleton) - {""}):
         own = np.flatnonzero(skeleton == name)
-        met = intersecting_pairs(character.rest, character.faces[own], surface.vertex_of)
+        met = _pairs(character, surface, character.rest, own)
         found += attach(surface, character.rest[surface.point_of], own[met])
     meetings: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for frame, every in enumerate(pairs):
@@ -114,7 +149,7 @@ def input_figures(known: Input, frames: Ints) -> Figures:
     for k in frames:
         points = known.character.poses[k]
         unwanted = known.pairs[k][known.real[k]]
-        deep = deepest_penetration(known.surface, known.welded(points), unwanted, known.zones.held)
+        deep = deepest_penetration(known.surface, known.welded(points), unwanted, known.exempt)
         depth.append(deep / box_diagonal(points))
     return {
         "times": known.character.times[frames].tolist(),

@@ -1,7 +1,7 @@
 """Characters as they are built, and things that are worn: repaired as a user would, then measured.
 
     python -m benchmarks.characters --data DIR [--only NAME ...] [--frames SPEC] [--jobs N]
-        [--out FOLDER] [--no-repair] [--timeout SECONDS] [--json FILE] [--pictures FOLDER]
+        [--out FOLDER] [--no-repair] [--timeout SECONDS] [--json FILE] [--pictures FOLDER] [--where]
 
 Every stage of DIR/characters and DIR/worn goes through `dtrepair repair STAGE -o OUT` with default
 options, in a process of its own that is ended after --timeout processor seconds (default: 150, or
@@ -49,6 +49,7 @@ from benchmarks.character_measures import (
     study,
 )
 from benchmarks.character_pictures import draw
+from benchmarks.character_places import lines, places
 from benchmarks.character_run import Run, earlier, files, repair
 from benchmarks.character_stages import read_character, read_repaired, read_worn
 from benchmarks.character_table import (
@@ -107,7 +108,10 @@ def main(arguments: list[str] | None = None) -> int:
             print(line(row), flush=True)
             if given.json:
                 given.json.write_text(json.dumps(found, indent=1))
-        print()
+        for name, figures in found[kind].items() if given.where else ():
+            if "places" in figures:
+                print(f"\n{name}\n{lines(figures['places'])}")
+        print(flush=True)
     return 0 if kept else 1
 
 
@@ -131,6 +135,7 @@ def measure(path: Path, kind: str, order: Order) -> Figures:
         draw(known, after, frames, order.pictures)
     if kind == "worn":
         return {**result, **measure_worn(known, read_worn(character), after, frames, run)}
+    result["places"] = places(known, after, frames)
     return {**result, **measure_character(known, after, frames, run)}
 
 
@@ -164,6 +169,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--no-repair", action="store_true", help="measure what is in --out")
     parser.add_argument("--timeout", type=float, help="processor seconds a stage")
     parser.add_argument("--json", type=Path, help="write all figures here")
+    parser.add_argument("--where", action="store_true", help="name the worst parts of each row")
     parser.add_argument("--pictures", type=Path, help="folder of before/after pictures")
     return parser
 

@@ -15,14 +15,17 @@ SIGN_BOUND = (7.0 + 56.0 * 2.0**-53) * 2.0**-53
 BOXES = 4_000_000  # pairs of boxes that are compared together
 
 
-def intersecting_pairs(points: NDArray[Any], faces: Ints, vertex_of: Ints) -> Ints:
+def intersecting_pairs(
+    points: NDArray[Any], faces: Ints, vertex_of: Ints, owner: Ints | None = None
+) -> Ints:
     """Pairs (K, 2) of triangles with a common point that share no vertex, sorted.
 
     Points (V, 3) are rounded to float32. Two corners are one vertex where `vertex_of` (V,) says so
-    or where they are at one position. Triangles of no area meet nothing.
+    or where those of one owner (V,) are at one position. Triangles of no area meet nothing.
     """
     single = points.astype(np.float32) + np.float32(0.0)
-    place = np.unique(single, axis=0, return_inverse=True)[1].reshape(-1)
+    keys = np.column_stack([single, np.zeros(len(single)) if owner is None else owner])
+    place = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
     corners = single.astype(np.float64)[faces]
     pairs = _box_pairs(corners)
     for name in (vertex_of[faces], place[faces]):

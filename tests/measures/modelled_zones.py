@@ -78,9 +78,9 @@ def _attach_two(surface: Surface, points: Floats, pairs: Ints, a: int, b: int) -
     seeds, buried = {}, {}
     for own, other in ((a, b), (b, a)):
         corners = np.unique(surface.faces[faces[surface.part_of_face[faces] == own]])
-        behind = _behind(surface, points, own, other)
-        seeds[own] = _hanging_together(surface, corners, behind)
-        buried[own] = len(np.union1d(seeds[own], behind)) / len(surface.vertices(own))
+        inner = behind(surface, points, own, other)
+        seeds[own] = _hanging_together(surface, corners, inner)
+        buried[own] = len(np.union1d(seeds[own], inner)) / len(surface.vertices(own))
     size = {
         own: float(areas(points, surface.faces[surface.triangles(own)]).sum()) for own in (a, b)
     }
@@ -97,15 +97,15 @@ def _attach_two(surface: Surface, points: Floats, pairs: Ints, a: int, b: int) -
     return Attachment((sides[0], sides[1]), join_ties(ties))
 
 
-def _behind(surface: Surface, points: Floats, own: int, other: int) -> Ints:
+def behind(surface: Surface, points: Floats, own: int, other: int) -> Ints:
     """Vertices of one part that lie inside another, which may have openings (winding over 1/2)."""
     triangles = points[surface.faces[surface.triangles(other)]]
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     vertices = surface.vertices(own)
     within = ((points[vertices] >= low) & (points[vertices] <= high)).all(axis=1)
     vertices = vertices[within]
-    behind: Ints = vertices[np.abs(winding_numbers(points[vertices], triangles)) > 0.5]
-    return behind
+    inside: Ints = vertices[np.abs(winding_numbers(points[vertices], triangles)) > 0.5]
+    return inside
 
 
 def _hanging_together(surface: Surface, corners: Ints, behind: Ints) -> Ints:

@@ -22,11 +22,18 @@ def moves(before: Floats, after: Floats) -> Floats:
     return result
 
 
-def spoilt_edges(surface: Surface, before: Floats, after: Floats, factor: float = 4.0) -> int:
-    """Edges that became `factor` times longer or shorter; an edge of no length is left out."""
+def edge_ratios(surface: Surface, before: Floats, after: Floats) -> Floats:
+    """Length of each edge (E,) over what it was; 1 for an edge that had none."""
     first, second = surface.edges.T
     old, new = (np.linalg.norm(own[first] - own[second], axis=1) for own in (before, after))
-    return int(((old > 0) & ((new > factor * old) | (new < old / factor))).sum())
+    ratio: Floats = np.divide(new, old, out=np.ones_like(old), where=old > 0)
+    return ratio
+
+
+def spoilt_edges(surface: Surface, before: Floats, after: Floats, factor: float = 4.0) -> int:
+    """Edges that became `factor` times longer or shorter."""
+    ratio = edge_ratios(surface, before, after)
+    return int(((ratio > factor) | (ratio < 1.0 / factor)).sum())
 
 
 def volume_changes(surface: Surface, before: Floats, after: Floats) -> Floats:

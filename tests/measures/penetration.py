@@ -13,6 +13,7 @@ from tests.measures.surfaces import (
     Surface,
     flooded,
     nearest_on_triangles,
+    openings,
     volumes,
     winding_numbers,
 )
@@ -20,26 +21,29 @@ from tests.measures.surfaces import (
 # How far outside the surface a vertex is asked whether it lies in another sheet of its own part,
 # in parts of the diagonal.
 LIFT = 1e-4
+# A part bounds a volume, as far as depth goes, if its openings are less than this of its area: a
+# limb that ends open inside the body, not a sleeve or a skirt.
+OPEN = 0.15
 
 
 def deepest_penetration(
     surface: Surface,
     points: Floats,
     pairs: Ints,
-    held: Callable[[int, int], Mask] | None = None,
+    exempt: Callable[[int, int], Mask] | None = None,
 ) -> float:
     """Depth of the deepest contact among pairs (K, 2) of triangles, in length units.
 
     The larger of two figures, for welded points (W, 3):
 
     - of every pair, the shortest translation that separates its two triangles;
-    - of every vertex that lies inside a closed part and hangs together with the corners of a pair
-      through such vertices, the distance to the surface that it came through: to the other part;
-      within one part, to what faces the other way, which for a limb that is swallowed whole may
-      be its own back.
+    - of every vertex that lies inside a part without large openings, and hangs together with the
+      corners of a pair through such vertices, the distance to the surface that it came through: to
+      the other part; within one part, to what faces the other way, which for a limb that is
+      swallowed whole may be its own back.
 
-    held: for two parts the vertices (W,) of the first that lie in the second on purpose: they are
-    not asked.
+    exempt: for two parts the vertices (W,) of the first that may lie in the second: they are not
+    asked.
     """
     if not len(pairs):
         return 0.0
@@ -47,9 +51,12 @@ def deepest_penetration(
     deepest = float(_separations(corners[pairs[:, 0]], corners[pairs[:, 1]]).max())
     both = np.concatenate([pairs, pairs[:, ::-1]])
     of = surface.part_of_face[both]
-    for own, other in np.unique(of[surface.closed[of[:, 1]]], axis=0).tolist():
+    solid = surface.closed | (openings(points, surface) < OPEN)
+    for own, other in np.unique(of[solid[of[:, 1]]], axis=0).tolist():
+        if own == other and not surface.closed[own]:
+            continue
         mine = both[(of == (own, other)).all(axis=1)]
-        free = None if held is None else ~held(own, other)
+        free = None if exempt is None else ~exempt(own, other)
         deepest = max(deepest, _buried_depth(surface, points, mine, other, free))
     return deepest
 

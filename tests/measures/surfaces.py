@@ -132,6 +132,31 @@ def volumes(points: Floats, surface: Surface) -> Floats:
     return np.where(surface.closed, total, np.nan)
 
 
+def openings(points: Floats, surface: Surface) -> Floats:
+    """Area of the openings of each part (P,) over its own area: 0 closed, 1 a flat sheet.
+
+    An opening is a connected piece of boundary; its area is the length of its vector area.
+    """
+    directed = np.concatenate([surface.faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    keys = np.sort(directed, axis=1)
+    _, index = np.unique(keys, axis=0, return_inverse=True)
+    sign = np.where(directed[:, 0] < directed[:, 1], 1, -1)
+    boundary = np.bincount(index.reshape(-1), sign)[index.reshape(-1)] != 0
+    ends = directed[boundary]
+    count = len(surface.point_of)
+    link = sparse.coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), (count, count))
+    label = csgraph.connected_components(link, directed=False)[1]
+    centred = points - points.mean(axis=0)
+    swept = 0.5 * np.cross(centred[ends[:, 0]], centred[ends[:, 1]])
+    vector = np.zeros((count, 3))
+    np.add.at(vector, label[ends[:, 0]], swept)
+    part = np.zeros(count, dtype=np.int64)
+    part[label[ends[:, 0]]] = surface.part_of_vertex[ends[:, 0]]
+    open_area = np.bincount(part, np.linalg.norm(vector, axis=1), surface.parts)
+    own = np.bincount(surface.part_of_face, areas(points, surface.faces), surface.parts)
+    return open_area / np.where(own > 0, own, 1.0)
+
+
 def grown(surface: Surface, seeds: Ints, rings: int) -> Mask:
     """Welded vertices (W,) within so many edges of the seeds."""
     mask = np.zeros(len(surface.point_of), dtype=bool)

@@ -32,8 +32,11 @@ def test_a_common_point_counts_and_a_common_vertex_does_not() -> None:
     assert of(points, touching) == [[0, 1]]
     lifted = points + np.array([[0.0, 0, 0]] * 3 + [[0, 0, 1e-6]] * 4)
     assert of(lifted, touching) == []
-    # Vertex 6 is at the place of vertex 0: one vertex.
-    assert of(points, np.array([[0, 1, 2], [6, 4, 5]])) == []
+    # Vertex 6 is at the place of vertex 0: one vertex, unless they belong to different objects.
+    beside = np.array([[0, 1, 2], [6, 4, 5]])
+    assert of(points, beside) == []
+    owner = np.array([0, 0, 0, 1, 1, 1, 1])
+    assert len(intersecting_pairs(points, beside, np.arange(7), owner)) == 1
 
 
 def test_vertices_that_are_one_in_the_rest_are_one_in_every_pose() -> None:

@@ -13,11 +13,11 @@ from tests.meshes import icosphere, joined, swept
 pytest.importorskip("CGAL.CGAL_Kernel")
 
 
-def depth(points: np.ndarray, faces: np.ndarray, held: Mask | None = None) -> float:
+def depth(points: np.ndarray, faces: np.ndarray, exempt: Mask | None = None) -> float:
     every = faces.astype(np.int64)
     surface = make_surface(points, every)
     pairs = intersecting_pairs(points, every, surface.vertex_of)
-    ask = None if held is None else lambda own, other: held
+    ask = None if exempt is None else lambda own, other: exempt
     return deepest_penetration(surface, points[surface.point_of], pairs, ask)
 
 
@@ -41,7 +41,7 @@ def test_balls_are_as_deep_as_they_overlap(distance: float) -> None:
     assert overlap - 0.02 < found <= overlap
 
 
-def test_what_is_held_on_purpose_is_not_asked() -> None:
+def test_what_is_exempt_on_purpose_is_not_asked() -> None:
     points, faces = icosphere(3)
     both = joined((points, faces), (points + 1.6 * points[0], faces))
     everything = np.ones(len(both[0]), dtype=bool)

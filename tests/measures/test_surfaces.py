@@ -11,10 +11,11 @@ from tests.measures.surfaces import (
     grown,
     make_surface,
     nearest_on_triangles,
+    openings,
     volumes,
     winding_numbers,
 )
-from tests.meshes import icosphere, joined, torus, tube
+from tests.meshes import grid, icosphere, joined, torus, tube
 
 TRIANGLE = np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0]])
 
@@ -39,6 +40,15 @@ def test_a_part_with_a_hole_is_open_and_has_no_volume() -> None:
     assert surface.parts == 3
     assert surface.closed.tolist() == [False, True, False]
     assert np.isnan(volumes(points[surface.point_of], surface)).tolist() == [True, False, True]
+
+
+def test_openings_are_told_from_their_rims() -> None:
+    # A tube of radius 0.2 and length 2 is open at two ends; a grid is its own opening.
+    flat, squares = grid(6, 6)
+    points, faces = joined(tube(64), (flat + 9.0, squares), torus())
+    surface = make_surface(points, faces.astype(np.int64))
+    share = openings(points[surface.point_of], surface)
+    assert share == pytest.approx([0.2 / 2.0, 1.0, 0.0], abs=1e-3)
 
 
 def test_parts_of_different_owners_at_one_place_stay_apart() -> None:

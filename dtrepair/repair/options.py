@@ -15,6 +15,24 @@ STAGES = ("volume", "fill", "insist", "pull-back", "relax", "unbend")
 REST_CONTACTS = ("repair", "leave")
 
 
+class OptionError(ValueError):
+    """A choice that cannot be.
+
+    Attributes:
+        option: Name of the option.
+        reason: What it should be, and what it is.
+    """
+
+    def __init__(self, option: str, reason: str) -> None:
+        """Name the option, and what is wrong with it."""
+        super().__init__(f"{option} {reason}")
+        self.option, self.reason = option, reason
+
+    def __reduce__(self) -> tuple[type[OptionError], tuple[str, str]]:
+        """Come whole out of another process."""
+        return type(self), (self.option, self.reason)
+
+
 @dataclass(frozen=True, kw_only=True)
 class RepairOptions:
     """Choices of a repair; the defaults suit characters.
@@ -34,7 +52,7 @@ class RepairOptions:
         rest_contacts: "repair" or "leave" the intersections that the rest pose has as well.
 
     Raises:
-        ValueError: an unknown name or a number out of range.
+        OptionError: a ValueError; an unknown name or a number out of range.
     """
 
     method: str = "full"
@@ -61,28 +79,30 @@ class RepairOptions:
         }
         for name, allowed in names.items():
             if getattr(self, name) not in allowed:
-                raise ValueError(
-                    f"{name} should be one of {', '.join(allowed)}, got {getattr(self, name)!r}"
+                raise OptionError(
+                    name, f"should be one of {', '.join(allowed)}, got {getattr(self, name)!r}"
                 )
         if unknown := set(self.skip) - set(STAGES):
-            raise ValueError(f"skip should hold some of {', '.join(STAGES)}, got {sorted(unknown)}")
+            known = ", ".join(STAGES)
+            raise OptionError("skip", f"should hold some of {known}, got {sorted(unknown)}")
         for name in ("iterations", "tighten"):
             if not isinstance(getattr(self, name), Integral):
-                raise ValueError(f"{name} should be a whole number, got {getattr(self, name)}")
+                raise OptionError(name, f"should be a whole number, got {getattr(self, name)}")
         for name in ("diffusion", "regularization", "clearance", "maximum_displacement"):
             if isinf(getattr(self, name) or 0.0):
-                raise ValueError(f"{name} should be finite, got {getattr(self, name)}")
+                raise OptionError(name, f"should be finite, got {getattr(self, name)}")
         least = {"iterations": 1, "tighten": 0, "regularization": 0.0, "clearance": 0.0}
         for name, lowest in least.items():
             if not getattr(self, name) >= lowest:
-                raise ValueError(f"{name} should be at least {lowest}, got {getattr(self, name)}")
+                raise OptionError(name, f"should be at least {lowest}, got {getattr(self, name)}")
         if not self.diffusion > 0:
-            raise ValueError(f"diffusion should be positive, got {self.diffusion}")
+            raise OptionError("diffusion", f"should be positive, got {self.diffusion}")
         limit = self.maximum_displacement
         if limit is not None and not limit >= 0:
-            raise ValueError(f"maximum_displacement should be at least 0, got {limit}")
+            raise OptionError("maximum_displacement", f"should be at least 0, got {limit}")
         if self.method == "paper" and (limit is not None or self.clearance):
-            raise ValueError(
-                "maximum_displacement and clearance should be left out with the method paper, "
-                'which knows neither: use "full"'
+            raise OptionError(
+                "maximum_displacement",
+                "and clearance should be left out with the method paper, which knows neither: "
+                'use "full"',
             )

@@ -8,6 +8,9 @@ from typing import Any
 
 import click
 
+from dtrepair.pipeline.errors import UsageError
+from dtrepair.repair.options import OptionError
+
 Function = Callable[..., Any]
 
 
@@ -24,8 +27,7 @@ def field_option(kind: type, name: str, flag: str = "", **attributes: Any) -> Fu
         attributes = {"multiple": True, **attributes}
     elif default is not None:
         attributes = {"show_default": True, **attributes}
-    flag = flag or "--" + name.replace("_", "-")
-    return click.option(flag, name, default=default, **attributes)
+    return click.option(flag or flag_of(name), name, default=default, **attributes)
 
 
 def default_of(kind: type, name: str) -> Any:
@@ -33,21 +35,38 @@ def default_of(kind: type, name: str) -> Any:
     return getattr(kind(), name)
 
 
-def as_object(kind: type, keyword: str, options: Mapping[str, Function]) -> Function:
+def as_object(
+    kind: type,
+    keyword: str,
+    options: Mapping[str, Mapping[str, Any]],
+    *,
+    check: Callable[[Mapping[str, Any]], None] = lambda values: None,
+) -> Callable[[Function], Function]:
     """A decorator that adds options, and gives them to the command as one object, `keyword`.
 
-    options: by the names of the fields of `kind`; fields without an option keep their defaults.
+    options: by the names of the fields of `kind`, what `field_option` takes of each; fields without
+    an option keep their defaults. check: called with the values, before they are made an object.
     """
 
     def decorate(function: Function) -> Function:
         @wraps(function)
         def wrapper(**values: Any) -> Any:
-            chosen = kind(**{name: values.pop(name) for name in options})
+            own = {name: values.pop(name) for name in options}
+            check(own)
+            try:
+                chosen = kind(**own)
+            except OptionError as error:
+                raise UsageError(f"{flag_of(error.option)} {error.reason}") from None
             return function(**{keyword: chosen}, **values)
 
         decorated: Function = wrapper
-        for option in reversed(list(options.values())):
-            decorated = option(decorated)
+        for name in reversed(list(options)):
+            decorated = field_option(kind, name, **options[name])(decorated)
         return decorated
 
     return decorate
+
+
+def flag_of(name: str) -> str:
+    """The name of a field on the command line."""
+    return "--" + name.replace("_", "-")

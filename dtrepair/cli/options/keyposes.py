@@ -2,40 +2,33 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
-from dtrepair.cli.options.fields import Function, as_object, field_option
+from dtrepair.cli.options.fields import Function, as_object
 from dtrepair.keyposes.options import INTERPOLATIONS, KeyOptions
 
-_OPTIONS = {
-    "samples": field_option(
-        KeyOptions,
-        "samples",
-        type=click.IntRange(min=1),
-        metavar="N",
-        help="In-betweens that are looked at between two keys.",
-    ),
-    "interpolation": field_option(
-        KeyOptions,
-        "interpolation",
-        type=click.Choice(INTERPOLATIONS),
-        help="linear as USD interpolates, or a Catmull-Rom spline through the keys.",
-    ),
-    "extra": field_option(
-        KeyOptions,
-        "extra",
-        "--extra-keys",
-        type=click.IntRange(min=0),
-        metavar="N",
-        help="Most keys added between two keys.",
-    ),
-    "keep_keys": field_option(
-        KeyOptions, "keep_keys", help="Never move a key for the sake of an in-between."
-    ),
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "samples": {
+        "type": click.IntRange(min=1),
+        "metavar": "N",
+        "help": "In-betweens that are looked at between two keys.",
+    },
+    "interpolation": {
+        "type": click.Choice(INTERPOLATIONS),
+        "help": "linear as USD interpolates, or a Catmull-Rom spline through the keys.",
+    },
+    "extra": {
+        "flag": "--extra-keys",
+        "type": click.IntRange(min=0),
+        "metavar": "N",
+        "help": "Most keys added between two keys.",
+    },
+    "keep_keys": {"help": "Never move a key for the sake of an in-between."},
 }
 
 
 def key_options(function: Function) -> Function:
     """Add the options of the search between keys; the command gets `keys`, a `KeyOptions`."""
-    decorated: Function = as_object(KeyOptions, "keys", _OPTIONS)(function)
-    return decorated
+    return as_object(KeyOptions, "keys", _OPTIONS)(function)

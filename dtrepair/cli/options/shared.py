@@ -3,74 +3,53 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from functools import wraps
 from typing import Any
 
 import click
 
 from dtrepair.cli.options.config import read_config
+from dtrepair.cli.options.fields import Function, as_object, field_option
 from dtrepair.cli.terminal.console import Console
 from dtrepair.pipeline.selection import ObjectOptions, Selection
 
-Function = Callable[..., Any]
-
-
-_SELECTION = (
-    click.option("--frames", metavar="SPEC", help="Frames, such as 7, -5:10 or 1:100x2,200."),
-    click.option("--prim", metavar="EXPR", help="Meshes to take: a path expression, /Hero//."),
-    click.option("--exclude", metavar="EXPR", help="Meshes to leave out: a path expression."),
-    click.option("--include-invisible", is_flag=True, help="Take invisible meshes too."),
-    click.option("--include-purposes", is_flag=True, help="Take proxy and guide meshes too."),
-    click.option("--skip-varying", is_flag=True, help="Skip meshes whose topology changes."),
-    click.option("--uninstance", is_flag=True, help="Expand instances so that they can change."),
-    click.option("--strict", is_flag=True, help="Refuse a stage with broken references."),
-)
+_SELECTION: dict[str, dict[str, Any]] = {
+    "frames": {"metavar": "SPEC", "help": "Frames, such as 7, -5:10 or 1:100x2,200."},
+    "prim": {"metavar": "EXPR", "help": "Meshes to take: a path expression, /Hero//."},
+    "exclude": {"metavar": "EXPR", "help": "Meshes to leave out: a path expression."},
+    "include_invisible": {"help": "Take invisible meshes too."},
+    "include_purposes": {"help": "Take proxy and guide meshes too."},
+    "skip_varying": {"help": "Skip meshes whose topology changes."},
+    "uninstance": {"help": "Expand instances so that they can change."},
+    "strict": {"help": "Refuse a stage with broken references."},
+}
 
 
 def selection_options(function: Function) -> Function:
     """Add the options that choose meshes and frames; the command gets `selection`."""
-
-    @wraps(function)
-    def wrapper(**options: Any) -> Any:
-        names = Selection.__dataclass_fields__
-        selection = Selection(**{name: options.pop(name) for name in names})
-        return function(selection=selection, **options)
-
-    return _with(wrapper, _SELECTION)
+    return as_object(Selection, "selection", _SELECTION)(function)
 
 
-IGNORE = click.option(
-    "--ignore",
-    multiple=True,
-    metavar='"A,B"',
-    help="Two prims whose contacts do not count; may be given several times.",
-)
-_OBJECTS = (
-    click.option("--collider", metavar="EXPR", help="Meshes that take part but never move."),
-    click.option("--rigid", metavar="EXPR", help="Meshes that move as a whole only."),
-    IGNORE,
-    click.option(
-        "--pin", metavar="NAME", help="Primvar (0 free to 1 fixed) or GeomSubset (fixed)."
-    ),
-    click.option(
-        "--direction",
-        metavar="NAME|SUBSET=x,y,z",
-        help="Preferred direction of the repair, in world.",
-    ),
-)
+_IGNORE = {
+    "metavar": '"A,B"',
+    "help": "Two prims whose contacts do not count; may be given several times.",
+}
+IGNORE = field_option(ObjectOptions, "ignore", **_IGNORE)
+_OBJECTS: dict[str, dict[str, Any]] = {
+    "collider": {"metavar": "EXPR", "help": "Meshes that take part but never move."},
+    "rigid": {"metavar": "EXPR", "help": "Meshes that move as a whole only."},
+    "ignore": _IGNORE,
+    "pin": {"metavar": "NAME", "help": "Primvar (0 free to 1 fixed) or GeomSubset (fixed)."},
+    "direction": {
+        "metavar": "NAME|SUBSET=x,y,z",
+        "help": "Preferred direction of the repair, in world.",
+    },
+}
 
 
 def object_options(function: Function) -> Function:
     """Add the options that say how single meshes take part; the command gets `objects`."""
-
-    @wraps(function)
-    def wrapper(**options: Any) -> Any:
-        names = ObjectOptions.__dataclass_fields__
-        objects = ObjectOptions(**{name: options.pop(name) for name in names})
-        return function(objects=objects, **options)
-
-    return _with(wrapper, _OBJECTS)
+    return as_object(ObjectOptions, "objects", _OBJECTS)(function)
 
 
 def console_options(function: Function) -> Function:

@@ -6,11 +6,11 @@ from typing import Any
 
 import click
 
-from dtrepair.cli.options.fields import Function, as_object, field_option
+from dtrepair.cli.options.fields import Function, as_object
 from dtrepair.pipeline.transfer.options import ALIGNMENTS, UP_AXES, TransferOptions
 
 _UP = click.Choice(UP_AXES, case_sensitive=False)
-_ATTRIBUTES: dict[str, dict[str, Any]] = {
+_OPTIONS: dict[str, dict[str, Any]] = {
     "markers": {"metavar": "F", "help": "Vertex pairs: .cons, two columns of text, or npz."},
     "correspondence": {"metavar": "F", "help": "Triangle pairs: .tricorrs, text, or npz."},
     "save_correspondence": {"metavar": "F", "help": "Write the triangle pairs: npz or text."},
@@ -42,9 +42,4 @@ _ATTRIBUTES: dict[str, dict[str, Any]] = {
 
 def transfer_options(function: Function) -> Function:
     """Add the options of the transfer; the command gets `transfer`, a `TransferOptions`."""
-    options = {
-        name: field_option(TransferOptions, name, **attributes)
-        for name, attributes in _ATTRIBUTES.items()
-    }
-    decorated: Function = as_object(TransferOptions, "transfer", options)(function)
-    return decorated
+    return as_object(TransferOptions, "transfer", _OPTIONS)(function)

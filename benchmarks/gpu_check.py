@@ -29,7 +29,7 @@ from dtrepair.numerics.geometry import extent
 from dtrepair.numerics.operators import cotangent_laplacian
 from dtrepair.repair.paper.descent import Descent
 from dtrepair.repair.paper.diffusion import Diffusion, SparseOperator
-from dtrepair.repair.paper.energy import KERNELS, pair_energy
+from dtrepair.repair.paper.energy import EnergyOptions, pair_energy
 from dtrepair.repair.paper.gpu_descent import DeviceDescent
 from dtrepair.repair.paper.gpu_detection import FixedDetection
 from dtrepair.repair.paper.gpu_diffusion import BlockDiffusion
@@ -128,7 +128,7 @@ def checks(case: Case) -> Iterator[tuple[str, bool, str]]:
     expected = case.descent.detect(poses)
     found = rows[np.lexsort(rows.T[::-1])]
     yield "pairs in fixed buffers", np.array_equal(found, expected), f"{len(found)} pairs"
-    for name, kernel in KERNELS.items():
+    for name, kernel in EnergyOptions().by_name.items():
         method = replace(case.descent, kernel=kernel)
         wanted = pair_energy(poses, method.faces, torch.from_numpy(expected).long(), kernel=kernel)[
             1

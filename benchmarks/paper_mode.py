@@ -29,8 +29,8 @@ from dtrepair.numerics.geometry import as_mesh, diagonal, extent
 from dtrepair.numerics.operators import cotangent_laplacian, lumped_mass
 from dtrepair.repair.paper.descent import Descent
 from dtrepair.repair.paper.diffusion import Diffusion, SparseOperator
-from dtrepair.repair.paper.energy import mean_square_strength
-from dtrepair.repair.paper.optimizer import Moments, Optimizer, make_optimizer, start
+from dtrepair.repair.paper.energy import EnergyOptions, mean_square_strength
+from dtrepair.repair.paper.optimizer import Moments, Optimizer, OptimizerOptions, start
 
 OPTIMIZERS = ("gradient-descent", "uniform-adam", "momentum-brake")
 ENERGIES = ("signed-tpe", "tpe", "point-to-plane", "conical")
@@ -94,11 +94,12 @@ def make_descent(
 def repair_with_masses(path: Path, rest: Path | None, options: RepairOptions) -> Run:
     """As `repair`, with A^-1 Mass A^-1 in place of the published (I + lambda L)^-2."""
     mesh = read_mesh(path)
+    kernel = EnergyOptions().by_name[options.energy]
     descent, points = make_descent(
         mesh.points,
         mesh.faces(),
         mesh.points if rest is None else read_mesh(rest).points,
-        make_optimizer(options.optimizer, energy=options.energy),
+        OptimizerOptions().suited(options.optimizer, kernel.rate_factor),
         iterations=options.iterations,
         masses=True,
     )
@@ -212,7 +213,7 @@ def iteration_runs(points: Points, faces: Faces, shape: Points) -> dict[str, Cal
 
     All of the same pose with the same pairs; nothing moves.
     """
-    optimizer = make_optimizer("momentum-brake")
+    optimizer = OptimizerOptions().momentum_brake
     descent, pose = make_descent(points, faces, shape, optimizer, iterations=60, masses=False)
     assert isinstance(descent.laplacian, SparseOperator)
     target, moments = descent.laplacian(pose), start(pose)

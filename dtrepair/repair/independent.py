@@ -34,9 +34,9 @@ def poses_at_once(options: RepairOptions, device: str) -> int:
     """How many poses are best solved at once: a GPU has room for many of the published method."""
     if options.method == "full" or device == "cpu":
         return 1
-    from dtrepair.repair.paper.gpu_descent import BATCH
+    from dtrepair.repair.paper.gpu_descent import GpuOptions
 
-    return BATCH
+    return GpuOptions.batch
 
 
 def repair_poses(

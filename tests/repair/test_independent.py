@@ -54,7 +54,6 @@ def test_frames_of_the_published_method_come_in_order_for_any_jobs(jobs: int) ->
 
 
 def test_a_device_takes_frames_in_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(paper, "DEVICE_LOOP", ("cpu", "cuda"))
     calls: list[int] = []
     batch = paper.PaperMethod.batch
 

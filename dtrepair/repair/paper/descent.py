@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.paper.diffusion import Diffuser
 from dtrepair.repair.paper.energy import (
     Kernel,
@@ -18,9 +19,6 @@ from dtrepair.repair.paper.energy import (
     shape_term,
 )
 from dtrepair.repair.paper.optimizer import Moments, MomentumBrake, Optimizer, start
-
-# A frame that moved this far, in units of its size, has diverged and can be no result.
-RUNAWAY = 1.0
 
 # Intersecting triangles of a frame that was not measured.
 NOT_MEASURED = -1
@@ -40,6 +38,8 @@ class Descent:
         iterations: At most this many steps.
         regularization: beta of the shape term, times the mean square (1e6 in the paper).
         direction: Preferred direction (F, 3) of the triangles of a region (section 7.4).
+        runaway: A frame that moved this far, in units of its size, has diverged and can be no
+            result.
     """
 
     faces: Tensor
@@ -48,9 +48,10 @@ class Descent:
     laplacian: Callable[[Tensor], Tensor]
     kernel: Kernel = field(default_factory=SignedTangentPoint)
     optimizer: Optimizer = field(default_factory=MomentumBrake)
-    iterations: int = 60
-    regularization: float = 1e6
+    iterations: int = RepairOptions.iterations
+    regularization: float = RepairOptions.regularization
     direction: Tensor | None = None
+    runaway: float = 1.0
 
     def __call__(self, points: Tensor) -> DescentResult:
         """Repair poses (B, V, 3) of unit size; frames are independent of each other.
@@ -62,7 +63,7 @@ class Descent:
         alive = torch.arange(len(points), device=points.device)
         current, moments = points.clone(), start(points)
         for iteration in range(self.iterations + 1):
-            sound = _is_sound(current, points[alive])
+            sound = _is_sound(current, points[alive], self.runaway)
             if not bool(sound.all()):
                 record.diverged[alive[~sound]] = True
                 alive, current, moments = alive[sound], current[sound], moments.of_frames(sound)
@@ -132,9 +133,9 @@ def triangle_counts(pairs: Tensor, frames: int, faces: int) -> Tensor:
     return seen.sum(dim=1)
 
 
-def _is_sound(points: Tensor, origin: Tensor) -> Tensor:
+def _is_sound(points: Tensor, origin: Tensor, runaway: float) -> Tensor:
     """Frames (B,) whose coordinates are finite and near their origin: NaN fails the comparison."""
-    return (points - origin).abs().amax(dim=(1, 2)) <= RUNAWAY
+    return (points - origin).abs().amax(dim=(1, 2)) <= runaway
 
 
 class _Record:

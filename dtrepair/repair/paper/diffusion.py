@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -12,12 +13,24 @@ from torch import Tensor
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.operators import Factor
+from dtrepair.repair.paper.gpu_diffusion import BlockDiffusion, BlockOptions
 
-# Right-hand sides of one solve while a dense operator is built: what cholespy handles well.
-BLOCK = 96
-# Vertices of the largest mesh whose operator on a device is one dense matrix: blocks need less
-# memory and traffic from some hundred vertices on, but more launches.
-DENSE = 1000
+
+@dataclass(frozen=True, kw_only=True)
+class DiffusionOptions:
+    """How the operator is kept on a device.
+
+    Args:
+        dense: Vertices of the largest mesh whose operator is one dense matrix: blocks need less
+            memory and traffic from some hundred vertices on, but more launches.
+        columns: Right-hand sides of one solve while a dense matrix is built: what cholespy handles
+            well.
+        blocks: Parts of a larger mesh.
+    """
+
+    dense: int = 1000
+    columns: int = 96
+    blocks: BlockOptions = field(default_factory=BlockOptions)
 
 
 class Diffuser(Protocol):
@@ -98,23 +111,24 @@ class Diffusion:
         points: FloatArray,
         *,
         device: str | torch.device,
+        options: DiffusionOptions = DiffusionOptions(),
     ) -> Diffuser:
         """The same operator for tensors on a device; points: positions (V, 3) of the mesh."""
-        if self.count <= DENSE:
-            return self.dense(device=device)
-        from dtrepair.repair.paper.gpu_diffusion import BlockDiffusion
-
+        if self.count <= options.dense:
+            return self.dense(device=device, columns=options.columns)
         matrix = sparse.csr_matrix(self.matrix)
-        return BlockDiffusion(matrix, points, mass=self.mass, device=device)
+        return BlockDiffusion(matrix, points, mass=self.mass, device=device, options=options.blocks)
 
-    def dense(self, *, device: str | torch.device) -> DenseDiffusion:
+    def dense(
+        self, *, device: str | torch.device, columns: int = DiffusionOptions.columns
+    ) -> DenseDiffusion:
         """The same operator as a matrix (V, V) on a device; V solves, 8 V^2 bytes in float64."""
         inverse = torch.empty((self.count, self.count), dtype=torch.float64)
-        for first in range(0, self.count, BLOCK):
-            columns = np.arange(first, min(first + BLOCK, self.count))
-            identity = np.zeros((self.count, len(columns)))
-            identity[columns, columns - first] = 1.0
-            inverse[:, first : first + BLOCK] = torch.from_numpy(self.factor(identity))
+        for first in range(0, self.count, columns):
+            own = np.arange(first, min(first + columns, self.count))
+            identity = np.zeros((self.count, len(own)))
+            identity[own, own - first] = 1.0
+            inverse[:, first : first + columns] = torch.from_numpy(self.factor(identity))
         mass = None if self.mass is None else torch.from_numpy(self.mass).to(device)
         return DenseDiffusion(inverse.to(device), mass)
 

@@ -16,9 +16,6 @@ from typing import NamedTuple, Protocol
 import torch
 from torch import Tensor
 
-# Distances below this fraction of the triangle's size count as this fraction: bounded forces.
-NEAREST = 1e-3
-
 
 class Planes(NamedTuple):
     """What a plane's triangle contributes, for each of M = 2 K directed pairs."""
@@ -34,6 +31,11 @@ class Planes(NamedTuple):
 class Kernel(Protocol):
     """Energy density of a corner against a plane."""
 
+    @property
+    def rate_factor(self) -> float:
+        """Factor of the learning rate that suits the size of its forces."""
+        ...
+
     def __call__(self, offsets: Tensor, planes: Planes) -> tuple[Tensor, Tensor]:
         """Values (M, 3) and derivatives (M, 3, 3) with respect to offsets d = c - v (M, 3, 3)."""
         ...
@@ -47,12 +49,21 @@ class SignedTangentPoint:
     back. The default (1, 1) is the ratio s / |d| of the authors' code; their text has (3, 6), whose
     forces between nearly touching triangles are too stiff for any fixed step size we tried.
 
+    Args:
+        exponent: Of the height s; see above.
+        power: Of the distance |d|; see above.
+        nearest: Distances below this fraction of the triangle's size, the root of its area, count
+            as this fraction, so that forces are bounded.
+        rate_factor: Factor of the learning rate.
+
     Raises:
         ValueError: an even or non-positive exponent, which would lose the sign.
     """
 
     exponent: int = 1
     power: float = 1.0
+    nearest: float = 1e-3
+    rate_factor: float = 1.0
 
     def __post_init__(self) -> None:
         """Check the exponent."""
@@ -67,31 +78,42 @@ class SignedTangentPoint:
         heights = _heights(offsets, planes)
         numerator = heights**self.exponent
         slope = self.exponent * heights ** (self.exponent - 1)
-        return _over_distance(offsets, planes, numerator, slope, self.power)
+        return _over_distance(
+            offsets, planes, numerator, slope, power=self.power, nearest=self.nearest
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class UnsignedTangentPoint:
     """k = A |s|^exponent / |d|^power: the tangent-point energy (Yu et al. 2021), a baseline.
 
-    Blind to the side a corner is on. The default exponents are those of the signed energy, so that
+    Blind to the side a corner is on. The default numbers are those of the signed energy, so that
     the sign is the only difference.
     """
 
-    exponent: float = 1.0
-    power: float = 1.0
+    exponent: float = SignedTangentPoint.exponent
+    power: float = SignedTangentPoint.power
+    nearest: float = SignedTangentPoint.nearest
+    rate_factor: float = SignedTangentPoint.rate_factor
 
     def __call__(self, offsets: Tensor, planes: Planes) -> tuple[Tensor, Tensor]:
         """Values (M, 3) and derivatives (M, 3, 3)."""
         heights = _heights(offsets, planes)
         numerator = heights.abs() ** self.exponent
         slope = self.exponent * heights.abs() ** (self.exponent - 1) * heights.sign()
-        return _over_distance(offsets, planes, numerator, slope, self.power)
+        return _over_distance(
+            offsets, planes, numerator, slope, power=self.power, nearest=self.nearest
+        )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PointToPlane:
-    """k = A s^2 for corners behind the plane, else 0: a baseline without any distance falloff."""
+    """k = A s^2 for corners behind the plane, else 0: a baseline without any distance falloff.
+
+    Its forces are areas times depths, far smaller than the others': hence the rate factor.
+    """
+
+    rate_factor: float = 100.0
 
     def __call__(self, offsets: Tensor, planes: Planes) -> tuple[Tensor, Tensor]:
         """Values (M, 3) and derivatives (M, 3, 3)."""
@@ -109,10 +131,14 @@ class ConicalField:
     plane, u a quadratic that falls to 0 at h = `height` and continues linearly below -`height`, and
     phi the distance from the axis over the cone's radius at h. The circle is centred at the
     centroid, not at the circumcentre, which slivers throw far away. `height` is in length units:
-    one twentieth of the mesh, where the published half a metre hardly separates anything.
+    one twentieth of the mesh, where the published half a metre hardly separates anything. The cone
+    is never narrower than `nearest` times the circle. Its forces have another size than the
+    tangent-point energies': hence the rate factor.
     """
 
     height: float = 0.05
+    nearest: float = SignedTangentPoint.nearest
+    rate_factor: float = 2.0
 
     def __call__(self, offsets: Tensor, planes: Planes) -> tuple[Tensor, Tensor]:
         """Values (M, 3) and derivatives (M, 3, 3)."""
@@ -122,7 +148,7 @@ class ConicalField:
         distance = radial.norm(dim=-1)
         tiny = torch.finfo(offsets.dtype).tiny
         solid = (planes.areas > 0)[:, None]
-        narrowing = (1.0 - over / top).clamp_min(NEAREST)
+        narrowing = (1.0 - over / top).clamp_min(self.nearest)
         radius = torch.where(solid, planes.radii[:, None], 1.0) * narrowing
         ratio = distance / radius
         inside = solid & (over < top) & (ratio < 1.0)
@@ -255,12 +281,18 @@ def _heights(offsets: Tensor, planes: Planes) -> Tensor:
 
 
 def _over_distance(
-    offsets: Tensor, planes: Planes, numerator: Tensor, slope: Tensor, power: float
+    offsets: Tensor,
+    planes: Planes,
+    numerator: Tensor,
+    slope: Tensor,
+    *,
+    power: float,
+    nearest: float,
 ) -> tuple[Tensor, Tensor]:
     """A numerator(s) / |d|^power and its derivative with respect to d, given numerator'(s)."""
     areas = planes.areas[:, None]
     squared = offsets.square().sum(dim=-1)
-    floor = NEAREST**2 * areas + torch.finfo(offsets.dtype).tiny ** 0.25
+    floor = nearest**2 * areas + torch.finfo(offsets.dtype).tiny ** 0.25
     near = squared < floor
     squared = torch.where(near, floor, squared)
     scale = areas * squared ** (-0.5 * power)
@@ -276,9 +308,21 @@ def _redirected(planes: Planes, moving: Tensor, fixed: Tensor) -> Planes:
     return planes._replace(normals=torch.where(replaced[:, None], moving / length, planes.normals))
 
 
-KERNELS: dict[str, Kernel] = {
-    "signed-tpe": SignedTangentPoint(),
-    "tpe": UnsignedTangentPoint(),
-    "point-to-plane": PointToPlane(),
-    "conical": ConicalField(),
-}
+@dataclass(frozen=True, kw_only=True)
+class EnergyOptions:
+    """The energies that can be chosen, with their numbers."""
+
+    signed_tpe: SignedTangentPoint = SignedTangentPoint()
+    tpe: UnsignedTangentPoint = UnsignedTangentPoint()
+    point_to_plane: PointToPlane = PointToPlane()
+    conical: ConicalField = ConicalField()
+
+    @property
+    def by_name(self) -> dict[str, Kernel]:
+        """The energies by the names that a user gives."""
+        return {
+            "signed-tpe": self.signed_tpe,
+            "tpe": self.tpe,
+            "point-to-plane": self.point_to_plane,
+            "conical": self.conical,
+        }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -11,22 +12,33 @@ from torch import Tensor
 from dtrepair.device import DeviceQueue, out_of_memory
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs
-from dtrepair.repair.paper.descent import NOT_MEASURED, RUNAWAY, Descent, DescentResult
-from dtrepair.repair.paper.gpu_detection import FixedDetection
+from dtrepair.repair.paper.descent import NOT_MEASURED, Descent, DescentResult
+from dtrepair.repair.paper.gpu_detection import BufferOptions, FixedDetection
 from dtrepair.repair.paper.gpu_operators import Forces
 from dtrepair.repair.paper.optimizer import start
 
-# Iterations in one CUDA graph: the host looks at the outcome after each replay.
-STEPS = 10
-# Poses that are worked on at once, as long as memory holds.
-BATCH = 64
+
+@dataclass(frozen=True, kw_only=True)
+class GpuOptions:
+    """How the loop runs on a device.
+
+    Args:
+        steps: Iterations in one CUDA graph; the host looks at the outcome after each replay, and
+            waits for it: few iterations are wasted, and little time.
+        batch: Poses that are worked on at once, as long as memory holds: enough to fill a GPU.
+        buffers: Sizes of the buffers of detection.
+    """
+
+    steps: int = 10
+    batch: int = 64
+    buffers: BufferOptions = field(default_factory=BufferOptions)
 
 
 class DeviceDescent:
     """`Descent` with every iteration on the device of its detector; call it with poses.
 
     Frames of a batch that are clean, or have diverged, are neither searched nor pushed. On CUDA
-    `STEPS` iterations are one graph. Buffers that overflow are made larger, and a batch that does
+    some iterations are one graph. Buffers that overflow are made larger, and a batch that does
     not fit into memory is halved; either starts the batch again, so that no pair is ever missed.
     Pairs are those of `Descent` and points agree to 1e-5 of the size, as all is in double: in
     single precision rounding tips decisions of the optimiser, and after some 20 iterations another
@@ -39,8 +51,8 @@ class DeviceDescent:
         size: What one unit of the poses is in the coordinates that are written and counted.
         counted: Which pairs count; default: all.
         queue: Where to work: the queue of the operators of `descent`.
-        batch: At most so many poses are worked on at once.
-        capacity: Candidates and pairs that the first buffers hold; default: a guess.
+        capacity: Candidates and pairs that the first buffers hold; default: those of the options.
+        options: How the loop runs.
 
     Raises:
         MemoryError: a single pose does not fit on the device.
@@ -54,11 +66,12 @@ class DeviceDescent:
         *,
         size: float = 1.0,
         counted: CountedPairs | None = None,
-        batch: int = BATCH,
         capacity: tuple[int, int] | None = None,
+        options: GpuOptions = GpuOptions(),
     ) -> None:
         self.descent, self.detector, self.counted = descent, detector, counted
-        self.size, self.batch, self.capacity = size, batch, capacity
+        self.size, self.capacity, self.options = size, capacity, options
+        self.batch = options.batch  # fewer where memory does not hold them
         self.queue = queue
         self.forces = Forces(descent)
         self._loop: _Loop | None = None
@@ -120,7 +133,12 @@ class _Loop:
     ) -> None:
         descent, self.method, self.frames = method.descent, method, frames
         self.detection = FixedDetection(
-            method.detector, frames, method.queue, counted=method.counted, capacity=capacity
+            method.detector,
+            frames,
+            method.queue,
+            counted=method.counted,
+            capacity=capacity,
+            options=method.options.buffers,
         )
         self.device = torch.device(method.detector.device)
         shape = (frames, method.detector.vertex_count, 3)
@@ -158,13 +176,13 @@ class _Loop:
         self.done = False
 
     def advance(self) -> None:
-        """`STEPS` iterations, as one graph on CUDA; then see what became of them.
+        """Some iterations, as one graph on CUDA; then see what became of them.
 
         done: no frame goes on; larger: the capacity that it takes, where buffers were too small.
         """
         if self.graph is None:
             self.iterate()  # readies all that a graph calls
-            self.graph = self.method.queue.repeated(self.iterate, STEPS)
+            self.graph = self.method.queue.repeated(self.iterate, self.method.options.steps)
         self.graph()
         alive, *needed = torch.cat([self.alive.any()[None].int(), self.detection.needed]).tolist()
         self.larger = self.detection.larger_than(needed)
@@ -174,7 +192,7 @@ class _Loop:
         """Measure all frames that go on, keep what is better, and make a step."""
         descent, last = self.method.descent, self.method.descent.iterations
         # NaN fails the comparison.
-        sound = (self.points - self.origin).abs().amax(dim=(1, 2)) <= RUNAWAY
+        sound = (self.points - self.origin).abs().amax(dim=(1, 2)) <= descent.runaway
         self.diverged |= self.alive & ~sound
         self.alive &= sound
         alive = self.alive[:, None, None]

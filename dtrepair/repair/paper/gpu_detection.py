@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -12,8 +13,20 @@ from dtrepair.device import DeviceQueue, start_warp
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs
 
-# Pairs that the buffers hold at first, for each triangle of a pose: candidates are many.
-CANDIDATES, PAIRS = 4.0, 0.5
+
+@dataclass(frozen=True, kw_only=True)
+class BufferOptions:
+    """Sizes of the first buffers; they are made larger where they overflow.
+
+    Args:
+        candidates: Candidate pairs for each triangle of a pose: boxes of neighbours overlap.
+        pairs: Intersecting pairs for each triangle of a pose.
+        least: Pairs of either kind beside that: small meshes may be all knots.
+    """
+
+    candidates: float = 4.0
+    pairs: float = 0.5
+    least: int = 4096
 
 
 class FixedDetection:
@@ -34,14 +47,17 @@ class FixedDetection:
         *,
         counted: CountedPairs | None = None,
         capacity: tuple[int, int] | None = None,
+        options: BufferOptions = BufferOptions(),
     ) -> None:
-        """Make buffers of `capacity` candidates and pairs (default: a guess)."""
+        """Make buffers of `capacity` candidates and pairs (default: those of the options)."""
         self.queue = queue
         warp, device = start_warp(), detector.device
         faces = len(detector.faces)
         self.detector, self.frames = detector, frames
-        guess = (int(CANDIDATES * frames * faces) + 4096, int(PAIRS * frames * faces) + 4096)
-        self.capacity = capacity or guess
+        self.capacity = capacity or (
+            int(options.candidates * frames * faces) + options.least,
+            int(options.pairs * frames * faces) + options.least,
+        )
         everything = CountedPairs(np.zeros(faces, dtype=np.int32), np.ones((1, 1), dtype=bool))
         counted = counted or everything
         keys = counted.listed[:, 0].astype(np.int64) * faces + counted.listed[:, 1]

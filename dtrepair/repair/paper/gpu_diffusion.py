@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -14,9 +16,23 @@ from dtrepair.numerics.geometry import FloatArray
 
 Index = NDArray[np.int64]
 
-# Least number of vertices of a part. Smaller parts have more between them, whose block is square in
-# their number: about sqrt(7 V) vertices each balance both.
-PART = 256
+
+@dataclass(frozen=True, kw_only=True)
+class BlockOptions:
+    """Size of the parts that a mesh is cut into.
+
+    Args:
+        least_part: Least number of vertices of a part: smaller ones have more between them.
+        balance: Parts of sqrt(balance x V) vertices need as little memory as the block of what lies
+            between them.
+    """
+
+    least_part: int = 256
+    balance: int = 7
+
+    def part_of(self, count: int) -> int:
+        """Vertices of a part of a mesh of `count` vertices."""
+        return max(self.least_part, round(sqrt(self.balance * count)))
 
 
 class BlockDiffusion:
@@ -25,14 +41,16 @@ class BlockDiffusion:
     The vertices are cut into parts that only meet in separators; with inner vertices i and
     separators s, A^-1 b is x_s = S^-1 (b_s - A_si A_ii^-1 b_i), x_i = A_ii^-1 (b_i - A_is x_s).
     All inverses are built once, in double, and are dense blocks: a few batched products a solve,
-    no host, the same sums in the same order every time. Memory is about V x `part` numbers and the
-    square of the separators (a sixth of V or less), where a dense operator has V^2.
+    no host, the same sums in the same order every time. Memory is about V numbers times
+    the size of a part, and the square of the separators (a sixth of V or less), where a dense
+    operator has V^2.
 
     Args:
         matrix: A (V, V), symmetric and positive definite.
         points: Positions (V, 3) that the parts are cut by.
         mass: Lumped masses (V,); None is the identity.
         device: Where the blocks are kept.
+        options: Size of the parts.
     """
 
     def __init__(
@@ -42,11 +60,11 @@ class BlockDiffusion:
         *,
         mass: FloatArray | None = None,
         device: str | torch.device = "cpu",
-        part: int | None = None,
+        options: BlockOptions = BlockOptions(),
     ) -> None:
         """Cut, invert and upload; see the class."""
         matrix = sparse.csr_matrix(matrix)
-        parts, separators = cut(matrix, points, part or max(PART, round((7 * len(points)) ** 0.5)))
+        parts, separators = cut(matrix, points, options.part_of(len(points)))
         inner = np.full((len(parts), max(map(len, parts))), len(points))
         for row, own in zip(inner, parts, strict=True):
             row[: len(own)] = own

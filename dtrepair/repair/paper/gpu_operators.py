@@ -13,7 +13,6 @@ from dtrepair.device import DeviceQueue, start_warp
 from dtrepair.repair.paper import gpu_kernels as kernels
 from dtrepair.repair.paper.descent import Descent
 from dtrepair.repair.paper.energy import (
-    NEAREST,
     ConicalField,
     Kernel,
     PointToPlane,
@@ -23,7 +22,7 @@ from dtrepair.repair.paper.energy import (
 from dtrepair.repair.paper.gpu_detection import FixedDetection
 
 # Whole numbers per unit of force, in a mesh of unit size. Tangent-point and conical forces are
-# about an edge length, and at most 2 sqrt(A) / NEAREST = 2000: 2^44 keeps them to 6e-14 and sums up
+# about an edge length, and at most 2 sqrt(A) / nearest = 2000: 2^44 keeps them to 6e-14 and sums up
 # to 5e5. Those of point-to-plane are areas times depths, about 1e-7 and at most 2.
 SCALE = 2.0**44
 FINE_SCALE = 2.0**52
@@ -68,19 +67,20 @@ class Forces:
 
 
 def energy_parameters(kernel: Kernel) -> Any:
-    """What the kernels need to know of an energy: a `descent_kernels.Energy`."""
+    """What the kernels need to know of an energy: a `gpu_kernels.Energy`."""
     energy = kernels.Energy()
-    energy.nearest, energy.noise = NEAREST, 8.0 * torch.finfo(torch.float64).eps
-    energy.scale = SCALE
+    energy.noise, energy.scale = 8.0 * torch.finfo(torch.float64).eps, SCALE
     if isinstance(kernel, SignedTangentPoint | UnsignedTangentPoint):
         signed = isinstance(kernel, SignedTangentPoint)
         energy.kind = int(kernels.SIGNED_TANGENT_POINT if signed else kernels.TANGENT_POINT)
         energy.exponent, energy.power = float(kernel.exponent), float(kernel.power)
+        energy.nearest = kernel.nearest
     elif isinstance(kernel, PointToPlane):
         energy.kind, energy.scale = int(kernels.POINT_TO_PLANE), FINE_SCALE
     else:
         assert isinstance(kernel, ConicalField), f"no kernel on a device for {kernel}"
         energy.kind, energy.height = int(kernels.CONICAL), kernel.height
+        energy.nearest = kernel.nearest
     return energy
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -16,31 +16,58 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.operators import cotangent_laplacian
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.paper.descent import Descent, DescentResult
-from dtrepair.repair.paper.diffusion import BodyDiffusion, Diffusion, SparseOperator
-from dtrepair.repair.paper.energy import KERNELS, triangle_directions
-from dtrepair.repair.paper.gpu_descent import DeviceDescent, too_large
+from dtrepair.repair.paper.diffusion import (
+    BodyDiffusion,
+    Diffusion,
+    DiffusionOptions,
+    SparseOperator,
+)
+from dtrepair.repair.paper.energy import EnergyOptions, triangle_directions
+from dtrepair.repair.paper.gpu_descent import DeviceDescent, GpuOptions, too_large
 from dtrepair.repair.paper.gpu_operators import RowOperator
-from dtrepair.repair.paper.optimizer import make_optimizer
+from dtrepair.repair.paper.optimizer import OptimizerOptions
 from dtrepair.repair.result import Solved, Stage
 from dtrepair.repair.surface.distortion import distortion
 from dtrepair.repair.surface.surface import Surface
 
-# Kinds of devices that run whole iterations (see `DeviceDescent`). The CPU could, but its sparse
-# factor is faster there than products of dense matrices.
-DEVICE_LOOP = ("cuda",)
+
+@dataclass(frozen=True, kw_only=True)
+class PaperOptions:
+    """Every number of the published method that is no choice of the user.
+
+    Args:
+        energies: Exponents and reaches of the energies.
+        optimizers: Learning rates, memories and the band of the brake.
+        runaway: A frame that moved this far, in units of its size, has diverged.
+        diffusion: How the diffusion is kept on a device.
+        gpu: How the loop runs on a device.
+    """
+
+    energies: EnergyOptions = field(default_factory=EnergyOptions)
+    optimizers: OptimizerOptions = field(default_factory=OptimizerOptions)
+    runaway: float = Descent.runaway
+    diffusion: DiffusionOptions = field(default_factory=DiffusionOptions)
+    gpu: GpuOptions = field(default_factory=GpuOptions)
 
 
 class PaperMethod:
     """One diffusion factor per body, one loop; built once per surface.
 
-    On a CUDA device the loop runs there, for many poses at a time.
+    With a queue whole iterations run on its device, for many poses at a time. The CPU could do so
+    too, but its sparse factor is faster than products of dense matrices.
     """
 
     def __init__(
-        self, surface: Surface, options: RepairOptions, *, queue: DeviceQueue | None = None
+        self,
+        surface: Surface,
+        choices: RepairOptions,
+        *,
+        queue: DeviceQueue | None = None,
+        options: PaperOptions = PaperOptions(),
     ) -> None:
         """Factor the diffusion of each body of `surface`; work in `queue`, or on the CPU."""
         self.surface = surface
+        kernel = options.energies.by_name[choices.energy]
         laplacian = cotangent_laplacian(surface.rest, surface.faces)
         faces = torch.from_numpy(surface.faces.astype(np.int64))
         direction = None
@@ -53,15 +80,16 @@ class PaperMethod:
             detect=self._detect,
             diffusion=BodyDiffusion(bodies, mobility=mobility),
             laplacian=SparseOperator(laplacian),
-            kernel=KERNELS[options.energy],
-            optimizer=make_optimizer(options.optimizer, energy=options.energy),
+            kernel=kernel,
+            optimizer=options.optimizers.suited(choices.optimizer, kernel.rate_factor),
             direction=direction,
-            iterations=options.iterations,
-            regularization=options.regularization,
+            iterations=choices.iterations,
+            regularization=choices.regularization,
+            runaway=options.runaway,
         )
         self.descent: Callable[[torch.Tensor], DescentResult] = descent
-        if queue is not None and queue.device.partition(":")[0] in DEVICE_LOOP:
-            self.descent = _on_device(descent, bodies, laplacian, surface, queue)
+        if queue is not None:
+            self.descent = _on_device(descent, bodies, laplacian, surface, queue, options)
 
     def __call__(self, original: FloatArray) -> Solved:
         """Repair a pose (V, 3) in units of the surface's size."""
@@ -72,14 +100,14 @@ class PaperMethod:
         start = time.perf_counter()
         result = self.descent(torch.from_numpy(np.stack(originals)))
         seconds = (time.perf_counter() - start) / len(originals)
-        found = []
+        results = []
         for index, original in enumerate(originals):
             points = result.points[index].numpy()
             left = len(self.surface.contacts.pairs(points))
             value = distortion(self.surface, original, points)
             count = int(result.iterations[index])
-            found.append(Solved(points, [Stage("descent", left, 0, value, count, seconds)]))
-        return found
+            results.append(Solved(points, [Stage("descent", left, 0, value, count, seconds)]))
+        return results
 
     def _detect(self, points: torch.Tensor) -> IntArray:
         return self.surface.contacts.batch_pairs(points.numpy())
@@ -91,13 +119,18 @@ def _on_device(
     laplacian: sparse.csr_matrix,
     surface: Surface,
     queue: DeviceQueue,
+    options: PaperOptions,
 ) -> DeviceDescent:
     """The loop of a surface on a device, with operators that are made for it."""
     device = queue.device
     detector = Detector(surface.written(surface.rest), surface.faces, device=device)
     try:
         there = [
-            (first, stop, diffusion.on(surface.rest[first:stop], device=device))
+            (
+                first,
+                stop,
+                diffusion.on(surface.rest[first:stop], device=device, options=options.diffusion),
+            )
             for first, stop, diffusion in bodies
         ]
     except RuntimeError as error:
@@ -116,6 +149,7 @@ def _on_device(
         detector,
         queue,
         size=surface.size,
+        options=options.gpu,
         counted=surface.contacts.counted_pairs,
     )
 

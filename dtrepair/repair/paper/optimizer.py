@@ -6,7 +6,7 @@ influence each other. The arithmetic has no branch on data, so it can be capture
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, Protocol
 
 import torch
@@ -51,9 +51,11 @@ def start(points: Tensor) -> Moments:
 class GradientDescent:
     """step = rate x gradient.
 
-    The published rate, 10, belongs to pairs whose rows were mixed up, which weakens the force: with
-    the right pairing it overshoots on deep contacts. 3 to 5 leaves the fewest triangles on bodies,
-    and knots need a few iterations either way.
+    Args:
+        rate: The learning rate. The published one, 10, belongs to pairs whose rows were mixed up,
+            which weakens the force: with the right pairing it overshoots on deep contacts. 3 to 5
+            leaves the fewest triangles on bodies, and knots need a few iterations either way.
+        moments_between: See `Optimizer`.
     """
 
     rate: float = 5.0
@@ -68,10 +70,14 @@ class GradientDescent:
 class UniformAdam:
     """Adam with one scale for all numbers of a frame (Nicolet et al. 2021, section 3.3).
 
-    The step is rate x mean / sqrt(max of the mean squares), before the second diffusion: `rate` is
-    a length, several times the largest displacement of an iteration. At 0.03 most meshes are not
-    done after 60 iterations, at 0.2 deep contacts diverge. beta1 is that of MomentumBrake; 0.9
-    changes little.
+    The step is rate x mean / sqrt(max of the mean squares), before the second diffusion.
+
+    Args:
+        rate: A length in units of the size, several times the largest displacement of an iteration.
+            At 0.03 most meshes are not done after 60 iterations, at 0.2 deep contacts diverge.
+        beta1: Memory of the mean, that of MomentumBrake; 0.9 changes little.
+        beta2: Memory of the mean square.
+        moments_between: See `Optimizer`.
     """
 
     rate: float = 0.07
@@ -94,14 +100,20 @@ class MomentumBrake:
     """Momentum that is dropped where the gradient leaves its own band (Jang et al., Algorithm 1).
 
     Where the gradient differs from its running mean by more than `band` running standard deviations
-    the momentum is replaced by the gradient, from update `warmup` + 1 on.
+    the momentum is replaced by the gradient.
 
-    `mask` says whether one number ("component", the paper) or any of the three of a vertex
-    ("vertex", the authors' code) is what leaves the band; the paper's is a little better. The
-    moments are those of the gradient after one solve, as in the authors' code, so that the second
-    one smooths what the band cuts; after both (`moments_between=False`, the paper's text) the cuts
-    stay in the surface and more triangles are left. The rate is a little below gradient descent's
-    because momentum adds up; the published 20 belongs to mixed-up pairs.
+    Args:
+        rate: The learning rate, a little below gradient descent's because momentum adds up; the
+            published 20 belongs to mixed-up pairs.
+        beta1: Memory of the mean.
+        beta2: Memory of the mean square.
+        band: Half width of the band, standard deviations.
+        warmup: Nothing is dropped in so many first updates, whose deviation is not yet known.
+        mask: Whether one number ("component", the paper) or any of the three of a vertex
+            ("vertex", the authors' code) is what leaves the band; the paper's is a little better.
+        moments_between: The moments are those of the gradient after one solve, as in the authors'
+            code, so that the second one smooths what the band cuts; after both (False, the paper's
+            text) the cuts stay in the surface and more triangles are left.
     """
 
     rate: float = 3.0
@@ -134,21 +146,29 @@ def _correction(beta: float, step: Tensor, like: Tensor) -> Tensor:
     return (1.0 - beta ** step.to(torch.float64)).to(like.dtype)[:, None, None]
 
 
-OPTIMIZERS: dict[str, type[Optimizer]] = {
-    "gradient-descent": GradientDescent,
-    "uniform-adam": UniformAdam,
-    "momentum-brake": MomentumBrake,
-}
+@dataclass(frozen=True, kw_only=True)
+class OptimizerOptions:
+    """The optimisers that can be chosen, with their numbers."""
 
-# Forces of the other energies have other units and sizes; UniformAdam takes no notice of them.
-_RATE_FACTORS = {"signed-tpe": 1.0, "tpe": 1.0, "point-to-plane": 100.0, "conical": 2.0}
+    gradient_descent: GradientDescent = GradientDescent()
+    uniform_adam: UniformAdam = UniformAdam()
+    momentum_brake: MomentumBrake = MomentumBrake()
 
+    @property
+    def by_name(self) -> dict[str, Optimizer]:
+        """The optimisers by the names that a user gives."""
+        return {
+            "gradient-descent": self.gradient_descent,
+            "uniform-adam": self.uniform_adam,
+            "momentum-brake": self.momentum_brake,
+        }
 
-def make_optimizer(name: str, *, energy: str = "signed-tpe") -> Optimizer:
-    """The optimiser of this name with the rate that suits the energy (`energy.KERNELS`)."""
-    factor = _RATE_FACTORS[energy]
-    if name == "gradient-descent":
-        return GradientDescent(rate=factor * GradientDescent.rate)
-    if name == "momentum-brake":
-        return MomentumBrake(rate=factor * MomentumBrake.rate)
-    return OPTIMIZERS[name]()
+    def suited(self, name: str, rate_factor: float) -> Optimizer:
+        """The optimiser of a name at the rate that suits an energy (`Kernel.rate_factor`).
+
+        UniformAdam takes no notice of the size of forces.
+        """
+        optimizer = self.by_name[name]
+        if isinstance(optimizer, GradientDescent | MomentumBrake):
+            return replace(optimizer, rate=rate_factor * optimizer.rate)
+        return optimizer

@@ -18,7 +18,13 @@ from dtrepair.numerics.operators import cotangent_laplacian
 from dtrepair.repair.paper.descent import Descent, triangle_counts
 from dtrepair.repair.paper.diffusion import BodyDiffusion, Diffusion, SparseOperator
 from dtrepair.repair.paper.gpu_operators import RowOperator
-from dtrepair.repair.paper.optimizer import OPTIMIZERS, GradientDescent, Moments, Optimizer, start
+from dtrepair.repair.paper.optimizer import (
+    GradientDescent,
+    Moments,
+    Optimizer,
+    OptimizerOptions,
+    start,
+)
 from tests.meshes import Mesh, bent_tube, icosphere, torus
 
 
@@ -55,7 +61,7 @@ def dented_torus() -> Mesh:
     return unit((points, faces))
 
 
-@pytest.mark.parametrize("optimizer", [kind() for kind in OPTIMIZERS.values()], ids=str)
+@pytest.mark.parametrize("optimizer", OptimizerOptions().by_name.values(), ids=str)
 def test_crossing_tube_becomes_clean(optimizer: Optimizer) -> None:
     mesh = crossing_tube()
     descent, points = make(mesh, optimizer=optimizer)
@@ -241,7 +247,7 @@ def test_pairs_of_a_mesh_are_each_counted_once() -> None:
     assert len(set(map(tuple, pairs.tolist()))) == len(pairs)
 
 
-@pytest.mark.parametrize("optimizer", [kind() for kind in OPTIMIZERS.values()], ids=str)
+@pytest.mark.parametrize("optimizer", OptimizerOptions().by_name.values(), ids=str)
 def test_published_knot_becomes_clean(shared_data: Path, optimizer: Optimizer) -> None:
     mesh = read_mesh(shared_data / "misc" / "trefoil_knot.obj")
     descent, points = make(unit((mesh.points, mesh.faces())), optimizer=optimizer)

@@ -13,8 +13,8 @@ from torch import Tensor
 from dtrepair.numerics.operators import cotangent_laplacian
 from dtrepair.repair.paper.diffusion import SparseOperator
 from dtrepair.repair.paper.energy import (
-    KERNELS,
     ConicalField,
+    EnergyOptions,
     Kernel,
     Planes,
     PointToPlane,
@@ -30,7 +30,7 @@ from dtrepair.repair.paper.energy import (
 from tests.meshes import icosphere
 
 KERNEL_CASES = [
-    *KERNELS.values(),
+    *EnergyOptions().by_name.values(),
     SignedTangentPoint(exponent=3, power=6),
     SignedTangentPoint(exponent=3, power=3),
     UnsignedTangentPoint(exponent=3, power=6),

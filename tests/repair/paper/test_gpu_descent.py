@@ -14,21 +14,27 @@ from dtrepair.device import DeviceQueue
 from dtrepair.intersect.detector import Detector
 from dtrepair.repair.paper.descent import Descent, DescentResult
 from dtrepair.repair.paper.diffusion import Diffusion, SparseOperator
-from dtrepair.repair.paper.energy import KERNELS, Kernel
-from dtrepair.repair.paper.gpu_descent import STEPS, DeviceDescent
+from dtrepair.repair.paper.energy import EnergyOptions, Kernel
+from dtrepair.repair.paper.gpu_descent import DeviceDescent, GpuOptions
 from dtrepair.repair.paper.gpu_detection import FixedDetection
 from dtrepair.repair.paper.gpu_operators import RowOperator
-from dtrepair.repair.paper.optimizer import OPTIMIZERS, GradientDescent, Optimizer
+from dtrepair.repair.paper.optimizer import (
+    GradientDescent,
+    Optimizer,
+    OptimizerOptions,
+    UniformAdam,
+)
 from tests.meshes import bent_tube
 from tests.repair.paper.test_descent import crossing_tube, make, unit
 
 TUBE = crossing_tube()
 STRAIGHT = unit(bent_tube(3.0, around=16, along=60, radius=0.08))[0]
 GENTLE = GradientDescent(rate=2.0)
+STEPS = GpuOptions.steps
 
 
 def both(
-    *, batch: int = 64, capacity: tuple[int, int] | None = None, **options: Any
+    *, batch: int = GpuOptions.batch, capacity: tuple[int, int] | None = None, **options: Any
 ) -> tuple[Descent, DeviceDescent]:
     """The loop of the CPU, with the pairs that a device finds, and that of a device."""
     descent, _ = make(TUBE, **options)
@@ -42,7 +48,9 @@ def both(
         diffusion=descent.diffusion.on(TUBE[0], device="cpu"),
         laplacian=RowOperator(descent.laplacian.matrix, queue),
     )
-    on_device = DeviceDescent(there, detector, queue, batch=batch, capacity=capacity)
+    on_device = DeviceDescent(
+        there, detector, queue, capacity=capacity, options=GpuOptions(batch=batch)
+    )
     return on_cpu, on_device
 
 
@@ -58,7 +66,7 @@ def assert_equal(one: DescentResult, other: DescentResult, *, within: float = 0.
     assert (one.points - other.points).abs().max() <= within
 
 
-@pytest.mark.parametrize("optimizer", [kind() for kind in OPTIMIZERS.values()], ids=str)
+@pytest.mark.parametrize("optimizer", OptimizerOptions().by_name.values(), ids=str)
 def test_results_are_those_of_the_loop_on_the_cpu(optimizer: Optimizer) -> None:
     on_cpu, on_device = both(optimizer=optimizer)
     expected, received = on_cpu(poses(1.0, 0.97)), on_device(poses(1.0, 0.97))
@@ -67,9 +75,9 @@ def test_results_are_those_of_the_loop_on_the_cpu(optimizer: Optimizer) -> None:
     assert_equal(on_device(poses(1.0, 0.97)), received)
 
 
-@pytest.mark.parametrize("kernel", KERNELS.values(), ids=str)
+@pytest.mark.parametrize("kernel", EnergyOptions().by_name.values(), ids=str)
 def test_every_energy_has_its_loop(kernel: Kernel) -> None:
-    on_cpu, on_device = both(kernel=kernel, optimizer=OPTIMIZERS["uniform-adam"](), iterations=6)
+    on_cpu, on_device = both(kernel=kernel, optimizer=UniformAdam(), iterations=6)
     expected, received = on_cpu(poses(1.0)), on_device(poses(1.0))
     assert torch.equal(received.history, expected.history)
     assert (received.points - expected.points).abs().max() < 1e-8
@@ -137,8 +145,8 @@ class NoHost(TorchDispatchMode):
         return func(*args, **(kwargs or {}))
 
 
-@pytest.mark.parametrize("kernel", KERNELS.values(), ids=str)
-@pytest.mark.parametrize("optimizer", [kind() for kind in OPTIMIZERS.values()], ids=str)
+@pytest.mark.parametrize("kernel", EnergyOptions().by_name.values(), ids=str)
+@pytest.mark.parametrize("optimizer", OptimizerOptions().by_name.values(), ids=str)
 def test_an_iteration_asks_the_host_for_nothing(
     monkeypatch: pytest.MonkeyPatch, optimizer: Optimizer, kernel: Kernel
 ) -> None:

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.numerics.operators import cotangent_laplacian, lumped_mass
-from dtrepair.repair.paper import diffusion as diffusion_module
-from dtrepair.repair.paper.diffusion import DenseDiffusion, Diffusion
-from dtrepair.repair.paper.gpu_diffusion import BlockDiffusion, cut
+from dtrepair.repair.paper.diffusion import DenseDiffusion, Diffusion, DiffusionOptions
+from dtrepair.repair.paper.gpu_diffusion import BlockDiffusion, BlockOptions, cut
 from tests.meshes import Mesh, icosphere, joined, torus
 
 BALL, RING = icosphere(3), torus(40, 20)
@@ -32,7 +31,8 @@ def test_blocks_solve_as_the_factor_does(mesh: Mesh, masses: bool) -> None:
     diffusion, points = operator(mesh, masses=masses)
     field = torch.from_numpy(np.random.default_rng(0).normal(size=(2, len(points), 3)))
     matrix = sparse.csr_matrix(diffusion.matrix)
-    blocks = BlockDiffusion(matrix, points, mass=diffusion.mass, part=50)
+    options = BlockOptions(least_part=50, balance=0)
+    blocks = BlockDiffusion(matrix, points, mass=diffusion.mass, options=options)
     for name in ("begin", "finish", "__call__"):
         expected = getattr(diffusion, name)(field)
         received = getattr(blocks, name)(field)
@@ -61,11 +61,11 @@ def test_a_mesh_of_one_part_has_no_separators() -> None:
     assert (blocks(field) - diffusion(field)).abs().max() < 1e-12
 
 
-def test_large_meshes_get_blocks_and_small_ones_a_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_large_meshes_get_blocks_and_small_ones_a_matrix() -> None:
     diffusion, points = operator(BALL)
     assert isinstance(diffusion.on(points, device="cpu"), DenseDiffusion)
-    monkeypatch.setattr(diffusion_module, "DENSE", 100)
-    assert isinstance(diffusion.on(points, device="cpu"), BlockDiffusion)
+    options = DiffusionOptions(dense=100)
+    assert isinstance(diffusion.on(points, device="cpu", options=options), BlockDiffusion)
 
 
 def test_memory_is_far_below_that_of_a_dense_operator() -> None:

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from dtrepair.device import DeviceQueue
 from dtrepair.repair.options import RepairOptions
-from dtrepair.repair.paper import method as paper
 from dtrepair.repair.paper.diffusion import Diffusion
 from dtrepair.repair.paper.gpu_descent import DeviceDescent
 from dtrepair.repair.paper.method import PaperMethod
@@ -38,7 +37,7 @@ def test_poses_at_once_are_those_one_by_one() -> None:
 
 
 @pytest.mark.parametrize("bodies", [1, 2])
-def test_the_loop_of_a_device_cleans_as_well(monkeypatch: pytest.MonkeyPatch, bodies: int) -> None:
+def test_the_loop_of_a_device_cleans_as_well(bodies: int) -> None:
     surface, poses = tube()
     if bodies == 2:
         points, faces = overlapping_spheres()
@@ -48,7 +47,6 @@ def test_the_loop_of_a_device_cleans_as_well(monkeypatch: pytest.MonkeyPatch, bo
         mobility[:half] = 0.0
         surface = Surface(points, faces, bodies=ranges, mobility=mobility)
         poses = [points / surface.size]
-    monkeypatch.setattr(paper, "DEVICE_LOOP", ("cpu", "cuda"))
     method = PaperMethod(surface, OPTIONS, queue=DeviceQueue("cpu"))
     assert isinstance(method.descent, DeviceDescent)
     for pose, solved in zip(poses, method.batch(poses), strict=True):
@@ -65,7 +63,6 @@ def test_an_operator_that_does_not_fit_on_the_device_is_a_clear_error(
         raise RuntimeError("CUDA error: out of memory")
 
     surface, _ = tube()
-    monkeypatch.setattr(paper, "DEVICE_LOOP", ("cpu", "cuda"))
     monkeypatch.setattr(Diffusion, "on", full)
     with pytest.raises(MemoryError, match=r"the diffusion operator of \d+ triangles .* 'cpu'"):
         PaperMethod(surface, OPTIONS, queue=DeviceQueue("cpu"))

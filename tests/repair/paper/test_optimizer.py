@@ -8,15 +8,14 @@ from typing import Literal
 import pytest
 import torch
 
-from dtrepair.repair.paper.energy import KERNELS
+from dtrepair.repair.paper.energy import EnergyOptions
 from dtrepair.repair.paper.optimizer import (
-    OPTIMIZERS,
     GradientDescent,
     Moments,
     MomentumBrake,
     Optimizer,
+    OptimizerOptions,
     UniformAdam,
-    make_optimizer,
     start,
 )
 
@@ -116,7 +115,7 @@ def test_momentum_brake_waits_for_its_warm_up() -> None:
         assert torch.equal(moments.first, gradients[-1]) is dropped
 
 
-@pytest.mark.parametrize("optimizer", [kind() for kind in OPTIMIZERS.values()], ids=str)
+@pytest.mark.parametrize("optimizer", OptimizerOptions().by_name.values(), ids=str)
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_frames_are_independent_inputs_untouched_and_zero_is_safe(
     optimizer: Optimizer, dtype: torch.dtype
@@ -134,10 +133,16 @@ def test_frames_are_independent_inputs_untouched_and_zero_is_safe(
     assert all(not step.any() for step in still)
 
 
-@pytest.mark.parametrize("name", OPTIMIZERS)
-@pytest.mark.parametrize("energy", KERNELS)
-def test_every_optimizer_can_be_made_for_every_energy(name: str, energy: str) -> None:
-    optimizer = make_optimizer(name, energy=energy)
-    assert isinstance(optimizer, OPTIMIZERS[name])
-    if energy == "signed-tpe":
-        assert optimizer == OPTIMIZERS[name]()
+@pytest.mark.parametrize("name", OptimizerOptions().by_name)
+@pytest.mark.parametrize("energy", EnergyOptions().by_name)
+def test_every_optimizer_has_a_rate_for_every_energy(name: str, energy: str) -> None:
+    kernel, options = EnergyOptions().by_name[energy], OptimizerOptions()
+    optimizer = options.suited(name, kernel.rate_factor)
+    assert type(optimizer) is type(options.by_name[name])
+    if energy == "signed-tpe" or name == "uniform-adam":
+        assert optimizer == options.by_name[name]
+
+
+def test_numbers_given_as_options_are_those_of_the_optimizer() -> None:
+    options = OptimizerOptions(momentum_brake=MomentumBrake(rate=2.0, band=1.5))
+    assert options.suited("momentum-brake", 3.0) == MomentumBrake(rate=6.0, band=1.5)

@@ -57,6 +57,9 @@ WALLS = {
     },
     "dtrepair.pipeline": {
         "keyposes": "repair stages observer selection errors",
+        "__init__": "check join transfer keyposes repair stages observer selection errors",
+        "join": "errors",
+        "check": "repair stages observer selection errors",
         "transfer": "repair stages observer selection errors",
         "repair": "stages observer selection errors",
         "stages": "observer selection errors",

@@ -14,6 +14,7 @@ from types import ModuleType
 import pytest
 
 import dtrepair
+import dtrepair.pipeline
 import usd_io
 
 
@@ -36,7 +37,7 @@ def test_all_names_what_is_there(name: str) -> None:
         assert getattr(module, public) is not None
 
 
-@pytest.mark.parametrize("module", [dtrepair, usd_io])
+@pytest.mark.parametrize("module", [dtrepair, dtrepair.pipeline, usd_io])
 def test_all_is_complete_and_documented(module: ModuleType) -> None:
     # Type checkers read the imports, programs read __all__: both should say the same.
     assert module.__file__ is not None
@@ -61,13 +62,13 @@ def test_all_is_complete_and_documented(module: ModuleType) -> None:
             assert inspect.getdoc(value), f"{public} should have a docstring"
 
 
-@pytest.mark.parametrize("module", [dtrepair, usd_io])
+@pytest.mark.parametrize("module", [dtrepair, dtrepair.pipeline, usd_io])
 def test_unknown_names_raise(module: ModuleType) -> None:
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         module.nonsense  # noqa: B018
 
 
-@pytest.mark.parametrize("name", ["dtrepair", "usd_io"])
+@pytest.mark.parametrize("name", ["dtrepair", "dtrepair.pipeline", "usd_io"])
 def test_star_import_brings_exactly_the_public_names(name: str) -> None:
     code = (
         f"from {name} import *\n"

@@ -1,1 +1,94 @@
-"""Stage in, layer out, for every host: the command line, an add-on, a worker, a script."""
+"""Stage in, layer out, for every host: the command line, an add-on, a farm worker, a script.
+
+Nothing here prints, reads a signal or knows the command line. A host hears of a run, and ends it,
+through an `Observer`; what goes wrong is a `PipelineError` with an exit code. Messages name
+settings as the options of the command line do. The names load on first use.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dtrepair.pipeline.check import CheckSettings as CheckSettings
+    from dtrepair.pipeline.check import check_stage as check_stage
+    from dtrepair.pipeline.errors import Cancelled as Cancelled
+    from dtrepair.pipeline.errors import InputError as InputError
+    from dtrepair.pipeline.errors import OutputError as OutputError
+    from dtrepair.pipeline.errors import PipelineError as PipelineError
+    from dtrepair.pipeline.errors import UsageError as UsageError
+    from dtrepair.pipeline.errors import exit_code as exit_code
+    from dtrepair.pipeline.join import join_layers as join_layers
+    from dtrepair.pipeline.observer import FrameDone as FrameDone
+    from dtrepair.pipeline.observer import Observer as Observer
+    from dtrepair.pipeline.observer import ProgressKept as ProgressKept
+    from dtrepair.pipeline.observer import Trouble as Trouble
+    from dtrepair.pipeline.repair.settings import RepairSettings as RepairSettings
+    from dtrepair.pipeline.repair.stage import plan_repair as plan_repair
+    from dtrepair.pipeline.repair.stage import repair_stage as repair_stage
+    from dtrepair.pipeline.selection import ObjectOptions as ObjectOptions
+    from dtrepair.pipeline.selection import ObjectSettings as ObjectSettings
+    from dtrepair.pipeline.selection import PrimTable as PrimTable
+    from dtrepair.pipeline.selection import Selection as Selection
+    from dtrepair.pipeline.stages.plan import Plan as Plan
+    from dtrepair.pipeline.stages.plan import PlannedMesh as PlannedMesh
+
+_HOMES = {
+    "Cancelled": "errors",
+    "CheckSettings": "check",
+    "FrameDone": "observer",
+    "InputError": "errors",
+    "ObjectOptions": "selection",
+    "ObjectSettings": "selection",
+    "Observer": "observer",
+    "OutputError": "errors",
+    "PipelineError": "errors",
+    "Plan": "stages.plan",
+    "PlannedMesh": "stages.plan",
+    "PrimTable": "selection",
+    "ProgressKept": "observer",
+    "RepairSettings": "repair.settings",
+    "Selection": "selection",
+    "Trouble": "observer",
+    "UsageError": "errors",
+    "check_stage": "check",
+    "exit_code": "errors",
+    "join_layers": "join",
+    "plan_repair": "repair.stage",
+    "repair_stage": "repair.stage",
+}
+__all__ = [
+    "Cancelled",
+    "CheckSettings",
+    "FrameDone",
+    "InputError",
+    "ObjectOptions",
+    "ObjectSettings",
+    "Observer",
+    "OutputError",
+    "PipelineError",
+    "Plan",
+    "PlannedMesh",
+    "PrimTable",
+    "ProgressKept",
+    "RepairSettings",
+    "Selection",
+    "Trouble",
+    "UsageError",
+    "check_stage",
+    "exit_code",
+    "join_layers",
+    "plan_repair",
+    "repair_stage",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'dtrepair.pipeline' has no attribute {name!r}")
+    return getattr(import_module(f"dtrepair.pipeline.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from dtrepair.pipeline.errors import UsageError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Choices = TypeVar("Choices", bound="DataclassInstance")
 
 NUMBERS = ("diffusion", "mobility")
 NAMES = ("pin", "direction")
@@ -134,3 +139,22 @@ def wrong_value(name: str, value: object) -> str:
 def plain_value(name: str, value: Any) -> Any:
     """A checked value of the type that `ObjectSettings` holds."""
     return float(value) if name in NUMBERS else value
+
+
+def object_of(kind: type[Choices], values: Mapping[str, Any]) -> Choices:
+    """An object of the values that have the names of its fields; a list of JSON is a tuple."""
+    names = {key.name for key in fields(kind)}
+    return kind(**{name: _as_tuple(value) for name, value in values.items() if name in names})
+
+
+def refuse_unknown(
+    settings: Mapping[str, Any], kinds: Iterable[type[Any]], more: Iterable[str] = ()
+) -> None:
+    """Refuse settings with a name that is no field of these dataclasses, and none of `more`."""
+    known = {*more, *(key.name for kind in kinds for key in fields(kind))}
+    if unknown := sorted(settings.keys() - known):
+        raise UsageError(f"settings: nothing here is called {unknown[0]!r}; of which run are they?")
+
+
+def _as_tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value

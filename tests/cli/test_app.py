@@ -82,7 +82,7 @@ def test_internal_errors_are_one_line_and_debug_shows_them(
     def broken(*arguments: object, **options: object) -> None:
         raise RuntimeError("wires crossed")
 
-    monkeypatch.setattr("dtrepair.cli.commands.check.open_source", broken)
+    monkeypatch.setattr("dtrepair.pipeline.check.open_source", broken)
     assert_fails(run("check", path), 70, "internal error: RuntimeError: wires crossed", "-vv")
     with pytest.raises(RuntimeError, match="wires crossed"):
         run("check", path, "-vv")

@@ -30,7 +30,7 @@ def command(*, chunks: tuple[str, ...], output: str, skip_existing: bool, consol
     """
     import os
 
-    from usd_io import join_layers
+    from dtrepair.pipeline.join import join_layers
 
     if skip_existing and os.path.exists(output):
         console.result(f"{output}: exists; skipped")

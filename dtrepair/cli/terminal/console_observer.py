@@ -18,8 +18,8 @@ class ConsoleObserver(Observer):
     Ctrl-C ends a run by a KeyboardInterrupt of its own, so that `cancelled` never does.
     """
 
-    def __init__(self, console: Console, say_frame: SayFrame) -> None:
-        """Print on a console; `say_frame` prints what became of a frame."""
+    def __init__(self, console: Console, say_frame: SayFrame | None = None) -> None:
+        """Print on a console; `say_frame` prints what became of a frame; None: nothing does."""
         self.console, self._say_frame = console, say_frame
         self._bar: ProgressBar | None = None
 
@@ -47,9 +47,10 @@ class ConsoleObserver(Observer):
         """Print what a remark says, as far as -v and -vv ask for it."""
         if isinstance(remark, FrameDone):
             self.console.trace(remark.error)
-            self._say_frame(self.console, remark)
+            if self._say_frame is not None:
+                self._say_frame(self.console, remark)
         elif isinstance(remark, SpansDone):
-            self.console.remark(f"{remark.done} of {remark.total} spans done")
+            self.console.remark(f\"{remark.done} of {remark.total} spans done\")
         elif isinstance(remark, Trouble):
             self.console.trace(remark.error)
         elif isinstance(remark, ProgressKept):

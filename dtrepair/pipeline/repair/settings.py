@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any, ClassVar, Protocol, TypedDict, TypeVar
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, TypedDict
 
 from dtrepair.pipeline.errors import UsageError
-from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable, Selection
+from dtrepair.pipeline.selection import (
+    ObjectOptions,
+    ObjectSettings,
+    PrimTable,
+    Selection,
+    object_of,
+    refuse_unknown,
+)
 from dtrepair.repair.options import RepairOptions
-
-
-class _Options(Protocol):
-    """A dataclass."""
-
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-
-
-Kind = TypeVar("Kind", bound=_Options)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,11 +61,8 @@ class RepairSettings:
 
         Raises UsageError for a name that no setting has.
         """
-        known = {"alone", "chunk", "rest", "rest_option", "objects"}
-        for part in (Selection, RepairOptions, ObjectOptions):
-            known |= {key.name for key in fields(part)}
-        if unknown := sorted(settings.keys() - known):
-            raise UsageError(f"settings: no repair has {unknown[0]!r}; take those of its report")
+        own = ("alone", "chunk", "rest", "rest_option", "objects")
+        refuse_unknown(settings, (Selection, RepairOptions, ObjectOptions), own)
         return cls(
             selection=object_of(Selection, settings),
             options=object_of(RepairOptions, settings),
@@ -111,14 +106,3 @@ def parse_chunk(text: str | None) -> tuple[int, int] | None:
     if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
         raise UsageError(f"--chunk {text}: expected K/N with K from 1 to N, such as 2/8")
     return int(number), int(count)
-
-
-def object_of(kind: type[Kind], values: Mapping[str, Any]) -> Kind:
-    """An object of the values that have the names of its fields; a list of JSON is a tuple."""
-    names = kind.__dataclass_fields__.keys()
-    given = {name: value for name, value in values.items() if name in names}
-    return kind(**{name: _as_tuple(value) for name, value in given.items()})
-
-
-def _as_tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else value

@@ -29,7 +29,6 @@ from dtrepair.pipeline.stages.plan import Plan, make_plan
 from dtrepair.pipeline.stages.rest import Rest, choose_rests
 from dtrepair.pipeline.stages.sinks import Sink, open_sink
 from dtrepair.pipeline.stages.sources import Source, open_source
-from dtrepair.repair.parallel.worker_pool import available_processors
 from dtrepair.report.record import Report
 
 
@@ -182,6 +181,8 @@ def _recorded(source: Source, settings: RepairSettings, controls: Controls) -> d
 
 def _distributed(prepared: _Prepared, address: str, observer: Observer) -> Report:
     """Repair on several workers; the report is of the whole run."""
+    from dtrepair.repair.parallel.worker_pool import available_processors
+
     run, settings = prepared.run, prepared.settings
     jobs = run.jobs or available_processors()
     workers = Workers(address, jobs, prepared.device)

@@ -10,14 +10,11 @@ import numpy as np
 from dtrepair.numerics.geometry import weld_map
 from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.frames import Frame
-from dtrepair.pipeline.stages.sources import Source, time_label
-from dtrepair.report.record import EnclosedRecord, FrameRecord
+from dtrepair.pipeline.stages.sources import Source
+from dtrepair.report.record import EnclosedRecord
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCount
-
-# So many pairs are named.
-NAMED = 5
 
 
 class EnclosedParts:
@@ -64,29 +61,3 @@ class EnclosedParts:
             EnclosedRecord(inner=self.paths[i], outer=self.paths[j], parts=number)
             for (i, j), number in sorted(found.items())
         )
-
-
-def enclosed_lines(records: Sequence[FrameRecord]) -> list[str]:
-    """Sentences about what lies wholly inside what, and in which frames."""
-    frames: dict[tuple[str, str], list[FrameRecord]] = {}
-    for record in records:
-        for found in record.enclosed or ():
-            frames.setdefault((found.inner, found.outer), []).append(record)
-    told, looked = [], sum(record.enclosed is not None for record in records)
-    for (inner, outer), own in list(frames.items())[:NAMED]:
-        what = f"{inner} lies wholly inside {outer}"
-        if inner == outer:
-            most = max(
-                f.parts for r in own for f in r.enclosed or () if f.inner == f.outer == inner
-            )
-            who, lie = ("a part", "lies") if most == 1 else (f"{most} parts", "lie")
-            what = f"{who} of {inner} {lie} wholly inside another part of it"
-        when = f" in {len(own)} of {looked} frames"
-        if len(own) == looked:
-            when = " in every frame" if looked > 1 else ""
-        elif len(own) == 1:
-            when = f" in frame {time_label(own[0].time)}"
-        told.append(f"{what}{when}")
-    if len(frames) > NAMED:
-        told.append(f"{len(frames) - NAMED} more lie wholly inside others")
-    return told

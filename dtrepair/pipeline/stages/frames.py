@@ -124,9 +124,15 @@ def make_counter(
 
 
 def side_by_side(
-    function: Callable[[Item], Result], items: Iterable[Item], *, jobs: int
+    function: Callable[[Item], Result], items: Iterable[Item], *, jobs: int | None
 ) -> Iterator[tuple[Item, Result]]:
-    """Apply `function` to items on `jobs` threads; results in order, memory bounded by `jobs`."""
+    """Apply `function` to items on `jobs` threads; results in order, memory bounded by `jobs`.
+
+    None: as many as there are processors.
+    """
+    from dtrepair.repair.parallel.worker_pool import available_processors
+
+    jobs = jobs or available_processors()
     if jobs == 1:
         for item in items:
             yield item, function(item)

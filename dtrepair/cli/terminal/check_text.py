@@ -1,0 +1,77 @@
+"""What `dtrepair check` says: a row for each frame and mesh, what lies inside what, the sum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dtrepair.cli.terminal.console import Console
+from dtrepair.pipeline.stages.sources import time_label
+from dtrepair.report.record import FrameRecord, Report
+from dtrepair.wording import counted
+
+# So many pairs of meshes are named that lie inside each other.
+NAMED = 5
+
+
+def print_check(console: Console, report: Report) -> None:
+    """Print one row for each frame, and one for each mesh of it that intersects."""
+    several, records = len(report.prims) > 1, report.frames
+    header = ["frame", "triangles", "pairs", *(["between", "mesh"] if several else [])]
+    rows = []
+    for record in records:
+        label = time_label(record.time)
+        if record.before is None:
+            rows.append([label, record.status, "", *(["", ""] if several else [])])
+            console.warn([record.message])
+            continue
+        parts = [("all", record.before), *((p.path, p.before) for p in record.prims if p.before)]
+        for path, count in parts if several else parts[:1]:
+            if path == "all" or count.pairs:
+                numbers = [str(count.triangles), str(count.pairs), str(count.inter_pairs)]
+                rows.append([label, *numbers, path] if several else [label, *numbers[:2]])
+    console.table(header, rows)
+    for line in enclosed_lines(records):
+        console.result(line)
+    console.result(_conclusion(records))
+
+
+def _conclusion(records: tuple[FrameRecord, ...]) -> str:
+    counts = [record.before for record in records if record.before is not None]
+    hit = sum(count.pairs > 0 for count in counts)
+    triangles = sum(count.triangles for count in counts)
+    pairs = sum(count.pairs for count in counts)
+    failed = sum(record.status == "failed" for record in records)
+    ending = f"; {counted(failed, 'frame')} could not be read" if failed else ""
+    if not hit:
+        return f"no intersections in {counted(len(counts), 'frame')}{ending}"
+    verb = "intersects" if hit == 1 else "intersect"
+    return (
+        f"{hit} of {counted(len(counts), 'frame')} {verb}: {counted(triangles, 'triangle')}, "
+        f"{counted(pairs, 'pair')}{ending}"
+    )
+
+
+def enclosed_lines(records: Sequence[FrameRecord]) -> list[str]:
+    """Sentences about what lies wholly inside what, and in which frames."""
+    frames: dict[tuple[str, str], list[FrameRecord]] = {}
+    for record in records:
+        for found in record.enclosed or ():
+            frames.setdefault((found.inner, found.outer), []).append(record)
+    told, looked = [], sum(record.enclosed is not None for record in records)
+    for (inner, outer), own in list(frames.items())[:NAMED]:
+        what = f"{inner} lies wholly inside {outer}"
+        if inner == outer:
+            most = max(
+                f.parts for r in own for f in r.enclosed or () if f.inner == f.outer == inner
+            )
+            who, lie = ("a part", "lies") if most == 1 else (f"{most} parts", "lie")
+            what = f"{who} of {inner} {lie} wholly inside another part of it"
+        when = f" in {len(own)} of {looked} frames"
+        if len(own) == looked:
+            when = " in every frame" if looked > 1 else ""
+        elif len(own) == 1:
+            when = f" in frame {time_label(own[0].time)}"
+        told.append(f"{what}{when}")
+    if len(frames) > NAMED:
+        told.append(f"{len(frames) - NAMED} more lie wholly inside others")
+    return told

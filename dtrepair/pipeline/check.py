@@ -1,0 +1,155 @@
+"""A check: the intersecting triangles of each frame of a stage or mesh file."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+
+from dtrepair import __version__
+from dtrepair.pipeline.errors import UsageError, plain_errors
+from dtrepair.pipeline.observer import SILENT, Observer, Progress, warn
+from dtrepair.pipeline.repair.records import contact_records
+from dtrepair.pipeline.selection import Selection, object_of, refuse_unknown
+from dtrepair.pipeline.stages.clock import Clock
+from dtrepair.pipeline.stages.devices import use_device
+from dtrepair.pipeline.stages.enclosed_parts import EnclosedParts
+from dtrepair.pipeline.stages.frames import (
+    Frame,
+    frame_time,
+    make_counter,
+    mode_warnings,
+    prim_records,
+    read_frames,
+    refuse_if_none_usable,
+    side_by_side,
+    unusable,
+)
+from dtrepair.pipeline.stages.matching import ignored_pairs
+from dtrepair.pipeline.stages.sources import Source, open_source
+from dtrepair.repair.options import MODES
+from dtrepair.report.record import FramePrimRecord, FrameRecord, Report
+
+if TYPE_CHECKING:
+    from dtrepair.intersect.scene_counts import SceneCounter
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckSettings:
+    """What the result of a check depends on, besides its input.
+
+    Args:
+        selection: which meshes and frames take part.
+        mode: pairs within a mesh ("self"), between meshes ("inter") or both.
+        ignore: pairs "A,B" of path expressions whose contacts do not count.
+
+    Raises:
+        UsageError: an unknown mode.
+    """
+
+    selection: Selection = field(default_factory=Selection)
+    mode: str = "both"
+    ignore: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown mode."""
+        if self.mode not in MODES:
+            raise UsageError(f"--mode: expected one of {', '.join(MODES)}, got {self.mode!r}")
+
+    @classmethod
+    def from_report(cls, settings: Mapping[str, Any]) -> CheckSettings:
+        """Return the settings of a run whose report has these `settings`.
+
+        Raises UsageError for a name that no setting has.
+        """
+        refuse_unknown(settings, (Selection, CheckSettings))
+        own = {name: value for name, value in settings.items() if name != "selection"}
+        return replace(object_of(cls, own), selection=object_of(Selection, settings))
+
+
+class CheckChoices(TypedDict, total=False):
+    """The fields of `CheckSettings`, each of which may be given by name."""
+
+    selection: Selection
+    mode: str
+    ignore: tuple[str, ...]
+
+
+def check_stage(
+    stage: str,
+    settings: CheckSettings | None = None,
+    *,
+    jobs: int | None = None,
+    device: str = "auto",
+    observer: Observer = SILENT,
+    **choices: Unpack[CheckChoices],
+) -> Report:
+    """Count the intersecting triangles of a stage or mesh file, exactly, per mesh and frame.
+
+    Args:
+        stage: path of a USD stage or mesh file.
+        settings: all choices of a run as one object, such as `CheckSettings.from_report`.
+        jobs: threads for frames side by side; None: one for each processor.
+        device: "auto", "cpu" or "cuda[:N]".
+        observer: hears of the run, and may cancel it.
+        choices: fields of `CheckSettings`, by name; they replace those of `settings`.
+
+    Raises:
+        PipelineError: with the exit code that stands for it, see its subclasses.
+    """
+    chosen = replace(settings or CheckSettings(), **choices)
+    with plain_errors():
+        return _check(stage, chosen, jobs, use_device(device), observer)
+
+
+def _check(
+    stage: str, settings: CheckSettings, jobs: int | None, device: str, observer: Observer
+) -> Report:
+    watch = Clock()
+    source = open_source(stage, settings.selection)
+    warn(observer, [*source.warnings, *mode_warnings(source, settings.mode)])
+    watch.lap("read")
+    ignored = ignored_pairs(source, settings.ignore)
+    counter = make_counter(source, mode=settings.mode, ignored=ignored, device=device)
+    enclosed = EnclosedParts(source, mode=settings.mode, ignored=ignored)
+    progress = Progress(observer, "checking", len(source.times))
+    records = tuple(progress.over(_records(source, counter, enclosed, jobs)))
+    refuse_if_none_usable(source, records)
+    watch.lap("detect")
+    own = {"mode": settings.mode, "ignore": list(settings.ignore)}
+    return Report(
+        command="check",
+        version=__version__,
+        input=stage,
+        device=device,
+        settings={**own, **vars(settings.selection)},
+        seconds=watch.total(),
+        prims=prim_records(source),
+        frames=records,
+        warnings=source.warnings,
+    )
+
+
+def _records(
+    source: Source, counter: SceneCounter, enclosed: EnclosedParts, jobs: int | None
+) -> Iterator[FrameRecord]:
+    def count(frame: Frame) -> FrameRecord:
+        if not frame.usable:
+            return unusable(frame)
+        start = clock.perf_counter()
+        found = counter(frame.spaces)
+        each = zip(source.meshes, found.each, strict=True)
+        return FrameRecord(
+            time=frame_time(frame),
+            status="unchanged" if found.total.pairs else "clean",
+            before=found.total,
+            after=found.total,
+            seconds=clock.perf_counter() - start,
+            prims=tuple(FramePrimRecord(path=m.path, before=c, after=c) for m, c in each),
+            contacts=contact_records(source, found, found),
+            enclosed=enclosed(frame, found),
+        )
+
+    for _, record in side_by_side(count, read_frames(source, source.times), jobs=jobs):
+        yield record

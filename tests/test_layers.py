@@ -56,8 +56,8 @@ WALLS = {
         "terminal": "",
     },
     "dtrepair.pipeline": {
-        "keyposes": "repair stages observer selection errors",
         "__init__": "check join transfer keyposes repair stages observer selection errors",
+        "keyposes": "repair stages observer selection errors",
         "join": "errors",
         "check": "repair stages observer selection errors",
         "transfer": "repair stages observer selection errors",

@@ -1,0 +1,80 @@
+"""Errors of a run: what the libraries raise gets a code, and a report has one."""
+
+from __future__ import annotations
+
+import pickle
+
+import pytest
+
+from dtrepair.files.polygon_mesh import MeshFileError
+from dtrepair.pipeline import InputError, OutputError, PipelineError, UsageError, exit_code
+from dtrepair.pipeline.errors import (
+    CLEAN,
+    FRAMES,
+    INPUT,
+    INTERNAL,
+    REMAINING,
+    plain_error,
+    plain_errors,
+)
+from dtrepair.report.record import CountRecord, FrameRecord, Report
+from usd_io import OutputError as LayerError
+from usd_io import SelectionError, StageError
+
+
+@pytest.mark.parametrize(
+    ("error", "kind"),
+    [
+        (SelectionError("matches nothing"), UsageError),
+        (StageError("no such file"), InputError),
+        (MeshFileError("no polygons"), InputError),
+        (LayerError("disk full"), OutputError),
+    ],
+)
+def test_errors_on_purpose_become_those_of_a_run(
+    error: Exception, kind: type[PipelineError]
+) -> None:
+    with pytest.raises(kind, match=str(error)) as caught, plain_errors():
+        raise error
+    assert caught.value.__cause__ is error
+    assert caught.value.exit_code == kind.exit_code
+
+
+def test_others_are_defects_that_keep_their_kind() -> None:
+    with pytest.raises(KeyError), plain_errors():
+        raise KeyError("nothing")
+    told = plain_error(RuntimeError("wires crossed"))
+    assert told.exit_code == INTERNAL and "RuntimeError: wires crossed" in str(told)
+    assert "choose fewer frames" in str(plain_error(MemoryError()))
+
+
+def test_an_error_travels_between_processes_with_its_code() -> None:
+    error = pickle.loads(pickle.dumps(PipelineError("a worker failed", INPUT)))
+    assert error.exit_code == INPUT and str(error) == "a worker failed"
+
+
+@pytest.mark.parametrize(
+    ("command", "status", "pairs", "code"),
+    [
+        ("repair", "clean", 0, CLEAN),
+        ("repair", "improved", 1, REMAINING),
+        ("repair", "unchanged", 0, REMAINING),  # something lies wholly inside something else
+        ("check", "clean", 0, CLEAN),
+        ("check", "unchanged", 3, REMAINING),
+        ("repair", "failed", 0, FRAMES),
+        ("transfer", "failed", 2, FRAMES),
+        ("transfer", "unchanged", 0, CLEAN),
+    ],
+)
+def test_a_report_has_an_exit_code(command: str, status: str, pairs: int, code: int) -> None:
+    count = CountRecord(triangles=pairs, pairs=pairs)
+    fine = FrameRecord(time=1.0, status="clean", before=CountRecord(), after=CountRecord())
+    frame = FrameRecord(time=2.0, status=status, before=count, after=count)
+    assert exit_code(Report(command=command, version="", input="a", frames=(fine, frame))) == code
+
+
+def test_in_betweens_that_are_left_count() -> None:
+    spans = [{"left": []}, {"left": [1.5]}]
+    for chosen, code in ((spans[:1], CLEAN), (spans, REMAINING)):
+        report = Report(command="keyposes", version="", input="a", keyposes={"spans": chosen})
+        assert exit_code(report) == code

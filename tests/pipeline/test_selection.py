@@ -1,0 +1,47 @@
+"""Tables of settings of single meshes are checked once, for all hosts."""
+
+from __future__ import annotations
+
+import pytest
+
+from dtrepair.pipeline import ObjectSettings, PrimTable, Selection, UsageError
+from dtrepair.pipeline.selection import chosen_of, parse_tables, refuse_unknown
+
+
+def test_tables_become_settings() -> None:
+    tables = [{"path": "/World/Sword", "diffusion": 9, "rigid": True}, {"path": "/World"}]
+    assert parse_tables(tables, "c.toml") == (
+        PrimTable(
+            "/World/Sword",
+            ObjectSettings(diffusion=9.0, rigid=True),
+            "c.toml: [[prim]] /World/Sword",
+        ),
+        PrimTable("/World", ObjectSettings(), "c.toml: [[prim]] /World"),
+    )
+    assert parse_tables(tables[1], "c.toml")[0].path == "/World"
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({}, "needs a path"),
+        ("/World", "needs a path"),
+        ({"path": "/A", "speed": 1}, "has no 'speed'; known are diffusion, mobility"),
+        ({"path": "/A", "mobility": 2}, "mobility should be from 0 to 1, got 2"),
+        ({"path": "/A", "mobility": True}, "mobility should be a number"),
+        ({"path": "/A", "diffusion": 0}, "diffusion should be positive and finite"),
+        ({"path": "/A", "rigid": 1}, "rigid should be true or false"),
+        ({"path": "/A", "pin": 3}, "pin should be a name"),
+    ],
+)
+def test_wrong_tables_are_refused(table: object, words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        parse_tables([table], "c.toml")
+
+
+def test_objects_of_recorded_values() -> None:
+    values = {"frames": "1:3", "strict": True, "other": 1}
+    assert chosen_of(Selection, values) == Selection(frames="1:3", strict=True)
+    refuse_unknown(values, [Selection], ["other"])
+    with pytest.raises(UsageError, match="nothing here is called 'other'"):
+        refuse_unknown(values, [Selection])

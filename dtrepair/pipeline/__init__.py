@@ -20,9 +20,13 @@ if TYPE_CHECKING:
     from dtrepair.pipeline.errors import UsageError as UsageError
     from dtrepair.pipeline.errors import exit_code as exit_code
     from dtrepair.pipeline.join import join_layers as join_layers
+    from dtrepair.pipeline.keyposes.settings import KeyposeSettings as KeyposeSettings
+    from dtrepair.pipeline.keyposes.stage import plan_keyposes as plan_keyposes
+    from dtrepair.pipeline.keyposes.stage import repair_keyposes as repair_keyposes
     from dtrepair.pipeline.observer import FrameDone as FrameDone
     from dtrepair.pipeline.observer import Observer as Observer
     from dtrepair.pipeline.observer import ProgressKept as ProgressKept
+    from dtrepair.pipeline.observer import SpansDone as SpansDone
     from dtrepair.pipeline.observer import Trouble as Trouble
     from dtrepair.pipeline.repair.settings import RepairSettings as RepairSettings
     from dtrepair.pipeline.repair.stage import plan_repair as plan_repair
@@ -33,12 +37,17 @@ if TYPE_CHECKING:
     from dtrepair.pipeline.selection import Selection as Selection
     from dtrepair.pipeline.stages.plan import Plan as Plan
     from dtrepair.pipeline.stages.plan import PlannedMesh as PlannedMesh
+    from dtrepair.pipeline.transfer.options import TransferOptions as TransferOptions
+    from dtrepair.pipeline.transfer.run import plan_transfer as plan_transfer
+    from dtrepair.pipeline.transfer.run import transfer_stage as transfer_stage
+    from dtrepair.pipeline.transfer.settings import TransferSettings as TransferSettings
 
 _HOMES = {
     "Cancelled": "errors",
     "CheckSettings": "check",
     "FrameDone": "observer",
     "InputError": "errors",
+    "KeyposeSettings": "keyposes.settings",
     "ObjectOptions": "selection",
     "ObjectSettings": "selection",
     "Observer": "observer",
@@ -50,19 +59,27 @@ _HOMES = {
     "ProgressKept": "observer",
     "RepairSettings": "repair.settings",
     "Selection": "selection",
+    "SpansDone": "observer",
+    "TransferOptions": "transfer.options",
+    "TransferSettings": "transfer.settings",
     "Trouble": "observer",
     "UsageError": "errors",
     "check_stage": "check",
     "exit_code": "errors",
     "join_layers": "join",
+    "plan_keyposes": "keyposes.stage",
     "plan_repair": "repair.stage",
+    "plan_transfer": "transfer.run",
+    "repair_keyposes": "keyposes.stage",
     "repair_stage": "repair.stage",
+    "transfer_stage": "transfer.run",
 }
 __all__ = [
     "Cancelled",
     "CheckSettings",
     "FrameDone",
     "InputError",
+    "KeyposeSettings",
     "ObjectOptions",
     "ObjectSettings",
     "Observer",
@@ -74,13 +91,20 @@ __all__ = [
     "ProgressKept",
     "RepairSettings",
     "Selection",
+    "SpansDone",
+    "TransferOptions",
+    "TransferSettings",
     "Trouble",
     "UsageError",
     "check_stage",
     "exit_code",
     "join_layers",
+    "plan_keyposes",
     "plan_repair",
+    "plan_transfer",
+    "repair_keyposes",
     "repair_stage",
+    "transfer_stage",
 ]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dtrepair.pipeline import ObjectSettings, PrimTable, Selection, UsageError
-from dtrepair.pipeline.selection import chosen_of, parse_tables, refuse_unknown
+from dtrepair.pipeline.selection import object_of, parse_tables, refuse_unknown
 
 
 def test_tables_become_settings() -> None:
@@ -41,7 +41,7 @@ def test_wrong_tables_are_refused(table: object, words: str) -> None:
 
 def test_objects_of_recorded_values() -> None:
     values = {"frames": "1:3", "strict": True, "other": 1}
-    assert chosen_of(Selection, values) == Selection(frames="1:3", strict=True)
+    assert object_of(Selection, values) == Selection(frames="1:3", strict=True)
     refuse_unknown(values, [Selection], ["other"])
     with pytest.raises(UsageError, match="nothing here is called 'other'"):
         refuse_unknown(values, [Selection])

@@ -50,7 +50,7 @@ class ConsoleObserver(Observer):
             if self._say_frame is not None:
                 self._say_frame(self.console, remark)
         elif isinstance(remark, SpansDone):
-            self.console.remark(f\"{remark.done} of {remark.total} spans done\")
+            self.console.remark(f"{remark.done} of {remark.total} spans done")
         elif isinstance(remark, Trouble):
             self.console.trace(remark.error)
         elif isinstance(remark, ProgressKept):

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypedDict
 
 from dtrepair.keyposes.options import KeyOptions
-from dtrepair.pipeline.repair.settings import RepairSettings, object_of
-from dtrepair.pipeline.selection import ObjectOptions, PrimTable, Selection
+from dtrepair.pipeline.repair.settings import RepairSettings
+from dtrepair.pipeline.selection import ObjectOptions, PrimTable, Selection, object_of
 from dtrepair.repair.options import RepairOptions
 
 

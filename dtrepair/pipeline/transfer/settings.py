@@ -7,8 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, TypedDict
 
 from dtrepair.pipeline.errors import UsageError
-from dtrepair.pipeline.repair.settings import object_of
-from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.selection import Selection, object_of
 from dtrepair.pipeline.transfer.options import TransferOptions
 from dtrepair.repair.options import RepairOptions
 

@@ -262,3 +262,13 @@ def test_a_hopeless_frame_does_not_spoil_the_others() -> None:
     assert all(result.status is Status.CLEAN for result in results[:19])
     counts = [result.after.pairs <= result.before.pairs for result in results]
     assert all(counts)
+
+
+def test_a_window_of_frames_tells_how_far_it_is() -> None:
+    rest, faces, frames = swing()
+    animator = SceneRepairer([Body(rest, faces)]).animator
+    told: list[float] = []
+    poses = ((float(time), [pose]) for time, pose in enumerate(frames))
+    assert sum(1 for _ in animator.stream(poses, jobs=1, progress=told.append)) == len(frames)
+    assert len(told) > 3 and told == sorted(told)
+    assert 0.0 < told[0] and told[-1] <= len(frames)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from dtrepair.diagnosis import Status as Status
     from dtrepair.intersect.detector import Detector as Detector
     from dtrepair.intersect.detector import find_intersections as find_intersections
     from dtrepair.repair import itself as repair
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from dtrepair.repair.result import Count as Count
     from dtrepair.repair.result import RepairResult as RepairResult
     from dtrepair.repair.result import Stage as Stage
-    from dtrepair.repair.result import Status as Status
     from dtrepair.repair.scene.bodies import Body as Body
     from dtrepair.transfer.deformation import Transfer as Transfer
     from dtrepair.transfer.matching.correspondence import match_triangles as match_triangles
@@ -34,7 +34,7 @@ _HOMES = {
     "RepairOptions": "dtrepair.repair.options",
     "RepairResult": "dtrepair.repair.result",
     "Stage": "dtrepair.repair.result",
-    "Status": "dtrepair.repair.result",
+    "Status": "dtrepair.diagnosis",
     "Body": "dtrepair.repair.scene.bodies",
     "Repairer": "dtrepair.repair.repairer",
     "SceneRepairer": "dtrepair.repair.repairer",

@@ -13,6 +13,30 @@ from dtrepair.wording import counted
 NAMED = 3
 
 
+class Status(StrEnum):
+    """Outcome of one pose."""
+
+    CLEAN = "clean"
+    IMPROVED = "improved"
+    UNCHANGED = "unchanged"
+    FAILED = "failed"
+    SKIPPED = "skipped"
+
+    @property
+    def meaning(self) -> str:
+        """Say what it means for the pose; nothing where nothing needs to be done."""
+        return _MEANING[self]
+
+
+_MEANING = {
+    Status.CLEAN: "",
+    Status.IMPROVED: "fewer intersections, but not none",
+    Status.UNCHANGED: "no pose with fewer intersections was found; the input is kept",
+    Status.FAILED: "the pose could not be used; the input is kept",
+    Status.SKIPPED: "",
+}
+
+
 class Advice(StrEnum):
     """What a user may do about contacts that are left, or why nothing can be done."""
 
@@ -173,8 +197,8 @@ def merged(diagnoses: Iterable[Diagnosis]) -> Diagnosis:
     )
 
 
-def sentence(found: Diagnosis, meaning: str, *, remedies: Mapping[Advice, str] = REMEDIES) -> str:
-    """Return what a repair left in words; `meaning`, that of its status, where nothing is left.
+def sentence(found: Diagnosis, status: Status, *, remedies: Mapping[Advice, str] = REMEDIES) -> str:
+    """Return what a repair with a status left, in words; else what the status means.
 
     `remedies`: what a host calls what its user may do.
     """
@@ -187,14 +211,14 @@ def sentence(found: Diagnosis, meaning: str, *, remedies: Mapping[Advice, str] =
         parts.append(f"{OF_REST} ({counted(found.rest_pairs, 'pair')})")
     elif found.contacts:
         what = _listed(found.contacts)
-        parts.append(f"{what}: {meaning}: {advice_words(found.advice, remedies)}")
+        parts.append(f"{what}: {status.meaning}: {advice_words(found.advice, remedies)}")
     if found.deformations:
         parts.append(f"{_listed(found.deformations)}: {EASE}")
-    return "; ".join(parts) or meaning
+    return "; ".join(parts) or status.meaning
 
 
 def concerns(
-    found: Diagnosis, meaning: str, *, remedies: Mapping[Advice, str] = REMEDIES
+    found: Diagnosis, status: Status, *, remedies: Mapping[Advice, str] = REMEDIES
 ) -> dict[str, tuple[str, ...]]:
     """Return what concerns a user, without numbers: what may be done, and the objects it is for.
 
@@ -206,7 +230,7 @@ def concerns(
     if found.rest_pairs:
         result[""] = (*result.get("", ()), OF_REST)
     elif found.contacts:
-        words = f"{meaning}: {advice_words(found.advice, remedies)}"
+        words = f"{status.meaning}: {advice_words(found.advice, remedies)}"
         result[words] = tuple(contact.bodies for contact in found.contacts)
     if found.deformations:
         result[EASE] = tuple(deformation.bodies for deformation in found.deformations)

@@ -31,11 +31,11 @@ WALLS = {
     "dtrepair": {
         "__main__": "cli",
         "cli": "pipeline __init__ report keyposes transfer repair intersect display demo files"
-        " device wording",
+        " diagnosis device wording",
         "pipeline": "__init__ report keyposes transfer repair intersect numerics display files"
-        " device wording",
-        "__init__": "transfer repair intersect",
-        "report": "files",
+        " diagnosis device wording",
+        "__init__": "transfer repair intersect diagnosis",
+        "report": "files diagnosis",
         "keyposes": "numerics",
         "transfer": "numerics files",
         "repair": "intersect numerics diagnosis device",

@@ -3,37 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.diagnosis import Diagnosis, sentence
-
-
-class Status(StrEnum):
-    """Outcome of one pose."""
-
-    CLEAN = "clean"
-    IMPROVED = "improved"
-    UNCHANGED = "unchanged"
-    FAILED = "failed"
-    SKIPPED = "skipped"
-
-    @property
-    def meaning(self) -> str:
-        """What it means for the pose; empty where nothing needs to be done."""
-        return _MEANING[self]
-
-
-_MEANING = {
-    Status.CLEAN: "",
-    Status.IMPROVED: "fewer intersections, but not none",
-    Status.UNCHANGED: "no pose with fewer intersections was found; the input is kept",
-    Status.FAILED: "the pose could not be used; the input is kept",
-    Status.SKIPPED: "",
-}
+from dtrepair.diagnosis import Diagnosis, Status, sentence
 
 
 @dataclass(frozen=True)
@@ -84,7 +59,7 @@ class RepairResult:
     @property
     def message(self) -> str:
         """What is left, and what may be done about it, in words; empty where nothing is."""
-        return sentence(self.diagnosis, self.status.meaning)
+        return sentence(self.diagnosis, self.status)
 
 
 @dataclass

@@ -18,12 +18,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.diagnosis import Diagnosis
+from dtrepair.diagnosis import Diagnosis, Status
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.clip.animation import MakeMethod, WindowSolver
 from dtrepair.repair.parallel.process_pool import forked_map, in_batches
 from dtrepair.repair.parallel.worker_pool import Crew
-from dtrepair.repair.result import Count, RepairResult, Stage, Status
+from dtrepair.repair.result import Count, RepairResult, Stage
 from dtrepair.repair.surface.surface import Surface
 
 Arrays = Mapping[str, NDArray[Any]]

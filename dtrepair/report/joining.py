@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from dtrepair.diagnosis import Diagnosis
 from dtrepair.report.record import (
     ContactRecord,
     CountRecord,
@@ -49,7 +50,8 @@ def read_frame(frame: Document) -> FrameRecord:
     contacts = tuple(ContactRecord(**contact) for contact in frame.get("contacts", ()))
     stages = (StageRecord(**stage) for stage in frame["stages"])
     record = FrameRecord(**{**frame, **_counts(frame)})
-    return replace(record, prims=tuple(prims), contacts=contacts, stages=tuple(stages))
+    left = Diagnosis.from_document(frame["left"]) if "left" in frame else Diagnosis()
+    return replace(record, prims=tuple(prims), contacts=contacts, stages=tuple(stages), left=left)
 
 
 def _motion(prim: Document) -> MotionRecord | None:

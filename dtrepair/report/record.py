@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from dtrepair.diagnosis import Diagnosis
 from dtrepair.files.atomic import write_atomically
 from dtrepair.report.schema import SCHEMA as SCHEMA
 from dtrepair.report.schema import SCHEMA_NAME, STATUSES, ReportError, validate
@@ -100,7 +101,7 @@ class StageRecord:
 class FrameRecord:
     """One frame: what was found, what was done, what is left. Counts are None where it failed.
 
-    enclosed: None where nobody looked.
+    enclosed: None where nobody looked. left: what a repair left, of all objects.
     """
 
     time: float | None
@@ -116,6 +117,14 @@ class FrameRecord:
     contacts: tuple[ContactRecord, ...] = ()
     enclosed: tuple[EnclosedRecord, ...] | None = None
     stages: tuple[StageRecord, ...] = ()
+    left: Diagnosis = field(default_factory=Diagnosis)
+
+    def document(self) -> dict[str, Any]:
+        """Return the frame as plain values; what is left only where something is."""
+        content = asdict(self)
+        if not self.left:
+            del content["left"]
+        return content
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +166,7 @@ class Report:
             "seconds": dict(self.seconds),
             "warnings": list(self.warnings),
             "prims": [asdict(prim) for prim in self.prims],
-            "frames": [asdict(frame) for frame in self.frames],
+            "frames": [frame.document() for frame in self.frames],
             "summary": summarize(self.frames, jitter=self.jitter),
         }
         for name in ("transfer", "keyposes"):

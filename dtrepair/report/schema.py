@@ -6,8 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from dtrepair.diagnosis import Advice, Status
+
 SCHEMA_NAME = "dtrepair.report/1"
-STATUSES = ("clean", "improved", "unchanged", "failed", "skipped")
+STATUSES = tuple(str(status) for status in Status)
 
 
 class ReportError(ValueError):
@@ -46,9 +48,27 @@ _MOTION = {
 _CONTACT = _object(first=_TEXT, second=_TEXT, before=_COUNT, after=_COUNT)
 # Connected parts wholly inside closed ones, which intersect nothing; None where nobody looked.
 _ENCLOSED = _object(inner=_TEXT, outer=_TEXT, parts=_COUNT)
+# What a repair left of all objects, and what may be done about it: see `dtrepair.diagnosis`.
+_LEFT = _object(
+    contacts={
+        "type": "array",
+        "items": _object(
+            first=_TEXT, second=_TEXT, pairs=_COUNT, held=_COUNT, rigid={"type": "boolean"}
+        ),
+    },
+    advice={"type": "array", "items": {"type": "string", "enum": [str(item) for item in Advice]}},
+    rest_pairs=_COUNT,
+    enclosures={"type": "array", "items": _object(inner=_TEXT, outer=_TEXT)},
+    too_close=_COUNT,
+    deformations={
+        "type": "array",
+        "items": _object(body=_TEXT, lengths=_AMOUNT, volume={"type": ["number", "null"]}),
+    },
+)
 _FRAME = _object(
     "contacts",
     "enclosed",
+    "left",
     time={"type": ["number", "null"]},
     status={"type": "string", "enum": list(STATUSES)},
     message=_TEXT,
@@ -63,6 +83,7 @@ _FRAME = _object(
         "items": _object("motion", path=_TEXT, before=_COUNTS, after=_COUNTS, motion=_MOTION),
     },
     contacts={"type": "array", "items": _CONTACT},
+    left=_LEFT,
     enclosed={"type": ["array", "null"], "items": _ENCLOSED},
     stages={
         "type": "array",

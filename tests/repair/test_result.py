@@ -7,7 +7,8 @@ from dataclasses import FrozenInstanceError, fields
 import numpy as np
 import pytest
 
-from dtrepair.repair.result import Count, RepairResult, Solved, Stage, Status
+from dtrepair.diagnosis import Status
+from dtrepair.repair.result import Count, RepairResult, Solved, Stage
 
 
 def test_every_outcome_that_leaves_something_to_do_says_what() -> None:

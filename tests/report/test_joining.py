@@ -4,6 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from dtrepair.diagnosis import (
+    Advice,
+    Deformation,
+    Diagnosis,
+    RemainingContact,
+    RemainingEnclosure,
+)
 from dtrepair.report.joining import join_reports
 from dtrepair.report.record import (
     CountRecord,
@@ -28,6 +35,12 @@ def frame(time: float | None, pairs: int) -> FrameRecord:
     )
 
 
+LEFT = Diagnosis(
+    contacts=(RemainingContact("/A", "/A", 3),),
+    advice=(Advice.RAISE_DIFFUSION,),
+    enclosures=(RemainingEnclosure("/A", "/B"),),
+    deformations=(Deformation("/B", 1.5, 0.5),),
+)
 WHOLE = Report(
     command="repair",
     version="1",
@@ -35,7 +48,11 @@ WHOLE = Report(
     settings={"mode": "both"},
     seconds={"detect": 3.0, "solve": 4.0},
     prims=(PrimRecord(path="/A", vertices=9, triangles=7),),
-    frames=(frame(1.0, 4), frame(2.0, 5), FrameRecord(time=3.0, status="failed", message="NaN")),
+    frames=(
+        frame(1.0, 4),
+        replace(frame(2.0, 5), left=LEFT),
+        FrameRecord(time=3.0, status="failed", message="NaN"),
+    ),
     warnings=("one", "two"),
 )
 
@@ -48,6 +65,11 @@ def test_parts_join_to_the_whole() -> None:
     assert joined == WHOLE
     backwards = join_reports([second.document(), first.document()])
     assert backwards.document()["frames"] == WHOLE.document()["frames"]
+
+
+def test_only_frames_with_something_left_say_so() -> None:
+    frames = WHOLE.document()["frames"]
+    assert ["left" in each for each in frames] == [False, True, False]
 
 
 def test_frame_without_counts_keeps_its_message() -> None:

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 from dtrepair.cli.terminal.console import Console
+from dtrepair.diagnosis import Status, concerns
 from dtrepair.pipeline.observer import FrameDone
+from dtrepair.pipeline.repair.records import REMEDIES
 from dtrepair.pipeline.selection import NUMBERS, ObjectSettings
 from dtrepair.pipeline.stages.plan import Plan
 from dtrepair.pipeline.stages.sources import time_label
 from dtrepair.report.record import FrameRecord, MotionRecord, summarize
 from dtrepair.wording import counted
 
-# What differs from frame to frame in what a solver says of a result.
-_NUMBERS = re.compile(r" \((\d+ pair|lengths )[^()]*\)| and \d+ more$")
-# Of a key that `keyposes` added: nothing to do about it.
-_NO_ADVICE = ("", "added key")
 # So many contacts are named in a line of advice.
 _NAMED = 3
 
@@ -118,7 +115,7 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
         f"{totals['clean']} of {totals['frames']} frames clean: "
         f"{totals['triangles_before']} -> {totals['triangles_after']} intersecting triangles"
     )
-    close = sum(record.status == "clean" and "clearance" in record.message for record in records)
+    close = sum(record.status == "clean" and record.left.too_close > 0 for record in records)
     if close:
         where = f"in {counted(close, 'frame')}"
         console.result(f"{where} pairs stay closer than --clearance: the report has their numbers")
@@ -130,15 +127,14 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
 def advice_lines(records: Sequence[FrameRecord]) -> Iterator[str]:
     """What is left and what to do about it: one line for each kind, with its number of frames."""
     frames: Counter[str] = Counter()
-    contacts: dict[str, Counter[str]] = {}
+    objects: dict[str, Counter[str]] = {}
     for record in records:
-        left = record.status in ("improved", "unchanged") and record.message not in _NO_ADVICE
-        if left or "much deformed" in record.message:
-            found, _, advice = record.message.partition(": ")
+        found = concerns(record.left, Status(record.status), remedies=REMEDIES)
+        for advice, concerned in found.items():
             frames[advice] += 1
-            contacts.setdefault(advice, Counter()).update(_NUMBERS.sub("", found).split("; "))
+            objects.setdefault(advice, Counter()).update(concerned)
     for advice, number in frames.most_common():
-        told = [text for text, _ in contacts[advice].most_common()]
+        told = [text for text, _ in objects[advice].most_common()]
         more = f" and {len(told) - _NAMED} more" if told[_NAMED:] else ""
         where = f"in {counted(number, 'frame')} " if len(records) > 1 else ""
         end = f": {advice}" if advice else ""

@@ -105,7 +105,8 @@ class StageKeys:
 
     def check_key(self, time: float) -> Repaired:
         """Count a key of the input."""
-        from dtrepair.repair.result import Count, RepairResult, Status
+        from dtrepair.diagnosis import Status
+        from dtrepair.repair.result import Count, RepairResult
 
         frame = self.frames[time]
         if not frame.usable:

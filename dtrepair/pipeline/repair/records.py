@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dtrepair import diagnosis
+from dtrepair.diagnosis import Advice, Status, merged, sentence
 from dtrepair.numerics.geometry import FloatArray, IntArray, unique_edges
 from dtrepair.pipeline.stages.frames import Frame, frame_time
 from dtrepair.pipeline.stages.sources import Source
@@ -25,6 +27,12 @@ if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCount
     from dtrepair.repair.result import RepairResult
     from dtrepair.repair.scene.bodies import Body
+
+# What the choices of a run are called.
+REMEDIES = {
+    **diagnosis.REMEDIES,
+    Advice.RAISE_MAXIMUM_DISPLACEMENT: "raise --maximum-displacement",
+}
 
 
 class FrameRecorder:
@@ -56,10 +64,12 @@ class FrameRecorder:
                 motion = self._motion(index, old[index], new[index], moved[index])
             counts = before.each[index], after.each[index]
             prims.append(FramePrimRecord(mesh.path, *counts, motion=motion))
+        status = _status(before, after, results)
+        left = merged(result.diagnosis for result in results)
         return FrameRecord(
             time=frame_time(frame),
-            status=_status(before, after, results),
-            message=_message(results),
+            status=status,
+            message=sentence(left, status, remedies=REMEDIES) if left else "",
             before=before.total,
             after=after.total,
             iterations=results[0].iterations,
@@ -69,6 +79,7 @@ class FrameRecorder:
             prims=tuple(prims),
             contacts=contact_records(self.source, before, after),
             stages=tuple(StageRecord(*astuple(stage)) for stage in results[0].stages),
+            left=left,
         )
 
     def _motion(
@@ -109,17 +120,11 @@ def contact_records(
     )
 
 
-def _message(results: Sequence[RepairResult]) -> str:
-    """What the solver says of a frame, of the first object that it says something of."""
-    message = next((result.message for result in results if result.message), "")
-    return message.replace("maximum_displacement", "--maximum-displacement")
-
-
-def _status(before: SceneCount, after: SceneCount, results: Sequence[RepairResult]) -> str:
+def _status(before: SceneCount, after: SceneCount, results: Sequence[RepairResult]) -> Status:
     first, last = before.total.pairs, after.total.pairs
     if last:
-        return "improved" if last < first else "unchanged"
+        return Status.IMPROVED if last < first else Status.UNCHANGED
     # Nothing intersects, but something may lie wholly inside something else.
-    if any(str(result.status) != "clean" and not result.after.pairs for result in results):
-        return "improved" if first else "unchanged"
-    return "clean"
+    if any(result.status is not Status.CLEAN and not result.after.pairs for result in results):
+        return Status.IMPROVED if first else Status.UNCHANGED
+    return Status.CLEAN

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.diagnosis import Diagnosis
+from dtrepair.diagnosis import Diagnosis, Status
 from dtrepair.numerics.geometry import FloatArray, IntArray, as_given, differing, pair_keys
 from dtrepair.numerics.metrics import displacements
-from dtrepair.repair.result import Count, RepairResult, Solved, Status
+from dtrepair.repair.result import Count, RepairResult, Solved
 from dtrepair.repair.scene.diagnosis import (
     advice_for,
     contacts_left,

@@ -5,52 +5,70 @@ from pathlib import Path
 import trimesh
 
 from dtrepair.cli.terminal.repair_text import advice_lines
+from dtrepair.diagnosis import (
+    EASE,
+    Advice,
+    Deformation,
+    Diagnosis,
+    RemainingContact,
+    RemainingEnclosure,
+    Status,
+)
 from dtrepair.report.record import FrameRecord
 from tests.command_line import CLOSED, OPEN, run, tube_stage
 from tests.meshes import knot
 
 
-def records(*messages: str, status: str = "improved") -> list[FrameRecord]:
-    return [FrameRecord(time=float(t), status=status, message=m) for t, m in enumerate(messages)]
+def records(*left: Diagnosis, status: Status = Status.IMPROVED) -> list[FrameRecord]:
+    return [FrameRecord(time=float(t), status=status, left=each) for t, each in enumerate(left)]
+
+
+def of(*contacts: RemainingContact, advice: Advice = Advice.RAISE_DIFFUSION) -> Diagnosis:
+    return Diagnosis(contacts=contacts, advice=(advice,))
 
 
 def test_frames_that_differ_by_counts_share_a_line() -> None:
+    both = RemainingContact("/A", "/B", 2)
     found = records(
-        "/A still intersects itself (12 pairs): raise the diffusion",
-        "/A still intersects itself (1 pair, all of them where nothing may move): free it",
-        "/A still intersects itself (7 pairs); /A and /B still intersect (2 pairs): "
-        "raise the diffusion",
+        of(RemainingContact("/A", "/A", 12)),
+        of(RemainingContact("/A", "/A", 1, held=1), advice=Advice.FREE_PINS),
+        of(RemainingContact("/A", "/A", 7), both),
     )
+    meaning = Status.IMPROVED.meaning
     assert list(advice_lines(found)) == [
         "advice: in 2 frames /A still intersects itself; /A and /B still intersect: "
-        "raise the diffusion",
-        "advice: in 1 frame /A still intersects itself: free it",
+        f"{meaning}: raise the diffusion",
+        f"advice: in 1 frame /A still intersects itself: {meaning}: free pinned vertices",
     ]
 
 
 def test_few_contacts_are_named() -> None:
-    found = records(*(f"/A{n} still intersects itself (1 pair) and 2 more: x" for n in range(5)))
+    found = records(*(of(RemainingContact(f"/A{n}", f"/A{n}", 1)) for n in range(5)))
     (line,) = advice_lines(found)
-    assert line.endswith("; /A2 still intersects itself and 2 more: x") and "in 5 frames" in line
+    assert "; /A2 still intersects itself and 2 more: fewer" in line and "in 5 frames" in line
+
+
+def test_a_limit_is_called_what_the_command_line_calls_it() -> None:
+    found = of(RemainingContact("/A", "/A", 1), advice=Advice.RAISE_MAXIMUM_DISPLACEMENT)
+    (line,) = advice_lines(records(found))
+    assert line.endswith(": raise --maximum-displacement")
 
 
 def test_clean_frames_that_are_much_deformed_are_told() -> None:
     found = records(
-        "/A is clean but much deformed (lengths by a factor of 1.30): look at it",
-        "/A is clean but much deformed (lengths by a factor of 2.10, volume to 49%): look at it",
-        status="clean",
+        Diagnosis(deformations=(Deformation("/A", 1.3),)),
+        Diagnosis(deformations=(Deformation("/A", 2.1, 0.49),)),
+        status=Status.CLEAN,
     )
     assert list(advice_lines(found)) == [
-        "advice: in 2 frames /A is clean but much deformed: look at it"
+        f"advice: in 2 frames /A is clean but much deformed: {EASE}"
     ]
 
 
 def test_a_single_frame_needs_no_number() -> None:
-    assert list(advice_lines(records("pea lies wholly inside head"))) == [
-        "advice: pea lies wholly inside head"
-    ]
-    assert list(advice_lines(records("it is fine", status="clean"))) == []
-    assert list(advice_lines(records("added key", ""))) == []
+    inside = Diagnosis(enclosures=(RemainingEnclosure("pea", "head"),))
+    assert list(advice_lines(records(inside))) == ["advice: pea lies wholly inside head"]
+    assert list(advice_lines(records(Diagnosis(), Diagnosis(too_close=3)))) == []
 
 
 def test_a_clip_that_cannot_be_solved_has_one_line_of_advice(tmp_path: Path) -> None:

@@ -135,7 +135,8 @@ def test_only_unusable_frames(repairer: FrameRepairer) -> None:
 
 def result_with(points: NDArray[Any]) -> list[RepairResult]:
     """What a solver returns that believes its points are clean."""
-    from dtrepair.repair.result import Count, RepairResult, Status
+    from dtrepair.diagnosis import Status
+    from dtrepair.repair.result import Count, RepairResult
 
     nothing = Count(0, 0)
     return [RepairResult(points, nothing, nothing, 1, Status.CLEAN)]

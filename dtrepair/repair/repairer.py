@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from dtrepair.device import DeviceQueue, resolve_device
 from dtrepair.numerics.geometry import as_numpy
+from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.clip.animation import (
     ClipOptions,
     ClipRepairer,
@@ -106,6 +107,7 @@ class SceneRepairer:
         """
         return self.batch([points])[0]
 
+    @one_thread()
     def batch(self, poses: Sequence[Sequence[Any]]) -> list[list[RepairResult]]:
         """Repair many poses, each for itself: on a GPU `poses_at_once` are solved at once."""
         return repair_poses(self.scene, self.meshes, poses)

@@ -10,6 +10,7 @@ from scipy import sparse
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, as_mesh, as_points, triangle_areas
 from dtrepair.numerics.operators import Factor
+from dtrepair.numerics.threads import one_thread
 from dtrepair.transfer.arrays import Array, floating_type, like, to_numpy
 from dtrepair.transfer.gradients import (
     deformation_operator,
@@ -107,6 +108,7 @@ class Transfer:
             f"weights should be 'area', 'cotan', 'count' or 'uniform', got {weights!r}"
         )
 
+    @one_thread()
     def _assemble(self, divergence: sparse.csr_matrix, matrix: sparse.csr_matrix) -> None:
         free = np.ones(len(self.target), dtype=bool)
         free[self.placement.anchors()] = False
@@ -121,6 +123,7 @@ class Transfer:
                 "use weights='area'"
             )
 
+    @one_thread()
     def __call__(self, poses: Array) -> Array:
         """Return target positions (T, Vt, 3), target units, of source poses (T, Vs, 3).
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.threads import one_thread
 from dtrepair.transfer.arrays import Array, floating_type, like, to_numpy
 from dtrepair.transfer.deformation import Transfer
 from dtrepair.transfer.gradients import stacked
@@ -20,6 +21,7 @@ class Pins:
     transfer's `snap` has no say in a frame with pins.
     """
 
+    @one_thread()
     def __init__(self, transfer: Transfer, vertices: Array) -> None:
         """`vertices` (P,) are target vertices, each once (ValueError otherwise)."""
         self.vertices = to_numpy(vertices)
@@ -40,6 +42,7 @@ class Pins:
         self._responses = transfer.back_substitute(loads)
         self._pieces = transfer.placement.labels[self.vertices]
 
+    @one_thread()
     def __call__(self, poses: Array, positions: Array) -> Array:
         """Return target positions (T, Vt, 3) with the pins at `positions` (T, P, 3), target units.
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import frame_units
+from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.clip.frames import Frame, cross_fade, read_frames
 from dtrepair.repair.clip.window_method import WindowMethod, WindowOptions
 from dtrepair.repair.full.mend import MendOptions, mend
@@ -203,6 +204,7 @@ class _Stream:
         if waiting:
             yield from self._window(waiting, tail, keep=0)[0]
 
+    @one_thread()
     def _window(
         self, frames: list[Frame], tail: list[FloatArray], *, keep: int
     ) -> tuple[list[Repaired], list[FloatArray]]:

@@ -14,6 +14,7 @@ from dtrepair.device import DeviceQueue, out_of_memory
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.operators import cotangent_laplacian
+from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.paper.descent import Descent, DescentResult
 from dtrepair.repair.paper.diffusion import (
@@ -95,6 +96,7 @@ class PaperMethod:
         """Repair a pose (V, 3) in units of the surface's size."""
         return self.batch([original])[0]
 
+    @one_thread()  # again: PyTorch was not loaded before
     def batch(self, originals: Sequence[FloatArray]) -> list[Solved]:
         """Repair poses (V, 3) in units of the surface's size."""
         start = time.perf_counter()

@@ -21,9 +21,8 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from typing import Any, NoReturn, TypeVar
 
-from threadpoolctl import threadpool_limits
-
 from dtrepair.device import cuda_in_use
+from dtrepair.numerics.threads import one_thread
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -68,10 +67,8 @@ def _work_and_exit(work: Callable[[], None], parent: int, prctl: Any) -> NoRetur
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
             gc.freeze()  # a collection would write to, and so copy, all that is shared
-            threadpool_limits(1)  # processes with threads of linear algebra starve each other
-            if "torch" in sys.modules:  # its threads were not forked
-                sys.modules["torch"].set_num_threads(1)
-            work()
+            with one_thread():  # processes with threads of linear algebra starve each other
+                work()
             os._exit(0)
     finally:
         os._exit(1)

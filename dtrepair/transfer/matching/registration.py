@@ -19,6 +19,7 @@ from dtrepair.numerics.geometry import (
     vector_areas,
 )
 from dtrepair.numerics.operators import Factor
+from dtrepair.numerics.threads import one_thread
 from dtrepair.transfer.arrays import Array, floating_type, like, to_numpy
 from dtrepair.transfer.gradients import deformation_operator, degenerate_triangles
 from dtrepair.transfer.matching.alignment import similarity
@@ -29,6 +30,7 @@ from dtrepair.transfer.matching.markers import checked_markers
 CLOSEST_WEIGHTS = (0.0, 1.0, 10.0, 50.0, 250.0, 1000.0, 5000.0)
 
 
+@one_thread()
 def register(
     source: Array,
     source_faces: Array,

@@ -18,10 +18,14 @@ from dtrepair.pipeline.stages.sources import Source, SourceMesh, open_source, ti
 
 @dataclass(frozen=True)
 class Rest:
-    """Rest points (V, 3) of a mesh, local space, and the words that say where they come from."""
+    """Rest points (V, 3) of a mesh, local space, and the words that say where they come from.
+
+    of_frame: whether a frame of the clip was chosen to be the rest pose.
+    """
 
     points: NDArray[np.float64]
     origin: str
+    of_frame: bool = False
 
 
 def choose_rests(source: Source, option: str | None, *, device: str) -> list[Rest]:
@@ -80,7 +84,7 @@ def _default_rests(source: Source, device: str) -> list[Rest]:
             if not source.meshes[index].has_rest and count.pairs < least[index]:
                 least[index] = count.pairs
                 points = frame.points[index].astype(np.float64)
-                rests[index] = Rest(points, f"frame {time_label(frame.time)}")
+                rests[index] = Rest(points, f"frame {time_label(frame.time)}", of_frame=True)
         if all(best == 0 or rest for best, rest in zip(least, rests, strict=True)) and not any(
             least[i] for i, mesh in enumerate(source.meshes) if not mesh.has_rest
         ):
@@ -125,7 +129,7 @@ def _rest_at(source: Source, mesh: SourceMesh, time: float) -> Rest:
         raise InputError(
             f"--rest {time_label(time)}: {mesh.path} has no points then; name another time"
         )
-    return Rest(points.astype(np.float64), f"frame {time_label(time)}")
+    return Rest(points.astype(np.float64), f"frame {time_label(time)}", of_frame=True)
 
 
 def _rest_from(other: Source, mesh: SourceMesh, *, only: bool) -> Rest:

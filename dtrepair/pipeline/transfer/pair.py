@@ -52,7 +52,7 @@ def open_pair(source_path: str, target_path: str, settings: TransferSettings, de
     source_rest = choose_rests(source, rest, device=device)[0]
     target_rest = choose_rests(target, None, device=device)[0]
     for side, found in ((source, source_rest), (target, target_rest)):
-        if found.origin.startswith("frame"):
+        if found.of_frame:
             warnings.append(
                 f"{side.name}: {side.meshes[0].path} has no points at the default time; its rest "
                 f"pose is taken from {found.origin}"

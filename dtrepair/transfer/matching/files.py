@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -36,10 +38,8 @@ def read_markers(
     highest = rows.max(axis=0, initial=-1) + 1
     counts = (source_count, target_count)
     limits = [int(high) if n is None else n for n, high in zip(counts, highest, strict=True)]
-    try:
+    with _named(Path(path)):
         return checked_markers(rows, *limits)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
 
 
 def read_correspondence(
@@ -54,16 +54,22 @@ def read_correspondence(
     """
     location = Path(path)
     faces = to_numpy(source_faces), to_numpy(target_faces)
-    try:
-        if location.suffix.lower() == ".npz":
+    if location.suffix.lower() == ".npz":
+        with _named(location):
             rows = _read_npz(location, faces)
-        else:
-            rows = _read_rows(location, columns=(2, 3))[:, :2]
+    else:
+        rows = _read_rows(location, columns=(2, 3))[:, :2]
+    with _named(location):
         return checked_pairs(rows, len(faces[0]), len(faces[1]))
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Raise a ValueError again with the file's name in front."""
+    try:
+        yield
     except ValueError as error:
-        prefix = f"{path}: "
-        message = str(error)
-        raise ValueError(message if message.startswith(prefix) else prefix + message) from error
+        raise ValueError(f"{path}: {error}") from error
 
 
 def write_correspondence(

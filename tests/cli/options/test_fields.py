@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 import click
 import pytest
@@ -23,7 +24,7 @@ def command(*, seen: list[RepairOptions]) -> click.Command:
     def function(options: RepairOptions) -> None:
         seen.append(options)
 
-    chosen = {"tighten": {"type": int}, "skip": {"flag": "--without"}}
+    chosen: dict[str, dict[str, Any]] = {"tighten": {"type": int}, "skip": {"flag": "--without"}}
     return click.command()(as_object(RepairOptions, "options", chosen)(function))
 
 
@@ -36,7 +37,7 @@ def test_values_reach_the_command_as_one_object() -> None:
 
 
 def test_a_choice_that_cannot_be_is_named_as_on_the_command_line() -> None:
-    with pytest.raises(UsageError, match="^--tighten should be at least 0, got -1$"):
+    with pytest.raises(UsageError, match=r"^--tighten should be at least 0, got -1$"):
         command(seen=[]).main(["--tighten", "-1"], standalone_mode=False)
 
 

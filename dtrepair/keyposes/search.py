@@ -184,7 +184,7 @@ class _Search:
     def starts(
         self, part: tuple[float, float], time: float, poses: tuple[Pose, ...]
     ) -> Iterator[tuple[Pose, ...]]:
-        """What to repair: an in-between as it is, or displaced as much as an added key beside it.
+        """Yield what to repair: an in-between as it is, or displaced like an added key beside it.
 
         Alone, poses before and after a passage leave on opposite sides, and meet between.
         """

@@ -42,7 +42,7 @@ def join_reports(documents: Sequence[Document]) -> Report:
 
 
 def read_frame(frame: Document) -> FrameRecord:
-    """The record that a frame of a report was made of."""
+    """Return the record that a frame of a report was made of."""
     prims = (
         FramePrimRecord(**{**prim, **_counts(prim), "motion": _motion(prim)})
         for prim in frame["prims"]

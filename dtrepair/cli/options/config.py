@@ -60,7 +60,7 @@ def _read(context: click.Context, path: str) -> dict[str, Any]:
 
 
 def _commands(context: click.Context) -> dict[str, click.Command]:
-    """The commands of the program that have --config."""
+    """Return the commands of the program that have --config."""
     above = context.find_root()
     group = above.command
     if not isinstance(group, click.Group):
@@ -74,7 +74,7 @@ def _commands(context: click.Context) -> dict[str, click.Command]:
 
 
 def _options_of(command: click.Command) -> dict[str, click.Option]:
-    """Options that a file may hold, by their long name without dashes."""
+    """Return options that a file may hold, by their long name without dashes."""
     options = [own for own in command.params if isinstance(own, click.Option)]
     named = {max(option.opts, key=len).lstrip("-"): option for option in options}
     return {name: option for name, option in named.items() if name != "config"}
@@ -86,7 +86,7 @@ def _known_elsewhere(context: click.Context, key: str) -> bool:
 
 
 def _checked(context: click.Context, where: str, option: click.Option, value: Any) -> Any:
-    """A value of the type that an option takes; several options of one name are a list."""
+    """Return a value of the type that an option takes; several options of one name are a list."""
     if option.multiple:
         items = value if isinstance(value, list) else [value]
         return [_single(context, where, option, item) for item in items]
@@ -118,6 +118,6 @@ def _keep_tables(context: click.Context, tables: object, path: str) -> None:
 
 
 def kept_tables() -> tuple[PrimTable, ...]:
-    """The [[prim]] tables of the command that is running."""
+    """Return the [[prim]] tables of the command that is running."""
     found: tuple[PrimTable, ...] = click.get_current_context().meta.get(_TABLES, ())
     return found

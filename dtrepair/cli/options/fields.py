@@ -15,7 +15,7 @@ Function = Callable[..., Any]
 
 
 def field_option(kind: type, name: str, flag: str = "", **attributes: Any) -> Function:
-    """An option for a field of a dataclass, with its default.
+    """Return an option for a field of a dataclass, with its default.
 
     flag: its name on the command line, where that is not --NAME; attributes: as `click.option` has
     them. A field that is true or false is a flag; one of a tuple may be given several times.
@@ -31,7 +31,7 @@ def field_option(kind: type, name: str, flag: str = "", **attributes: Any) -> Fu
 
 
 def default_of(kind: type, name: str) -> Any:
-    """The default of a field of a dataclass."""
+    """Return the default of a field of a dataclass."""
     return getattr(kind(), name)
 
 
@@ -42,7 +42,7 @@ def as_object(
     *,
     check: Callable[[Mapping[str, Any]], None] = lambda values: None,
 ) -> Callable[[Function], Function]:
-    """A decorator that adds options, and gives them to the command as one object, `keyword`.
+    """Return a decorator that adds options, and gives them to the command as one object, `keyword`.
 
     options: by the names of the fields of `kind`, what `field_option` takes of each; fields without
     an option keep their defaults. check: called with the values, before they are made an object.
@@ -68,5 +68,5 @@ def as_object(
 
 
 def flag_of(name: str) -> str:
-    """The name of a field on the command line."""
+    """Return the name of a field on the command line."""
     return "--" + name.replace("_", "-")

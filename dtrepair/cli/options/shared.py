@@ -114,7 +114,7 @@ def jobs_option(function: Function) -> Function:
 
 
 def _cores() -> int:
-    """Cores that this process may use, fewer than the machine has in a container."""
+    """Return cores that this process may use, fewer than the machine has in a container."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

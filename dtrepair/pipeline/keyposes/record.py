@@ -8,7 +8,7 @@ from dtrepair.keyposes.spans import KeyPoses, Sample
 
 
 def in_betweens(found: KeyPoses, interpolation: str, skipped: int) -> dict[str, Any]:
-    """The in-betweens for the report."""
+    """Return the in-betweens for the report."""
 
     def count(samples: tuple[Sample, ...]) -> dict[str, int]:
         dirty = [sample for sample in samples if sample.pairs]

@@ -65,7 +65,7 @@ class StageKeys:
         return read
 
     def frame(self, time: float, poses: Sequence[Pose]) -> Frame:
-        """Poses (V, 3) of all meshes as a frame."""
+        """Return poses (V, 3) of all meshes as a frame."""
         if len(self.source.meshes) == 1:
             return Frame(time, tuple(poses), tuple(poses))
         meshes = zip(self.source.meshes, poses, strict=True)
@@ -73,15 +73,15 @@ class StageKeys:
         return Frame(time, tuple(poses), spaces)
 
     def count(self, time: float, poses: Sequence[Pose]) -> SceneCount:
-        """Counts of poses at a time."""
+        """Return counts of poses at a time."""
         return self.repairer.counter(self.frame(time, poses).spaces)
 
     def pairs(self, time: float, poses: Sequence[Pose]) -> int:
-        """Intersecting pairs of poses at a time."""
+        """Return intersecting pairs of poses at a time."""
         return self.count(time, poses).total.pairs
 
     def repair(self, time: float, poses: Sequence[Pose]) -> tuple[Pose, ...] | None:
-        """Poses with fewer pairs; None where there are none."""
+        """Return poses with fewer pairs; None where there are none."""
         frame = self.frame(time, poses)
         repaired = self._repaired(frame)
         if all(points is None for points in repaired.points):
@@ -89,7 +89,7 @@ class StageKeys:
         return _filled(frame, repaired)
 
     def allowed(self, index: int, time: float, given: Pose, pose: Pose) -> Pose:
-        """The nearest pose that mesh `index` may have at a time: a rigid one only moves."""
+        """Return the nearest pose that mesh `index` may have at a time: a rigid one only moves."""
         if not self.rigid[index] or np.array_equal(given, pose):
             return pose
         from dtrepair.repair.surface.rigid_bodies import RigidBodies
@@ -146,7 +146,7 @@ class StageKeys:
     def record(
         self, record: FrameRecord | None, time: float, tracks: Sequence[Track]
     ) -> FrameRecord:
-        """The record of a key as it is in the end; `record` is that of its repair alone."""
+        """Return the record of a key as it is in the end; `record` is that of its repair alone."""
         from dtrepair.numerics.metrics import displacements
         from dtrepair.report.record import FramePrimRecord
 
@@ -176,7 +176,7 @@ class StageKeys:
 
 
 def _filled(frame: Frame, repaired: Repaired) -> tuple[Pose, ...]:
-    """The repaired points of every mesh, those of the frame where nothing changed."""
+    """Return the repaired points of every mesh, those of the frame where nothing changed."""
     return tuple(
         old if new is None else new for old, new in zip(frame.points, repaired.points, strict=True)
     )

@@ -136,7 +136,7 @@ def _prepared(
 
 
 def _open(stage: str, settings: KeyposeSettings) -> StageSource:
-    """The stage, which must have time samples."""
+    """Return the stage, which must have time samples."""
     if not is_stage(stage):
         raise UsageError(f"{stage}: is not a USD stage: only stages have keys")
     source = open_source(stage, settings.selection, collider=settings.objects.collider)

@@ -30,5 +30,5 @@ class Clock:
             self.seconds[name] = self.seconds.get(name, 0.0) + value
 
     def total(self) -> dict[str, float]:
-        """The seconds of all parts, and of the whole as `total`."""
+        """Return the seconds of all parts, and of the whole as `total`."""
         return {**self.seconds, "total": clock.perf_counter() - self._start}

@@ -48,11 +48,11 @@ class PoseFiles:
         self.up = rest.up
 
     def path(self, time: float) -> str:
-        """The file of a time code."""
+        """Return the file of a time code."""
         return self._paths[round(time) - 1]
 
     def read(self, mesh: SourceMesh, time: float) -> Points | None:
-        """Points (V, 3) as the file has them. Raises FrameError for a file that does not fit."""
+        """Read points (V, 3) as the file has them; FrameError for a file that does not fit."""
         from dtrepair.files.mesh_files import MeshFileError, read_mesh
         from usd_io import FrameError
 
@@ -80,11 +80,11 @@ class PoseFiles:
         return pose.points
 
     def to_world(self, mesh: SourceMesh, time: float, points: Points) -> Points:
-        """The points themselves."""
+        """Return the points themselves."""
         return np.asarray(points, dtype=np.float64)
 
     def to_local(self, mesh: SourceMesh, time: float, points: Points) -> Points:
-        """The points themselves."""
+        """Return the points themselves."""
         return np.asarray(points, dtype=np.float64)
 
 
@@ -150,7 +150,7 @@ class Axes:
     still: NDArray[np.float64] | None
 
     def pose(self, source: Source, time: float, points: Points) -> NDArray[np.float64]:
-        """Local points (V, 3) with what the source's transform has moved since the first frame."""
+        """Return local points (V, 3), moved as the source has moved since the first frame."""
         if self.still is None:
             return np.asarray(points, dtype=np.float64)
         from usd_io import inverse_matrix, transform_points, world_matrix
@@ -179,7 +179,7 @@ def compare_axes(source: Source, target: Source, ups: tuple[str | None, str | No
 
 
 def _stage(source: Source) -> StageSource | None:
-    """The stage whose space a source's points are in."""
+    """Return the stage whose space a source's points are in."""
     found = source.rest if isinstance(source, PoseFiles) else source
     return found if isinstance(found, StageSource) else None
 
@@ -194,7 +194,7 @@ def _matrix(source: Source) -> NDArray[np.float64]:
 
 
 def input_problems(source: Source, target: Source) -> list[str]:
-    """What an artist should know of the rests before looking at the result."""
+    """Return what an artist should know of the rests before looking at the result."""
     from dtrepair.transfer.rests import inside_out
     from usd_io.polygons import nonmanifold_edges
 

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 def describe(
     found: Correspondence, moves: FrameTransfer, meshes: tuple[Mesh, Mesh], target: str
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """The report's section `transfer`, and warnings; figures are None without a usable frame."""
+    """Return the section `transfer` of a report, and warnings.
+
+    Figures are None without a usable frame."""
     from dtrepair.transfer import measure_coverage
     from dtrepair.transfer.report import REMEDIES, Concern
 

@@ -152,7 +152,7 @@ def _prepared(
 
 
 def files_of(source: str, target: str, settings: TransferSettings) -> tuple[list[str], list[str]]:
-    """The files that a transfer reads, and those that it writes besides its output."""
+    """Return the files that a transfer reads, and those that it writes besides its output."""
     options = settings.options
     read = (options.markers, options.correspondence, options.pin)
     written = (options.save_correspondence, options.picture)
@@ -254,7 +254,7 @@ def _move_frames(run: _Run, moves: FrameTransfer) -> tuple[list[FrameRecord], fl
 def _outcomes(
     run: _Run, moves: FrameTransfer, counter: SceneCounter, progress: Progress
 ) -> Generator[Repaired]:
-    """Frames transferred, and repaired where asked; all of them counted."""
+    """Yield frames transferred, and repaired where that was chosen; all of them counted."""
     target, options = run.pair.target, run.settings.repair
     if options is None:
         yield from counted_frames(moves.frames(), target, counter)
@@ -275,6 +275,6 @@ def _outcomes(
 
 
 def _alone(run: _Run) -> bool:
-    """Whether frames are repaired each for itself: poses in files need not be a motion."""
+    """Return whether frames are repaired each for itself: poses in files need not be a motion."""
     chosen = run.settings.alone
     return isinstance(run.pair.source, PoseFiles) if chosen is None else chosen

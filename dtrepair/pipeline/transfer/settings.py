@@ -43,7 +43,7 @@ class TransferSettings:
             raise UsageError("--repair: repairs motion, not --shapes; repair the posed result")
 
     def recorded(self, source: str, target: str) -> dict[str, Any]:
-        """What an output and a report keep of the choices."""
+        """Return what an output and a report keep of the choices."""
         chosen = {
             **vars(self.selection),
             "source_path": source,

@@ -55,7 +55,7 @@ class ShapePoses(StageSource):
             self.warnings = (*self.warnings, f"{path}: in-between shapes are left out: {names}")
 
     def read(self, mesh: SourceMesh, time: float) -> Points | None:
-        """Rest points (V, 3) with one shape at full weight."""
+        """Return rest points (V, 3) with one shape at full weight."""
         return np.asarray(mesh.rest + self.shapes.offsets[round(time) - 1])
 
 

@@ -113,7 +113,7 @@ class NewStage:
 
 
 def authored_mesh(target: MeshSource, points: list[NDArray[np.float32]]) -> AuthoredMesh:
-    """The target as a mesh of a new stage, with its polygons and texture coordinates."""
+    """Return the target as a mesh of a new stage, with its polygons and texture coordinates."""
     from usd_io import AuthoredMesh
 
     mesh = target.file
@@ -131,7 +131,7 @@ def authored_mesh(target: MeshSource, points: list[NDArray[np.float32]]) -> Auth
 
 
 def stage_metadata(source: Source) -> dict[str, Any]:
-    """Up axis, units and rate of a new stage: those of the source, where it is a stage."""
+    """Return up axis, units and rate of a new stage: those of the source, where it is a stage."""
     if not isinstance(source, StageSource):
         return {}
     up = "Z" if source.up[2] > 0.5 else "Y"
@@ -140,14 +140,14 @@ def stage_metadata(source: Source) -> dict[str, Any]:
 
 
 def frame_rate(source: Source) -> float | None:
-    """Time codes per second of a source stage; None for mesh files."""
+    """Return time codes per second of a source stage; None for mesh files."""
     if not isinstance(source, StageSource):
         return None
     return float(source.opened.stage.GetTimeCodesPerSecond())
 
 
 def prim_name(path: str) -> str:
-    """A prim name made of a file name."""
+    """Return a prim name made of a file name."""
     stem = Path(path).stem
     name = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in stem)
     return name if name and not name[0].isdigit() else f"_{name}"

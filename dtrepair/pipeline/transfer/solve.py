@@ -34,11 +34,11 @@ class PinSet:
     positions: NDArray[np.float64]
 
     def at(self, frame: int) -> NDArray[np.float64]:
-        """Positions (P, 3) in a frame."""
+        """Return positions (P, 3) in a frame."""
         return self.positions if self.positions.ndim == 2 else self.positions[frame]
 
     def mask(self, count: int) -> NDArray[np.float64]:
-        """Weights (V,): 1 at the pins, 0 elsewhere."""
+        """Return weights (V,): 1 at the pins, 0 elsewhere."""
         weights = np.zeros(count)
         weights[self.vertices] = 1.0
         return weights
@@ -100,7 +100,7 @@ class FrameTransfer:
                 self._hold = Pins(self.transfer, self.pins.vertices)
 
     def frames(self) -> Iterator[Frame]:
-        """Frames of the target: local points (V, 3) float32; unusable ones stay unusable."""
+        """Yield frames of the target: local points (V, 3) float32; unusable ones stay unusable."""
         times = self.source.times
         looked_at = set(np.linspace(0, len(times) - 1, min(_SAMPLES, len(times))).astype(int))
         start = clock.perf_counter()
@@ -131,7 +131,7 @@ class FrameTransfer:
         return np.asarray(self._hold(pose, self.pins.at(index)))
 
     def examined(self) -> TransferReport | None:
-        """Figures of the transfer over the frames that were kept; None if none was usable."""
+        """Return the figures over the frames that were kept; None if none was usable."""
         from dtrepair.transfer import examine
 
         if not self.samples:

@@ -19,6 +19,7 @@ from dtrepair.diagnosis import Diagnosis
 from dtrepair.files.atomic import write_atomically
 from dtrepair.report.schema import SCHEMA as SCHEMA
 from dtrepair.report.schema import SCHEMA_NAME, STATUSES, ReportError, validate
+from dtrepair.report.sections import KeyposesRecord, TransferRecord
 
 _COUNTED = ("clean", "improved", "unchanged")
 
@@ -146,8 +147,8 @@ class Report:
     frames: tuple[FrameRecord, ...] = ()
     warnings: tuple[str, ...] = ()
     jitter: float | None = None
-    transfer: Mapping[str, Any] | None = None
-    keyposes: Mapping[str, Any] | None = None
+    transfer: TransferRecord | None = None
+    keyposes: KeyposesRecord | None = None
 
     def document(self) -> dict[str, Any]:
         """Return the report as plain JSON values, checked against `SCHEMA`.
@@ -169,9 +170,9 @@ class Report:
             "frames": [frame.document() for frame in self.frames],
             "summary": summarize(self.frames, jitter=self.jitter),
         }
-        for name in ("transfer", "keyposes"):
-            if getattr(self, name) is not None:
-                content[name] = dict(getattr(self, name))
+        for name, section in (("transfer", self.transfer), ("keyposes", self.keyposes)):
+            if section is not None:
+                content[name] = asdict(section)
         try:
             document: dict[str, Any] = json.loads(json.dumps(content, allow_nan=False))
         except (TypeError, ValueError) as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import pytest
 
@@ -18,6 +19,7 @@ from dtrepair.pipeline.errors import (
     plain_errors,
 )
 from dtrepair.report.record import CountRecord, FrameRecord, Report
+from dtrepair.report.sections import KeyposesRecord, SamplesRecord, SpanRecord
 from usd_io import OutputError as LayerError
 from usd_io import SelectionError, StageError
 
@@ -74,7 +76,9 @@ def test_a_report_has_an_exit_code(command: str, status: str, pairs: int, code: 
 
 
 def test_in_betweens_that_are_left_count() -> None:
-    spans = [{"left": []}, {"left": [1.5]}]
-    for chosen, code in ((spans[:1], CLEAN), (spans, REMAINING)):
-        report = Report(command="keyposes", version="", input="a", keyposes={"spans": chosen})
+    none = SamplesRecord(samples=1, dirty=0, pairs=0)
+    clean = SpanRecord(start=1.0, end=2.0, before=none, after=none)
+    for spans, code in (((clean,), CLEAN), ((clean, replace(clean, left=(1.5,))), REMAINING)):
+        section = KeyposesRecord(interpolation="linear", spans=spans)
+        report = Report(command="keyposes", version="", input="a", keyposes=section)
         assert exit_code(report) == code

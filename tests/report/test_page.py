@@ -10,6 +10,7 @@ import pytest
 
 from dtrepair.report.page import Picture, make_page
 from dtrepair.report.record import CountRecord, FrameRecord, PrimRecord, Report
+from dtrepair.report.sections import MarkersRecord, TransferRecord
 
 
 def document(count: int = 40, **changes: Any) -> dict[str, Any]:
@@ -104,24 +105,26 @@ def document_frames(count: int) -> tuple[FrameRecord, ...]:
     return tuple(FrameRecord(time=None, status="skipped") for _ in range(count))
 
 
-def transfer_section(**changes: Any) -> dict[str, Any]:
-    figures = ("residual_median", "residual_p95", "residual_max", "inside_out", "unit_ratio")
-    values: dict[str, Any] = {
-        **dict.fromkeys((*figures, "turn_degrees", "rest_error"), 0.25),
-        **dict.fromkeys(("pairs", "unmatched", "largest_hole"), 7),
-        **{"unmatched_area": 0.1, "source_used": 0.5, "root_scale": 1.5},
-        **{"correspondence": "markers", "target": "/A", "markers": None},
-    }
-    return {**values, **changes}
+def transfer_section() -> TransferRecord:
+    return TransferRecord(
+        correspondence="markers",
+        target="/A",
+        pairs=7,
+        unmatched=7,
+        unmatched_area=0.1,
+        largest_hole=7,
+        source_used=0.5,
+        root_scale=1.5,
+        residual_median=0.25,
+        markers=MarkersRecord(
+            count=9, distance_median=0.01, distance_max=0.4, suspects=(3, 5), swapped=((3, 5),)
+        ),
+    )
 
 
 def test_a_transfer_has_a_table_of_its_own() -> None:
     assert "<h2>Transfer</h2>" not in make_page(document())
-    marked: dict[str, Any] = {
-        **{"count": 9, "distance_median": 0.01, "distance_max": 0.4},
-        **{"suspects": [3, 5], "swapped": [[3, 5]]},
-    }
-    page = make_page(document(transfer=transfer_section(markers=marked, residual_p95=None)))
+    page = make_page(document(transfer=transfer_section()))
     parsed(page)
     assert "<td>3, 5</td><td>markers to look at</td>" in page
     assert "<td>0.25</td><td>residual, median</td>" in page

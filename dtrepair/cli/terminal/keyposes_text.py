@@ -7,8 +7,6 @@ from dtrepair.pipeline.stages.sources import time_label
 from dtrepair.report.record import FrameRecord, Report
 from dtrepair.wording import counted
 
-_WHEN = ("before", "after")
-
 
 def print_keys(console: Console, records: tuple[FrameRecord, ...]) -> None:
     """Print the keys that intersect, or could not be read, where they are only counted."""
@@ -28,22 +26,22 @@ def print_keys(console: Console, records: tuple[FrameRecord, ...]) -> None:
 def print_spans(console: Console, report: Report) -> None:
     """Print the spans that were not clean, and what is left."""
     assert report.keyposes is not None
-    spans = report.keyposes["spans"]
+    spans = report.keyposes.spans
     rows = []
     for span in spans:
-        if span["before"]["dirty"]:
-            label = f"{time_label(span['start'])} to {time_label(span['end'])}"
-            numbers = [f"{span[when]['dirty']}/{span[when]['samples']}" for when in _WHEN]
-            added = ", ".join(time_label(time) for time in span["added"]) or "-"
+        if span.before.dirty:
+            label = f"{time_label(span.start)} to {time_label(span.end)}"
+            numbers = [f"{found.dirty}/{found.samples}" for found in (span.before, span.after)]
+            added = ", ".join(time_label(time) for time in span.added) or "-"
             rows.append([label, *numbers, added])
     if rows:
         console.table(["in-betweens", "before", "after", "added keys"], rows)
-    left = [time for span in spans for time in span["left"]]
-    total = sum(span["after"]["samples"] for span in spans)
+    left = [time for span in spans for time in span.left]
+    total = sum(span.after.samples for span in spans)
     console.result(f"{total - len(left)} of {total} in-betweens clean")
-    if len(report.frames) > 1 and not spans and not report.keyposes["skipped"]:
+    if len(report.frames) > 1 and not spans and not report.keyposes.skipped:
         console.warn(["no in-between was looked at: --frames names no two neighbouring keys"])
-    if skipped := report.keyposes["skipped"]:
+    if skipped := report.keyposes.skipped:
         console.warn([f"{counted(skipped, 'span')} with an unusable key: not looked at"])
     if left:
         times = ", ".join(time_label(time) for time in left[:8]) + (" ..." if left[8:] else "")

@@ -51,13 +51,12 @@ def print_report(console: Console, report: Report, *, repaired: bool) -> None:
     section = report.transfer
     faces = report.prims[0].triangles
     console.result(
-        f"{section['pairs']} pairs of triangles ({section['correspondence']}); "
-        f"{section['unmatched']} of {faces} target triangles unmatched"
+        f"{section.pairs} pairs of triangles ({section.correspondence}); "
+        f"{section.unmatched} of {faces} target triangles unmatched"
     )
-    if section["residual_median"] is not None:
+    if section.residual_median is not None:
         console.result(
-            f"residual: median {section['residual_median']:.3f}, "
-            f"95 % below {section['residual_p95']:.3f}"
+            f"residual: median {section.residual_median:.3f}, 95 % below {section.residual_p95:.3f}"
         )
     after = [record.after for record in report.frames if record.after is not None]
     clean, left = sum(c.pairs == 0 for c in after), sum(c.triangles for c in after)

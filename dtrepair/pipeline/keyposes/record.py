@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from dtrepair.keyposes.spans import KeyPoses, Sample
+from dtrepair.report.sections import KeyposesRecord, SamplesRecord, SpanRecord
 
 
-def in_betweens(found: KeyPoses, interpolation: str, skipped: int) -> dict[str, Any]:
+def in_betweens(found: KeyPoses, interpolation: str, skipped: int) -> KeyposesRecord:
     """Return the in-betweens for the report."""
-
-    def count(samples: tuple[Sample, ...]) -> dict[str, int]:
-        dirty = [sample for sample in samples if sample.pairs]
-        pairs = sum(sample.pairs for sample in dirty)
-        return {"samples": len(samples), "dirty": len(dirty), "pairs": pairs}
-
-    spans = [
-        {
-            "start": span.start,
-            "end": span.end,
-            "before": count(span.before),
-            "after": count(span.after),
-            "left": [sample.time for sample in span.after if sample.pairs],
-            "added": list(span.added),
-        }
+    spans = tuple(
+        SpanRecord(
+            start=span.start,
+            end=span.end,
+            before=_counted(span.before),
+            after=_counted(span.after),
+            left=tuple(sample.time for sample in span.after if sample.pairs),
+            added=span.added,
+        )
         for span in found.spans
-    ]
-    return {"interpolation": interpolation, "skipped": skipped, "spans": spans}
+    )
+    return KeyposesRecord(interpolation=interpolation, skipped=skipped, spans=spans)
+
+
+def _counted(samples: tuple[Sample, ...]) -> SamplesRecord:
+    dirty = [sample for sample in samples if sample.pairs]
+    pairs = sum(sample.pairs for sample in dirty)
+    return SamplesRecord(samples=len(samples), dirty=len(dirty), pairs=pairs)

@@ -15,6 +15,7 @@ from dtrepair.pipeline.stages.outputs import writing
 from dtrepair.pipeline.transfer.inputs import input_errors
 from dtrepair.pipeline.transfer.options import TransferOptions
 from dtrepair.pipeline.transfer.picture import Mesh, draw_registration
+from dtrepair.report.sections import MarkersRecord
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Correspondence:
     pairs: NDArray[np.int32]
     origin: str
     registered: NDArray[np.float64] | None = None
-    markers: dict[str, Any] | None = None
+    markers: MarkersRecord | None = None
     warnings: tuple[str, ...] = ()
 
 
@@ -79,13 +80,13 @@ def _from_markers(source: Mesh, target: Mesh, path: str) -> Correspondence:
         check = check_markers(*source, *target, rows)
         registered = register(*source, *target, rows)
         pairs = match_triangles(registered, source[1], *target)
-    record = {
-        "count": len(rows),
-        "distance_median": float(np.median(check.distances)),
-        "distance_max": float(check.distances.max()),
-        "suspects": list(check.suspects),
-        "swapped": [list(pair) for pair in check.swapped],
-    }
+    record = MarkersRecord(
+        count=len(rows),
+        distance_median=float(np.median(check.distances)),
+        distance_max=float(check.distances.max()),
+        suspects=check.suspects,
+        swapped=check.swapped,
+    )
     warnings = tuple(f"{path}: {text}" for text in check.warnings)
     return Correspondence(pairs, "markers", registered, record, warnings)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from dtrepair.pipeline.transfer.correspondence import Correspondence
 from dtrepair.pipeline.transfer.picture import Mesh
+from dtrepair.report.sections import TransferRecord
 
 if TYPE_CHECKING:
     from dtrepair.pipeline.transfer.solve import FrameTransfer
@@ -13,7 +15,7 @@ if TYPE_CHECKING:
 
 def describe(
     found: Correspondence, moves: FrameTransfer, meshes: tuple[Mesh, Mesh], target: str
-) -> tuple[dict[str, Any], tuple[str, ...]]:
+) -> tuple[TransferRecord, tuple[str, ...]]:
     """Return the section `transfer` of a report, and warnings.
 
     Figures are None without a usable frame."""
@@ -28,22 +30,27 @@ def describe(
     }
     figures = moves.examined()
     coverage = measure_coverage(found.pairs, meshes[0][1], *meshes[1])
-    section = {
-        "correspondence": found.origin,
-        "target": target,
-        "pairs": coverage.pairs,
-        "unmatched": coverage.unmatched,
-        "unmatched_area": coverage.unmatched_area,
-        "largest_hole": coverage.largest_hole,
-        "source_used": coverage.source_used,
-        "root_scale": float(moves.transfer.placement.ratio),
-        "residual_median": figures and figures.residual_median,
-        "residual_p95": figures and figures.residual_p95,
-        "residual_max": figures and figures.residual_max,
-        "inside_out": figures and figures.flipped,
-        "unit_ratio": figures and figures.unit_ratio,
-        "turn_degrees": figures and figures.turn,
-        "rest_error": figures and figures.rest_error,
-        "markers": found.markers,
-    }
-    return section, (figures or coverage).sentences(remedies)
+    section = TransferRecord(
+        correspondence=found.origin,
+        target=target,
+        pairs=coverage.pairs,
+        unmatched=coverage.unmatched,
+        unmatched_area=coverage.unmatched_area,
+        largest_hole=coverage.largest_hole,
+        source_used=coverage.source_used,
+        root_scale=float(moves.transfer.placement.ratio),
+        markers=found.markers,
+    )
+    if figures is None:
+        return section, coverage.sentences(remedies)
+    section = replace(
+        section,
+        residual_median=figures.residual_median,
+        residual_p95=figures.residual_p95,
+        residual_max=figures.residual_max,
+        inside_out=figures.flipped,
+        unit_ratio=figures.unit_ratio,
+        turn_degrees=figures.turn,
+        rest_error=figures.rest_error,
+    )
+    return section, figures.sentences(remedies)

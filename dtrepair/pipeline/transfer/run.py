@@ -189,7 +189,7 @@ def _transferred(run: _Run) -> Report:
             f"{pair.target.name}: the rest pose has {rest_count} intersecting triangles of its own"
         )
     run.clock.lap("examine")
-    late += run.sink.commit({"counts": summarize(records), "transfer": section})
+    late += run.sink.commit({"counts": summarize(records), "transfer": section.document()})
     run.clock.lap("write")
     run.clock.add(moves.seconds)
     warn(run.observer, late)

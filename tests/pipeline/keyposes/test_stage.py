@@ -52,7 +52,7 @@ def test_without_an_output_it_counts(swing: str, tmp_path: Path) -> None:
     before = names_in(tmp_path)
     report = repair_keyposes(swing)
     assert report.output is None and exit_code(report) == 1
-    assert report.keyposes is not None and report.keyposes["spans"][0]["left"]
+    assert report.keyposes is not None and report.keyposes.spans[0].left
     assert report.frames[0].before == report.frames[0].after
     assert names_in(tmp_path) == before
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -18,20 +19,35 @@ from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
-from dtrepair.repair.separation.penetration import Shape, find_inside
-from dtrepair.repair.separation.release import released
-from dtrepair.repair.separation.separation import PART, parted_frames
-from dtrepair.repair.separation.untangling import contact_counts, hooked_contacts
+from dtrepair.repair.separation.penetration import BodyShape, find_inside
+from dtrepair.repair.separation.release import ReleaseOptions, released
+from dtrepair.repair.separation.separation import SeparationOptions, separated_frames
+from dtrepair.repair.separation.untangling import contact_counts, tangled_contacts
 from dtrepair.repair.surface.surface import BoolArray
 
-# A body whose edges changed by more (rms of the logarithms of their ratios) is torn.
-TORN = 0.1
-# What is pressed from so many sides has no way out; sides are bodies nearer than this part of it.
-SIDES, PRESSED = 3, 0.01
+
+@dataclass(frozen=True, kw_only=True)
+class IndependentOptions:
+    """How single poses are led apart, and which of them are solved once more.
+
+    Args:
+        torn: A body is torn if its edges changed by more, the rms of the logarithms of their
+            ratios.
+        sides: What is pressed by so many other bodies has no way out, and is left as it is.
+        pressed: Distance of a body that presses, as a fraction of the size of the torn one.
+        release: How enclosed parts are led out.
+        separation: How bodies that penetrate each other are led apart.
+    """
+
+    torn: float = 0.1
+    sides: int = 3
+    pressed: float = 0.01
+    release: ReleaseOptions = field(default_factory=ReleaseOptions)
+    separation: SeparationOptions = field(default_factory=SeparationOptions)
 
 
 def poses_at_once(options: RepairOptions, device: str) -> int:
-    """How many poses are best solved at once: a GPU has room for many of the published method."""
+    """Return how many poses are best solved at once: a GPU has room for many by the paper."""
     if options.method == "full" or device == "cpu":
         return 1
     from dtrepair.repair.paper.gpu_descent import GpuOptions
@@ -40,16 +56,22 @@ def poses_at_once(options: RepairOptions, device: str) -> int:
 
 
 def repair_poses(
-    scene: Scene, meshes: WeldedMeshes, poses: Sequence[Sequence[Any]]
+    scene: Scene,
+    meshes: WeldedMeshes,
+    poses: Sequence[Sequence[Any]],
+    *,
+    options: IndependentOptions = IndependentOptions(),
 ) -> list[list[RepairResult]]:
-    """Results of poses (V, 3) of each body, all in one space and length unit.
+    """Return the results of poses (V, 3) of each body, all in one space and length unit.
 
-    ValueError: wrong shapes, numbers that are not finite.
+    Raises:
+        ValueError: wrong shapes, numbers that are not finite.
     """
     opened = [detected(scene, gathered(scene, points)) for points in poses]
     start = time.perf_counter()
     wanted = [k for k, pose in enumerate(opened) if pose.wrong or scene.options.clearance > 0.0]
-    found = dict(zip(wanted, _solved(scene, meshes, [opened[k] for k in wanted]), strict=True))
+    chosen = [opened[k] for k in wanted]
+    found = dict(zip(wanted, _solved(scene, meshes, chosen, options), strict=True))
     seconds = (time.perf_counter() - start) / max(len(wanted), 1)
     unsolved = [(pose.centred, Solved(pose.centred)) for pose in opened]
     return [
@@ -59,82 +81,124 @@ def repair_poses(
 
 
 def _solved(
-    scene: Scene, meshes: WeldedMeshes, opened: list[OpenedPose]
+    scene: Scene, meshes: WeldedMeshes, opened: list[OpenedPose], options: IndependentOptions
 ) -> list[tuple[FloatArray, Solved]]:
-    """A pose (V, 3) and how it was found; those of one welded mesh are solved at once."""
+    """Return a pose (V, 3) and how it was found; those of one welded mesh are solved at once."""
     starts = [
-        released(scene, pose.centred, pose.caught) if len(pose.caught) else pose.centred
+        released(scene, pose.centred, pose.caught, options=options.release)
+        if len(pose.caught)
+        else pose.centred
         for pose in opened
     ]
     of_pose = [meshes([pose.weld]) for pose in opened]
     found: dict[int, tuple[FloatArray, Solved]] = {}
     for mesh in {id(mesh): mesh for mesh in of_pose}.values():
         own = [k for k, other in enumerate(of_pose) if other is mesh]
-        parted = [
-            parted_frames(scene, mesh, starts[k][None], [opened[k].pairs], np.zeros(1))[0]
-            for k in own
-        ]
-        found.update(zip(own, mesh.solve(parted), strict=True))
-        for k, start in zip(own, parted, strict=True) if len(scene.bodies) > 1 else ():
-            found[k] = _freed(scene, mesh, found[k], start, starts[k], opened[k])
+        poses = [_Pose(scene, mesh, opened[k], starts[k], options) for k in own]
+        separated = [pose.separated(pose.start, pose.opened.pairs) for pose in poses]
+        for pose, k, led, solved in zip(poses, own, separated, mesh.solve(separated), strict=True):
+            found[k] = solved if len(scene.bodies) == 1 else pose.improved(solved, led)
     return [found[k] for k in range(len(opened))]
 
 
-def _freed(
-    scene: Scene,
-    mesh: WeldedMesh,
-    found: tuple[FloatArray, Solved],
-    parted: FloatArray,
-    start: FloatArray,
-    pose: OpenedPose,
-) -> tuple[FloatArray, Solved]:
-    """What was found from `parted`; where it is torn or has pairs, with sheets led apart too.
+class _Pose(NamedTuple):
+    """A pose on its way: as it came, and the start (V, 3) with its enclosed parts led out."""
 
-    Bodies that are not concerned, nor meet those that are, stay where they were found.
-    """
-    judged = _judged(scene, mesh, found[0], start)
-    torn = judged.stretched >= TORN
-    if torn.any():
-        torn &= ~_squeezed(mesh, found[0], torn)
-    troubled = {*np.flatnonzero(torn).tolist(), *scene.body_of[judged.pairs].ravel().tolist()}
-    if not troubled:
-        return found
-    met, counts = contact_counts(scene.body_of, pose.pairs)
-    still = contact_counts(scene.body_of, pose.pairs if torn.any() else judged.pairs)
-    concerned = np.isin(met, list(troubled)).any(axis=1)
-    stuck = hooked_contacts([(met[concerned], counts[concerned])], [still])
-    # What was torn but came apart is hooked only where next to nothing is inside of the other.
-    left = len(judged.pairs) > 0
-    hooked = frozenset(both for both in stuck if left or _through(scene, start, *both))
-    fresh = [*troubled, *met[concerned].ravel()]
-    again = np.isin(scene.body_of_vertex, fresh)
-    mixed = np.where(again[:, None], start, found[0])
-    pairs = pose.pairs[np.isin(scene.body_of[pose.pairs], fresh).any(axis=1)]
-    other = parted_frames(scene, mesh, mixed[None], [pairs], np.zeros(1), troubled, hooked)[0]
-    if np.array_equal(other[again], parted[again]):
-        return found
-    solved = mesh.solve([other])[0]
-    return solved if _judged(scene, mesh, solved[0], start).rank < judged.rank else found
+    scene: Scene
+    mesh: WeldedMesh
+    opened: OpenedPose
+    start: FloatArray
+    options: IndependentOptions
+
+    def separated(
+        self,
+        points: FloatArray,
+        pairs: IntArray,
+        sheets: frozenset[int] = frozenset(),
+        tangled: frozenset[tuple[int, int]] = frozenset(),
+    ) -> FloatArray:
+        """Return a pose (V, 3) with `pairs` (K, 2) whose penetrating bodies are led apart."""
+        frames = separated_frames(
+            self.scene,
+            self.mesh,
+            points[None],
+            [pairs],
+            np.zeros(1),
+            sheets=sheets,
+            tangled=tangled,
+            options=self.options.separation,
+        )
+        pose: FloatArray = frames[0]
+        return pose
+
+    def improved(
+        self, found: tuple[FloatArray, Solved], separated: FloatArray
+    ) -> tuple[FloatArray, Solved]:
+        """Return what was found; where it is torn or has pairs, with sheets led apart if better.
+
+        Bodies that are not concerned, nor meet those that are, stay where they were found.
+        """
+        scene, pairs = self.scene, self.opened.pairs
+        judged = self._judged(found[0])
+        torn = judged.stretched >= self.options.torn
+        if torn.any():
+            torn &= ~squeezed(self.mesh, found[0], torn, options=self.options)
+        troubled = {*np.flatnonzero(torn).tolist(), *scene.body_of[judged.pairs].ravel().tolist()}
+        if not troubled:
+            return found
+        met, counts = contact_counts(scene.body_of, pairs)
+        concerned = np.isin(met, list(troubled)).any(axis=1)
+        fresh = [*troubled, *met[concerned].ravel()]
+        again = np.isin(scene.body_of_vertex, fresh)
+        other = self.separated(
+            np.where(again[:, None], self.start, found[0]),
+            pairs[np.isin(scene.body_of[pairs], fresh).any(axis=1)],
+            frozenset(troubled),
+            self._tangled((met[concerned], counts[concerned]), judged.pairs, torn=bool(torn.any())),
+        )
+        if np.array_equal(other[again], separated[again]):
+            return found
+        solved = self.mesh.solve([other])[0]
+        return solved if self._judged(solved[0]).rank < judged.rank else found
+
+    def _tangled(
+        self, met: tuple[IntArray, IntArray], left: IntArray, *, torn: bool
+    ) -> frozenset[tuple[int, int]]:
+        """Return which bodies that met are tangled, by the pairs (K, 2) that are left.
+
+        What was torn but came apart is tangled only where next to nothing is inside of the other.
+        """
+        options = self.options.separation.untangling
+        still = contact_counts(self.scene.body_of, self.opened.pairs if torn else left)
+        stuck = tangled_contacts([met], [still], options=options)
+        return frozenset(both for both in stuck if len(left) or self._passes_through(*both))
+
+    def _passes_through(self, first: int, second: int) -> bool:
+        """Return whether at most a small fraction of either body is inside of the other."""
+        options = self.options.separation
+        one, other = BodyShape(self.scene, first), BodyShape(self.scene, second)
+        inside = [
+            find_inside(self.start, *both, options=options.penetration)
+            for both in ((one, other), (other, one))
+        ]
+        return max(found.fraction for found in inside) < options.fraction
+
+    def _judged(self, points: FloatArray) -> _Judged:
+        """Return what a pose (V, 3) is worth beside the start."""
+        scene, mesh, start = self.scene, self.mesh, self.start
+        surface = mesh.surface
+        old, new = start[mesh.kept], points[mesh.kept]
+        body_of_edge = surface.body_of_vertex[surface.edges[:, 0]]
+        parts = np.split(surface.edges, np.searchsorted(body_of_edge, range(1, len(scene.bodies))))
+        own = [slice(*ends) for ends in pairwise(scene.vertex_starts)]
+        return _Judged(
+            scene.pairs(points, scene.weld(points)),
+            np.array([edge_log_ratio(old, new, edges) for edges in parts]),
+            np.array([displacements(start[part], points[part]).mean() for part in own]),
+        )
 
 
-def _squeezed(mesh: WeldedMesh, points: FloatArray, torn: BoolArray) -> BoolArray:
-    """Which bodies (B,) are pressed from many sides in a pose (V, 3), by the size of the `torn`."""
-    surface = mesh.surface
-    bodies = [surface.bodies[body] for body in np.flatnonzero(torn)]
-    near = PRESSED * min(extent(points[mesh.kept[own.start : own.stop]]) for own in bodies)
-    close = close_pairs(surface.detector, points[mesh.kept].astype(np.float32), near)
-    sides = contact_counts(surface.body_of, close)[0].ravel()
-    return np.bincount(sides, minlength=len(torn)) >= SIDES
-
-
-def _through(scene: Scene, points: FloatArray, first: int, second: int) -> bool:
-    """Whether at most a small part of either body of a pose (V, 3) is inside of the other."""
-    one, other = Shape(scene, first), Shape(scene, second)
-    inside = find_inside(points, one, other), find_inside(points, other, one)
-    return max(found.part for found in inside) < PART
-
-
-class Judged(NamedTuple):
+class _Judged(NamedTuple):
     """Pairs (K, 2) of a pose; change of the edges, and mean motion, of each body (B,)."""
 
     pairs: IntArray
@@ -147,24 +211,30 @@ class Judged(NamedTuple):
         return len(self.pairs), float((self.stretched + self.moved).max())
 
 
-def _judged(scene: Scene, mesh: WeldedMesh, points: FloatArray, start: FloatArray) -> Judged:
-    """A pose (V, 3) beside the one that it started from."""
+def squeezed(
+    mesh: WeldedMesh,
+    points: FloatArray,
+    torn: BoolArray,
+    *,
+    options: IndependentOptions = IndependentOptions(),
+) -> BoolArray:
+    """Return which bodies (B,) are pressed from many sides in a pose (V, 3).
+
+    What is near is measured by the smallest of the `torn` (B,) bodies.
+    """
     surface = mesh.surface
-    old, new = start[mesh.kept], points[mesh.kept]
-    body_of_edge = surface.body_of_vertex[surface.edges[:, 0]]
-    parts = np.split(surface.edges, np.searchsorted(body_of_edge, range(1, len(scene.bodies))))
-    own = [slice(*ends) for ends in pairwise(scene.vertex_starts)]
-    return Judged(
-        scene.pairs(points, scene.weld(points)),
-        np.array([edge_log_ratio(old, new, edges) for edges in parts]),
-        np.array([displacements(start[part], points[part]).mean() for part in own]),
-    )
+    bodies = [surface.bodies[body] for body in np.flatnonzero(torn)]
+    smallest = min(extent(points[mesh.kept[own.start : own.stop]]) for own in bodies)
+    written = points[mesh.kept].astype(np.float32)
+    close = close_pairs(surface.detector, written, options.pressed * smallest)
+    sides = contact_counts(surface.body_of, close)[0].ravel()
+    return np.bincount(sides, minlength=len(torn)) >= options.sides
 
 
 def _closed(
     scene: Scene, pose: OpenedPose, final: FloatArray, solved: Solved, seconds: float
 ) -> list[RepairResult]:
-    """The results of each body; what is no better than the input leaves it as it was."""
+    """Return the results of each body; what is no better than the input leaves it as it was."""
     start = time.perf_counter()
     # Vertices that only happened to coincide in the input are two in the result.
     same = final is pose.centred

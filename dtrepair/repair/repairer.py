@@ -39,7 +39,7 @@ class SceneRepairer:
         device: "cpu", "cuda", "cuda:N" or "auto".
         ignore: Pairs of bodies, by index, whose contacts are neither repaired nor counted; (k, k)
             are those of a body with itself.
-        clip: Sizes of the windows that frames are solved in.
+        clip: Numbers of the stages of clips and single poses, and the sizes of windows.
 
     Raises:
         ValueError: bodies, options or devices that cannot be used.
@@ -110,7 +110,7 @@ class SceneRepairer:
     @one_thread()
     def batch(self, poses: Sequence[Sequence[Any]]) -> list[list[RepairResult]]:
         """Repair many poses, each for itself: on a GPU `poses_at_once` are solved at once."""
-        return repair_poses(self.scene, self.meshes, poses)
+        return repair_poses(self.scene, self.meshes, poses, options=self._clip.independent)
 
 
 class Repairer:

@@ -19,7 +19,7 @@ from dtrepair.repair.clip.frames import Frame, cross_fade, read_frames
 from dtrepair.repair.clip.window_method import WindowMethod, WindowOptions
 from dtrepair.repair.full.mend import MendOptions, mend
 from dtrepair.repair.full.method import FullMethod, FullOptions
-from dtrepair.repair.independent import repair_poses
+from dtrepair.repair.independent import IndependentOptions, repair_poses
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.parallel.process_pool import forked_map, in_batches
 from dtrepair.repair.parallel.worker_pool import (
@@ -34,8 +34,8 @@ from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.separation.release import released_frames
-from dtrepair.repair.separation.separation import parted_frames
-from dtrepair.repair.separation.untangling import contact_counts, hooked_contacts
+from dtrepair.repair.separation.separation import separated_frames
+from dtrepair.repair.separation.untangling import contact_counts, tangled_contacts
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import Surface
 
@@ -57,6 +57,8 @@ class ClipOptions:
         windows: Numbers of the stages of a window.
         mend: Numbers of the mending of that frame.
         alone: Numbers of the full method, for frames that no window could clean.
+        independent: How bodies are led apart, and how frames are solved that are repaired each for
+            itself.
 
     Raises:
         ValueError: windows that would overlap by more than half.
@@ -69,6 +71,7 @@ class ClipOptions:
     windows: WindowOptions = field(default_factory=WindowOptions)
     mend: MendOptions = field(default_factory=MendOptions)
     alone: FullOptions = field(default_factory=FullOptions)
+    independent: IndependentOptions = field(default_factory=IndependentOptions)
 
     def __post_init__(self) -> None:
         """Check the window."""
@@ -156,7 +159,9 @@ class ClipRepairer:
         iterator, size = iter(frames), self.poses_at_once
 
         def solved(batch: list[tuple[float, Sequence[Any]]]) -> list[Repaired]:
-            results = repair_poses(self.scene, self.meshes, [poses for _, poses in batch])
+            poses = [poses for _, poses in batch]
+            options = self.options.independent
+            results = repair_poses(self.scene, self.meshes, poses, options=options)
             return [Repaired(time, found) for (time, _), found in zip(batch, results, strict=True)]
 
         # What is built for the first frame, all processes inherit.
@@ -252,21 +257,30 @@ class _Stream:
 
     def _solve(self, mesh: WeldedMesh, frames: list[Frame]) -> list[FloatArray]:
         """Repaired poses (V, 3) of a window."""
+        options = self.options.independent
         times = frame_units(np.array([frame.time for frame in frames]))
-        starts = [frame.centred for frame in frames]
+        starts = np.stack([frame.centred for frame in frames])
         if any(len(frame.caught) for frame in frames):
             caught = [frame.caught for frame in frames]
-            starts = list(released_frames(self.scene, np.stack(starts), caught, times))
+            starts = released_frames(self.scene, starts, caught, times, options=options.release)
         pairs = [frame.pairs for frame in frames]
-        separate = partial(parted_frames, self.scene, mesh, np.stack(starts), pairs, times)
+        separate = partial(
+            separated_frames,
+            self.scene,
+            mesh,
+            starts,
+            pairs,
+            times,
+            options=options.separation,
+        )
         led, otherwise = separate(), []
 
         def unless(left: list[IntArray]) -> bool:
             """Whether sheets, and what pushing left as it was, can be led apart instead."""
             met = [contact_counts(self.scene.body_of, found) for found in pairs]
             still = [contact_counts(mesh.surface.body_of, found) for found in left]
-            hooked = hooked_contacts(met, still)
-            otherwise.append(separate(sheets=range(len(self.scene.bodies)), hooked=hooked))
+            tangled = tangled_contacts(met, still, options=options.separation.untangling)
+            otherwise.append(separate(sheets=range(len(self.scene.bodies)), tangled=tangled))
             return not np.array_equal(otherwise[0], led)
 
         found = self._solve_from(mesh, led, times, unless=unless)

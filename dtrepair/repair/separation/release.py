@@ -1,4 +1,4 @@
-"""Parts that a pose has wholly inside others, and the rest has not: led out before they are pushed.
+"""Parts that a pose has wholly inside others, and the rest has not, are led out.
 
 Nothing intersects there, so contacts cannot drive them; a shift along the shortest way does, and
 the repair of the contacts takes over where it ends.
@@ -7,6 +7,7 @@ the repair of the contacts takes over where it ends.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +16,33 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import eased_in_time
 from dtrepair.repair.scene.scene import Scene
 
-# The shift goes this part farther than to the surface.
-BEYOND = 1.02
-# Standard deviation in frames over which a shift comes and goes.
-WIDTH = 2.0
+
+@dataclass(frozen=True, kw_only=True)
+class ReleaseOptions:
+    """How enclosed parts are led out.
+
+    Args:
+        beyond: Factor by which a shift is longer than the way to the surface: out is out.
+        width: Standard deviation, in frames, over which a shift comes and goes.
+    """
+
+    beyond: float = 1.02
+    width: float = 2.0
 
 
-def released(scene: Scene, points: FloatArray, parts: IntArray) -> FloatArray:
-    """The pose (V, 3) with every inner part of (inner, outer) (K, 2) shifted out of its outer one.
+def released(
+    scene: Scene,
+    points: FloatArray,
+    parts: IntArray,
+    *,
+    options: ReleaseOptions = ReleaseOptions(),
+) -> FloatArray:
+    """Return the pose (V, 3) with the inner part of each (inner, outer) (K, 2) shifted out.
 
     A part that cannot move stays.
     """
-    pose: FloatArray = released_frames(scene, points[None], [parts], np.zeros(1))[0]
+    frames = released_frames(scene, points[None], [parts], np.zeros(1), options=options)
+    pose: FloatArray = frames[0]
     return pose
 
 
@@ -35,8 +51,10 @@ def released_frames(
     poses: FloatArray,
     parts: Sequence[IntArray],
     frames: FloatArray,
+    *,
+    options: ReleaseOptions = ReleaseOptions(),
 ) -> FloatArray:
-    """Poses (T, V, 3) at `frames` (T,) with what each of them encloses shifted out, steadily.
+    """Return poses (T, V, 3) at `frames` (T,) with what each of them encloses shifted out.
 
     All frames of a part leave along one way, that of the middle one, as far as each needs; before
     and after, the shift comes and goes smoothly.
@@ -46,11 +64,11 @@ def released_frames(
     for frame, found in enumerate(parts):
         for inner, outer in found.tolist():
             met.setdefault((inner, outer), []).append(frame)
+    enclosures = scene.enclosures
     for (inner, outer), caught in met.items():
         moved = _movable(scene, inner)
         if moved is None:
             continue
-        enclosures = scene.enclosures
         way = enclosures.way_out(poses[caught[len(caught) // 2]], inner, outer)
         length = float(np.linalg.norm(way))
         if length == 0.0:
@@ -58,13 +76,14 @@ def released_frames(
         way /= length
         needed = np.zeros(len(frames))
         for frame in caught:
-            needed[frame] = BEYOND * enclosures.length_along(poses[frame], way, inner, outer)
-        result[:, moved] += eased_in_time(needed, frames, WIDTH)[:, None, None] * way
+            far = enclosures.length_along(poses[frame], way, inner, outer)
+            needed[frame] = options.beyond * far
+        result[:, moved] += eased_in_time(needed, frames, options.width)[:, None, None] * way
     return result
 
 
 def _movable(scene: Scene, part: int) -> NDArray[np.integer] | None:
-    """The vertices that move along with a part: all of its body if that is rigid; None: held."""
+    """Return the vertices that move along with a part: all of a rigid body; None if it is held."""
     vertices = scene.enclosures.vertices(part)
     body = int(scene.body_of_vertex[vertices[0]])
     if scene.bodies[body].rigid:

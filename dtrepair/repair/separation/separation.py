@@ -1,4 +1,4 @@
-"""Bodies that pierce each other are led apart as wholes before contacts are pushed.
+"""Bodies that penetrate each other are led apart as wholes before contacts are pushed.
 
 Where a thin body goes deep into another one, as a sword into a stone, its sides are pushed against
 each other: it would be stretched, not moved. A shift along the way with the least motion, shared by
@@ -8,6 +8,7 @@ both bodies, takes it out; the repair of contacts takes over where it ends.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
 from typing import NamedTuple
@@ -19,33 +20,63 @@ from dtrepair.numerics.temporal import eased_in_time
 from dtrepair.repair.scene.bodies import STIFF
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
-from dtrepair.repair.separation.penetration import Inside, Piercing, Shape, find_inside
+from dtrepair.repair.separation.penetration import (
+    BodyShape,
+    Inside,
+    Penetration,
+    PenetrationOptions,
+    find_inside,
+)
 from dtrepair.repair.separation.untangling import (
-    FARTHEST,
+    UntanglingOptions,
     contact_counts,
+    directions_around,
     length_along,
-    shortest_way,
-    ways_around,
+    shortest_direction,
 )
 
-# A body pierces another where it is deeper inside than this many times its own thickness; if it is
-# not stiff, at least this part of the vertices of either must be inside of the other: a character
-# does not move as a whole for a hand in a wall. Of a rod or a blade what is inside is deeper than
-# this many times its width, of a sheet it is not.
-DEEP, PART, SLENDER = 1.0, 0.1, 3.0
-# A shift much longer than the contact is deep is no way out of it: rings and belts stay where they
-# are, and so do layers, of which at least this part covers the other body.
-REACH, COVERING = 2.5, 0.3
-# Frames of contact that are farther apart are two contacts; a shift comes and goes in WIDTH frames.
-APART, WIDTH = 6.0, 2.0
-# Frames that rank the ways, ways that are tried, and the part of the pairs that may be left.
-SAMPLES, TRIES, LEFT = 4, 4, 0.3
-# The shift goes this part farther than to the surface.
-BEYOND = 1.01
+
+@dataclass(frozen=True, kw_only=True)
+class SeparationOptions:
+    """Which bodies are led apart as wholes, and which way.
+
+    Args:
+        deep: A body penetrates another where it is deeper inside than so many times its own
+            thickness.
+        fraction: If it is not stiff, at least this fraction of the vertices of either must be
+            inside of the other: a character does not move as a whole for a hand in a wall.
+        slender: Of a rod or a blade what is inside is deeper than so many times its width; of a
+            sheet it is not, and a soft one is better dented.
+        reach: Longest shift, as a multiple of how deep the contact is: rings and belts stay where
+            they are.
+        covering: Of layers at least this fraction covers the other body; they stay too.
+        apart: Frames of contact that are farther apart are two contacts.
+        width: Standard deviation, in frames, over which a shift comes and goes.
+        samples: Frames that rank the directions.
+        tries: Directions that are tried.
+        left: Fraction of the pairs that a shift may leave, and of new ones that it may make.
+        beyond: Factor by which a shift is longer than the way to the surface: out is out.
+        penetration: How much is looked at.
+        untangling: Of bodies that hook into each other.
+    """
+
+    deep: float = 1.0
+    fraction: float = 0.1
+    slender: float = 3.0
+    reach: float = 2.5
+    covering: float = 0.3
+    apart: float = 6.0
+    width: float = 2.0
+    samples: int = 4
+    tries: int = 4
+    left: float = 0.3
+    beyond: float = 1.01
+    penetration: PenetrationOptions = field(default_factory=PenetrationOptions)
+    untangling: UntanglingOptions = field(default_factory=UntanglingOptions)
 
 
 class Contact(NamedTuple):
-    """Two bodies that meet in some frames, and the part of the way that each of them goes."""
+    """Two bodies that meet in some frames, and the fraction of the way that each of them goes."""
 
     first: int
     second: int
@@ -53,34 +84,44 @@ class Contact(NamedTuple):
     shares: tuple[float, float]
 
 
-def parted_frames(
+def separated_frames(
     scene: Scene,
     mesh: WeldedMesh,
     poses: FloatArray,
     pairs: Sequence[IntArray],
     frames: FloatArray,
+    *,
     sheets: Collection[int] = (),
-    hooked: frozenset[tuple[int, int]] = frozenset(),
+    tangled: frozenset[tuple[int, int]] = frozenset(),
+    options: SeparationOptions = SeparationOptions(),
 ) -> FloatArray:
-    """Poses (T, V, 3) at `frames` (T,) with bodies that pierce each other led apart, steadily.
+    """Return poses (T, V, 3) with bodies that penetrate each other led apart, steadily in time.
 
     All frames of a contact leave along one way, as far as each needs; before and after, the shift
-    comes and goes smoothly. `pairs` (K, 2) of triangles of each frame tell who meets. What has a
-    preferred direction, or a largest displacement, is left to the contacts, and so are soft sheets,
-    which are better dented, unless `sheets` names one of the two bodies. Bodies that are `hooked`
-    into each other are led apart whatever they are.
+    comes and goes smoothly. What has a preferred direction, or a largest displacement, is left to
+    the repair of contacts.
+
+    Args:
+        scene: The bodies.
+        mesh: The welded mesh of the poses.
+        poses: Poses (T, V, 3).
+        pairs: Intersecting pairs (K, 2) of triangles of each frame, which tell who meets.
+        frames: Times (T,) in frame units.
+        sheets: Bodies that are led apart even where they, or the others, are soft sheets.
+        tangled: Pairs of bodies that are led apart whatever they are.
+        options: Numbers of this stage.
     """
     limited = scene.options.maximum_displacement is not None
     if len(scene.bodies) == 1 or limited or scene.options.method == "paper":
         return poses
-    parting = _Parting(scene, mesh, poses, frames, sheets)
-    for contact in parting.contacts(pairs):
-        if not parting.part(contact) and (contact.first, contact.second) in hooked:
-            parting.unhook(contact)
-    return parting.poses
+    separation = _Separation(scene, mesh, poses, frames, sheets, options)
+    for contact in separation.contacts(pairs):
+        if not separation.separate(contact) and (contact.first, contact.second) in tangled:
+            separation.untangle(contact)
+    return separation.poses
 
 
-class _Parting:
+class _Separation:
     """The frames of a window while one contact after the other is led apart."""
 
     def __init__(
@@ -90,13 +131,14 @@ class _Parting:
         poses: FloatArray,
         frames: FloatArray,
         sheets: Collection[int],
+        options: SeparationOptions,
     ) -> None:
         self.scene, self.mesh, self.frames, self.sheets = scene, mesh, frames, sheets
-        self.poses = poses
-        self.shapes: dict[int, Shape] = {}
+        self.poses, self.options = poses, options
+        self.shapes: dict[int, BodyShape] = {}
 
     def contacts(self, pairs: Sequence[IntArray]) -> Iterator[Contact]:
-        """Bodies that meet and of which one may move, those with most pairs first."""
+        """Yield bodies that meet and of which one may move, those with most pairs first."""
         met: dict[tuple[int, int], dict[int, int]] = {}
         for frame, found in enumerate(pairs):
             names, counts = contact_counts(self.scene.body_of, found)
@@ -108,65 +150,66 @@ class _Parting:
                 continue
             run: list[int] = []
             for frame in sorted(where):
-                if run and self.frames[frame] - self.frames[run[-1]] > APART:
+                if run and self.frames[frame] - self.frames[run[-1]] > self.options.apart:
                     yield Contact(first, second, run, shares)
                     run = []
                 run.append(frame)
             yield Contact(first, second, run, shares)
 
-    def part(self, contact: Contact) -> bool:
-        """Lead the bodies of a contact apart in its frames, if one pierces the other: whether."""
+    def separate(self, contact: Contact) -> bool:
+        """Separate two penetrating bodies over the frames of a contact; return whether it could."""
         first, second = self._shape(contact.first), self._shape(contact.second)
         inside = [self._inside(self.poses[frame], contact) for frame in contact.frames]
         deepest = [max(mine.depth, theirs.depth) for mine, theirs in inside]
-        if not any(self._pierced(contact, *found) for found in inside):
+        if not any(self._penetrates(contact, *found) for found in inside):
             return False
-        count = len(contact.frames)
-        chosen = {*np.linspace(0, count - 1, SAMPLES).astype(int), int(np.argmax(deepest))}
+        options, count = self.options, len(contact.frames)
+        chosen = {*np.linspace(0, count - 1, options.samples).astype(int), int(np.argmax(deepest))}
         samples = sorted(int(index) for index in chosen)
-        some = Piercing(
+        some = self._penetration(
             first,
             second,
             [self.poses[contact.frames[index]] for index in samples],
             [inside[index] for index in samples],
         )
         worst = samples.index(int(np.argmax(deepest)))
-        known = ((some.length(worst, way), way) for way in some.ways())
-        short = ((length, way) for length, way in known if length <= REACH * max(deepest))
+        known = ((some.length(worst, way), way) for way in some.directions())
+        short = ((length, way) for length, way in known if length <= options.reach * max(deepest))
         pose = some.poses[worst]
         met = self._met(contact, pose)
-        for length, way in islice(short, TRIES):
-            if self._frees(contact, pose, met, BEYOND * length * way):
+        for length, way in islice(short, options.tries):
+            if self._frees(contact, pose, met, options.beyond * length * way):
                 poses = [self.poses[frame] for frame in contact.frames]
-                every = Piercing(first, second, poses, inside)
+                every = self._penetration(first, second, poses, inside)
                 self._shift(contact, way, [every.length(index, way) for index in range(count)])
                 return True
         return False
 
-    def unhook(self, contact: Contact) -> None:
-        """Lead the bodies of a contact apart along the shortest way that frees most of its pairs.
+    def untangle(self, contact: Contact) -> None:
+        """Separate the bodies of a contact along the shortest way that frees most of its pairs.
 
         That of the frame with most pairs serves all of them.
         """
+        options = self.options.untangling
         poses = [self.poses[frame] for frame in contact.frames]
         met = [self._met(contact, pose) for pose in poses]
         worst = int(np.argmax([between for between, _ in met]))
         bodies = [poses[worst][self._shape(b).vertices] for b in (contact.first, contact.second)]
-        farthest = FARTHEST * min(diagonal(points) for points in bodies)
+        farthest = options.farthest * min(diagonal(points) for points in bodies)
         frees = partial(self._frees, contact, poses[worst], met[worst])
-        way = shortest_way(frees, ways_around(*bodies), farthest)
+        way = shortest_direction(frees, directions_around(*bodies), farthest, options=options)
         if way is None:
             return
         lengths = []
         for pose, before in zip(poses, met, strict=True):
             frees = partial(self._frees, contact, pose, before)
-            lengths.append(length_along(frees, way, farthest))
+            lengths.append(length_along(frees, way, farthest, options=options))
         self._shift(contact, way, lengths)
 
     def _shift(self, contact: Contact, way: FloatArray, lengths: list[float]) -> None:
         needed = np.zeros(len(self.frames))
-        needed[contact.frames] = BEYOND * np.array(lengths)
-        path = eased_in_time(needed, self.frames, WIDTH)[:, None] * way
+        needed[contact.frames] = self.options.beyond * np.array(lengths)
+        path = eased_in_time(needed, self.frames, self.options.width)[:, None] * way
         self.poses = np.stack(
             [
                 self._moved(pose, contact, shift)
@@ -185,28 +228,41 @@ class _Parting:
     def _frees(
         self, contact: Contact, pose: FloatArray, met: tuple[int, int], shift: FloatArray
     ) -> bool:
-        """Whether a shift clears most of a contact of a pose, `met` there, and makes no others."""
+        """Return whether a shift clears most of a contact, `met` in the pose, and makes none."""
         before, all_before = met
         after, all_after = self._met(contact, self._moved(pose, contact, shift))
-        gone = before - after
-        return after <= LEFT * before and all_after <= all_before - (1.0 - LEFT) * gone
+        gone, left = before - after, self.options.left
+        return after <= left * before and all_after <= all_before - (1.0 - left) * gone
 
     def _met(self, contact: Contact, pose: FloatArray) -> tuple[int, int]:
-        """Pairs between the bodies of a contact, and all pairs of either, in a pose."""
+        """Return the pairs between the bodies of a contact, and all pairs of either, in a pose."""
         surface, both = self.mesh.surface, (contact.first, contact.second)
-        pairs = surface.contacts.pairs(
-            self.mesh.reduced(pose), active=np.isin(surface.body_of, both)
-        )
+        active = np.isin(surface.body_of, both)
+        pairs = surface.contacts.pairs(self.mesh.reduced(pose), active=active)
         bodies = np.sort(surface.body_of[pairs], axis=1)
         return int((bodies == both).all(axis=1).sum()), len(bodies)
 
     def _inside(self, pose: FloatArray, contact: Contact) -> tuple[Inside, Inside]:
         first, second = self._shape(contact.first), self._shape(contact.second)
-        return find_inside(pose, first, second), find_inside(pose, second, first)
+        options = self.options.penetration
+        return (
+            find_inside(pose, first, second, options=options),
+            find_inside(pose, second, first, options=options),
+        )
 
-    def _pierced(self, contact: Contact, mine: Inside, theirs: Inside) -> bool:
-        """Whether one of the bodies is deep in the other, and neither covers the other."""
-        deep, large = False, max(mine.part, theirs.part) >= PART
+    def _penetration(
+        self,
+        first: BodyShape,
+        second: BodyShape,
+        poses: list[FloatArray],
+        inside: list[tuple[Inside, Inside]],
+    ) -> Penetration:
+        return Penetration(first, second, poses, inside, options=self.options.penetration)
+
+    def _penetrates(self, contact: Contact, mine: Inside, theirs: Inside) -> bool:
+        """Return whether one body is deep in the other, and neither covers the other."""
+        options = self.options
+        deep, large = False, max(mine.fraction, theirs.fraction) >= options.fraction
         sheets = contact.first in self.sheets or contact.second in self.sheets
         sides = ((contact.first, contact.second, mine), (contact.second, contact.first, theirs))
         for inner, outer, found in sides:
@@ -215,18 +271,18 @@ class _Parting:
             surface, body = self.mesh.surface, self.scene.bodies[inner]
             under = surface.cover[self.mesh.place[found.vertices]]
             covering = (under >= 0) & (surface.body_of_vertex[under] == outer)
-            if covering.mean() > COVERING:
+            if covering.mean() > options.covering:
                 return False
             stiff = body.rigid or (body.diffusion or self.scene.options.diffusion) >= STIFF
-            thick = DEEP * self._shape(inner).thickness
-            moved = stiff or (large and (sheets or found.depth > SLENDER * found.width))
-            deep |= found.depth > thick and moved
+            thick = options.deep * self._shape(inner).thickness
+            slender = found.depth > options.slender * found.width
+            deep |= found.depth > thick and (stiff or (large and (sheets or slender)))
         return deep
 
     def _shares(self, first: int, second: int) -> tuple[float, float] | None:
-        """Parts of a way that two bodies go, the larger one less; None where neither may.
+        """Return the fractions of a way that two bodies go; None where neither may move.
 
-        The least sum of squared displacements over both surfaces.
+        The least sum of squared displacements over both surfaces: the larger one goes less.
         """
         freedom = []
         for body in (first, second):
@@ -239,7 +295,7 @@ class _Parting:
         total = sum(freedom)
         return None if total == 0.0 else (freedom[0] / total, freedom[1] / total)
 
-    def _shape(self, body: int) -> Shape:
+    def _shape(self, body: int) -> BodyShape:
         if body not in self.shapes:
-            self.shapes[body] = Shape(self.scene, body)
+            self.shapes[body] = BodyShape(self.scene, body)
         return self.shapes[body]

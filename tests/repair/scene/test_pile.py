@@ -10,11 +10,10 @@ import pytest
 
 from dtrepair import Body, RepairOptions, SceneRepairer, Status
 from dtrepair.numerics.geometry import unique_edges
-from dtrepair.repair import independent as poses_of_scenes
 from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
 from dtrepair.repair.full.push import PushOptions, _of_length
 from dtrepair.repair.full.relax import RelaxOptions, relax
-from dtrepair.repair.independent import _squeezed
+from dtrepair.repair.independent import IndependentOptions, repair_poses, squeezed
 from dtrepair.repair.scene.scene import make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.surface.defects import find_defects
@@ -97,14 +96,14 @@ def test_a_body_that_has_far_to_go_does_not_hold_up_the_return_of_others() -> No
 def test_what_is_pressed_from_many_sides_is_not_led_out() -> None:
     ball, faces = icosphere(2, 0.5)
     sides = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, 0, 1)])
-    for count, squeezed in ((2, False), (4, True)):
+    for count, pressed in ((2, False), (4, True)):
         meshes = [(ball, faces), *((ball + 1.004 * way, faces) for way in sides[:count])]
         scene = make_scene([Body(*mesh) for mesh in meshes], RepairOptions())
         points = np.concatenate([mesh[0] for mesh in meshes])
         mesh = WeldedMeshes(scene)([scene.weld(points)])
         torn = np.arange(count + 1) == 0
-        assert _squeezed(mesh, points, torn)[0] == squeezed
-        assert not _squeezed(mesh, points, torn)[1:].any()
+        assert squeezed(mesh, points, torn)[0] == pressed
+        assert not squeezed(mesh, points, torn)[1:].any()
 
 
 def test_only_what_has_a_way_out_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,21 +114,15 @@ def test_only_what_has_a_way_out_is_tried_again(monkeypatch: pytest.MonkeyPatch)
     named: list[set[int]] = []
 
     def noted(
-        scene: Any,
-        system: Any,
-        starts: Any,
-        pairs: Any,
-        frames: Any,
-        sheets: Iterable[int] = (),
-        hooked: frozenset[int] = frozenset(),
+        scene: Any, mesh: Any, starts: Any, *_: Any, sheets: Iterable[int] = (), **more: Any
     ) -> Any:
         named.append(set(sheets))
         return starts
 
-    monkeypatch.setattr(poses_of_scenes, "TORN", 0.0)
-    monkeypatch.setattr(poses_of_scenes, "PRESSED", 0.05)
-    monkeypatch.setattr(poses_of_scenes, "parted_frames", noted)
-    SceneRepairer([Body(points, faces) for points in poses])(poses)
+    monkeypatch.setattr("dtrepair.repair.independent.separated_frames", noted)
+    scene = make_scene([Body(points, faces) for points in poses], RepairOptions())
+    options = IndependentOptions(torn=0.0, pressed=0.05)
+    repair_poses(scene, WeldedMeshes(scene), [poses], options=options)
     assert named == [set(), {1, 2, 3, 4}]
 
 

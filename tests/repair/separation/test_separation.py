@@ -1,4 +1,4 @@
-"""Bodies that pierce each other are led apart as wholes; layers, dents and held bodies are not."""
+"""Bodies that penetrate each other are led apart; layers, dents and held bodies are not."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from dtrepair.numerics.geometry import FloatArray, extent, unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio, jitter
 from dtrepair.repair.scene.scene import Scene, make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
-from dtrepair.repair.separation.penetration import Piercing, Shape, find_inside
-from dtrepair.repair.separation.separation import parted_frames
+from dtrepair.repair.separation.penetration import BodyShape, Penetration, find_inside
+from dtrepair.repair.separation.separation import separated_frames
 from tests.exact_reference import exact_pairs
 from tests.meshes import Mesh, icosphere, joined, torus
 
@@ -31,13 +31,13 @@ def pair(rod: FloatArray, **of: list[Any]) -> list[Body]:
     return [Body(*mesh, **own) for mesh, own in zip(meshes, given, strict=True)]
 
 
-def parted(scene: Scene, *poses: list[FloatArray]) -> FloatArray:
+def separated(scene: Scene, *poses: list[FloatArray]) -> FloatArray:
     """The poses (T, V, 3) that the repair of contacts would start from."""
     stacked = np.stack([np.concatenate(pose) for pose in poses])
     welds = [scene.weld(pose) for pose in stacked]
     pairs = [scene.pairs(pose, weld) for pose, weld in zip(stacked, welds, strict=True)]
     mesh = WeldedMeshes(scene)(welds)
-    return parted_frames(scene, mesh, stacked, pairs, np.arange(len(poses), dtype=np.float64))
+    return separated_frames(scene, mesh, stacked, pairs, np.arange(len(poses), dtype=np.float64))
 
 
 def edge_change(before: FloatArray, after: FloatArray, faces: NDArray[np.int32]) -> float:
@@ -86,7 +86,7 @@ def test_what_touches_only_a_little_is_left_to_the_contacts() -> None:
     scene = make_scene(pair(ROD), RepairOptions())
     dented = [BALL, ROD * [8.0, 8.0, 1.0] + np.array([0.0, 0.0, 2.3])]
     assert len(scene.pairs(np.concatenate(dented), scene.weld(np.concatenate(dented))))
-    assert np.array_equal(parted(scene, dented)[0], np.concatenate(dented))
+    assert np.array_equal(separated(scene, dented)[0], np.concatenate(dented))
 
 
 def test_a_ring_stays_on_its_finger() -> None:
@@ -96,7 +96,7 @@ def test_a_ring_stays_on_its_finger() -> None:
     apart = Body(ring + np.array([9.0, 0.0, 0.0]), ring_faces)
     scene = make_scene([Body(finger, BALL_FACES), apart], RepairOptions())
     pose = [finger, ring]
-    assert np.array_equal(parted(scene, pose)[0], np.concatenate(pose))
+    assert np.array_equal(separated(scene, pose)[0], np.concatenate(pose))
 
 
 def test_a_stiff_ring_that_is_too_narrow_is_not_drawn_off() -> None:
@@ -106,9 +106,9 @@ def test_a_stiff_ring_that_is_too_narrow_is_not_drawn_off() -> None:
     apart = Body(ring + np.array([9.0, 0.0, 0.0]), ring_faces, diffusion=999.0)
     scene = make_scene([Body(finger, BALL_FACES), apart], RepairOptions())
     pose = [finger, ring]
-    deep = find_inside(np.concatenate(pose), Shape(scene, 1), Shape(scene, 0)).depth
-    assert deep > Shape(scene, 1).thickness
-    assert np.array_equal(parted(scene, pose)[0], np.concatenate(pose))
+    deep = find_inside(np.concatenate(pose), BodyShape(scene, 1), BodyShape(scene, 0)).depth
+    assert deep > BodyShape(scene, 1).thickness
+    assert np.array_equal(separated(scene, pose)[0], np.concatenate(pose))
 
 
 @pytest.mark.parametrize("diffusion", [99.0, 999.0])
@@ -124,11 +124,11 @@ def test_a_layer_stays_on_what_it_covers(diffusion: float) -> None:
     )
     sunk = [BALL, points - np.array([0.0, 0.0, 0.3])]
     assert len(scene.pairs(np.concatenate(sunk), scene.weld(np.concatenate(sunk))))
-    assert np.array_equal(parted(scene, sunk)[0], np.concatenate(sunk))
+    assert np.array_equal(separated(scene, sunk)[0], np.concatenate(sunk))
 
 
 @pytest.mark.parametrize("held", ["pin", "direction", "limit", "paper", "ignored"])
-def test_what_is_held_or_led_by_the_user_is_not_parted(held: str) -> None:
+def test_what_is_held_or_led_by_the_user_is_not_separated(held: str) -> None:
     of, options, ignore = {}, RepairOptions(), []
     if held == "pin":
         half = [np.r_[1.0, np.zeros(len(points) - 1)] for points in (BALL, ROD)]
@@ -143,13 +143,13 @@ def test_what_is_held_or_led_by_the_user_is_not_parted(held: str) -> None:
         ignore = [(0, 1)]
     scene = make_scene(pair(ROD, **of), options, ignore)
     pose = [BALL, RIGHT_THROUGH]
-    assert np.array_equal(parted(scene, pose)[0], np.concatenate(pose))
+    assert np.array_equal(separated(scene, pose)[0], np.concatenate(pose))
 
 
 def test_one_way_for_all_frames_of_a_contact() -> None:
     scene = make_scene(pair(ROD, mobility=[0.0, 1.0]), RepairOptions())
     poses = [[BALL, ROD + np.array([x, 0.05, 0.0])] for x in (-0.2, -0.1, 0.0, 0.1, 0.2)]
-    shifts = parted(scene, *poses)[:, -1] - np.stack([pose[1][-1] for pose in poses])
+    shifts = separated(scene, *poses)[:, -1] - np.stack([pose[1][-1] for pose in poses])
     ways = shifts / np.linalg.norm(shifts, axis=1, keepdims=True)
     assert np.allclose(ways, ways[0], atol=1e-9)
 
@@ -157,12 +157,12 @@ def test_one_way_for_all_frames_of_a_contact() -> None:
 def test_the_way_out_is_the_shortest_one() -> None:
     scene = make_scene(pair(ROD), RepairOptions())
     points = np.concatenate([BALL, RIGHT_THROUGH])
-    rod, ball = Shape(scene, 1), Shape(scene, 0)
+    rod, ball = BodyShape(scene, 1), BodyShape(scene, 0)
     inside = find_inside(points, rod, ball)
     assert inside.depth == pytest.approx(1.0 - 0.25, abs=0.1)
-    assert 0.4 < inside.part < 0.8
+    assert 0.4 < inside.fraction < 0.8
     assert abs(rod.thickness - 0.12) < 0.05 < extent(BALL)
-    piercing = Piercing(rod, ball, [points], [(inside, find_inside(points, ball, rod))])
-    way = piercing.ways()[0]
+    penetration = Penetration(rod, ball, [points], [(inside, find_inside(points, ball, rod))])
+    way = penetration.directions()[0]
     assert way @ [0.9615, 0.2747, 0.0] > 0.95  # away from the middle
-    assert 0.6 < piercing.length(0, way) < 0.9
+    assert 0.6 < penetration.length(0, way) < 0.9

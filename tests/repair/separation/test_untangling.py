@@ -10,13 +10,12 @@ from dtrepair import Body, SceneRepairer, Status
 from dtrepair.numerics.geometry import unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio
 from dtrepair.repair.separation.untangling import (
-    SEVERAL,
-    STEPS,
+    UntanglingOptions,
     contact_counts,
-    hooked_contacts,
+    directions_around,
     length_along,
-    shortest_way,
-    ways_around,
+    shortest_direction,
+    tangled_contacts,
 )
 from tests.exact_reference import exact_pairs
 from tests.meshes import icosphere, joined
@@ -54,32 +53,34 @@ def test_a_rod_through_a_plate_is_drawn_out_of_it(mobility: float, alone: bool) 
         assert np.linalg.norm(results[1].points - poses[1], axis=1).max() < 0.8
 
 
-def test_what_pushing_left_as_it_was_is_hooked() -> None:
+def test_what_pushing_left_as_it_was_is_tangled() -> None:
     body_of = np.array([0, 0, 1, 1, 2], dtype=np.int32)
-    many, few = np.array([[0, 2]] * SEVERAL), np.array([[3, 0]] * (SEVERAL // 3))
+    several = UntanglingOptions().several
+    many, few = np.array([[0, 2]] * several), np.array([[3, 0]] * (several // 3))
     own = np.array([[0, 1]] * 40)
     met = contact_counts(body_of, np.concatenate([many, own]).astype(np.int32))
     assert met[0].tolist() == [[0, 1]]
-    assert met[1].tolist() == [SEVERAL]
+    assert met[1].tolist() == [several]
     left = contact_counts(body_of, few.astype(np.int32))
-    assert hooked_contacts([met], [met]) == {(0, 1)}
-    assert hooked_contacts([met], [left]) == frozenset()
+    assert tangled_contacts([met], [met]) == {(0, 1)}
+    assert tangled_contacts([met], [left]) == frozenset()
     # It is so in one of three frames only: pushing frees it, but for a part of the way.
-    assert hooked_contacts([met] * 3, [met, left, left]) == frozenset()
-    assert hooked_contacts([met] * 3, [met, left, met]) == {(0, 1)}
+    assert tangled_contacts([met] * 3, [met, left, left]) == frozenset()
+    assert tangled_contacts([met] * 3, [met, left, met]) == {(0, 1)}
     # Half of a large contact is gone: pushing works.
     large = (met[0], met[1] * 3)
-    assert hooked_contacts([large], [met]) == frozenset()
+    assert tangled_contacts([large], [met]) == frozenset()
+    assert tangled_contacts([large], [met], options=UntanglingOptions(stuck=0.3)) == {(0, 1)}
 
 
 def test_the_shortest_way_is_found_and_measured() -> None:
-    ways = ways_around(ROD)
-    assert np.allclose(np.linalg.norm(ways, axis=1), 1.0)
+    directions = directions_around(ROD)
+    assert np.allclose(np.linalg.norm(directions, axis=1), 1.0)
     aim = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
-    way = shortest_way(lambda shift: float(shift @ aim) > 0.5, ways, 1.0)
-    assert way is not None
-    assert np.allclose(way, aim)
-    assert shortest_way(lambda shift: False, ways, 1.0) is None
+    found = shortest_direction(lambda shift: float(shift @ aim) > 0.5, directions, 1.0)
+    assert found is not None
+    assert np.allclose(found, aim)
+    assert shortest_direction(lambda shift: False, directions, 1.0) is None
     length = length_along(lambda shift: float(shift @ aim) > 0.5, aim, 1.0)
-    assert 0.5 < length == pytest.approx(0.5, abs=1.0 / STEPS)
+    assert 0.5 < length == pytest.approx(0.5, abs=1.0 / UntanglingOptions().steps)
     assert length_along(lambda shift: False, aim, 1.0) == 1.0

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from dtrepair.diagnosis import Diagnosis, Status
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.clip.animation import MakeMethod, WindowSolver
-from dtrepair.repair.parallel.process_pool import forked_map, in_batches
-from dtrepair.repair.parallel.worker_pool import Crew
+from dtrepair.repair.parallel.process_pool import in_batches, map_in_processes
+from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.result import Count, RepairResult, Stage
 from dtrepair.repair.surface.surface import Surface
 
@@ -52,7 +52,7 @@ def _remembering(solve: WindowSolver, surface: Surface, memory: Memory) -> Windo
     def looked_up(
         original: FloatArray,
         frames: FloatArray,
-        crew: Crew,
+        pool: WorkerPool,
         *,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
@@ -62,7 +62,7 @@ def _remembering(solve: WindowSolver, surface: Surface, memory: Memory) -> Windo
             found = original.copy()
             found[:, kept["vertices"]] = kept["points"]
             return found
-        solved = solve(original, frames, crew, unless=unless)
+        solved = solve(original, frames, pool, unless=unless)
         if solved is not None:
             vertices = np.flatnonzero((solved != original).any(axis=(0, 2)))
             memory.keep(key, {"vertices": vertices, "points": solved[:, vertices]})
@@ -102,7 +102,7 @@ def repair_each(
         return _solved([arrays for arrays, _ in batch], solve)
 
     batches = in_batches(items(), at_once)
-    for results in chain.from_iterable(forked_map(solved, batches, jobs=jobs)):
+    for results in chain.from_iterable(map_in_processes(solved, batches, jobs=jobs)):
         key, known = recalled.popleft()
         if memory is not None and not known and not isinstance(results, Exception):
             memory.keep(key, _arrays(results))

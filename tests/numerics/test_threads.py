@@ -16,7 +16,7 @@ import dtrepair
 from dtrepair.numerics import threads
 from dtrepair.numerics.operators import Factor
 from dtrepair.numerics.threads import one_thread
-from dtrepair.repair.parallel.process_pool import can_fork, forked_map
+from dtrepair.repair.parallel.process_pool import can_fork, map_in_processes
 from dtrepair.transfer import Pins, Transfer
 from tests.meshes import bent_tube, icosphere
 
@@ -73,7 +73,7 @@ def test_a_forked_process_does_not_wait_for_threads_that_it_does_not_have() -> N
             return numbers()
 
     with threads._shared.lock:
-        assert list(forked_map(enter, range(2), jobs=2)) == [{1}, {1}]
+        assert list(map_in_processes(enter, range(2), jobs=2)) == [{1}, {1}]
 
 
 def repair(method: str) -> None:

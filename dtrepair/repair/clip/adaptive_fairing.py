@@ -12,7 +12,7 @@ from scipy.sparse import linalg
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel, spread_in_time
-from dtrepair.repair.parallel.worker_pool import Crew
+from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
 Levels = NDArray[np.float32]
@@ -69,7 +69,7 @@ class AdaptiveFairing:
 
     A hit raises the level; levels fade over time as bells and over the mesh by one a ring, so the
     result changes smoothly from frame to frame: nothing switches. What frames share is in arrays of
-    the crew; patches and settled levels are known to the worker that has the frame.
+    the pool; patches and settled levels are known to the worker that has the frame.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class AdaptiveFairing:
         surface: Surface,
         matrix: sparse.csr_matrix,
         frames: FloatArray,
-        crew: Crew,
+        pool: WorkerPool,
         *,
         options: FairingOptions,
     ) -> None:
@@ -85,8 +85,8 @@ class AdaptiveFairing:
         self.surface, self.matrix, self.frames = surface, matrix, frames
         self.options = options
         shape = (len(frames), surface.count)
-        self.hits: Levels = crew.array(shape, np.float32)
-        self._wanted: Levels = crew.array(shape, np.float32)
+        self.hits: Levels = pool.array(shape, np.float32)
+        self._wanted: Levels = pool.array(shape, np.float32)
         self._levels: dict[int, Levels] = {}
         self._patches: dict[int, Patch | None] = {}
         self._settled: dict[int, Levels] = {}

@@ -21,11 +21,11 @@ from dtrepair.repair.full.mend import MendOptions, mend
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.independent import IndependentOptions, repair_poses
 from dtrepair.repair.options import RepairOptions
-from dtrepair.repair.parallel.process_pool import forked_map, in_batches
+from dtrepair.repair.parallel.process_pool import in_batches, map_in_processes
 from dtrepair.repair.parallel.worker_pool import (
-    Crew,
+    WorkerPool,
     available_processors,
-    make_crew,
+    make_worker_pool,
     worthwhile_jobs,
 )
 from dtrepair.repair.result import RepairResult, Solved, Stage
@@ -88,7 +88,7 @@ class WindowSolver(Protocol):
         self,
         original: FloatArray,
         frames: FloatArray,
-        crew: Crew,
+        pool: WorkerPool,
         *,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
@@ -168,7 +168,7 @@ class ClipRepairer:
         for first in islice(iterator, 1 if size == 1 else 0):
             yield from solved([first])
         workers = (jobs or available_processors()) if size == 1 else 1
-        for found in forked_map(solved, in_batches(iterator, size), jobs=workers):
+        for found in map_in_processes(solved, in_batches(iterator, size), jobs=workers):
             yield from found
 
 
@@ -299,9 +299,9 @@ class _Stream:
         """Repaired poses (V, 3) of starts (T, V, 3); None where `unless` ended it."""
         unit = np.stack([mesh.reduced(start) for start in starts])
         jobs = worthwhile_jobs(self.jobs, len(starts), len(mesh.surface.faces))
-        with make_crew(mesh.surface, jobs) as crew:
-            crew.progress = self.progress
-            found = self.make_method(mesh)(unit, times, crew, unless=unless)
+        with make_worker_pool(mesh.surface, jobs) as pool:
+            pool.progress = self.progress
+            found = self.make_method(mesh)(unit, times, pool, unless=unless)
         if found is None:
             return None
         return [mesh.expanded(*each) for each in zip(starts, unit, found, strict=True)]

@@ -15,7 +15,7 @@ from dtrepair.numerics.temporal import undamped
 from dtrepair.repair.clip.adaptive_fairing import AdaptiveFairing, FairingOptions
 from dtrepair.repair.clip.regional_push import RegionalPushOptions, regional_push
 from dtrepair.repair.full.mend import MendOptions, mend
-from dtrepair.repair.parallel.worker_pool import Crew
+from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
@@ -78,7 +78,7 @@ class Chain(NamedTuple):
 
 
 class WindowFrames:
-    """The frames of one window; a crew calls the methods that take a surface and a frame.
+    """The frames of one window; a pool calls the methods that take a surface and a frame.
 
     Arrays that all workers see: `original`, `smooth`, `extra` (T, V, 3) make the poses (see
     `WindowState`), `poses` are those, `added` takes what a call has to give for each frame.
@@ -89,7 +89,7 @@ class WindowFrames:
         surface: Surface,
         original: FloatArray,
         frames: FloatArray,
-        crew: Crew,
+        pool: WorkerPool,
         *,
         alone: Alone,
         farthest: float | None,
@@ -100,10 +100,10 @@ class WindowFrames:
         self.surface, self.original, self.options = surface, original, options
         self.alone, self.farthest, self.clearance = alone, farthest, clearance
         self.squared = (surface.uniform.T @ surface.uniform).tocsr()
-        self.folds = AdaptiveFairing(surface, self.squared, frames, crew, options=options.folds)
-        self.closes = AdaptiveFairing(surface, self.squared, frames, crew, options=options.closes)
+        self.folds = AdaptiveFairing(surface, self.squared, frames, pool, options=options.folds)
+        self.closes = AdaptiveFairing(surface, self.squared, frames, pool, options=options.closes)
         self.smooth, self.extra, self.poses, self.added = (
-            crew.array(original.shape) for _ in range(4)
+            pool.array(original.shape) for _ in range(4)
         )
         self.poses[:] = original
         self._detected: dict[int, FloatArray] = {}

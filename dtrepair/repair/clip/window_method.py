@@ -20,7 +20,7 @@ from dtrepair.repair.clip.mend_frames import MendFramesOptions, mend_frames
 from dtrepair.repair.clip.restore_shape import RestoreShapeOptions, restore_shapes
 from dtrepair.repair.clip.tighten_frames import TightenOptions, tighten_frames
 from dtrepair.repair.clip.window_state import WindowState
-from dtrepair.repair.parallel.worker_pool import Crew
+from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import Surface
 
 
@@ -130,7 +130,7 @@ class WindowMethod:
         self,
         original: FloatArray,
         frames: FloatArray,
-        crew: Crew,
+        pool: WorkerPool,
         *,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
@@ -143,7 +143,7 @@ class WindowMethod:
             self.surface,
             original,
             frames,
-            crew,
+            pool,
             alone=self.alone,
             farthest=self.farthest,
             clearance=self.clearance,

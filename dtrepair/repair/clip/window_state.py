@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.clip.frame_steps import Alone, Chain, FrameOptions, Springs, WindowFrames
-from dtrepair.repair.parallel.worker_pool import Crew
+from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.defects import contact_scale
 from dtrepair.repair.surface.surface import Surface
 
@@ -31,7 +31,7 @@ class WindowState:
 
     Unknowns Q (T, V, 3) with displacement D = K Q, K a Gaussian in time: `smooth` holds D. Each
     frame's pose is its input moved by D, faired around close contacts, faired around folds,
-    plus `extra`, the corrections of single frames. Frames are worked on by a crew.
+    plus `extra`, the corrections of single frames. Frames are worked on by a pool.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class WindowState:
         surface: Surface,
         original: FloatArray,
         frames: FloatArray,
-        crew: Crew,
+        pool: WorkerPool,
         *,
         alone: Alone,
         farthest: float | None = None,
@@ -51,12 +51,12 @@ class WindowState:
         alone: the solver of single frames; farthest: no vertex moves farther; clearance: closer
         pairs count, as long as it is set.
         """
-        self.surface, self.original, self.frames, self.crew = surface, original, frames, crew
+        self.surface, self.original, self.frames, self.pool = surface, original, frames, pool
         self.work = WindowFrames(
             surface,
             original,
             frames,
-            crew,
+            pool,
             alone=alone,
             farthest=farthest,
             clearance=clearance,
@@ -65,8 +65,8 @@ class WindowState:
         # Frames that no solver could clean must not keep the others from being tightened.
         self.given_up: frozenset[int] = frozenset()
         self.springs: Springs = np.zeros(0, dtype=np.int64)
-        crew.start(self.work)
-        self.pairs: list[IntArray] = crew.map("pairs", self._every)
+        pool.start(self.work)
+        self.pairs: list[IntArray] = pool.map("pairs", self._every)
         self.scale = contact_scale(surface, np.concatenate(self.pairs))
 
     @property
@@ -95,27 +95,27 @@ class WindowState:
 
     def tell_progress(self, fraction: float) -> None:
         """Tell who wants to know that this fraction of the work on the window is done."""
-        if self.crew.progress is not None:
-            self.crew.progress(fraction * len(self.original))
+        if self.pool.progress is not None:
+            self.pool.progress(fraction * len(self.original))
 
     def forget_clearance(self) -> None:
         """From now on only intersecting pairs count."""
         if self.work.clearance > 0.0:
-            self.crew.tell("forget_clearance")
-            self.pairs = self.crew.map("pairs", self._every)
+            self.pool.tell("forget_clearance")
+            self.pairs = self.pool.map("pairs", self._every)
 
     def evaluate(self) -> None:
         """Poses from the unknowns, and their pairs."""
-        self.pairs = self.crew.map("evaluated", self._every)
+        self.pairs = self.pool.map("evaluated", self._every)
 
     def sweep(self, kernel: FloatArray, step: float) -> FloatArray:
         """Push and fair once; the displacement that the push added (T, V, 3), until the next."""
         self.work.added[:] = 0.0
-        springs = [self.springs, *self.crew.map("pushed", self.dirty, self.scale * step)]
+        springs = [self.springs, *self.pool.map("pushed", self.dirty, self.scale * step)]
         wanted = np.unique(np.concatenate(springs))
         if len(wanted) > len(self.springs):
             self._couple(wanted)
-        self.crew.map("smoothed", self._blocks, kernel)
+        self.pool.map("smoothed", self._blocks, kernel)
         self._update()
         return self.work.added
 
@@ -127,8 +127,8 @@ class WindowState:
         last: frames that stay dirty are solved alone, from the input's pose.
         """
         self.work.added[:] = 0.0
-        self.crew.map("mended", chains, self.scale * step, last)
-        self.crew.map("corrected", self._blocks, kernel)
+        self.pool.map("mended", chains, self.scale * step, last)
+        self.pool.map("corrected", self._blocks, kernel)
         self.evaluate()
 
     def steady(self, frames: list[int], weights: FloatArray, step: float) -> int:
@@ -137,7 +137,7 @@ class WindowState:
         weights (T, T): see `steady_weights`.
         """
         self.work.added[:] = 0.0
-        moved = self.crew.map("steadied", frames, weights, self.scale * step)
+        moved = self.pool.map("steadied", frames, weights, self.scale * step)
         self.work.extra += self.work.added
         self.evaluate()
         return sum(moved)
@@ -153,7 +153,7 @@ class WindowState:
     def pairs_of(self, poses: FloatArray, frames: list[int]) -> list[IntArray]:
         """Intersecting pairs of some frames of other poses (T, V, 3)."""
         self.work.added[:] = poses
-        return self.crew.map("pairs_of_added", frames)
+        return self.pool.map("pairs_of_added", frames)
 
     def snapshot(self) -> Snapshot:
         """The state now."""
@@ -162,8 +162,8 @@ class WindowState:
 
     def _couple(self, springs: Springs) -> None:
         self.springs = springs
-        self.crew.tell("couple", springs)
+        self.pool.tell("couple", springs)
 
     def _update(self) -> None:
-        self.crew.map("leveled", self._blocks)
+        self.pool.map("leveled", self._blocks)
         self.evaluate()

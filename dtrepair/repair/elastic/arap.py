@@ -84,7 +84,7 @@ class ArapSystem:
     def solve(self, right: FloatArray) -> FloatArray:
         """The pose (V, 3) of a right-hand side, or the motion of its change."""
         if self._inner is None:
-            return self._surface.rigidity_factor(right)
+            return self._surface.arap_factor(right)
         result = np.zeros_like(right)
         result[self._inner] = self._own[1](right[self._inner])
         return result

@@ -54,7 +54,7 @@ class DihedralAngles:
     ) -> None:
         """Edges that the original bends may stay bent, and no more edges than it has."""
         self.surface, self.options = surface, options
-        self.corners = _corners(surface.faces, surface.hinges)
+        self.corners = _corners(surface.faces, surface.edge_pairs)
         cosines = _cosines(surface, original)
         self.given = cosines < options.sharp
         self.allowed = int(self.given.sum())
@@ -74,7 +74,7 @@ class DihedralAngles:
         surface = self.surface
         new = np.flatnonzero(bent_edges(surface, points, sharp=self.options.sharp) & ~self.given)
         new = new[~surface.stiff[self.corners[new]].all(axis=1)]
-        touched = surface.vertices_of(surface.hinges[new])
+        touched = surface.vertices_of(surface.edge_pairs[new])
         labels = surface.components(touched)[self.corners[new, 0]]
         return sorted((new[labels == label] for label in np.unique(labels)), key=len)
 
@@ -87,7 +87,7 @@ class DihedralAngles:
         their angles.
         """
         surface, options = self.surface, self.options
-        seeds = surface.vertices_of(surface.hinges[chosen])
+        seeds = surface.vertices_of(surface.edge_pairs[chosen])
         inner = np.flatnonzero(surface.dilate(seeds, rings) & ~surface.stiff)
         place = np.full(surface.count, -1)
         place[inner] = np.arange(len(inner))
@@ -186,5 +186,5 @@ def _corners(faces: IntArray, hinges: NDArray[np.int64]) -> IntArray:
 def _cosines(surface: Surface, points: FloatArray) -> FloatArray:
     """Cosine of the angle between the normals at each hinge (H,)."""
     normals = triangle_normals(points, surface.faces)
-    first, second = surface.hinges.T
+    first, second = surface.edge_pairs.T
     return dots(normals.take(first, axis=0), normals.take(second, axis=0))

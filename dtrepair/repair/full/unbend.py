@@ -120,7 +120,7 @@ def _opened_alone(
 def _reach(surface: Surface, chosen: NDArray[np.integer], options: UnbendOptions) -> FloatArray:
     """Weight (V,) of what makes room for the chosen hinges: 1 near them, 0 far and where stiff."""
     faded, full = options.faded_rings, options.full_rings
-    rings = surface.rings_from(surface.vertices_of(surface.hinges[chosen]), faded)
+    rings = surface.rings_from(surface.vertices_of(surface.edge_pairs[chosen]), faded)
     fade = np.clip((faded - rings) / (faded - full), 0.0, 1.0)
     return np.where(surface.stiff, 0.0, fade)
 

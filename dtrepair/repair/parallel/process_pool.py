@@ -1,4 +1,4 @@
-"""Calls side by side in forked processes, which inherit everything that was built before."""
+"""Calls side by side in processes that inherit everything that was built before."""
 
 from __future__ import annotations
 
@@ -27,8 +27,6 @@ from dtrepair.numerics.threads import one_thread
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
-# Items on their way, for each process: answers wait here for an earlier one.
-AHEAD = 3
 # prctl: the signal that a process gets when its parent ends, however that ends.
 _DEATH_SIGNAL = 1
 
@@ -143,31 +141,32 @@ def unpacked(content: bytes) -> Any:
 
 
 def in_batches(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
-    """Items in lists of `size`; the last may be shorter."""
+    """Yield items in lists of `size`; the last may be shorter."""
     iterator = iter(items)
     while batch := list(islice(iterator, size)):
         yield batch
 
 
-def forked_map(
-    function: Callable[[Item], Answer], items: Iterable[Item], *, jobs: int
+def map_in_processes(
+    function: Callable[[Item], Answer], items: Iterable[Item], *, jobs: int, ahead: int = 3
 ) -> Iterator[Answer]:
-    """Answers of function(item) in the order of the items, found by `jobs` processes.
+    """Yield the answers of function(item) in the order of the items, found by `jobs` processes.
 
     A process is forked when there is an item for it, and sees the state of that moment; from then
     on only items and answers go to and fro. Items are taken when a process is free. With one job,
     or where processes cannot be forked, the calls are made here. Exceptions of a call are raised
     here; RuntimeError where a process ended without an answer. Processes never outlive the
-    iterator.
+    iterator. `ahead` items for each process are on their way at most: answers wait here for an
+    earlier one.
     """
     if jobs == 1 or not can_fork():
         yield from map(function, items)
         return
-    pool = _Pool(function, jobs)
+    pool = _ProcessPool(function, jobs)
     waiting: deque[int] = deque()
     try:
         for number, item in enumerate(items):
-            while pool.full or len(waiting) >= AHEAD * jobs:
+            while pool.full or len(waiting) >= ahead * jobs:
                 if waiting[0] in pool.answers:
                     yield pool.take(waiting.popleft())
                 else:
@@ -183,7 +182,7 @@ def forked_map(
         pool.close()
 
 
-class _Pool:
+class _ProcessPool:
     """Processes that call one function; `answers`, packed, by the number of the item."""
 
     def __init__(self, function: Callable[[Any], Any], jobs: int) -> None:

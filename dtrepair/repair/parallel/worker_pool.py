@@ -6,6 +6,7 @@ import mmap
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -19,19 +20,29 @@ from dtrepair.device import start_warp
 from dtrepair.repair.parallel.process_pool import can_fork, end, fork, packed, unpacked
 from dtrepair.repair.surface.surface import Surface
 
-# Windows of fewer triangles, of all frames together, are done before workers have started.
-SMALLEST_WINDOW = 5000
-# Workers have at least so many frames: more of them would wait for each other, and need memory.
-FRAMES_A_WORKER = 4
+
+@dataclass(frozen=True, kw_only=True)
+class PoolOptions:
+    """When workers are worth their start.
+
+    Args:
+        smallest_window: Windows of fewer triangles, of all frames together, are done before
+            workers have started.
+        frames_a_worker: Workers have at least so many frames: more of them would wait for each
+            other, and need memory.
+    """
+
+    smallest_window: int = 5000
+    frames_a_worker: int = 4
 
 
 class State(Protocol):
-    """What a crew works on: an object whose methods take a surface and an item, often a frame."""
+    """What a pool works on: an object whose methods take a surface and an item, often a frame."""
 
     surface: Surface
 
 
-class Crew:
+class WorkerPool:
     """Calls methods of one object at a time, for many frames; this base does so one by one.
 
     Arrays of `array` are the same for all workers; all else that a method changes is known to the
@@ -42,7 +53,7 @@ class Crew:
     progress: Callable[[float], None] | None = None
 
     def array(self, shape: Sequence[int], kind: DTypeLike = np.float64) -> NDArray[Any]:
-        """A new array of zeros that all workers share, if it is made before `start`."""
+        """Return a new array of zeros that all workers share, if it is made before `start`."""
         return np.zeros(shape, dtype=kind)
 
     def start(self, state: State) -> None:
@@ -50,7 +61,7 @@ class Crew:
         self.state = state
 
     def map(self, name: str, items: Sequence[Any], *more: Any) -> list[Any]:
-        """Answers of state.name(surface, item, *more) in the order of the items."""
+        """Return the answers of state.name(surface, item, *more) in the order of the items."""
         return [getattr(self.state, name)(self.state.surface, item, *more) for item in items]
 
     def tell(self, name: str, *more: Any) -> None:
@@ -60,8 +71,8 @@ class Crew:
     def stop(self) -> None:
         """End all workers."""
 
-    def __enter__(self) -> Crew:
-        """The crew itself; leaving ends its workers."""
+    def __enter__(self) -> WorkerPool:
+        """Return the pool itself; leaving ends its workers."""
         return self
 
     def __exit__(
@@ -74,7 +85,7 @@ class Crew:
         self.stop()
 
 
-class ThreadCrew(Crew):
+class ThreadWorkerPool(WorkerPool):
     """Threads that share one surface."""
 
     def __init__(self, jobs: int) -> None:
@@ -88,7 +99,7 @@ class ThreadCrew(Crew):
         self._pool = self._pool or ThreadPoolExecutor(self.jobs)
 
     def map(self, name: str, items: Sequence[Any], *more: Any) -> list[Any]:
-        """Answers of state.name(surface, item, *more) in the order of the items."""
+        """Return the answers of state.name(surface, item, *more) in the order of the items."""
 
         def call(item: Any) -> Any:
             return getattr(self.state, name)(self.state.surface, item, *more)
@@ -103,7 +114,7 @@ class ThreadCrew(Crew):
             self._pool = None
 
 
-class ForkedCrew(Crew):
+class ProcessWorkerPool(WorkerPool):
     """Processes that inherit the object when work on it starts; this one takes its share too.
 
     Threads gain little here: sparse solves and small numpy calls keep the interpreter's lock.
@@ -115,7 +126,7 @@ class ForkedCrew(Crew):
         self._workers: list[tuple[int, Connection]] = []
 
     def array(self, shape: Sequence[int], kind: DTypeLike = np.float64) -> NDArray[Any]:
-        """A new array of zeros in memory that processes forked later share."""
+        """Return a new array of zeros in memory that processes forked later share."""
         size = int(np.prod(shape)) * np.dtype(kind).itemsize
         return np.frombuffer(mmap.mmap(-1, max(size, 1)), kind, int(np.prod(shape))).reshape(shape)
 
@@ -129,7 +140,7 @@ class ForkedCrew(Crew):
             there.close()
 
     def map(self, name: str, items: Sequence[Any], *more: Any) -> list[Any]:
-        """Answers of state.name(surface, item, *more) in the order of the items."""
+        """Return the answers of state.name(surface, item, *more) in the order of the items."""
         owners = np.array(
             [(item if isinstance(item, int) else k) % self.jobs for k, item in enumerate(items)],
             dtype=np.int64,
@@ -179,11 +190,11 @@ class ForkedCrew(Crew):
         return super().tell(name, *more) if items is None else super().map(name, items, *more)
 
 
-def make_crew(surface: Surface, jobs: int | None = None) -> Crew:
-    """A crew of `jobs` workers, None for one a processor, for objects of one surface."""
+def make_worker_pool(surface: Surface, jobs: int | None = None) -> WorkerPool:
+    """Return a pool of `jobs` workers, None for one a processor, for objects of one surface."""
     jobs = jobs or available_processors()
     if jobs == 1:
-        return Crew()
+        return WorkerPool()
     # Everything lazy that frames need is made now, once, before surfaces are shared.
     surface.diffuse(np.zeros((surface.count, 3)), surface.rest)
     surface.vector_areas(surface.rest)
@@ -191,20 +202,22 @@ def make_crew(surface: Surface, jobs: int | None = None) -> Crew:
     surface.contacts.folds(surface.rest)
     surface.contacts.ring_distance(np.array([[0, len(surface.faces) - 1]], dtype=np.int32))
     if not can_fork():
-        return ThreadCrew(jobs)
+        return ThreadWorkerPool(jobs)
     start_warp().force_load("cpu")
-    return ForkedCrew(jobs)
+    return ProcessWorkerPool(jobs)
 
 
-def worthwhile_jobs(jobs: int | None, frames: int, triangles: int) -> int:
-    """How many of `jobs` workers (None: one a processor) a window of so many frames is worth."""
-    if frames * triangles < SMALLEST_WINDOW:
+def worthwhile_jobs(
+    jobs: int | None, frames: int, triangles: int, *, options: PoolOptions = PoolOptions()
+) -> int:
+    """Return how many of `jobs` workers (None: one a processor) a window of frames is worth."""
+    if frames * triangles < options.smallest_window:
         return 1
-    return max(1, min(jobs or available_processors(), frames // FRAMES_A_WORKER))
+    return max(1, min(jobs or available_processors(), frames // options.frames_a_worker))
 
 
 def available_processors() -> int:
-    """Processors that this process may use."""
+    """Return the number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -133,12 +133,12 @@ class Surface:
         return factors
 
     @cached_property
-    def rigidity_factor(self) -> Factor:
+    def arap_factor(self) -> Factor:
         """Factor of L + ANCHOR M for the as-rigid-as-possible steps."""
         return Factor(self.laplacian + ANCHOR * sparse.diags(self.mass))
 
     @cached_property
-    def hinges(self) -> NDArray[np.int64]:
+    def edge_pairs(self) -> NDArray[np.int64]:
         """Pairs (H, 2) of triangles that share an edge."""
         return shared_edges(self.faces)
 

@@ -14,7 +14,7 @@ from dtrepair.numerics.temporal import second_differences, steady_weights
 from dtrepair.repair.clip.animation import _alone
 from dtrepair.repair.clip.window_method import EaseOptions, WindowMethod, WindowOptions
 from dtrepair.repair.full.mend import mend
-from dtrepair.repair.parallel.worker_pool import Crew
+from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import Surface
 from tests.repair.clip.test_animation import crossings, pincers, results_of, roughness, swing
 
@@ -80,7 +80,7 @@ def test_taken_out_displacements_come_back_where_they_are_needed() -> None:
 
     def repaired(still: float) -> FloatArray:
         options = WindowOptions(ease=EaseOptions(still=still))
-        poses = WindowMethod(surface, _alone, options=options)(original, times, Crew())
+        poses = WindowMethod(surface, _alone, options=options)(original, times, WorkerPool())
         assert poses is not None
         return poses
 

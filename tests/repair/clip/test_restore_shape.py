@@ -10,7 +10,7 @@ from dtrepair.numerics.metrics import edge_log_ratio
 from dtrepair.repair.clip.animation import _alone
 from dtrepair.repair.clip.restore_shape import RestoreShapeOptions
 from dtrepair.repair.clip.window_method import WindowMethod, WindowOptions
-from dtrepair.repair.parallel.worker_pool import Crew
+from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import icosphere, joined
 
@@ -34,7 +34,7 @@ def repaired(
     poses[:, count:] += np.array([0.3, 0.1, 1.75]) - depth[:, None, None] * [0.0, 0.0, 1.0]
     poses /= surface.size
     method = WindowMethod(surface, _alone, options=WindowOptions(restore=restore))
-    result = method(poses, np.arange(float(len(poses))), Crew())
+    result = method(poses, np.arange(float(len(poses))), WorkerPool())
     assert result is not None
     assert all(len(surface.contacts.pairs(pose)) == 0 for pose in result)
     return poses, result

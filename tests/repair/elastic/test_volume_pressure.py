@@ -19,7 +19,7 @@ def pressure_of(surface: Surface) -> VolumePressure:
 
 def force_at(pressure: VolumePressure, pose: FloatArray) -> FloatArray:
     surface = pressure.surface
-    return pressure.force(pose, np.ones(surface.count), surface.rigidity_factor)
+    return pressure.force(pose, np.ones(surface.count), surface.arap_factor)
 
 
 def test_what_has_its_volume_is_not_inflated() -> None:

@@ -17,7 +17,7 @@ import pytest
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from dtrepair.repair.parallel.process_pool import AHEAD, can_fork, forked_map
+from dtrepair.repair.parallel.process_pool import can_fork, map_in_processes
 from tests.present import present
 
 pytestmark = pytest.mark.skipif(not can_fork(), reason="needs processes that can be forked")
@@ -40,14 +40,14 @@ def test_answers_come_in_order_from_other_processes(tmp_path: Path) -> None:
             (tmp_path / str(number)).touch()
         return os.getpid(), np.full(100_000, number**2)
 
-    found = list(forked_map(square, range(6), jobs=3))
+    found = list(map_in_processes(square, range(6), jobs=3))
     assert [int(values[0]) for _, values in found] == [0, 1, 4, 9, 16, 25]
     processes = {process for process, _ in found}
     assert 2 <= len(processes) <= 3 and os.getpid() not in processes
 
 
 def test_one_job_stays_in_this_process() -> None:
-    assert set(forked_map(lambda _: os.getpid(), range(3), jobs=1)) == {os.getpid()}
+    assert set(map_in_processes(lambda _: os.getpid(), range(3), jobs=1)) == {os.getpid()}
 
 
 def test_items_are_taken_when_a_process_is_free() -> None:
@@ -58,9 +58,9 @@ def test_items_are_taken_when_a_process_is_free() -> None:
             taken.append(number)
             yield number
 
-    answers = forked_map(lambda number: number, items(), jobs=2)
+    answers = map_in_processes(lambda number: number, items(), jobs=2, ahead=2)
     assert next(answers) == 0
-    assert len(taken) <= 2 * AHEAD + 1
+    assert len(taken) <= 2 * 2 + 1
     assert list(answers) == list(range(1, 20))
 
 
@@ -71,7 +71,7 @@ def test_a_slow_item_keeps_only_one_process(tmp_path: Path) -> None:
         (tmp_path / str(number)).touch()
         return True
 
-    assert list(forked_map(last_of_all, range(5), jobs=2)) == [True] * 5
+    assert list(map_in_processes(last_of_all, range(5), jobs=2)) == [True] * 5
 
 
 def test_an_exception_is_raised_here() -> None:
@@ -80,7 +80,7 @@ def test_an_exception_is_raised_here() -> None:
             raise ValueError(f"no {number}")
         return number
 
-    answers = forked_map(fail, range(3), jobs=2)
+    answers = map_in_processes(fail, range(3), jobs=2)
     assert next(answers) == 0
     with pytest.raises(ValueError, match="no 1"):
         next(answers)
@@ -97,8 +97,8 @@ def test_an_exception_tells_where_it_was_raised() -> None:
             return error
 
     with pytest.raises(ValueError, match="no 0") as raised:
-        list(forked_map(deep_inside, range(2), jobs=2))
-    for error in (raised.value, *forked_map(answered, range(2), jobs=2)):
+        list(map_in_processes(deep_inside, range(2), jobs=2))
+    for error in (raised.value, *map_in_processes(answered, range(2), jobs=2)):
         (note,) = present(error).__notes__
         assert "in deep_inside" in note
 
@@ -108,7 +108,7 @@ def test_a_killed_process_is_told() -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
     with pytest.raises(RuntimeError, match="fewer jobs"):
-        list(forked_map(killed, [0], jobs=2))
+        list(map_in_processes(killed, [0], jobs=2))
 
 
 def test_a_signal_during_the_fork_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -124,7 +124,7 @@ def test_a_signal_during_the_fork_is_not_lost(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(os, "fork", interrupted_fork)
     with pytest.raises(KeyboardInterrupt):
-        list(forked_map(lambda number: number, range(3), jobs=2))
+        list(map_in_processes(lambda number: number, range(3), jobs=2))
     assert len(forked) == 1
     with pytest.raises(ProcessLookupError):
         os.kill(forked[0], 0)
@@ -143,7 +143,7 @@ def test_a_signal_before_the_fork_stays_out_of_the_process(
     here, escaped = os.getpid(), tmp_path / "escaped"
     with pytest.raises(KeyboardInterrupt):
         try:
-            list(forked_map(lambda number: number, range(3), jobs=2))
+            list(map_in_processes(lambda number: number, range(3), jobs=2))
         finally:
             if os.getpid() != here:
                 escaped.touch()
@@ -156,7 +156,7 @@ def test_no_process_outlives_the_iterator(tmp_path: Path) -> None:
         (tmp_path / str(number)).write_text(str(os.getpid()))
         time.sleep(0 if number == 0 else 60)
 
-    answers = forked_map(wait, range(3), jobs=2)
+    answers = map_in_processes(wait, range(3), jobs=2)
     next(answers)
     while not (tmp_path / "1").exists() or not (tmp_path / "1").read_text():
         time.sleep(0.01)
@@ -175,7 +175,7 @@ def test_a_process_that_works_on_a_gpu_is_not_forked(
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(cuda=cuda))
     monkeypatch.setitem(sys.modules, "warp", SimpleNamespace(get_cuda_devices=lambda: devices))
     assert not can_fork()
-    assert set(forked_map(lambda _: os.getpid(), range(3), jobs=2)) == {os.getpid()}
+    assert set(map_in_processes(lambda _: os.getpid(), range(3), jobs=2)) == {os.getpid()}
     devices[0].has_context = False
     cuda.is_initialized = lambda: False
     assert can_fork()
@@ -189,5 +189,5 @@ def test_processes_do_not_share_the_cores_with_threads_of_linear_algebra() -> No
     with threadpool_limits(2):
         if threads(None) < 2:
             pytest.skip("linear algebra has a single thread here")
-        assert list(forked_map(threads, range(2), jobs=2)) == [1, 1]
+        assert list(map_in_processes(threads, range(2), jobs=2)) == [1, 1]
         assert threads(None) == 2

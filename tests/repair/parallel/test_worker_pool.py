@@ -11,26 +11,30 @@ import pytest
 
 from dtrepair.repair.parallel.process_pool import can_fork
 from dtrepair.repair.parallel.worker_pool import (
-    Crew,
-    ForkedCrew,
-    ThreadCrew,
+    ProcessWorkerPool,
+    ThreadWorkerPool,
+    WorkerPool,
     available_processors,
-    make_crew,
+    make_worker_pool,
     worthwhile_jobs,
 )
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import icosphere
 
 needs_fork = pytest.mark.skipif(not can_fork(), reason="needs processes that can be forked")
-CREWS = [Crew, lambda: ThreadCrew(3), pytest.param(lambda: ForkedCrew(3), marks=needs_fork)]
+POOLS = [
+    WorkerPool,
+    lambda: ThreadWorkerPool(3),
+    pytest.param(lambda: ProcessWorkerPool(3), marks=needs_fork),
+]
 
 
 class Work:
-    """What crews work on here: frames that are counted and squared."""
+    """What worker pools work on here: frames that are counted and squared."""
 
-    def __init__(self, crew: Crew) -> None:
+    def __init__(self, pool: WorkerPool) -> None:
         self.surface = Surface(*icosphere(1))
-        self.squares = crew.array((8, 2))
+        self.squares = pool.array((8, 2))
         self.calls = {frame: 0 for frame in range(8)}
         self.offset = 0
 
@@ -51,32 +55,32 @@ class Work:
             os.kill(os.getpid(), signal.SIGKILL)
 
 
-@pytest.mark.parametrize("make", CREWS)
-def test_all_crews_work_alike(make: Callable[[], Crew]) -> None:
-    with make() as crew:
-        work = Work(crew)
-        crew.start(work)
+@pytest.mark.parametrize("make", POOLS)
+def test_all_pools_work_alike(make: Callable[[], WorkerPool]) -> None:
+    with make() as pool:
+        work = Work(pool)
+        pool.start(work)
         for call in (1, 2, 3):
-            found = crew.map("squared", [5, 0, 2, 7], 10.0)
+            found = pool.map("squared", [5, 0, 2, 7], 10.0)
             assert [(frame, count) for frame, count, _ in found] == [
                 (frame, call) for frame in (5, 0, 2, 7)
             ]
         assert work.squares[[5, 0, 2, 7, 3], 1].tolist() == [250, 0, 40, 490, 0]
-        crew.tell("shift", 1)
-        crew.map("squared", range(8), 1.0)
+        pool.tell("shift", 1)
+        pool.map("squared", range(8), 1.0)
         assert np.array_equal(work.squares[:, 0], np.arange(8) ** 2 + 1)
         with pytest.raises(ValueError, match="frame 4"):
-            crew.map("fail", [4])
+            pool.map("fail", [4])
 
 
 @needs_fork
 def test_processes_share_the_work_and_end() -> None:
-    with ForkedCrew(3) as crew:
-        crew.start(Work(crew))
-        workers = {process for _, _, process in crew.map("squared", range(8), 1.0)}
+    with ProcessWorkerPool(3) as pool:
+        pool.start(Work(pool))
+        workers = {process for _, _, process in pool.map("squared", range(8), 1.0)}
         assert len(workers) == 3 and os.getpid() in workers
-        crew.start(Work(crew))
-        others = {process for _, _, process in crew.map("squared", range(8), 1.0)}
+        pool.start(Work(pool))
+        others = {process for _, _, process in pool.map("squared", range(8), 1.0)}
         assert workers & others == {os.getpid()}
     for process in (workers | others) - {os.getpid()}:
         with pytest.raises(ProcessLookupError):
@@ -85,10 +89,10 @@ def test_processes_share_the_work_and_end() -> None:
 
 @needs_fork
 def test_a_killed_worker_is_told() -> None:
-    with ForkedCrew(2) as crew:
-        crew.start(Work(crew))
+    with ProcessWorkerPool(2) as pool:
+        pool.start(Work(pool))
         with pytest.raises(RuntimeError, match="fewer jobs"):
-            crew.map("die", [0, 1])
+            pool.map("die", [0, 1])
 
 
 def test_small_windows_are_not_worth_workers() -> None:
@@ -101,5 +105,7 @@ def test_small_windows_are_not_worth_workers() -> None:
 
 def test_one_job_makes_no_worker() -> None:
     surface = Surface(*icosphere(1))
-    assert type(make_crew(surface, 1)) is Crew
-    assert type(make_crew(surface, 2)) is (ForkedCrew if can_fork() else ThreadCrew)
+    assert type(make_worker_pool(surface, 1)) is WorkerPool
+    assert type(make_worker_pool(surface, 2)) is (
+        ProcessWorkerPool if can_fork() else ThreadWorkerPool
+    )

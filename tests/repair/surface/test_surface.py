@@ -87,7 +87,7 @@ def test_factors_are_computed_once() -> None:
     for _ in range(3):
         surface.diffuse(np.ones((surface.count, 3)))
     assert Factor.count == before + 2
-    assert surface.rigidity_factor is surface.rigidity_factor
+    assert surface.arap_factor is surface.arap_factor
     assert Factor.count == before + 3
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
@@ -113,8 +114,11 @@ def _check(
     ignored = ignored_pairs(source, settings.ignore)
     counter = make_counter(source, mode=settings.mode, ignored=ignored, device=device)
     enclosed = EnclosedParts(source, mode=settings.mode, ignored=ignored)
-    progress = Progress(observer, "checking", len(source.times))
-    records = tuple(progress.over(_records(source, counter, enclosed, jobs)))
+    with (
+        Progress(observer, "checking", len(source.times)) as progress,
+        closing(_records(source, counter, enclosed, jobs)) as found,
+    ):
+        records = tuple(progress.over(found))
     refuse_if_none_usable(source, records)
     watch.lap("detect")
     own = {"mode": settings.mode, "ignore": list(settings.ignore)}
@@ -133,7 +137,7 @@ def _check(
 
 def _records(
     source: Source, counter: SceneCounter, enclosed: EnclosedParts, jobs: int | None
-) -> Iterator[FrameRecord]:
+) -> Generator[FrameRecord]:
     def count(frame: Frame) -> FrameRecord:
         if not frame.usable:
             return unusable(frame)

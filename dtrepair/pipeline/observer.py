@@ -85,21 +85,26 @@ class Progress:
         self._observer, self._phase, self._total = observer, phase, total
         self._handed_out, self._done = 0, 0.0
 
+    def __enter__(self) -> Progress:
+        """Begin the phase. Raises Cancelled where the observer wants the run to end."""
+        stop_if_cancelled(self._observer)
+        self._observer.start(self._phase, self._total)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """End the phase."""
+        self._observer.end()
+
     def over(self, items: Iterable[Item]) -> Iterator[Item]:
         """Yield the items of the phase; one is done as soon as the next is asked for.
 
         Raises Cancelled where the observer wants the run to end.
         """
-        self._observer.start(self._phase, self._total)
-        try:
+        for item in items:
             stop_if_cancelled(self._observer)
-            for item in items:
-                stop_if_cancelled(self._observer)
-                yield item
-                self._handed_out += 1
-                self.ahead(0.0)
-        finally:
-            self._observer.end()
+            yield item
+            self._handed_out += 1
+            self.ahead(0.0)
 
     def ahead(self, frames: float) -> None:
         """Tell how many frames' worth of work is done beyond those handed out.

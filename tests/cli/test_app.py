@@ -12,6 +12,7 @@ from dtrepair import __version__
 from dtrepair.cli import app
 from dtrepair.cli.app import COMMANDS
 from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
+from usd_io import StageError
 
 
 def test_version_and_help() -> None:
@@ -89,6 +90,14 @@ def test_internal_errors_are_one_line_and_debug_shows_them(
     monkeypatch.setenv("DTREPAIR_DEBUG", "1")
     with pytest.raises(RuntimeError, match="wires crossed"):
         run("check", path)
+
+
+def test_an_error_on_purpose_shows_where_it_came_from(tmp_path: Path) -> None:
+    missing = tmp_path / "a.usd"
+    assert_fails(run("check", missing), 3, "a.usd")
+    with pytest.raises(StageError, match=r"a\.usd"):
+        run("check", missing, "-vv")
+    assert_fails(run("check", missing, "--device", "gpu", "-vv"), 2, "--device")
 
 
 def test_config_sets_defaults_that_the_command_line_overrides(tmp_path: Path) -> None:

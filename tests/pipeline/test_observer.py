@@ -13,15 +13,15 @@ from tests.pipeline.hosts import Listener
 
 def test_items_are_counted_and_the_work_ahead_of_them() -> None:
     host = Listener()
-    progress = Progress(host, "working", 4)
+    with Progress(host, "working", 4) as progress:
 
-    def items() -> Iterator[str]:
-        yield "first"
-        for ahead in (0.5, 2.0, 1.0, 9.0):
-            progress.ahead(ahead)
-        yield from ("second", "third", "fourth")
+        def items() -> Iterator[str]:
+            yield "first"
+            for ahead in (0.5, 2.0, 1.0, 9.0):
+                progress.ahead(ahead)
+            yield from ("second", "third", "fourth")
 
-    assert len(list(progress.over(items()))) == 4
+        assert len(list(progress.over(items()))) == 4
     assert host.phases == [("working", 4)] and host.ended == 1
     # One item is done; 0.5 and 2 more; it does not go back, nor beyond the four there are.
     assert host.done == [1.0, 1.5, 3.0, 3.0, 4.0, 4.0, 4.0, 4.0]
@@ -34,19 +34,29 @@ def test_a_phase_ends_where_its_items_fail() -> None:
         yield "first"
         raise ValueError("no second")
 
-    with pytest.raises(ValueError, match="no second"):
-        list(Progress(host, "working", 2).over(items()))
+    with pytest.raises(ValueError, match="no second"), Progress(host, "working", 2) as progress:
+        list(progress.over(items()))
     assert host.ended == 1
 
 
 def test_a_cancelled_run_hands_out_no_more_items() -> None:
     host = Listener(within=1.0)
     taken = []
-    with pytest.raises(Cancelled, match="no output was written") as caught:
-        for item in Progress(host, "working", 4).over("abcd"):
+    with (
+        pytest.raises(Cancelled, match="no output was written") as caught,
+        Progress(host, "working", 4) as progress,
+    ):
+        for item in progress.over("abcd"):
             taken.append(item)
     assert taken == ["a", "b"] and host.ended == 1
     assert caught.value.exit_code == 130
+
+
+def test_a_phase_does_not_begin_where_the_run_should_end() -> None:
+    host = Listener(frames=0)
+    with pytest.raises(Cancelled), Progress(host, "working", 1):
+        pass
+    assert host.phases == [] and host.ended == 0
 
 
 def test_work_ahead_ends_too() -> None:
@@ -58,6 +68,7 @@ def test_work_ahead_ends_too() -> None:
 
 def test_the_default_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     host = Observer()
-    assert list(Progress(host, "working", 2).over("ab")) == ["a", "b"]
+    with Progress(host, "working", 2) as progress:
+        assert list(progress.over("ab")) == ["a", "b"]
     warn(host, ["beware"])
     assert capsys.readouterr() == ("", "")

@@ -50,7 +50,7 @@ def command(
     ignore: tuple[str, ...],
     selection: Selection,
     device: str,
-    jobs: int,
+    jobs: int | None,
     console: Console,
 ) -> int:
     """Count the intersecting triangles of a USD stage or a mesh file.

@@ -73,7 +73,7 @@ def command(
     selection: Selection,
     options: RepairOptions,
     device: str,
-    jobs: int,
+    jobs: int | None,
     console: Console,
 ) -> int:
     """Repair the keys of a stage, and make the poses between them clean.

@@ -78,7 +78,7 @@ def command(
     selection: Selection,
     options: RepairOptions,
     device: str,
-    jobs: int,
+    jobs: int | None,
     console: Console,
 ) -> int:
     """Repair the self-intersections of a USD stage or a mesh file.

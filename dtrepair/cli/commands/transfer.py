@@ -89,7 +89,7 @@ def command(
     selection: Selection,
     options: RepairOptions,
     device: str,
-    jobs: int,
+    jobs: int | None,
     console: Console,
     skip_existing: bool,
     dry_run: bool,

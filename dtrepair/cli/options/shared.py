@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from functools import wraps
 from typing import Any
 
@@ -94,30 +93,13 @@ def run_options(function: Function) -> Function:
 
 
 def jobs_option(function: Function) -> Function:
-    """Add --jobs; `jobs` arrives as a number."""
-
-    @wraps(function)
-    def wrapper(*, jobs: int | None, **options: Any) -> Any:
-        return function(jobs=jobs or _cores(), **options)
-
-    return _with(
-        wrapper,
-        (
-            click.option(
-                "--jobs",
-                type=click.IntRange(min=1),
-                metavar="N",
-                help="Threads for frames side by side; default: all cores.",
-            ),
-        ),
-    )
-
-
-def _cores() -> int:
-    """Return cores that this process may use, fewer than the machine has in a container."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    """Add --jobs; None is all processors."""
+    return click.option(
+        "--jobs",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Threads for frames side by side; default: all cores.",
+    )(function)
 
 
 def _with(function: Function, options: tuple[Function, ...]) -> Function:

@@ -19,12 +19,16 @@ def one_line_errors(function: Callable[..., int]) -> Callable[..., int]:
     def wrapper(**options: Any) -> int:
         try:
             return function(**options)
-        except (PipelineError, click.ClickException, click.Abort, click.exceptions.Exit):
+        except (click.ClickException, click.Abort, click.exceptions.Exit):
             raise
         except Exception as error:
+            # What a plain error stands for is where it came from.
+            origin = error.__cause__ if isinstance(error, PipelineError) else error
             console = options.get("console")
-            if os.environ.get("DTREPAIR_DEBUG") or getattr(console, "verbosity", 0) > 1:
-                raise
-            raise plain_error(error) from error
+            if origin is not None and (
+                os.environ.get("DTREPAIR_DEBUG") or getattr(console, "verbosity", 0) > 1
+            ):
+                raise origin from None
+            raise plain_error(error) from origin
 
     return wrapper

@@ -28,6 +28,7 @@ from dtrepair.pipeline.observer import (
 from dtrepair.pipeline.repair.run import Run, make_repairer
 from dtrepair.pipeline.repair.settings import recorded_settings
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
+from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import mode_warnings, prim_records, refuse_if_none_usable
 from dtrepair.pipeline.stages.object_settings import recorded
@@ -113,21 +114,21 @@ def _prepared(
     options = settings.options
     there, warnings = device_of_method(device, options.method)
     warn(observer, warnings)
-    run = Run(stage, output or "", there, options, jobs, alone=True)
+    clock = Clock()
     source = _open(stage, settings)
     warn(observer, [*source.warnings, *mode_warnings(source, options.mode)])
     controls = read_controls(source, settings.objects, settings.tables)
     warn(observer, controls.warnings)
-    run.ignored = controls.ignored
     more = {
         "rest": settings.rest,
         "objects": recorded(source, controls.settings),
         **vars(settings.keys),
     }
-    run.settings = recorded_settings(settings.selection, settings.objects, options, more)
-    sink = None if output is None else open_sink(source, output, run.settings)
+    kept = recorded_settings(settings.selection, settings.objects, options, more)
+    run = Run(stage, output, there, options, jobs, True, controls.ignored, kept, clock)
+    sink = None if output is None else open_sink(source, output, kept)
     try:
-        run.lap("read")
+        clock.lap("read")
         rests = choose_rests(source, settings.rest, device=there)
         yield _Prepared(run, settings, source, controls, rests, sink)
     finally:
@@ -153,13 +154,13 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     bodies = make_bodies(source, prepared.rests, controls, observer, mode=mode)
     repairer, rest_counts = make_repairer(run, source, prepared.rests, bodies)
     warn(observer, rest_warnings(source, prepared.rests, rest_counts))
-    run.lap("factor")
+    run.clock.lap("factor")
     keys = StageKeys(source, repairer, [bool(own.rigid) for own in controls.settings])
     records = _repair_keys(keys, observer, only_count=sink is None)
     refuse_if_none_usable(source, list(records.values()))
-    run.lap("solve")
+    run.clock.lap("solve")
     found = _search(prepared, keys, observer)
-    run.lap("in-betweens")
+    run.clock.lap("in-betweens")
     added = {time: None for span in found.spans for time in span.added}
     frames = tuple(
         keys.record(record, time, found.tracks)
@@ -170,15 +171,15 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         keys.write(found.tracks, sink)
         warnings = sink.commit({"counts": summarize(frames)})
         warn(observer, warnings)
-        run.lap("write")
+        run.clock.lap("write")
     return Report(
         command="keyposes",
         version=__version__,
         input=run.input,
-        output=run.output or None,
+        output=run.output,
         device=run.device,
         settings=run.settings,
-        seconds={**run.seconds, "total": run.last - run.start},
+        seconds=run.clock.total(),
         prims=prim_records(source, rest_counts),
         frames=frames,
         warnings=(*source.warnings, *warnings),
@@ -191,10 +192,11 @@ def _repair_keys(
 ) -> dict[float, FrameRecord]:
     """Repair each key for itself, or count it; the records by time."""
     records: dict[float, FrameRecord] = {}
-    for time in Progress(observer, "keys", len(keys.selected)).over(keys.selected):
-        done = keys.check_key(time) if only_count else keys.repair_key(time)
-        records[time] = done.record
-        observer.remark(FrameDone(done.record, done.error))
+    with Progress(observer, "keys", len(keys.selected)) as progress:
+        for time in progress.over(keys.selected):
+            done = keys.check_key(time) if only_count else keys.repair_key(time)
+            records[time] = done.record
+            observer.remark(FrameDone(done.record, done.error))
     return records
 
 
@@ -202,16 +204,14 @@ def _search(prepared: _Prepared, keys: StageKeys, observer: Observer) -> KeyPose
     """Look at the in-betweens, and mend them where there is an output."""
     from dtrepair.repair.parallel.worker_pool import available_processors
 
-    total = len(keys.spans)
+    total, only_count = len(keys.spans), prepared.sink is None
+    with Progress(observer, "in-betweens", total) as progress:
 
-    def tell(done: int) -> None:
-        observer.advance(done)
-        observer.remark(SpansDone(done, total))
+        def tell(done: int) -> None:
+            progress.ahead(done)
+            observer.remark(SpansDone(done, total))
 
-    only_count = prepared.sink is None
-    search = verify_in_betweens if only_count else partial(clean_in_betweens, progress=tell)
-    observer.start("in-betweens", total)
-    try:
+        search = verify_in_betweens if only_count else partial(clean_in_betweens, progress=tell)
         return search(
             keys.tracks,
             keys.spans,
@@ -220,5 +220,3 @@ def _search(prepared: _Prepared, keys: StageKeys, observer: Observer) -> KeyPose
             jobs=prepared.run.jobs or available_processors(),
             check=lambda: stop_if_cancelled(observer),
         )
-    finally:
-        observer.end()

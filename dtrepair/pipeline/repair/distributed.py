@@ -33,11 +33,11 @@ PAUSE = 0.1
 class Workers:
     """Where chunks are repaired: address of a scheduler, or "local" for `jobs` workers here.
 
-    device: its name, as each worker is to understand it.
+    jobs: None for one for each processor. device: its name, as each worker is to understand it.
     """
 
     address: str
-    jobs: int
+    jobs: int | None
     device: str
 
 
@@ -80,9 +80,9 @@ def repair_distributed(
             for number, part in enumerate(parts, 1)
         ]
         stack.callback(client.cancel, futures)
-        progress = Progress(observer, "chunks repaired", count)
-        ended = _ended(futures, lambda: progress.ahead(0.0))
-        reports = {future.key: _result(future) for future in progress.over(ended)}
+        with Progress(observer, "chunks repaired", count) as progress:
+            ended = _ended(futures, lambda: progress.ahead(0.0))
+            reports = {future.key: _result(future) for future in progress.over(ended)}
         join_layers(parts, target)
         return join_reports([reports[future.key] for future in futures])
 
@@ -145,7 +145,7 @@ def _result(future: Future[Any]) -> dict[str, Any]:
 
 
 @contextmanager
-def _client(address: str, jobs: int) -> Iterator[Client]:
+def _client(address: str, jobs: int | None) -> Iterator[Client]:
     """A client of the cluster at an address, or of one that lives as long as the block."""
     try:
         from distributed import Client, LocalCluster
@@ -153,8 +153,11 @@ def _client(address: str, jobs: int) -> Iterator[Client]:
         install = "pip install 'dtrepair[distributed]'"
         raise UsageError(f"--distributed: needs the package distributed; {install}") from None
     if address == "local":
+        from dtrepair.repair.parallel.worker_pool import available_processors
+
+        count = jobs or available_processors()
         with (
-            LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None) as cluster,
+            LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None) as cluster,
             Client(cluster) as client,
         ):
             yield client

@@ -1,9 +1,10 @@
-"""A run of `dtrepair repair`: its clock, its solver, its journal, frames into the sink."""
+"""The work of a repair: its solver, its journal, frames into the sink."""
 
 from __future__ import annotations
 
-import time as clock
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from dtrepair import __version__
@@ -12,7 +13,8 @@ from dtrepair.pipeline.observer import FrameDone, Observer, Progress, ProgressKe
 from dtrepair.pipeline.repair.chunks import Chunk
 from dtrepair.pipeline.repair.journal import Journal, hash_of_run
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frames
-from dtrepair.pipeline.stages.bodies import in_units_of_frames
+from dtrepair.pipeline.stages.bodies import Controls, in_units_of_frames
+from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.frames import (
     make_counter,
     prim_records,
@@ -30,42 +32,47 @@ if TYPE_CHECKING:
     from dtrepair.repair.solution_cache import Memory
 
 
-@dataclass
+@dataclass(frozen=True)
 class Run:
-    """What a run is about, and its clock: `seconds` of each part."""
+    """What a run is about: what it computes on, what it keeps of its choices, and its clock.
+
+    output: None where it only counts. ignored: pairs of meshes whose contacts do not count.
+    """
 
     input: str
-    output: str
+    output: str | None
     device: str
     options: RepairOptions
     jobs: int | None
     alone: bool
-    chunk: Chunk | None = None
-    ignored: tuple[tuple[int, int], ...] = ()
-    settings: dict[str, Any] = field(default_factory=dict)
-    seconds: dict[str, float] = field(default_factory=dict)
-    start: float = field(default_factory=clock.perf_counter)
-    last: float = field(default_factory=clock.perf_counter)
+    ignored: tuple[tuple[int, int], ...]
+    settings: Mapping[str, Any]
+    clock: Clock
 
-    def lap(self, name: str) -> None:
-        """Give the time since the last lap to a part."""
-        now = clock.perf_counter()
-        self.seconds[name] = self.seconds.get(name, 0.0) + now - self.last
-        self.last = now
+
+@dataclass(frozen=True)
+class Prepared:
+    """A repair with its inputs read, the frames of its chunk known, and its output opened."""
+
+    run: Run
+    source: Source
+    controls: Controls
+    rests: list[Rest]
+    chunk: Chunk
+    output: str
+    sink: Sink
 
 
 def open_journal(
-    run: Run, bodies: list[Body], observer: Observer, *, resume: bool
+    prepared: Prepared, bodies: list[Body], observer: Observer, *, resume: bool
 ) -> Journal | None:
     """The journal of a run; None where a run is a single step, solved wholly or not at all."""
     from dtrepair.repair.clip.animation import ClipOptions
 
-    assert run.chunk is not None
-    times = run.chunk.times
-    run_hash = hash_of_run(run.settings, run.device, bodies, times)
+    run, times = prepared.run, prepared.chunk.times
     journal = Journal(
-        run.output,
-        run_hash,
+        prepared.output,
+        hash_of_run(run.settings, run.device, bodies, times),
         resume=resume,
         on_kept=lambda entries: observer.remark(ProgressKept(entries)),
     )
@@ -73,48 +80,22 @@ def open_journal(
 
 
 def repair_here(
-    run: Run,
-    source: Source,
-    rests: list[Rest],
-    bodies: list[Body],
-    sink: Sink,
-    observer: Observer,
-    journal: Journal | None,
+    prepared: Prepared, bodies: list[Body], observer: Observer, journal: Journal | None
 ) -> Report:
     """Repair all frames into the sink, commit it, and return the report."""
+    run, source, rests = prepared.run, prepared.source, prepared.rests
     repairer, rest_counts = make_repairer(run, source, rests, bodies, journal)
-    run.lap("factor")
+    run.clock.lap("factor")
     warn(observer, rest_warnings(source, rests, rest_counts))
-    records: list[FrameRecord] = []
-    meter = [JitterMeter() for _ in source.meshes]
-    assert run.chunk is not None
-    times = run.chunk.times
-    progress = Progress(observer, "repairing", len(times))
-    repairer.progress = progress.ahead
-    frames = zip(
-        repair_frames(read_frames(source, times), repairer), run.chunk.written, strict=True
-    )
-    for repaired, written in progress.over(frames):
-        if not written:
-            continue
-        _store(repaired, sink, meter)
-        records.append(repaired.record)
-        for name, value in repaired.seconds.items():
-            run.seconds[name] = run.seconds.get(name, 0.0) + value
-        observer.remark(FrameDone(repaired.record, repaired.error))
-    if repairer.error is not None:
-        observer.remark(Trouble(repairer.error))
-    run.last = clock.perf_counter()
+    records, jitter = _repair_frames(prepared, repairer, observer)
     if "chunk" not in run.settings:  # of a farm the other chunks may be fine, and want this one
         refuse_if_none_usable(source, records)
-    summary = summarize(records)
-    warnings = (*repairer.warnings, *sink.commit({"counts": summary}))
+    warnings = (*repairer.warnings, *prepared.sink.commit({"counts": summarize(records)}))
     if journal is not None:
         warnings = (*warnings, *journal.failures)
         journal.remove()
     warn(observer, warnings)
-    run.lap("write")
-    run.seconds["total"] = clock.perf_counter() - run.start
+    run.clock.lap("write")
     return Report(
         command="repair",
         version=__version__,
@@ -122,12 +103,37 @@ def repair_here(
         output=run.output,
         device=run.device,
         settings=_reported(run, rests),
-        seconds=run.seconds,
+        seconds=run.clock.total(),
         prims=prim_records(source, rest_counts),
         frames=tuple(records),
         warnings=(*source.warnings, *warnings),
-        jitter=max(part.value for part in meter) if len(records) > 2 else None,
+        jitter=jitter,
     )
+
+
+def _repair_frames(
+    prepared: Prepared, repairer: FrameRepairer, observer: Observer
+) -> tuple[list[FrameRecord], float | None]:
+    """Repair all frames into the sink; return their records, and the largest jitter of a mesh."""
+    source, chunk, clock = prepared.source, prepared.chunk, prepared.run.clock
+    records: list[FrameRecord] = []
+    meters = [JitterMeter() for _ in source.meshes]
+    with (
+        Progress(observer, "repairing", len(chunk.times)) as progress,
+        closing(repair_frames(read_frames(source, chunk.times), repairer)) as frames,
+    ):
+        repairer.progress = progress.ahead
+        for repaired, written in progress.over(zip(frames, chunk.written, strict=True)):
+            if not written:
+                continue
+            _store(repaired, prepared.sink, meters)
+            records.append(repaired.record)
+            clock.add(repaired.seconds)
+            observer.remark(FrameDone(repaired.record, repaired.error))
+    if repairer.error is not None:
+        observer.remark(Trouble(repairer.error))
+    clock.skip()
+    return records, max(meter.value for meter in meters) if len(records) > 2 else None
 
 
 def _reported(run: Run, rests: list[Rest]) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from itertools import chain, islice
@@ -195,7 +195,7 @@ class FrameRepairer:
         return tuple(placed)
 
 
-def repair_frames(frames: Iterable[Frame], repairer: FrameRepairer) -> Iterator[Repaired]:
+def repair_frames(frames: Iterable[Frame], repairer: FrameRepairer) -> Generator[Repaired]:
     """Repair an iterator of frames, in order; the solver sees one iterator of usable poses.
 
     The solver may look ahead as far as it likes: frames wait here until their solution comes.

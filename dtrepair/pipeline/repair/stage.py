@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Unpack
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dtrepair.pipeline.errors import UsageError, plain_errors
-from dtrepair.pipeline.observer import SILENT, Observer, warn
+from dtrepair.pipeline.observer import SILENT, Observer, stop_if_cancelled, warn
 from dtrepair.pipeline.repair.chunks import choose_chunk, empty_chunk_warnings
 from dtrepair.pipeline.repair.distributed import Workers, measured_jitter, repair_distributed
-from dtrepair.pipeline.repair.run import Run, open_journal, repair_here
+from dtrepair.pipeline.repair.run import Prepared, Run, open_journal, repair_here
 from dtrepair.pipeline.repair.settings import (
     RepairChoices,
     RepairSettings,
@@ -22,13 +19,15 @@ from dtrepair.pipeline.repair.settings import (
     recorded_settings,
 )
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
+from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import mode_warnings
 from dtrepair.pipeline.stages.object_settings import recorded
 from dtrepair.pipeline.stages.plan import Plan, make_plan
-from dtrepair.pipeline.stages.rest import Rest, choose_rests
-from dtrepair.pipeline.stages.sinks import Sink, open_sink
+from dtrepair.pipeline.stages.rest import choose_rests
+from dtrepair.pipeline.stages.sinks import open_sink
 from dtrepair.pipeline.stages.sources import Source, open_source
+from dtrepair.repair.options import RepairOptions
 from dtrepair.report.record import Report
 
 
@@ -64,18 +63,15 @@ def repair_stage(
     chosen = replace(settings or RepairSettings(), **choices)
     _refuse_together(chosen, resume=resume, distributed=distributed)
     with plain_errors(), _prepared(stage, output, chosen, device, jobs, observer) as prepared:
-        source = prepared.source
         bodies = make_bodies(
-            source, prepared.rests, prepared.controls, observer, mode=chosen.options.mode
+            prepared.source, prepared.rests, prepared.controls, observer, mode=chosen.options.mode
         )
-        if distributed is not None and len(source.times) > 1:
-            prepared.sink.abort()
-            return _distributed(prepared, distributed, observer)
-        journal = open_journal(prepared.run, bodies, observer, resume=resume)
+        if distributed is not None and len(prepared.source.times) > 1:
+            workers = Workers(distributed, jobs, device)
+            return _distributed(prepared, chosen, workers, observer)
+        journal = open_journal(prepared, bodies, observer, resume=resume)
         warn(observer, journal.warnings if journal is not None else ())
-        return repair_here(
-            prepared.run, source, prepared.rests, bodies, prepared.sink, observer, journal
-        )
+        return repair_here(prepared, bodies, observer, journal)
 
 
 def plan_repair(
@@ -93,37 +89,14 @@ def plan_repair(
     chosen = replace(settings or RepairSettings(), **choices)
     _refuse_together(chosen, resume=resume, distributed=distributed)
     with plain_errors(), _prepared(stage, output, chosen, device, None, observer) as prepared:
+        chunk = prepared.chunk
         return make_plan(
             prepared.source,
             prepared.rests,
-            prepared.written,
+            chunk.times[chunk.written],
             output,
             prepared.controls.settings,
         )
-
-
-def _refuse_together(settings: RepairSettings, *, resume: bool, distributed: str | None) -> None:
-    if distributed is not None and (settings.chunk is not None or resume):
-        raise UsageError("--distributed: not with --chunk or --resume; leave one out")
-
-
-@dataclass(frozen=True)
-class _Prepared:
-    """A run with its inputs read, and its output opened."""
-
-    run: Run
-    device: str
-    settings: RepairSettings
-    source: Source
-    controls: Controls
-    rests: list[Rest]
-    sink: Sink
-
-    @property
-    def written(self) -> NDArray[np.float64]:
-        """Times (T,) of the frames that the run is to write."""
-        assert self.run.chunk is not None
-        return self.run.chunk.times[self.run.chunk.written]
 
 
 @contextmanager
@@ -134,39 +107,46 @@ def _prepared(
     device: str,
     jobs: int | None,
     observer: Observer,
-) -> Iterator[_Prepared]:
+) -> Iterator[Prepared]:
     """Read the inputs, open the output, and drop what is not committed within the block."""
-    there, warnings = device_of_method(device, settings.options.method)
+    options, clock = settings.options, Clock()
+    there, warnings = device_of_method(device, options.method)
     warn(observer, warnings)
-    run = Run(stage, output, there, settings.options, jobs, settings.single)
     source = open_source(stage, settings.selection, collider=settings.objects.collider)
-    warn(observer, [*source.warnings, *mode_warnings(source, settings.options.mode)])
-    controls = _controls(run, source, settings, observer)
-    run.settings = _recorded(source, settings, controls)
-    sink = open_sink(source, output, run.settings)
+    warn(observer, [*source.warnings, *mode_warnings(source, options.mode)])
+    controls = read_controls(source, settings.objects, settings.tables)
+    warn(observer, controls.warnings)
+    _refuse_without_effect(options, controls)
+    kept = _recorded(source, settings, controls)
+    run = Run(stage, output, there, options, jobs, settings.single, controls.ignored, kept, clock)
+    sink = open_sink(source, output, kept)
     try:
-        run.lap("read")
-        rests = choose_rests(source, settings.rest, device=run.device)
-        run.chunk = choose_chunk(source, parse_chunk(settings.chunk), alone=run.alone)
-        warn(observer, empty_chunk_warnings(run.chunk, settings.chunk))
-        yield _Prepared(run, device, settings, source, controls, rests, sink)
+        clock.lap("read")
+        stop_if_cancelled(observer)
+        rests = choose_rests(source, settings.rest, device=there)
+        stop_if_cancelled(observer)
+        chunk = choose_chunk(source, parse_chunk(settings.chunk), alone=run.alone)
+        warn(observer, empty_chunk_warnings(chunk, settings.chunk))
+        yield Prepared(run, source, controls, rests, chunk, output, sink)
     finally:
         sink.abort()
 
 
-def _controls(run: Run, source: Source, settings: RepairSettings, observer: Observer) -> Controls:
-    """What each object is told to do; refused where it has no effect."""
-    controls = read_controls(source, settings.objects, settings.tables)
-    warn(observer, controls.warnings)
-    run.ignored = controls.ignored
-    if settings.options.method == "paper":
-        for option, given in (
-            ("--direction", any(way is not None for way in controls.directions)),
-            ("--rigid", any(own.rigid for own in controls.settings)),
-        ):
-            if given:
-                raise UsageError(f"{option}: has no effect with --method paper; leave it out")
-    return controls
+def _refuse_together(settings: RepairSettings, *, resume: bool, distributed: str | None) -> None:
+    if distributed is not None and (settings.chunk is not None or resume):
+        raise UsageError("--distributed: not with --chunk or --resume; leave one out")
+
+
+def _refuse_without_effect(options: RepairOptions, controls: Controls) -> None:
+    """Refuse what is asked of single objects, and the published method does not have."""
+    if options.method != "paper":
+        return
+    for option, given in (
+        ("--direction", any(way is not None for way in controls.directions)),
+        ("--rigid", any(own.rigid for own in controls.settings)),
+    ):
+        if given:
+            raise UsageError(f"{option}: has no effect with --method paper; leave it out")
 
 
 def _recorded(source: Source, settings: RepairSettings, controls: Controls) -> dict[str, object]:
@@ -179,18 +159,14 @@ def _recorded(source: Source, settings: RepairSettings, controls: Controls) -> d
     return recorded_settings(settings.selection, settings.objects, settings.options, more)
 
 
-def _distributed(prepared: _Prepared, address: str, observer: Observer) -> Report:
+def _distributed(
+    prepared: Prepared, settings: RepairSettings, workers: Workers, observer: Observer
+) -> Report:
     """Repair on several workers; the report is of the whole run."""
-    from dtrepair.repair.parallel.worker_pool import available_processors
-
-    run, settings = prepared.run, prepared.settings
-    jobs = run.jobs or available_processors()
-    workers = Workers(address, jobs, prepared.device)
-    report = repair_distributed(
-        repair_stage, prepared.source, run.output, settings, workers, observer
-    )
-    result = open_source(run.output, settings.selection, collider=settings.objects.collider)
-    run.lap("total")
-    seconds = {**report.seconds, "total": run.seconds["total"]}
-    jitter = measured_jitter(prepared.source, result)
-    return replace(report, output=run.output, seconds=seconds, jitter=jitter)
+    source, output, clock = prepared.source, prepared.output, prepared.run.clock
+    prepared.sink.abort()
+    report = repair_distributed(repair_stage, source, output, settings, workers, observer)
+    result = open_source(output, settings.selection, collider=settings.objects.collider)
+    jitter = measured_jitter(source, result)
+    seconds = {**report.seconds, "total": clock.total()["total"]}
+    return replace(report, output=output, seconds=seconds, jitter=jitter)

@@ -236,8 +236,10 @@ def _move_frames(run: _Run, moves: FrameTransfer) -> tuple[list[FrameRecord], fl
     counter = make_counter(pair.target, mode="both", device=run.device)
     rest_count = counter([pair.target_rest.points]).total.triangles
     records, meter = [], JitterMeter()
-    progress = Progress(run.observer, "transferring", len(pair.source.times))
-    with closing(_outcomes(run, moves, counter, progress)) as outcomes:
+    with (
+        Progress(run.observer, "transferring", len(pair.source.times)) as progress,
+        closing(_outcomes(run, moves, counter, progress)) as outcomes,
+    ):
         for done in progress.over(outcomes):
             records.append(done.record)
             run.observer.remark(FrameDone(done.record, done.error))

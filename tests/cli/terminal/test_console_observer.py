@@ -28,9 +28,9 @@ def run_of_four(monkeypatch: pytest.MonkeyPatch, console: Console, screen: _Term
     """What four items with half an item of work ahead show on a screen."""
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
-    progress = Progress(ConsoleObserver(console), "working", 4)
-    for _ in progress.over("abcd"):
-        progress.ahead(0.5)
+    with Progress(ConsoleObserver(console), "working", 4) as progress:
+        for _ in progress.over("abcd"):
+            progress.ahead(0.5)
     return screen.getvalue()
 
 
@@ -48,7 +48,8 @@ def test_no_bar_is_shown_to_files_or_when_quiet(monkeypatch: pytest.MonkeyPatch)
 def test_a_single_frame_needs_no_bar(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = _Terminal()
     monkeypatch.setattr(sys, "stderr", screen)
-    assert list(Progress(ConsoleObserver(Console()), "working", 1).over("a")) == ["a"]
+    with Progress(ConsoleObserver(Console()), "working", 1) as progress:
+        assert list(progress.over("a")) == ["a"]
     assert screen.getvalue() == ""
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,12 @@ import numpy as np
 
 from dtrepair.cli.options.shared import console_options, run_options
 from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
-from dtrepair.pipeline.errors import OutputError
+from dtrepair.cli.terminal.interrupts import clean_up_if_forced
+from dtrepair.cli.terminal.repair_text import print_table, say
+from dtrepair.cli.terminal.report_place import put_report
+from dtrepair.pipeline.errors import OutputError, exit_code
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.outputs import writing
 
@@ -92,15 +95,16 @@ def _turntable(frame_count: int) -> np.ndarray[Any, np.dtype[np.float64]]:
     return matrices
 
 
-def _repair(source: Path, output: Path, report: Path, device: str, console: Console) -> int:
-    """Run `dtrepair repair` as a user would, with its table."""
-    from dtrepair.cli.commands.repair import command as repair
+def _repair(source: Path, output: Path, report_path: Path, device: str, console: Console) -> int:
+    """Repair as `dtrepair repair` does, with its table."""
+    from dtrepair.pipeline.repair.stage import repair_stage
 
-    arguments = [os.fspath(source), "-o", os.fspath(output), "--report", os.fspath(report)]
-    arguments += ["--device", device, *(["-q"] if console.quiet else [])]
-    arguments += ["-v"] * console.verbosity
-    code = repair.main(args=arguments, prog_name="dtrepair repair", standalone_mode=False)
-    return int(code)
+    clean_up_if_forced(str(output))
+    observer = ConsoleObserver(console, say)
+    report = repair_stage(str(source), str(output), device=device, observer=observer)
+    put_report(report, str(report_path))
+    print_table(console, report.frames, str(output))
+    return exit_code(report)
 
 
 def _draw(source: Path, output: Path, picture: Path) -> None:

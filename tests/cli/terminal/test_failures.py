@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
 import numpy as np
 import pytest
 
@@ -78,14 +77,13 @@ def test_a_flat_transform_fails_without_the_name_of_an_exception(tmp_path: Path)
 def test_an_interrupt_inside_the_demo_is_no_internal_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from dtrepair.cli.commands import repair
-
     def interrupted(*arguments: object, **options: object) -> None:
-        raise click.Abort from KeyboardInterrupt()
+        raise KeyboardInterrupt
 
-    monkeypatch.setattr(repair.command, "main", interrupted)
+    monkeypatch.setattr("dtrepair.pipeline.repair.stage.repair_here", interrupted)
     done = run("demo", tmp_path / "demo", "-q", "--frames", 3)
     assert_fails(done, 130, "interrupted; no output was written")
+    assert [path.name for path in (tmp_path / "demo").iterdir()] == ["demo.usda"]
 
 
 def test_an_output_is_not_called_an_input(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from dtrepair.cli.options.fields import field_option
 from dtrepair.cli.options.shared import (
     IGNORE,
     console_options,
@@ -20,6 +21,7 @@ from dtrepair.pipeline.check import CheckSettings, check_stage
 from dtrepair.pipeline.errors import exit_code
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
+from dtrepair.repair.options import MODES
 
 
 @click.command(
@@ -30,11 +32,10 @@ from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
 @click.argument("source_path", metavar="STAGE|MESH")
 @click.option("--json", "json_path", metavar="F|-", help="Write a JSON report; - is stdout.")
 @IGNORE
-@click.option(
-    "--mode",
-    type=click.Choice(["self", "inter", "both"]),
-    default="both",
-    show_default=True,
+@field_option(
+    CheckSettings,
+    "mode",
+    type=click.Choice(MODES),
     help="Pairs within a mesh, between meshes, or both.",
 )
 @selection_options

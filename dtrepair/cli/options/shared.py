@@ -10,7 +10,7 @@ import click
 from dtrepair.cli.options.config import read_config
 from dtrepair.cli.options.fields import Function, as_object, field_option
 from dtrepair.cli.terminal.console import Console
-from dtrepair.pipeline.selection import ObjectOptions, Selection
+from dtrepair.pipeline.selection import KEYS, ObjectOptions, Selection
 
 _SELECTION: dict[str, dict[str, Any]] = {
     "frames": {"metavar": "SPEC", "help": "Frames, such as 7, -5:10 or 1:100x2,200."},
@@ -86,7 +86,7 @@ def run_options(function: Function) -> Function:
                 expose_value=False,
                 callback=read_config,
                 help="Defaults of these options, by name, from a TOML file; and settings of single "
-                "prims: [[prim]] path, diffusion, mobility, rigid, pin, direction.",
+                f"prims: [[prim]] {', '.join(('path', *KEYS))}.",
             ),
         ),
     )

@@ -96,7 +96,7 @@ def test_an_output_is_not_called_an_input(tmp_path: Path) -> None:
 @pytest.mark.skipif(not can_fork(), reason="processes cannot be forked here")
 def test_a_trace_reaches_into_the_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
-    def deep_inside(*arguments: object) -> None:
+    def deep_inside(*arguments: object, **options: object) -> None:
         raise ArithmeticError("no factor")
 
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, CLOSED))

@@ -13,6 +13,7 @@ import numpy as np
 from dtrepair.intersect.proximity import close_pairs
 from dtrepair.numerics.geometry import FloatArray, IntArray, extent
 from dtrepair.numerics.metrics import displacements, edge_log_ratio
+from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import RepairResult, Solved
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
@@ -37,6 +38,7 @@ class IndependentOptions:
         pressed: Distance of a body that presses, as a fraction of the size of the torn one.
         release: How enclosed parts are led out.
         separation: How bodies that penetrate each other are led apart.
+        full: Numbers of the full method.
     """
 
     torn: float = 0.1
@@ -44,6 +46,7 @@ class IndependentOptions:
     pressed: float = 0.01
     release: ReleaseOptions = field(default_factory=ReleaseOptions)
     separation: SeparationOptions = field(default_factory=SeparationOptions)
+    full: FullOptions = field(default_factory=FullOptions)
 
 
 def poses_at_once(options: RepairOptions, device: str) -> int:

@@ -57,10 +57,10 @@ class SceneRepairer:
         self.scene = make_scene(bodies, options or RepairOptions(), ignore)
         self.device = resolve_device(device)
         queue = None if self.device == "cpu" else DeviceQueue(self.device)
-        self.meshes = WeldedMeshes(self.scene, queue)
+        self._clip = clip or ClipOptions()
+        self.meshes = WeldedMeshes(self.scene, queue, full=self._clip.independent.full)
         # How many poses are best given to `batch`.
         self.poses_at_once = poses_at_once(self.scene.options, self.device)
-        self._clip = clip or ClipOptions()
 
     @property
     def bodies(self) -> tuple[Body, ...]:

@@ -13,7 +13,7 @@ from scipy import sparse
 from dtrepair.device import start_warp
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.operators import Factor
-from dtrepair.repair.surface.surface import ANCHOR, BoolArray, Surface
+from dtrepair.repair.surface.surface import BoolArray, Surface
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class ArapOptions:
 class ArapSystem:
     """Pulls poses of a surface towards the edges of one original pose (V, 3).
 
-    The system L + ANCHOR M is factored once per topology; only the rotations follow the pose
+    The system L + anchor M is factored once per topology; only the rotations follow the pose
     (Sorkine & Alexa 2007). Where only a small region moves, its block of the system is factored
     instead, and the surroundings keep their places.
     """
@@ -53,7 +53,7 @@ class ArapSystem:
 
         self._kernels = arap_kernels
         self._warp = start_warp()
-        self._surface = surface
+        self._surface, self._anchor = surface, surface.options.anchor
         self._original = np.ascontiguousarray(original)
         if region is None:
             region = np.ones(surface.count, dtype=bool)
@@ -102,14 +102,16 @@ class ArapSystem:
     def _own(self) -> tuple[sparse.csr_matrix, Factor]:
         """Rows of the Laplacian of a small region, and the factor of its block of the system."""
         rows = self._surface.laplacian[self._inner]
-        anchor = sparse.diags(ANCHOR * self._surface.mass[self._inner])
+        anchor = sparse.diags(self._anchor * self._surface.mass[self._inner])
         return rows, Factor(rows[:, self._inner] + anchor)
 
     def _anchored(self, points: FloatArray) -> FloatArray:
         if self._inner is None:
-            return ANCHOR * self._surface.mass[:, None] * points
+            return self._anchor * self._surface.mass[:, None] * points
         result = np.zeros_like(points)
-        result[self._inner] = ANCHOR * self._surface.mass[self._inner, None] * points[self._inner]
+        result[self._inner] = (
+            self._anchor * self._surface.mass[self._inner, None] * points[self._inner]
+        )
         return result
 
     def _array(self, values: NDArray[Any], dtype: Any) -> Any:

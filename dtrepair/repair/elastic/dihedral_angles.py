@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse import linalg
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, triangle_normals
-from dtrepair.repair.surface.surface import ANCHOR, BoolArray, Surface
+from dtrepair.repair.surface.surface import BoolArray, Surface
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +82,7 @@ class DihedralAngles:
         """The pose (V, 3) with the `chosen` edges opened, contacts ignored.
 
         Only what is within so many rings of them moves. Each step is the motion x of least
-        tr(x^T (L + ANCHOR M) x) that turns all edges there to the open angle, or as far as the
+        tr(x^T (L + anchor M) x) that turns all edges there to the open angle, or as far as the
         original has them, which are bent beyond that and were not bent edges: Gauss-Newton on
         their angles.
         """
@@ -93,7 +93,7 @@ class DihedralAngles:
         place[inner] = np.arange(len(inner))
         nearby = (place >= 0)[self.corners].any(axis=1) & ~self.given
         limits, near = self._limits[nearby], self.corners[nearby]
-        anchor = sparse.diags(ANCHOR * surface.mass[inner])
+        anchor = sparse.diags(surface.options.anchor * surface.mass[inner])
         solve = linalg.splu((surface.laplacian[inner][:, inner] + anchor).tocsc()).solve
         for _ in range(options.steps):
             angles, gradients = angles_and_gradients(points, near)

@@ -12,7 +12,6 @@ from dtrepair.repair.elastic.arap import ArapSystem
 from dtrepair.repair.elastic.contact_step import ContactStepOptions, step_with_gaps
 from dtrepair.repair.elastic.gaps import GapOptions, Gaps
 from dtrepair.repair.full.push import Limit, PushOptions, push
-from dtrepair.repair.surface.contacts import NEIGHBOUR_RINGS
 from dtrepair.repair.surface.defects import Defects, find_defects
 from dtrepair.repair.surface.surface import Surface
 
@@ -68,7 +67,7 @@ def open_contacts(
         opened = push(
             surface,
             points,
-            near=NEIGHBOUR_RINGS,
+            near=surface.contacts.neighbour_rings,
             step=options.step * clearance * 0.5**attempt,
             limit=limit,
             detect=close,

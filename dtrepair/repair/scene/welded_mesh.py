@@ -9,7 +9,7 @@ import numpy as np
 
 from dtrepair.device import DeviceQueue
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.full.method import FullMethod
+from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.result import Solved
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.surface.surface import BodyRange, Surface
@@ -22,9 +22,17 @@ class WeldedMesh:
         scene: The bodies and options.
         together: For each vertex (V,) the one that stands for it.
         queue: Where work on a GPU is queued; None on the CPU.
+        full: Numbers of the full method.
     """
 
-    def __init__(self, scene: Scene, together: IntArray, queue: DeviceQueue | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        together: IntArray,
+        queue: DeviceQueue | None = None,
+        *,
+        full: FullOptions = FullOptions(),
+    ) -> None:
         self.kept, self.place = np.unique(together, return_inverse=True)
         faces = self.place[scene.faces].astype(np.int32)
         # A triangle between two vertices that became one has no area and takes no part.
@@ -63,6 +71,7 @@ class WeldedMesh:
                 farthest=self.farthest,
                 clearance=self.clearance,
                 skip=options.skip,
+                options=full,
             )
 
     def solve(self, poses: Sequence[FloatArray]) -> list[tuple[FloatArray, Solved]]:
@@ -98,10 +107,17 @@ class WeldedMeshes:
         scene: The bodies and options.
         queue: Where work on a GPU is queued, one for all meshes: PyTorch has few streams, and
             gives them out again. None on the CPU.
+        full: Numbers of the full method.
     """
 
-    def __init__(self, scene: Scene, queue: DeviceQueue | None = None) -> None:
-        self._scene, self._queue = scene, queue
+    def __init__(
+        self,
+        scene: Scene,
+        queue: DeviceQueue | None = None,
+        *,
+        full: FullOptions = FullOptions(),
+    ) -> None:
+        self._scene, self._queue, self._full = scene, queue, full
         self._known: dict[bytes, WeldedMesh] = {}
 
     def __call__(self, welds: Sequence[IntArray]) -> WeldedMesh:
@@ -113,5 +129,5 @@ class WeldedMeshes:
         together = np.where(joined, rest_weld, np.arange(len(rest_weld)))
         key = together.tobytes()
         if key not in self._known:
-            self._known[key] = WeldedMesh(self._scene, together, self._queue)
+            self._known[key] = WeldedMesh(self._scene, together, self._queue, full=self._full)
         return self._known[key]

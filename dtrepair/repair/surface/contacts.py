@@ -16,9 +16,6 @@ from dtrepair.repair.surface.uncertain_pairs import UncertainPairs
 
 BoolArray = NDArray[np.bool_]
 
-# Triangles at most so many edge rings apart are the sides of a crease to a clearance.
-NEIGHBOUR_RINGS = 6
-
 
 class Contacts:
     """Finds the contacts of poses of one surface, and decides which of them count.
@@ -37,6 +34,7 @@ class Contacts:
         mode: Which pairs count: "self", "inter" (between bodies) or "both".
         ignored: Pairs of bodies (i, j), i <= j, whose contacts do not count.
         leave_rest: Pairs and folds that the rest pose has as well do not count.
+        neighbour_rings: Triangles at most so many edge rings apart need not keep a clearance.
     """
 
     def __init__(
@@ -52,11 +50,12 @@ class Contacts:
         mode: str = "both",
         ignored: tuple[tuple[int, int], ...] = (),
         leave_rest: bool = False,
+        neighbour_rings: int = 6,
     ) -> None:
         self._detector, self._queries, self._size = detector, queries, size
         self._rest = self._written(rest)
         self._body_of, self._mode, self._ignored = body_of, mode, ignored
-        self._leave_rest = leave_rest
+        self._leave_rest, self.neighbour_rings = leave_rest, neighbour_rings
         faces = detector.faces
         self._stiff = fixed | rigid
         # Triangles that never move, and those of rigid bodies; None where there are neither.
@@ -83,8 +82,8 @@ class Contacts:
     ) -> IntArray:
         """Pairs (K, 2) closer than a clearance, units of the size, that are not neighbours.
 
-        Neighbours are triangles at most NEIGHBOUR_RINGS apart, the sides of a crease, and those as
-        close in the rest pose; or, with `facing`, for a rest pose that has the contacts itself,
+        Neighbours are triangles at most `neighbour_rings` apart, the sides of a crease, and those
+        as close in the rest pose; or, with `facing`, for a rest pose that has the contacts itself,
         those that do not face each other, as the sides of a limb. Intersecting pairs count as close
         whatever they are.
         """
@@ -93,7 +92,7 @@ class Contacts:
             found = found[face_each_other(points, self._detector.faces, found)]
         else:
             found = found[~np.isin(pair_keys(found), self._keys_close_at_rest(clearance))]
-        found = found[self.ring_distance(found) > NEIGHBOUR_RINGS]
+        found = found[self.ring_distance(found) > self.neighbour_rings]
         crossing = self._detector(self._written(points), exact=self._uncertain)
         return self._counted(_united(crossing, found))
 

@@ -5,6 +5,7 @@ A part is a connected component of the triangles, whatever body it belongs to.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
 
@@ -15,12 +16,22 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, components
 from dtrepair.repair.surface.rays import exits_along, windings
 from dtrepair.repair.surface.surface import BoolArray
 
-# Vertices of a part that vote on whether it is inside; odd.
-VOTES = 3
-# Vertices of a part that tell how far it is to the outside: to rank directions, and to be sure.
-FEW, MANY = 8, 40
-# Candidate boxes looked at in one step.
-BLOCK = 4_000_000
+
+@dataclass(frozen=True, kw_only=True)
+class ContainmentOptions:
+    """How many vertices are looked at.
+
+    Args:
+        votes: Vertices of a part that vote on whether it is inside; odd.
+        few: Vertices of a part that tell how far it is to the outside, to rank directions ...
+        many: ... and to be sure of the best ones.
+        block: Candidate boxes looked at in one step, which bounds the memory.
+    """
+
+    votes: int = 3
+    few: int = 8
+    many: int = 40
+    block: int = 4_000_000
 
 
 class Enclosed(NamedTuple):
@@ -41,7 +52,14 @@ class Enclosures:
         faces: Triangles (F, 3); duplicates along seams should be one vertex.
     """
 
-    def __init__(self, rest: FloatArray, faces: IntArray) -> None:
+    def __init__(
+        self,
+        rest: FloatArray,
+        faces: IntArray,
+        *,
+        options: ContainmentOptions = ContainmentOptions(),
+    ) -> None:
+        self._options = options
         self.rest, self.faces = rest, faces
         used = np.unique(faces)
         names, label = np.unique(components(faces, len(rest))[used], return_inverse=True)
@@ -91,9 +109,9 @@ class Enclosures:
         nearest = others[((others - middle) ** 2).sum(axis=1).argmin()] - middle
         candidates = [np.array(way, dtype=np.float64) for way in product((-1, 0, 1), repeat=3)]
         ways = [way / np.linalg.norm(way) for way in [nearest, *candidates] if way.any()]
-        few = _picked(mine, FEW)
+        few = _picked(mine, self._options.few)
         ways.sort(key=lambda way: self._way_along(points, way, few, outer))
-        many = _picked(mine, MANY)
+        many = _picked(mine, self._options.many)
         lengths = [self._way_along(points, way, many, outer) for way in ways[:3]]
         best = int(np.argmin(lengths))
         shift: FloatArray = ways[best] * lengths[best]
@@ -103,7 +121,9 @@ class Enclosures:
         self, points: FloatArray, direction: FloatArray, inner: int, outer: int
     ) -> float:
         """How far `inner` has to go along a unit direction to be out of `outer`."""
-        return self._way_along(points, direction, _picked(self.vertices(inner), MANY), outer)
+        return self._way_along(
+            points, direction, _picked(self.vertices(inner), self._options.many), outer
+        )
 
     def _way_along(
         self, points: FloatArray, direction: FloatArray, probes: NDArray[np.integer], outer: int
@@ -121,7 +141,7 @@ class Enclosures:
         last = np.searchsorted(low[order, 0], high[outer, 0], side="left")
         sizes = np.maximum(last - first, 0)
         found = []
-        blocks = np.cumsum(sizes) // BLOCK
+        blocks = np.cumsum(sizes) // self._options.block
         for block in np.unique(blocks):
             own = np.flatnonzero(blocks == block)
             wide = np.repeat(outer[own], sizes[own])
@@ -133,8 +153,11 @@ class Enclosures:
 
     def _is_inside(self, points: FloatArray, inner: int, outer: int) -> bool:
         """Whether most picked vertices of a part are inside another."""
-        starts = points[_picked(self.vertices(inner), VOTES)]
-        return 2 * int((windings(starts, self._corners(points, outer)) > 0).sum()) > VOTES
+        starts = points[_picked(self.vertices(inner), self._options.votes)]
+        return (
+            2 * int((windings(starts, self._corners(points, outer)) > 0).sum())
+            > self._options.votes
+        )
 
     def _is_meant(self, inner: int, outer: int) -> bool:
         key = inner, outer

@@ -15,9 +15,6 @@ from scipy.spatial import cKDTree
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, extent
 
-# A vertex covers what is nearer than this fraction of the size of its body at rest.
-NEAR = 0.1
-
 
 def covered_vertices(
     rest: FloatArray,
@@ -25,7 +22,7 @@ def covered_vertices(
     edges: IntArray,
     bodies: Sequence[slice],
     *,
-    near: float = NEAR,
+    near: float,
 ) -> IntArray:
     """The vertex (V,) of another body that each vertex covers in the rest pose, -1 where none.
 
@@ -37,7 +34,7 @@ def covered_vertices(
         normals: Normals (V, 3) there, of any length.
         edges: Edges (E, 2).
         bodies: The vertices of each body.
-        near: Fraction of the size of its body within which a vertex covers another.
+        near: A vertex covers what is nearer than this fraction of the size of its body.
     """
     result = np.full(len(rest), -1, dtype=np.int32)
     spacing, normals = _spacing(rest, edges), _unit(normals)

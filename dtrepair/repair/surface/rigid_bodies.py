@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
 
-# Moments of inertia below this part of the largest count as none: a rod does not spin.
-FLAT = 1e-6
-# What differs from a rigid motion by less than this part of its coordinates is one.
-ROUNDING = 1e-12
-# A rigid motion is shortened by this factor until no vertex goes too far.
-SHORTER, TRIES = 0.97, 60
+
+@dataclass(frozen=True, kw_only=True)
+class RigidOptions:
+    """Numbers of rigid motions.
+
+    Args:
+        flat: Moments of inertia below this fraction of the largest count as none: a rod does not
+            spin.
+        rounding: What differs from a rigid motion by less than this fraction of its coordinates is
+            one.
+        shorter: Factor by which a motion is shortened until no vertex goes too far ...
+        tries: ... at most so often; then the body stays.
+    """
+
+    flat: float = 1e-6
+    rounding: float = 1e-12
+    shorter: float = 0.97
+    tries: int = 60
 
 
 class RigidBodies:
@@ -24,19 +37,29 @@ class RigidBodies:
         mass: Lumped masses of all vertices (V,).
     """
 
-    def __init__(self, ranges: Sequence[tuple[int, int]], mass: FloatArray) -> None:
+    def __init__(
+        self,
+        ranges: Sequence[tuple[int, int]],
+        mass: FloatArray,
+        *,
+        options: RigidOptions = RigidOptions(),
+    ) -> None:
+        self._options = options
         self.slices = tuple(slice(first, stop) for first, stop in ranges)
         self.mass = mass
         self.mask = np.zeros(len(mass), dtype=bool)
         for own in self.slices:
             self.mask[own] = True
 
-    def moved(self, points: FloatArray, field: FloatArray, result: FloatArray) -> None:
-        """Write the rigid part of a field (V, 3 n) of forces at a pose (V, 3) into `result`.
+    def moved(self, points: FloatArray, field: FloatArray, others: FloatArray) -> FloatArray:
+        """Return `others` (V, 3 n) with the rigid part of a field of forces where bodies are rigid.
+
+        points: the pose (V, 3); field: the forces (V, 3 n).
 
         Of all velocities a + w x (x - centre) the one that the forces do the most work for, in the
         metric of the masses: force over mass, torque over the moments of inertia.
         """
+        result = others.copy() if self.slices else others
         for own in self.slices:
             result[own] = 0.0
             if field.shape[1] % 3 or not field[own].any():
@@ -47,9 +70,10 @@ class RigidBodies:
             squared = (arm**2).sum(axis=1)
             inertia = np.diag(np.full(3, mass @ squared)) - (mass[:, None] * arm).T @ arm
             torque = np.cross(arm[:, None], force).sum(axis=0)
-            spin = torque @ np.linalg.pinv(inertia, rcond=FLAT, hermitian=True)
+            spin = torque @ np.linalg.pinv(inertia, rcond=self._options.flat, hermitian=True)
             shift = force.sum(axis=0) / mass.sum()
             result[own] = (shift + np.cross(spin[None], arm[:, None])).reshape(len(arm), -1)
+        return result
 
     def fitted(self, reference: FloatArray, points: FloatArray) -> FloatArray:
         """The pose (V, 3) with each rigid body replaced by the nearest rigid motion of `reference`.
@@ -69,7 +93,7 @@ class RigidBodies:
             left, _, right = np.linalg.svd(spread)
             left[:, 2] *= np.sign(np.linalg.det(left @ right))
             nearest = (before - first) @ (left @ right) + second
-            if np.abs(nearest - after).max() > ROUNDING * np.abs(after).max():
+            if np.abs(nearest - after).max() > self._options.rounding * np.abs(after).max():
                 result[own] = nearest
         return result
 
@@ -81,11 +105,11 @@ class RigidBodies:
             length = float(np.linalg.norm(points[own] - original[own], axis=1).max())
             part = min(1.0, farthest / max(length, 1e-300))
             trial = points
-            for _ in range(TRIES):
+            for _ in range(self._options.tries):
                 if np.linalg.norm(trial[own] - original[own], axis=1).max() <= farthest:
                     break
                 trial = self.fitted(original, original + part * (points - original))
-                part *= SHORTER
+                part *= self._options.shorter
             else:
                 trial = original
             result[own] = trial[own]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -25,14 +25,31 @@ from dtrepair.numerics.geometry import (
 from dtrepair.numerics.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
 from dtrepair.repair.surface.contacts import Contacts
 from dtrepair.repair.surface.layers import covered_vertices, without_crossing
-from dtrepair.repair.surface.rigid_bodies import RigidBodies
+from dtrepair.repair.surface.rigid_bodies import RigidBodies, RigidOptions
 
 BoolArray = NDArray[np.bool_]
 
-# Weights of the cotangent Laplacian are kept positive: the diffused field then has no overshoot.
-COTANGENT_CLAMP = (1e-3, 1e3)
-# Anchor of the as-rigid-as-possible steps to the input.
-ANCHOR = 0.01
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceOptions:
+    """Numbers of the operators of a surface.
+
+    Args:
+        cotangent_clamp: Least and largest weight of the cotangent Laplacian; with positive ones a
+            diffused field has no overshoot.
+        anchor: Weight of the input in the as-rigid-as-possible steps, next to that of the edges:
+            small, so that what is not held drifts back slowly.
+        covered_within: A vertex covers what is nearer than this fraction of the size of its body.
+        neighbour_rings: Triangles at most so many edge rings apart are the sides of a crease to a
+            clearance, which they cannot keep.
+        rigid: Of bodies that only move as a whole.
+    """
+
+    cotangent_clamp: tuple[float, float] = (1e-3, 1e3)
+    anchor: float = 0.01
+    covered_within: float = 0.1
+    neighbour_rings: int = 6
+    rigid: RigidOptions = field(default_factory=RigidOptions)
 
 
 @dataclass(frozen=True)
@@ -63,6 +80,8 @@ class Surface:
         leave_rest: Leave pairs and folds alone that the rest pose has as well.
         direction: Preferred direction (V, 3) of the repair, zero rows where none.
         ignored: Pairs of bodies, each pair (i, j) with i <= j, whose contacts do not count.
+        device: Where pairs are detected.
+        options: Numbers of the operators.
     """
 
     def __init__(
@@ -77,7 +96,9 @@ class Surface:
         direction: FloatArray | None = None,
         ignored: Sequence[tuple[int, int]] = (),
         device: str = "cpu",
+        options: SurfaceOptions = SurfaceOptions(),
     ) -> None:
+        self.options = options
         self.size = extent(rest) or 1.0
         self.rest = rest / self.size
         self.faces = faces
@@ -93,10 +114,11 @@ class Surface:
             (np.ones(len(self.indices), dtype=np.float32), self.indices, self.indptr),
             shape=(self.count, self.count),
         )
-        self.laplacian = cotangent_laplacian(self.rest, faces, clamp=COTANGENT_CLAMP)
+        self.laplacian = cotangent_laplacian(self.rest, faces, clamp=options.cotangent_clamp)
         self.uniform = uniform_laplacian(faces, self.count)
         self.mass = lumped_mass(self.rest, faces)
-        self.rigid = RigidBodies([(b.start, b.stop) for b in self.bodies if b.rigid], self.mass)
+        whole = [(body.start, body.stop) for body in self.bodies if body.rigid]
+        self.rigid = RigidBodies(whole, self.mass, options=options.rigid)
         self.fixed = self.mobility == 0.0
         # Vertices that never move out of the shape of their surroundings.
         self.stiff = self.fixed | self.rigid.mask
@@ -116,6 +138,7 @@ class Surface:
             mode=mode,
             ignored=tuple(ignored),
             leave_rest=leave_rest,
+            neighbour_rings=options.neighbour_rings,
         )
         self.direction = direction
         self.face_direction = None if direction is None else _unit(direction[faces].sum(axis=1))
@@ -134,8 +157,8 @@ class Surface:
 
     @cached_property
     def arap_factor(self) -> Factor:
-        """Factor of L + ANCHOR M for the as-rigid-as-possible steps."""
-        return Factor(self.laplacian + ANCHOR * sparse.diags(self.mass))
+        """Factor of L + anchor M for the as-rigid-as-possible steps."""
+        return Factor(self.laplacian + self.options.anchor * sparse.diags(self.mass))
 
     @cached_property
     def edge_pairs(self) -> NDArray[np.int64]:
@@ -146,7 +169,8 @@ class Surface:
     def cover(self) -> IntArray:
         """The vertex (V,) of another body that each vertex covers in the rest pose, or -1."""
         bodies = [slice(body.start, body.stop) for body in self.bodies]
-        cover = covered_vertices(self.rest, self.vector_areas(self.rest), self.edges, bodies)
+        normals, near = self.vector_areas(self.rest), self.options.covered_within
+        cover = covered_vertices(self.rest, normals, self.edges, bodies, near=near)
         if not (cover >= 0).any():
             return cover
         crossing = self.body_of[self.detector(self.written(self.rest), exact=False)]
@@ -175,8 +199,7 @@ class Surface:
             own = slice(body.start, body.stop)
             if factor is not None and field[own].any():
                 result[own] = factor(self.mass[own, None] * factor(field[own]))
-        self.rigid.moved(self.rest if points is None else points, field, result)
-        return result
+        return self.rigid.moved(self.rest if points is None else points, field, result)
 
     def evened(self, field: FloatArray) -> FloatArray:
         """A^-1 M applied to a field (V, 3) of each body: what is constant stays as it is."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from dtrepair.device import start_warp
@@ -9,17 +11,33 @@ from dtrepair.intersect.queries import link_labels
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, pair_keys
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
-# Rays a component; odd, so that the median is a vote.
-RAYS = 7
-# Rays leave along the vertex normal with this much noise, so that edges are not met exactly.
-RAY_NOISE = 0.25
-# Rings around the contacts in which folds are cut open too.
-FOLD_RINGS = 3
 # The corner after each of the six of two triangles.
 NEXT = np.array([1, 2, 0, 4, 5, 3])
 
 
-def winding_numbers(surface: Surface, points: FloatArray, pairs: IntArray) -> IntArray:
+@dataclass(frozen=True, kw_only=True)
+class WindingOptions:
+    """How winding numbers are told.
+
+    Args:
+        rays: For each piece; odd, so that the median is a vote.
+        noise: Standard deviation of the rays' directions, next to the unit normal of their
+            vertices, so that edges are not met exactly.
+        fold_rings: Rings around the contacts in which folds are cut open too.
+    """
+
+    rays: int = 7
+    noise: float = 0.25
+    fold_rings: int = 3
+
+
+def winding_numbers(
+    surface: Surface,
+    points: FloatArray,
+    pairs: IntArray,
+    *,
+    options: WindingOptions = WindingOptions(),
+) -> IntArray:
     """Winding number (V,) of the surface just outside each vertex: 0 is free, 1 buried.
 
     The surface is cut along every edge that crosses a triangle; on each piece that is left the
@@ -28,25 +46,25 @@ def winding_numbers(surface: Surface, points: FloatArray, pairs: IntArray) -> In
     """
     if len(pairs) == 0:
         return np.zeros(surface.count, dtype=np.int32)
-    pieces = _pieces(surface, points, pairs)
+    pieces = _pieces(surface, points, pairs, options.fold_rings)
     sizes = np.bincount(pieces)
     order = np.argsort(pieces, kind="stable")
     starts = np.cumsum(sizes) - sizes
-    fractions = np.linspace(0.03, 0.97, RAYS)
+    fractions = np.linspace(0.03, 0.97, options.rays)
     picked = order[starts[:, None] + (fractions * sizes[:, None]).astype(np.int64)].ravel()
     normals = surface.vector_areas(points)
     normals /= lengths(normals)[:, None] + 1e-30
     noise = np.random.default_rng(0).normal(size=(len(picked), 3))
-    rays = normals[picked] + RAY_NOISE * noise
+    rays = normals[picked] + options.noise * noise
     crossings = surface.queries.crossings(surface.written(points), picked.astype(np.int32), rays)
-    votes = np.rint(np.median(crossings.reshape(-1, RAYS), axis=1)).astype(np.int32)
+    votes = np.rint(np.median(crossings.reshape(-1, options.rays), axis=1)).astype(np.int32)
     of_vertices: IntArray = votes[pieces]
     return of_vertices
 
 
-def _pieces(surface: Surface, points: FloatArray, pairs: IntArray) -> IntArray:
+def _pieces(surface: Surface, points: FloatArray, pairs: IntArray, fold_rings: int) -> IntArray:
     """Label (V,) of the pieces that are left when every crossing edge is cut."""
-    around = surface.dilate(surface.vertices_of(pairs), FOLD_RINGS)
+    around = surface.dilate(surface.vertices_of(pairs), fold_rings)
     folds = surface.queries.folds(surface.written(points), active=around)
     # Of the rounded coordinates, as the pairs: an edge that just misses the one triangle and hits
     # the next must do so here too.

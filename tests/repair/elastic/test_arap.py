@@ -9,8 +9,10 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import edge_log_ratio
 from dtrepair.numerics.operators import Factor
 from dtrepair.repair.elastic.arap import ArapOptions, ArapSystem
-from dtrepair.repair.surface.surface import ANCHOR, Surface
+from dtrepair.repair.surface.surface import Surface, SurfaceOptions
 from tests.meshes import Mesh, elbow, grid, icosphere, torus
+
+ANCHOR = SurfaceOptions().anchor
 
 
 def rotation(seed: int) -> FloatArray:

@@ -10,7 +10,6 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.proximity import close_pairs, face_each_other
 from dtrepair.repair.full.clearance import open_contacts
 from dtrepair.repair.full.relax import relax
-from dtrepair.repair.surface.contacts import NEIGHBOUR_RINGS
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import knot
@@ -58,7 +57,7 @@ def test_a_mesh_without_a_rest_pose_opens_its_contacts_as_well() -> None:
         assert result.status == "clean" and not result.message
         pairs = close_pairs(Detector(points, faces), result.points.astype(np.float32), wanted)
         across = pairs[face_each_other(result.points, faces, pairs)]
-        near.append(int((contacts.ring_distance(across) > NEIGHBOUR_RINGS).sum()))
+        near.append(int((contacts.ring_distance(across) > contacts.neighbour_rings).sum()))
     assert near[0] > 10 and near[1] == 0
 
 

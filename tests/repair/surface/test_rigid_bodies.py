@@ -48,14 +48,13 @@ def test_the_nearest_rigid_motion_of_a_rigid_motion_is_itself() -> None:
 
 def test_forces_become_velocities_of_a_rigid_body() -> None:
     bodies = RigidBodies([(0, len(BALL))], np.ones(len(BALL)))
-    result = np.empty_like(BALL)
-    bodies.moved(BALL, np.tile([0.0, 0.0, 2.0], (len(BALL), 1)), result)
-    assert np.allclose(result, [0.0, 0.0, 2.0])
+    others = np.full_like(BALL, 7.0)
+    result = bodies.moved(BALL, np.tile([0.0, 0.0, 2.0], (len(BALL), 1)), others)
+    assert np.allclose(result, [0.0, 0.0, 2.0]) and (others == 7.0).all()
     spin = np.cross([0.3, -0.2, 0.7], BALL)
-    bodies.moved(BALL + 5.0, spin, result)
-    assert np.allclose(result, spin)
-    bodies.moved(BALL, BALL, result)  # growing is no rigid motion
-    assert np.abs(result).max() < 1e-12
+    assert np.allclose(bodies.moved(BALL + 5.0, spin, others), spin)
+    # Growing is no rigid motion.
+    assert np.abs(bodies.moved(BALL, BALL, others)).max() < 1e-12
 
 
 def test_only_rigid_bodies_are_fitted() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -10,10 +11,20 @@ import numpy as np
 from dtrepair.keyposes.tracks import Pose, Track
 from dtrepair.numerics.geometry import diagonal
 
-# A repaired in-between is tried with its displacement times these: the poses beside it profit.
-SCALES = (1.0, 1.3, 1.7)
-# Keys are moved instead of adding one only if no vertex moves farther (part of the diagonal).
-NEIGHBOUR_LIMIT = 0.02
+
+@dataclass(frozen=True, kw_only=True)
+class ChangeOptions:
+    """Numbers of the changes that are tried.
+
+    Args:
+        scales: A repaired in-between is tried with its displacement times these, in turn: the poses
+            beside it profit.
+        farthest: Fraction of the diagonal. A given key is moved, instead of adding one, only if no
+            vertex moves farther: an animator would see more.
+    """
+
+    scales: tuple[float, ...] = (1.0, 1.3, 1.7)
+    farthest: float = 0.02
 
 
 class Change(NamedTuple):
@@ -32,6 +43,7 @@ def changes(
     added: Sequence[float],
     keep_keys: bool,
     full: bool,
+    options: ChangeOptions = ChangeOptions(),
 ) -> Iterator[Change]:
     """Return changes worth a try, given poses at an in-between and what repair made of them.
 
@@ -39,12 +51,20 @@ def changes(
     `keep_keys`; then a key added, unless `full`.
     """
     for only_added in (True,) if keep_keys else (False, True):
-        for scale in SCALES if only_added else SCALES[:1]:
+        for scale in options.scales if only_added else options.scales[:1]:
             aims = [scaled(old, new, scale) for old, new in zip(poses, found, strict=True)]
-            moved = neighbours_moved(tracks, time, poses, aims, added, only_added=only_added)
+            moved = neighbours_moved(
+                tracks,
+                time,
+                poses,
+                aims,
+                added,
+                only_added=only_added,
+                farthest=options.farthest,
+            )
             if moved is not None:
                 yield moved
-    for scale in () if full else SCALES:
+    for scale in () if full else options.scales:
         keys = [
             (index, time, scaled(old, new, scale))
             for index, (old, new) in enumerate(zip(poses, found, strict=True))
@@ -61,12 +81,13 @@ def neighbours_moved(
     added: Sequence[float] = (),
     *,
     only_added: bool = False,
+    farthest: float = ChangeOptions.farthest,
 ) -> Change | None:
     """Return the two keys around a time, moved least such that the pose between them is `found`.
 
     Least squares over the keys that may move: with weights w of the keys in the pose (1 - p and p
     for part p of the span) the displacement times w / sum w^2. None where no key may move, or a
-    vertex of a given key would move farther than NEIGHBOUR_LIMIT.
+    vertex of a given key would move farther than `farthest` diagonals.
     """
     keys: list[tuple[int, float, Pose]] = []
     for index, (track, old, new) in enumerate(zip(tracks, poses, found, strict=True)):
@@ -83,7 +104,7 @@ def neighbours_moved(
         if norm == 0.0:
             return None
         moved = new.astype(np.float64) - old
-        limit = NEIGHBOUR_LIMIT * diagonal(old.astype(np.float64))
+        limit = farthest * diagonal(old.astype(np.float64))
         for end, weight in weights.items():
             step = weight / norm * moved
             if end not in added and np.linalg.norm(step, axis=1).max() > limit:

@@ -4,22 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 
-from dtrepair.keyposes.changes import Change, changes
+from dtrepair.keyposes.changes import Change, ChangeOptions, changes
 from dtrepair.keyposes.options import KeyOptions
 from dtrepair.keyposes.spans import KeyPoses, Sample, Solver, Span
 from dtrepair.keyposes.tracks import Pose, Track
 
-# The parts of a split span have finer samples, which may show by this part more than before.
-FINER = 0.5
-# Keys are moved without cleaning a span only if at least this part of its pairs goes.
-MOVED = 0.1
-# Most changes between two given keys, times the number of spans they may be split into.
-TRIALS = 4
+
+@dataclass(frozen=True, kw_only=True)
+class SearchOptions:
+    """Numbers of the search.
+
+    Args:
+        finer: Fraction of its cost by which a split span may seem worse than before: its parts have
+            finer samples, which show more.
+        least_gain: Fraction of the cost of a span that must go where keys are moved without
+            cleaning it: less is not worth the animator's surprise.
+        trials: Most changes between two given keys, times the number of spans they may be split
+            into.
+        changes: Numbers of the changes that are tried.
+    """
+
+    finer: float = 0.5
+    least_gain: float = 0.1
+    trials: int = 4
+    changes: ChangeOptions = field(default_factory=ChangeOptions)
 
 
 def _nothing() -> None:
@@ -53,15 +66,16 @@ def clean_in_betweens(
     jobs: int = 1,
     progress: Callable[[int], None] = lambda done: None,
     check: Callable[[], None] = _nothing,
+    numbers: SearchOptions = SearchOptions(),
 ) -> KeyPoses:
     """Move keys or add the fewest until `options.samples` in-betweens of each span are clean.
 
     tracks: of each mesh; spans: (start, end) times of neighbouring keys of all tracks together.
     An added key starts a span of its own, with as many samples. Where nothing helps, the samples
     of the result say what is left. progress: called with the number of spans that are done; jobs
-    and check as for `verify_in_betweens`.
+    and check as for `verify_in_betweens`; numbers: those of the search.
     """
-    search = _Search(tracks, spans, solver, options, check)
+    search = _Search(tracks, spans, solver, options, check, numbers)
     search.measure_all(jobs)
     before = search.samples(spans)
     for number, span in enumerate(spans):
@@ -82,7 +96,9 @@ class _Search:
         solver: Solver,
         options: KeyOptions,
         check: Callable[[], None],
+        numbers: SearchOptions = SearchOptions(),
     ) -> None:
+        self.numbers = numbers
         self.tracks = self.given = tuple(tracks)
         self.spans = tuple(spans)
         self.solver, self.options, self.check = solver, options, check
@@ -137,7 +153,7 @@ class _Search:
     def clean(self, span: tuple[float, float]) -> None:
         """Move or add keys until a span is clean or nothing helps."""
         hopeless: set[tuple[float, float]] = set()
-        for _ in range(TRIALS * (self.options.extra + 1)):
+        for _ in range(self.numbers.trials * (self.options.extra + 1)):
             parts = self.parts(span, self.added)
             dirty = {part: _cost(part, self.known[part]) for part in parts if part not in hopeless}
             part = max(dirty, key=lambda item: dirty[item], default=None)
@@ -170,13 +186,15 @@ class _Search:
                     added=self.added,
                     keep_keys=options.keep_keys,
                     full=full,
+                    options=self.numbers.changes,
                 ):
                     trial = self.measured(change, part)
                     if trial is None:
                         continue
                     if trial.solved:
                         return trial
-                    enough = trial.gain > cost * (-FINER if change.added else MOVED)
+                    least = -self.numbers.finer if change.added else self.numbers.least_gain
+                    enough = trial.gain > cost * least
                     if enough and (best is None or trial.gain > best.gain):
                         best = trial
         return best

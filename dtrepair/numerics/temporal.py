@@ -1,4 +1,4 @@
-"""Time of an animation: smoothing kernels over uneven samples, cuts between shots."""
+"""Time of an animation: smoothing kernels and differences over uneven samples."""
 
 from __future__ import annotations
 
@@ -14,13 +14,8 @@ Floats = NDArray[np.floating]
 # Products of matrices of at most so many multiplications stay in one thread of OpenBLAS.
 SMALL_PRODUCT = 2**18
 
-# A Gaussian in time ends at this many standard deviations: farther frames are not touched.
-REACH = 3.0
-# A jump between frames this many times faster than those before and after it is a cut ...
-CUT_RATIO = 5.0
-# ... unless the root mean square motion is below the first part of the mesh's size; above the
-# second it always is one.
-CUT_FLOOR, CUT_ALWAYS = 0.05, 0.5
+# Standard deviations at which a Gaussian in time ends: farther frames are not touched.
+CUTOFF = 3.0
 
 
 def frame_units(times: FloatArray) -> FloatArray:
@@ -39,7 +34,7 @@ def gaussian_kernel(frames: FloatArray, width: float) -> FloatArray:
     if width <= 0.0:
         return np.eye(len(frames))
     distance = np.abs(frames[:, None] - frames[None, :]) / width
-    weights = np.where(distance <= REACH, np.exp(-0.5 * distance**2), 0.0)
+    weights = np.where(distance <= CUTOFF, np.exp(-0.5 * distance**2), 0.0)
     normalized: FloatArray = weights / weights.sum(axis=1, keepdims=True)
     return normalized
 
@@ -97,7 +92,7 @@ def spread_in_time(
     result = values.copy()
     for index, frame in enumerate(frames):
         distance = np.abs(frames - frame) / width
-        for other in np.flatnonzero((distance <= REACH) & (distance > 0)):
+        for other in np.flatnonzero((distance <= CUTOFF) & (distance > 0)):
             bell = np.float32(np.exp(-0.5 * distance[other] ** 2))
             np.maximum(result[index], bell * values[other], out=result[index])
     return result
@@ -130,18 +125,3 @@ def steady_weights(frames: FloatArray) -> FloatArray:
     weights = -normal / diagonal[:, None]
     np.fill_diagonal(weights, 0.0)
     return weights
-
-
-def is_cut(before: float, jump: float, after: float, motion: float) -> bool:
-    """Return whether a jump between two frames starts a new shot.
-
-    before, jump, after: speeds (size / time) across the gap before, this gap and the one after: a
-    cut stands out from both, however fast the shots are. motion: the jump itself, in sizes.
-    """
-    stands_out = motion > CUT_FLOOR and jump > CUT_RATIO * max(before, after)
-    return stands_out or motion > CUT_ALWAYS
-
-
-def motion_between(first: FloatArray, second: FloatArray, size: float) -> float:
-    """Return the root mean square motion of vertices (V, 3) between two poses, in sizes."""
-    return float(np.sqrt(((second - first) ** 2).sum(axis=1).mean())) / size

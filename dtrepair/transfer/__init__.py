@@ -14,15 +14,24 @@ from dtrepair.transfer.deformation import Transfer, transfer_blend_shapes
 from dtrepair.transfer.matching.alignment import Similarity, rotation_between, similarity
 from dtrepair.transfer.matching.correspondence import identity_pairs, match_triangles
 from dtrepair.transfer.matching.files import read_correspondence, read_markers, write_correspondence
-from dtrepair.transfer.matching.marker_check import MarkerCheck, check_markers
-from dtrepair.transfer.matching.registration import register
+from dtrepair.transfer.matching.marker_check import MarkerCheck, MarkerCheckOptions, check_markers
+from dtrepair.transfer.matching.registration import RegistrationOptions, register
 from dtrepair.transfer.pins import Pins
-from dtrepair.transfer.report import Coverage, TransferReport, examine, measure_coverage
+from dtrepair.transfer.report import (
+    ConcernOptions,
+    Coverage,
+    TransferReport,
+    examine,
+    measure_coverage,
+)
 
 __all__ = [
+    "ConcernOptions",
     "Coverage",
     "MarkerCheck",
+    "MarkerCheckOptions",
     "Pins",
+    "RegistrationOptions",
     "Similarity",
     "Transfer",
     "TransferReport",

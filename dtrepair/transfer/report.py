@@ -25,10 +25,26 @@ from dtrepair.transfer.gradients import stacked, surface_gradient
 from dtrepair.transfer.matching.alignment import similarity
 from dtrepair.transfer.matching.correspondence import checked_pairs
 
-UNMATCHED_LIMIT = 0.005  # of the target's triangles
-UNIT_RANGE = (0.67, 1.5)
-FLIPPED_LIMIT = 0.01  # of the target's triangles
-TURN_LIMIT = 45.0  # degrees
+
+@dataclass(frozen=True, kw_only=True)
+class ConcernOptions:
+    """From where on a figure is of concern.
+
+    Args:
+        unmatched: Fraction of the target's triangles without a partner.
+        least_units: Size of the poses next to the source's rest: below it they are in other units.
+        largest_units: The same above: no motion makes a body half as large again.
+        flipped: Fraction of the target's triangles turned inside out in a frame: few are slivers.
+        turn: Angle between the rests, degrees: bodies in different rest poses are turned by less.
+        rest_error: Of the transferred rest, diagonals of the target: rounding, if all is well.
+    """
+
+    unmatched: float = 0.005
+    least_units: float = 0.67
+    largest_units: float = 1.5
+    flipped: float = 0.01
+    turn: float = 45.0
+    rest_error: float = 1e-6
 
 
 class Concern(StrEnum):
@@ -118,7 +134,12 @@ class TransferReport:
 
 
 def measure_coverage(
-    pairs: Array, source_faces: Array, target: Array, target_faces: Array
+    pairs: Array,
+    source_faces: Array,
+    target: Array,
+    target_faces: Array,
+    *,
+    options: ConcernOptions = ConcernOptions(),
 ) -> Coverage:
     """Return how pairs (K, 2) with source faces (Fs, 3) cover a target (Vt, 3), (Ft, 3)."""
     points, faces = as_mesh(to_numpy(target), to_numpy(target_faces))
@@ -135,12 +156,17 @@ def measure_coverage(
         unmatched_area=float(areas[unmatched].sum() / max(areas.sum(), np.finfo(float).tiny)),
         largest_hole=hole,
         source_used=len(np.unique(rows[:, 0])) / max(source_count, 1),
-        concerns=(Concern.UNMATCHED,) if count > UNMATCHED_LIMIT * len(faces) else (),
+        concerns=(Concern.UNMATCHED,) if count > options.unmatched * len(faces) else (),
     )
 
 
 def examine(
-    transfer: Transfer, poses: Array, result: Array, *, samples: int = 48
+    transfer: Transfer,
+    poses: Array,
+    result: Array,
+    *,
+    samples: int = 48,
+    options: ConcernOptions = ConcernOptions(),
 ) -> TransferReport:
     """Return the figures of `result` (T, Vt, 3), the transfer of `poses` (T, Vs, 3).
 
@@ -160,7 +186,11 @@ def examine(
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(samples, len(frames))).astype(int))
     frames, outcomes = frames[chosen], outcomes[chosen].astype(np.float64)
     coverage = measure_coverage(
-        transfer.pairs, transfer.source_faces, transfer.target, transfer.target_faces
+        transfer.pairs,
+        transfer.source_faces,
+        transfer.target,
+        transfer.target_faces,
+        options=options,
     )
     residual = residuals(transfer, frames, outcomes)
     flipped = float(flipped_parts(transfer, frames, outcomes).max(initial=0.0))
@@ -177,7 +207,7 @@ def examine(
         units,
         turn,
         rest_error,
-        _concerns(units, turn, flipped, rest_error),
+        _concerns(units, turn, flipped, rest_error, options),
     )
 
 
@@ -242,11 +272,13 @@ def _largest_patch(faces: NDArray[np.int32], mask: NDArray[np.bool_]) -> int:
     return int(np.bincount(labels[mask]).max())
 
 
-def _concerns(units: float, turn: float, flipped: float, rest_error: float) -> tuple[Concern, ...]:
+def _concerns(
+    units: float, turn: float, flipped: float, rest_error: float, options: ConcernOptions
+) -> tuple[Concern, ...]:
     wrong = {
-        Concern.UNITS: not UNIT_RANGE[0] <= units <= UNIT_RANGE[1],
-        Concern.TURN: turn > TURN_LIMIT,
-        Concern.INSIDE_OUT: flipped > FLIPPED_LIMIT,
-        Concern.ILL_CONDITIONED: not rest_error < 1e-6,
+        Concern.UNITS: not options.least_units <= units <= options.largest_units,
+        Concern.TURN: turn > options.turn,
+        Concern.INSIDE_OUT: flipped > options.flipped,
+        Concern.ILL_CONDITIONED: not rest_error < options.rest_error,
     }
     return tuple(concern for concern, holds in wrong.items() if holds)

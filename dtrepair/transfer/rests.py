@@ -9,9 +9,6 @@ from dtrepair.numerics.geometry import FloatArray, as_mesh, extent
 from dtrepair.transfer.arrays import Array, to_numpy
 from dtrepair.transfer.matching.alignment import Similarity, rotation_between, similarity
 
-# Part of the cube of the size: an open sheet has hardly any volume of either sign.
-INSIDE_OUT_LIMIT = -1e-3
-
 
 def rotation_of(matrix: ArrayLike) -> FloatArray:
     """Return the rotation (3, 3), for column vectors, closest to a linear map of row vectors.
@@ -62,11 +59,15 @@ def _similarity(
     return similarity(*centroids)
 
 
-def inside_out(points: Array, faces: Array) -> bool:
-    """Return whether a mesh (V, 3), (F, 3) is wound with its normals inward: a negative volume."""
+def inside_out(points: Array, faces: Array, *, least_volume: float = 1e-3) -> bool:
+    """Return whether a mesh (V, 3), (F, 3) is wound with its normals inward: a negative volume.
+
+    least_volume: what it needs at least, cubes of the size: an open sheet has hardly any volume of
+    either sign.
+    """
     positions, triangles = as_mesh(to_numpy(points), to_numpy(faces))
     size = extent(positions)
     if not size > 0:
         return False
     corners = ((positions - positions.mean(axis=0)) / size)[triangles]
-    return bool(np.linalg.det(corners).sum() / 6.0 < INSIDE_OUT_LIMIT)
+    return bool(np.linalg.det(corners).sum() / 6.0 < -least_volume)

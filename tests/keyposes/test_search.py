@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pxr import Usd, UsdGeom, Vt
 
 from dtrepair import Repairer, RepairOptions, find_intersections
-from dtrepair.keyposes.changes import NEIGHBOUR_LIMIT, neighbours_moved, scaled
+from dtrepair.keyposes.changes import ChangeOptions, neighbours_moved, scaled
 from dtrepair.keyposes.options import KeyOptions
 from dtrepair.keyposes.search import clean_in_betweens, verify_in_betweens
 from dtrepair.keyposes.spans import Sample
@@ -109,7 +109,7 @@ def test_given_keys_are_not_moved_far() -> None:
     pose = track.at(5.0)
     diagonal = float(np.linalg.norm(np.ptp(pose, axis=0)))
     for part, moves in ((0.9, True), (1.1, False)):
-        aim = pose + float32([part * NEIGHBOUR_LIMIT * diagonal, 0, 0])
+        aim = pose + float32([part * ChangeOptions.farthest * diagonal, 0, 0])
         assert (neighbours_moved([track], 5.0, [pose], [aim]) is not None) == moves
     assert neighbours_moved([track], 10.0, [pose], [pose + 1]) is None
 

@@ -11,7 +11,14 @@ from scipy.sparse.linalg import spsolve
 
 from dtrepair.numerics.geometry import diagonal
 from dtrepair.numerics.operators import Factor, cotangent_laplacian
-from dtrepair.transfer import Pins, Transfer, identity_pairs, match_triangles, register
+from dtrepair.transfer import (
+    Pins,
+    RegistrationOptions,
+    Transfer,
+    identity_pairs,
+    match_triangles,
+    register,
+)
 from tests.meshes import icosphere, joined
 from tests.quadruped import SOURCE, TARGET, markers
 
@@ -23,7 +30,12 @@ def animals() -> Animals:
     (source, source_faces), (target, target_faces) = SOURCE.mesh(), TARGET.mesh()
     rows = markers(SOURCE, source, TARGET, target)
     registered = register(
-        source, source_faces, target, target_faces, rows, closest=(0.0, 10.0, 1000.0)
+        source,
+        source_faces,
+        target,
+        target_faces,
+        rows,
+        options=RegistrationOptions(closest=(0.0, 10.0, 1000.0)),
     )
     pairs = match_triangles(registered, source_faces, target, target_faces)
     transfer = Transfer(source, source_faces, target, target_faces, pairs)

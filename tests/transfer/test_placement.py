@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from dtrepair.numerics.geometry import diagonal
 from dtrepair.transfer import (
+    RegistrationOptions,
     Transfer,
     identity_pairs,
     match_triangles,
@@ -36,7 +37,12 @@ def correspondence(
 ) -> NDArray[np.int64]:
     """Pairs by registration with few steps: the figures do not need more."""
     registered = register(
-        source, source_faces, target, target_faces, rows, closest=(0.0, 10.0, 1000.0)
+        source,
+        source_faces,
+        target,
+        target_faces,
+        rows,
+        options=RegistrationOptions(closest=(0.0, 10.0, 1000.0)),
     )
     result: NDArray[np.int64] = match_triangles(registered, source_faces, target, target_faces)
     return result

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, extent
-from dtrepair.numerics.temporal import is_cut, motion_between
+from dtrepair.repair.clip.cuts import is_cut, motion_between
 
 
 class Window(NamedTuple):

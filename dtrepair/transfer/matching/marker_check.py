@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +11,28 @@ from dtrepair.numerics.geometry import FloatArray, as_mesh
 from dtrepair.numerics.operators import Factor
 from dtrepair.transfer.arrays import Array, to_numpy
 from dtrepair.transfer.matching.markers import checked_markers
-from dtrepair.transfer.matching.registration import RegistrationSystem
+from dtrepair.transfer.matching.registration import RegistrationOptions, RegistrationSystem
 
-# Distances relative to the diagonal of the target: a swapped pair is off by 0.1 to 0.5, good
-# markers of unlike animals by 0.01 to 0.05, and by 0.1 where only the target has a hump.
-SUSPECT_DISTANCE = 0.10
-SUSPECT_RATIO = 8.0
-# Part of the energy that exchanging two markers must save. Good markers lose by any exchange;
-# neighbours at 1 % of the diagonal save 7 %, distant ones 40 to 99 %.
-EXCHANGE_GAIN = 0.05
+
+@dataclass(frozen=True, kw_only=True)
+class MarkerCheckOptions:
+    """From where on a marker is suspect.
+
+    Args:
+        distance: Least distance from where the others put a marker, diagonals of the target: a
+            swapped pair is off by 0.1 to 0.5, good markers of unlike animals by 0.01 to 0.05, and
+            by 0.1 where only the target has a hump.
+        ratio: Least such distance next to the median of all markers.
+        exchange_gain: Fraction of the energy that exchanging two markers must save. Good markers
+            lose by any exchange; neighbours at 1 % of the diagonal save 7 %, distant ones 40 to
+            99 %.
+        registration: Its smooth part judges.
+    """
+
+    distance: float = 0.10
+    ratio: float = 8.0
+    exchange_gain: float = 0.05
+    registration: RegistrationOptions = field(default_factory=RegistrationOptions)
 
 
 @dataclass(frozen=True)
@@ -33,7 +46,13 @@ class MarkerCheck:
 
 
 def check_markers(
-    source: Array, source_faces: Array, target: Array, target_faces: Array, markers: Array
+    source: Array,
+    source_faces: Array,
+    target: Array,
+    target_faces: Array,
+    markers: Array,
+    *,
+    options: MarkerCheckOptions = MarkerCheckOptions(),
 ) -> MarkerCheck:
     """Return the suspects among markers (K, 2), by the smooth part of the registration.
 
@@ -49,10 +68,10 @@ def check_markers(
     mesh = as_mesh(to_numpy(source), to_numpy(source_faces))
     goal = as_mesh(to_numpy(target), to_numpy(target_faces))
     rows = checked_markers(markers, len(mesh[0]), len(goal[0]))
-    system = RegistrationSystem(mesh, goal, rows, smoothness=1.0, identity=1e-3)
+    system = RegistrationSystem(mesh, goal, rows, options=options.registration)
     stiffness, load = _reduced(system)
-    values, swapped = _exchanged(stiffness, load, system.values)
-    trusted = _trusted(stiffness, load, values)
+    values, swapped = _exchanged(stiffness, load, system.values, options.exchange_gain)
+    trusted = _trusted(stiffness, load, values, options)
     predicted = values + _offsets(stiffness, load, values, trusted)
     distances = _lengths(predicted - system.values)
     suspects = sorted({*map(int, np.flatnonzero(~trusted)), *np.array(swapped, int).ravel()})
@@ -97,7 +116,7 @@ def _lengths(vectors: FloatArray) -> FloatArray:
 
 
 def _exchanged(
-    stiffness: FloatArray, load: FloatArray, values: FloatArray
+    stiffness: FloatArray, load: FloatArray, values: FloatArray, least_gain: float
 ) -> tuple[FloatArray, tuple[tuple[int, int], ...]]:
     """Return marker positions with the swapped pairs set right, and those pairs.
 
@@ -124,33 +143,35 @@ def _exchanged(
         change[done], change[:, done] = np.inf, np.inf
         change[np.tril_indices(len(values))] = np.inf
         first, second = map(int, np.unravel_index(change.argmin(), change.shape))
-        if not change[first, second] < -EXCHANGE_GAIN * energy:
+        if not change[first, second] < -least_gain * energy:
             break
         values[[first, second]] = values[[second, first]]
         pairs.append((first, second))
     return values, tuple(pairs)
 
 
-def _trusted(stiffness: FloatArray, load: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
+def _trusted(
+    stiffness: FloatArray, load: FloatArray, values: FloatArray, options: MarkerCheckOptions
+) -> NDArray[np.bool_]:
     """Return the mask (K,) of the markers that agree with each other."""
     trusted = np.ones(len(values), dtype=bool)
     while trusted.sum() > 3:
         distances = _lengths(_offsets(stiffness, load, values, trusted))
         worst = int(np.where(trusted, distances, 0.0).argmax())
-        if distances[worst] <= _limit(distances):
+        if distances[worst] <= _limit(distances, options):
             break
         trusted[worst] = False
     while not trusted.all():
         distances = _lengths(_offsets(stiffness, load, values, trusted))
         best = int(np.where(trusted, np.inf, distances).argmin())
-        if distances[best] > _limit(distances):
+        if distances[best] > _limit(distances, options):
             break
         trusted[best] = True
     return trusted
 
 
-def _limit(distances: FloatArray) -> float:
-    return max(SUSPECT_DISTANCE, SUSPECT_RATIO * float(np.median(distances)))
+def _limit(distances: FloatArray, options: MarkerCheckOptions) -> float:
+    return max(options.distance, options.ratio * float(np.median(distances)))
 
 
 def _marker_warnings(

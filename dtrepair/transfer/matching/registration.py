@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,37 @@ from dtrepair.transfer.matching.alignment import similarity
 from dtrepair.transfer.matching.closest_point import ClosestSurface
 from dtrepair.transfer.matching.markers import checked_markers
 
-# Weights of the closest-point term, one solve each (Sumner & Popovic 2004, section 4.1).
-CLOSEST_WEIGHTS = (0.0, 1.0, 10.0, 50.0, 250.0, 1000.0, 5000.0)
+
+@dataclass(frozen=True, kw_only=True)
+class RegistrationOptions:
+    """Weights of the registration; the meshes have unit size, so they suit all.
+
+    Args:
+        smoothness: Of the differences between the deformations of neighbours (Sumner & Popovic
+            2004, section 4.1).
+        identity: Of the deformations themselves: small, it only settles what is free.
+        closest: Of the closest-point term, one solve each: from none, as closest points are wrong
+            at first, to where it rules.
+        neighbors: Triangles of the target looked at for each closest point, those of the nearest
+            centroids: the nearest may face away.
+
+    Raises:
+        ValueError: no weight, a negative one, or no neighbour.
+    """
+
+    smoothness: float = 1.0
+    identity: float = 1e-3
+    closest: tuple[float, ...] = (0.0, 1.0, 10.0, 50.0, 250.0, 1000.0, 5000.0)
+    neighbors: int = 16
+
+    def __post_init__(self) -> None:
+        """Check the weights."""
+        if not self.closest or min(self.closest) < 0:
+            raise ValueError(
+                f"closest should be weights of 0 or more, at least one, got {self.closest}"
+            )
+        if self.neighbors < 1:
+            raise ValueError(f"neighbors should be at least 1, got {self.neighbors}")
 
 
 @one_thread()
@@ -38,10 +67,7 @@ def register(
     target_faces: Array,
     markers: Array,
     *,
-    smoothness: float = 1.0,
-    identity: float = 1e-3,
-    closest: Sequence[float] = CLOSEST_WEIGHTS,
-    neighbors: int = 16,
+    options: RegistrationOptions = RegistrationOptions(),
 ) -> Array:
     """Return the source rest (Vs, 3) deformed onto the target (Sumner & Popovic 2004, eq. 11).
 
@@ -56,12 +82,10 @@ def register(
     mesh = as_mesh(to_numpy(source), to_numpy(source_faces))
     goal = as_mesh(to_numpy(target), to_numpy(target_faces))
     rows = checked_markers(markers, len(mesh[0]), len(goal[0]))
-    if not closest or min(closest) < 0:
-        raise ValueError(f"closest should be weights of 0 or more, at least one, got {closest}")
-    system = RegistrationSystem(mesh, goal, rows, smoothness=smoothness, identity=identity)
-    surface = ClosestSurface(system.target, goal[1], neighbors)
+    system = RegistrationSystem(mesh, goal, rows, options=options)
+    surface = ClosestSurface(system.target, goal[1], options.neighbors)
     points = system.aligned
-    for weight in closest:
+    for weight in options.closest:
         if weight > 0:
             attracted, valid = surface(points, _vertex_normals(points, system.usable_faces))
             points = system.solve(np.where(valid, weight, 0.0), attracted)
@@ -84,8 +108,7 @@ class RegistrationSystem:
         target: tuple[FloatArray, IntArray],
         markers: IntArray,
         *,
-        smoothness: float,
-        identity: float,
+        options: RegistrationOptions = RegistrationOptions(),
     ) -> None:
         """`markers` (K, 2) as `checked_markers` returns them."""
         self.markers = markers
@@ -96,7 +119,12 @@ class RegistrationSystem:
         degenerate = degenerate_triangles(self.aligned, source[1])
         self.usable_faces = source[1][~degenerate]
         self.matrix, self.right = _smoothness_system(
-            self.aligned, source[1], degenerate, markers[:, 0], smoothness, identity
+            self.aligned,
+            source[1],
+            degenerate,
+            markers[:, 0],
+            smoothness=options.smoothness,
+            identity=options.identity,
         )
         self.fixed = markers[:, 0].astype(np.int64)
         self.values = self.target[markers[:, 1]]
@@ -132,6 +160,7 @@ def _smoothness_system(
     faces: IntArray,
     degenerate: NDArray[np.bool_],
     marked: IntArray,
+    *,
     smoothness: float,
     identity: float,
 ) -> tuple[sparse.csr_matrix, FloatArray]:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from dtrepair.numerics.operators import Factor
-from dtrepair.transfer import register
+from dtrepair.transfer import RegistrationOptions, register
 from dtrepair.transfer.matching.closest_point import closest_on_triangles
 from tests.meshes import Mesh, icosphere, joined
 from tests.quadruped import SOURCE, TARGET, markers
@@ -61,8 +61,8 @@ def test_an_animal_lands_on_another_with_its_markers_exact(animals: Animals) -> 
 
 def test_the_result_does_not_depend_on_units_and_places(animals: Animals) -> None:
     source, target, rows = animals
-    closest = (0.0, 10.0)
-    plain = register(*source, *target, rows, closest=closest)
+    options = RegistrationOptions(closest=(0.0, 10.0))
+    plain = register(*source, *target, rows, options=options)
     turn = Rotation.from_rotvec([1.0, 0.3, 0.2])
     moved = register(
         0.01 * turn.apply(source[0]) + 5.0,
@@ -70,14 +70,14 @@ def test_the_result_does_not_depend_on_units_and_places(animals: Animals) -> Non
         100.0 * target[0],
         target[1],
         rows,
-        closest=closest,
+        options=options,
     )
     assert np.abs(moved / 100.0 - plain).max() < 1e-8 * diagonal(target[0])
 
 
 def test_more_closest_points_bring_the_surfaces_together(animals: Animals) -> None:
     source, target, rows = animals
-    smooth = register(*source, *target, rows, closest=(0.0,))
+    smooth = register(*source, *target, rows, options=RegistrationOptions(closest=(0.0,)))
     full = register(*source, *target, rows)
     far, near = (distances_to_surface(points, *target).mean() for points in (smooth, full))
     assert near < 0.25 * far
@@ -86,7 +86,8 @@ def test_more_closest_points_bring_the_surfaces_together(animals: Animals) -> No
 def test_one_factor_for_each_closest_weight() -> None:
     points, faces = icosphere(2)
     before = Factor.count
-    register(points, faces, 2.0 * points, faces, SIX, closest=(0.0, 1.0, 5.0))
+    options = RegistrationOptions(closest=(0.0, 1.0, 5.0))
+    register(points, faces, 2.0 * points, faces, SIX, options=options)
     assert Factor.count - before == 3
 
 
@@ -150,9 +151,6 @@ def test_torch_and_float32_come_back_as_they_came() -> None:
         ({"markers": SIX[:2]}, "at least 3 markers, got 2"),
         ({"markers": SIX[[0, 1, 2, 1]]}, "one marker"),
         ({"markers": SIX + 100}, "source vertices 0..161"),
-        ({"closest": ()}, "closest should be weights"),
-        ({"closest": (1.0, -2.0)}, "closest should be weights"),
-        ({"neighbors": 0}, "neighbors should be at least 1"),
         ({"source": np.full((162, 3), np.nan)}, "finite"),
     ],
 )
@@ -167,3 +165,16 @@ def test_wrong_arguments_are_refused(change: dict[str, Any], message: str) -> No
     }
     with pytest.raises(ValueError, match=message):
         register(**{**arguments, **change})
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"closest": ()}, "closest should be weights"),
+        ({"closest": (1.0, -2.0)}, "closest should be weights"),
+        ({"neighbors": 0}, "neighbors should be at least 1"),
+    ],
+)
+def test_wrong_weights_are_refused(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        RegistrationOptions(**wrong)

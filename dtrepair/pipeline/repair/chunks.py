@@ -50,14 +50,13 @@ def choose_chunk(source: Source, chunk: tuple[int, int] | None, *, alone: bool) 
 
     motions = motions_of(poses())
     clip = animation.ClipOptions()
-    sizes = {"window": clip.window, "overlap": clip.overlap}
-    layout = window_layout(times, motions, **sizes)
+    layout = window_layout(times, motions, options=clip)
     first, stop = _share(len(layout), *chunk)
     if first == stop:
         return Chunk(every[:0], np.zeros(0, dtype=bool))
     # Each window hands out the frames from where the one before it ended.
     ends = [-np.inf, *(times[window.end] for window in layout[:-1]), np.inf]
-    start, last = frames_to_solve(times, motions, (first, stop), **sizes)
+    start, last = frames_to_solve(times, motions, (first, stop), options=clip)
     low = min(times[start], ends[first]) if first == 0 else times[start]
     high = times[last] if last < len(times) else np.inf
     solved = (every >= low) & (every < high)

@@ -16,6 +16,7 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import frame_units
 from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.clip.frames import Frame, cross_fade, read_frames
+from dtrepair.repair.clip.layout import LayoutOptions
 from dtrepair.repair.clip.window_method import WindowMethod, WindowOptions
 from dtrepair.repair.full.mend import MendOptions, mend
 from dtrepair.repair.full.method import FullMethod, FullOptions
@@ -45,12 +46,10 @@ Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClipOptions:
+class ClipOptions(LayoutOptions):
     """How clips are cut into windows, and what their frames are given.
 
     Args:
-        window: Frames that are solved together: memory and time grow with them.
-        overlap: Frames that two windows have in common, over which they are cross-faded.
         tighten: Most cycles of tightening, even if the user's options allow more: later ones gain
             little.
         mend_step: Step, in units of the size, of a frame whose correction misses by rounding only.
@@ -59,26 +58,14 @@ class ClipOptions:
         alone: Numbers of the full method, for frames that no window could clean.
         independent: How bodies are led apart, and how frames are solved that are repaired each for
             itself.
-
-    Raises:
-        ValueError: windows that would overlap by more than half.
     """
 
-    window: int = 60
-    overlap: int = 12
     tighten: int = 3
     mend_step: float = 0.002
     windows: WindowOptions = field(default_factory=WindowOptions)
     mend: MendOptions = field(default_factory=MendOptions)
     alone: FullOptions = field(default_factory=FullOptions)
     independent: IndependentOptions = field(default_factory=IndependentOptions)
-
-    def __post_init__(self) -> None:
-        """Check the window."""
-        if not 0 < 2 * self.overlap <= self.window:
-            raise ValueError(
-                f"window should be at least 2 x {self.overlap} frames, got {self.window}"
-            )
 
 
 class WindowSolver(Protocol):
@@ -196,7 +183,7 @@ class _Stream:
         waiting: list[Frame] = []
         tail: list[FloatArray] = []
         overlap = self.options.overlap
-        for frame in read_frames(self.scene, frames):
+        for frame in read_frames(self.scene, frames, cuts=self.options.cuts):
             if frame.starts and waiting:
                 yield from self._window(waiting, tail, keep=0)[0]
                 waiting, tail = [], []

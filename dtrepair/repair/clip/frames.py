@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from dtrepair.numerics.geometry import FloatArray, extent
-from dtrepair.repair.clip.cuts import is_cut, motion_between
+from dtrepair.repair.clip.cuts import CutOptions, is_cut, motion_between
 from dtrepair.repair.scene.opened_pose import OpenedPose, gathered
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
@@ -26,7 +26,12 @@ class Frame(OpenedPose):
     starts: bool = False
 
 
-def read_frames(scene: Scene, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Frame]:
+def read_frames(
+    scene: Scene,
+    frames: Iterable[tuple[float, Sequence[Any]]],
+    *,
+    cuts: CutOptions = CutOptions(),
+) -> Iterator[Frame]:
     """Frames in order; those after a cut are marked. ValueError where times do not increase."""
     last: Frame | None = None
     before = jump = motion = 0.0
@@ -37,12 +42,12 @@ def read_frames(scene: Scene, frames: Iterable[tuple[float, Sequence[Any]]]) -> 
             following = motion_between(last.original, frame.original, size)
             speed = following / (frame.time - last.time)
             # Whether `last` follows a cut is known once the motion after it is.
-            starts = starts or is_cut(before, jump, speed, motion)
+            starts = starts or is_cut(before, jump, speed, motion, options=cuts)
             yield replace(last, starts=starts)
             before, jump, motion, starts = jump, speed, following, False
         last = frame
     if last is not None:
-        yield replace(last, starts=starts or is_cut(before, jump, 0.0, motion))
+        yield replace(last, starts=starts or is_cut(before, jump, 0.0, motion, options=cuts))
 
 
 def _gathered(scene: Scene, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Frame]:

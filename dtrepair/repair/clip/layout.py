@@ -3,12 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, extent
-from dtrepair.repair.clip.cuts import is_cut, motion_between
+from dtrepair.repair.clip.cuts import CutOptions, is_cut, motion_between
+
+
+@dataclass(frozen=True, kw_only=True)
+class LayoutOptions:
+    """How clips are cut into windows.
+
+    Args:
+        window: Frames that are solved together: memory and time grow with them.
+        overlap: Frames that two windows have in common, over which they are cross-faded.
+        cuts: Where a clip is cut, whatever the windows.
+
+    Raises:
+        ValueError: windows that would overlap by more than half.
+    """
+
+    window: int = 60
+    overlap: int = 12
+    cuts: CutOptions = field(default_factory=CutOptions)
+
+    def __post_init__(self) -> None:
+        """Check the window."""
+        if not 0 < 2 * self.overlap <= self.window:
+            raise ValueError(
+                f"window should be at least 2 x {self.overlap} frames, got {self.window}"
+            )
 
 
 class Window(NamedTuple):
@@ -37,21 +63,22 @@ def motions_of(frames: Iterable[Any]) -> FloatArray:
 
 
 def window_layout(
-    times: Sequence[float], motions: FloatArray, *, window: int, overlap: int
+    times: Sequence[float], motions: FloatArray, *, options: LayoutOptions = LayoutOptions()
 ) -> list[Window]:
-    """The windows of `AnimationRepairer.stream` for frames at times (T,) with motions (T - 1,)."""
+    """The windows of `ClipRepairer.stream` for frames at times (T,) with motions (T - 1,)."""
+    window, overlap = options.window, options.overlap
     if not len(times):
         return []
-    starts = _shots(np.asarray(times, dtype=np.float64), motions)
-    found: list[Window] = []
+    starts = _starts(np.asarray(times, dtype=np.float64), motions, options.cuts)
+    windows: list[Window] = []
     for first, end in zip(starts, [*starts[1:], len(times)], strict=True):
         start = first
         while start + window <= end:
-            found.append(Window(start, start + window, start + window - overlap, start > first))
+            windows.append(Window(start, start + window, start + window - overlap, start > first))
             start += window - overlap
         if start < end:
-            found.append(Window(start, end, end, start > first))
-    return found
+            windows.append(Window(start, end, end, start > first))
+    return windows
 
 
 def frames_to_solve(
@@ -59,39 +86,34 @@ def frames_to_solve(
     motions: FloatArray,
     chosen: tuple[int, int],
     *,
-    window: int,
-    overlap: int,
+    options: LayoutOptions = LayoutOptions(),
 ) -> tuple[int, int]:
     """Frames start..stop that give the chosen windows (first, stop) the results of the whole.
 
     That is one window more before them, whose last frames fade into theirs, and one frame after
     them, which tells whether a cut follows.
     """
-    layout = window_layout(times, motions, window=window, overlap=overlap)
+    layout = window_layout(times, motions, options=options)
     first, stop = chosen
     needed = layout[first - layout[first].follows : stop]
     last = min(needed[-1].stop + 1, len(times))
     for item in reversed(layout[: first + 1 - layout[first].follows]):
-        part = window_layout(
-            times[item.start : last],
-            motions[item.start : last - 1],
-            window=window,
-            overlap=overlap,
+        own = window_layout(
+            times[item.start : last], motions[item.start : last - 1], options=options
         )
-        moved = {w._replace(start=w.start + item.start, stop=w.stop + item.start) for w in part}
-        found = {(w.start, w.stop) for w in moved}
-        if all((w.start, w.stop) in found for w in needed):
+        ranges = {(w.start + item.start, w.stop + item.start) for w in own}
+        if all((w.start, w.stop) in ranges for w in needed):
             return item.start, last
     return 0, len(times)
 
 
-def _shots(times: FloatArray, motions: FloatArray) -> list[int]:
-    """Indices of frames that start a shot, as `read_frames` marks them."""
+def _starts(times: FloatArray, motions: FloatArray, cuts: CutOptions) -> list[int]:
+    """Indices of the first frame and of those after a cut, as `read_frames` marks them."""
     count = len(times)
     speeds = np.concatenate([[0.0], motions / np.diff(times), [0.0]])
     jumps = np.concatenate([[0.0], motions])
     return [
         k
         for k in range(count)
-        if k == 0 or is_cut(speeds[k - 1], speeds[k], speeds[k + 1], jumps[k])
+        if k == 0 or is_cut(speeds[k - 1], speeds[k], speeds[k + 1], jumps[k], options=cuts)
     ]

@@ -17,7 +17,7 @@ from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from tests.meshes import icosphere
 
-SIZES = {"window": 20, "overlap": 6}
+SIZES = ClipOptions(window=20, overlap=6)
 
 
 def walk(count: int, cuts: Sequence[int] = (), seed: int = 0) -> list[NDArray[np.float64]]:
@@ -36,7 +36,7 @@ def test_windows_are_those_of_the_stream(
     monkeypatch: pytest.MonkeyPatch, cuts: Sequence[int]
 ) -> None:
     poses, (points, faces) = walk(75, cuts), icosphere(1)
-    repairer = SceneRepairer([Body(points, faces)], clip=ClipOptions(window=20, overlap=6))
+    repairer = SceneRepairer([Body(points, faces)], clip=SIZES)
     seen = []
 
     def window(
@@ -50,34 +50,34 @@ def test_windows_are_those_of_the_stream(
     frames = [(float(k), [pose]) for k, pose in enumerate(poses)]
     done = [frame.time for frame in repairer.animator.stream(frames)]
     assert done == list(range(75))
-    layout = window_layout(np.arange(75.0).tolist(), motions_of(poses), **SIZES)
+    layout = window_layout(np.arange(75.0).tolist(), motions_of(poses), options=SIZES)
     assert [(w.start, w.stop, w.end - w.start) for w in layout] == seen
     starts = [frame.time for frame in read_frames(repairer.scene, frames) if frame.starts]
     assert [w.start for w in layout if not w.follows] == starts == [0, *cuts]
 
 
 def test_layout_of_one_shot() -> None:
-    layout = window_layout(np.arange(40.0).tolist(), np.full(39, 0.01), **SIZES)
+    layout = window_layout(np.arange(40.0).tolist(), np.full(39, 0.01), options=SIZES)
     assert layout == [
         Window(0, 20, 14, False),
         Window(14, 34, 28, True),
         Window(28, 40, 40, True),
     ]
-    assert window_layout([], np.zeros(0), **SIZES) == []
-    exact = window_layout(np.arange(20.0).tolist(), np.full(19, 0.01), **SIZES)
+    assert window_layout([], np.zeros(0), options=SIZES) == []
+    exact = window_layout(np.arange(20.0).tolist(), np.full(19, 0.01), options=SIZES)
     assert exact == [Window(0, 20, 14, False), Window(14, 20, 20, True)]
 
 
 def test_a_chunk_needs_one_window_before_and_a_frame_after() -> None:
     times, motions = np.arange(100.0).tolist(), np.full(99, 0.01)
-    assert frames_to_solve(times, motions, (0, 1), **SIZES) == (0, 21)
-    assert frames_to_solve(times, motions, (3, 4), **SIZES) == (28, 63)
-    assert frames_to_solve(times, motions, (5, 7), **SIZES) == (56, 100)
+    assert frames_to_solve(times, motions, (0, 1), options=SIZES) == (0, 21)
+    assert frames_to_solve(times, motions, (3, 4), options=SIZES) == (28, 63)
+    assert frames_to_solve(times, motions, (5, 7), options=SIZES) == (56, 100)
 
 
 def test_a_start_that_looks_like_a_cut_is_avoided() -> None:
     # Alone, a fast frame after the first one would look like a cut: nothing was before it.
     times, motions = np.arange(100.0).tolist(), np.full(99, 0.01)
     motions[27:30] = (0.1, 0.1, 0.01)
-    assert len(window_layout(times, motions, **SIZES)) == 7  # no cut
-    assert frames_to_solve(times, motions, (3, 4), **SIZES) == (14, 63)
+    assert len(window_layout(times, motions, options=SIZES)) == 7  # no cut
+    assert frames_to_solve(times, motions, (3, 4), options=SIZES) == (14, 63)

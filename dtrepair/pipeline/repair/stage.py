@@ -51,7 +51,7 @@ def repair_stage(
         settings: all choices of a run as one object, such as `RepairSettings.from_report`.
         resume: go on with an interrupted run of the same settings, from the journal beside output.
         distributed: address of a Dask scheduler whose workers repair a chunk each, or "local".
-        jobs: processors to use; None: all of them.
+        jobs: processors to use; None: all of them. More than 1 may fork processes.
         device: "auto", "cpu" or "cuda[:N]".
         observer: hears of the run, and may cancel it.
         choices: fields of `RepairSettings`, by name; they replace those of `settings`.

@@ -13,6 +13,7 @@ import pytest
 from dtrepair import RepairOptions
 from dtrepair.pipeline import (
     Cancelled,
+    FrameDone,
     InputError,
     ObjectOptions,
     ObjectSettings,
@@ -25,7 +26,9 @@ from dtrepair.pipeline import (
     plan_repair,
     repair_stage,
 )
+from dtrepair.pipeline.observer import Remark
 from dtrepair.pipeline.repair.settings import RepairChoices
+from dtrepair.repair.parallel.process_pool import can_fork
 from dtrepair.report.record import render_report
 from tests.command_line import CLOSED, OPEN, read_samples, run, tube_stage
 from tests.pipeline.hosts import Listener
@@ -83,7 +86,34 @@ def test_a_cancelled_run_leaves_the_old_output_and_can_be_resumed(
     assert again.warnings == [] and listing(tmp_path) == ["a.usdc", "b.usdc", "whole.usdc"]
 
 
-def test_a_run_is_cancelled_while_a_window_is_solved(tmp_path: Path, clip: Path) -> None:
+def children() -> set[str]:
+    """The processes that this one has started."""
+    files = Path("/proc/self/task").glob("*/children")
+    return {number for file in files for number in file.read_text().split()}
+
+
+@pytest.mark.skipif(not can_fork(), reason="processes cannot be forked here")
+@pytest.mark.parametrize("error", [None, RuntimeError("the host is gone")])
+def test_a_run_that_is_left_early_leaves_no_process(
+    tmp_path: Path, clip: Path, error: Exception | None
+) -> None:
+    class Host(Listener):
+        def remark(self, remark: Remark) -> None:
+            super().remark(remark)
+            if error is not None and isinstance(remark, FrameDone):
+                raise error
+
+    before, host = children(), Host(frames=1)
+    kind = Cancelled if error is None else RuntimeError
+    with pytest.raises(kind) as caught:
+        repair_stage(str(clip), str(tmp_path / "b.usdc"), alone=True, jobs=2, observer=host)
+    # Even as long as the exception holds on to all that was at work.
+    assert caught.tb is not None and children() <= before
+    assert host.ended == 1 and not (tmp_path / "b.usdc").exists()
+
+
+def test_a_run_is_cancelled_while_a_window_is_solved(tmp_path: Path) -> None:
+    clip = tube_stage(tmp_path / "a.usdc", (CLOSED, CLOSED + 0.05, CLOSED + 0.1))
     host = Listener(within=0.0)
     with pytest.raises(Cancelled):
         repair_stage(str(clip), str(tmp_path / "b.usdc"), observer=host)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from dtrepair.diagnosis import Advice, Status
+from dtrepair.keyposes.options import INTERPOLATIONS
 
 SCHEMA_NAME = "dtrepair.report/1"
 STATUSES = tuple(str(status) for status in Status)
@@ -145,7 +146,7 @@ _SAMPLES = _object(samples=_COUNT, dirty=_COUNT, pairs=_COUNT)
 # Only of key poses: samples between two keys, those that intersect, and their pairs; `left` are
 # the times of those that still do, `added` those of added keys.
 _KEYPOSES = _object(
-    interpolation={"type": "string", "enum": ["linear", "cubic"]},
+    interpolation={"type": "string", "enum": list(INTERPOLATIONS)},
     skipped=_COUNT,
     spans={
         "type": "array",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
 
@@ -25,6 +26,15 @@ def edge_log_ratio(before: FloatArray, after: FloatArray, edges: IntArray) -> fl
     return float(np.sqrt(np.mean(np.log(np.maximum(new, floor) / np.maximum(old, floor)) ** 2)))
 
 
+def distortion(before: FloatArray, after: FloatArray, edges: IntArray) -> float:
+    """Return the edge log-ratio rms + 2 x the mean displacement over the diagonal: no unit.
+
+    Repairs lower it, and stages report it. before, after: (V, 3); edges: (E, 2).
+    """
+    moved = float(displacements(before, after).mean())
+    return edge_log_ratio(before, after, edges) + 2.0 * moved
+
+
 def volume(points: FloatArray, faces: IntArray) -> float:
     """Return the signed volume of a closed mesh, cubed length units (divergence theorem)."""
     a, b, c = (points[faces[:, k]] - points.mean(axis=0) for k in range(3))
@@ -38,3 +48,34 @@ def jitter(before: FloatArray, after: FloatArray) -> float:
         return 0.0
     second = moved[2:] - 2.0 * moved[1:-1] + moved[:-2]
     return float(np.sqrt(np.mean(np.sum(second**2, axis=2))) / (diagonal(before[0]) or 1.0))
+
+
+class JitterMeter:
+    """Measures the root mean square second difference of the displacement, in diagonals.
+
+    The same figure as `jitter`, in memory that does not grow with the number of frames.
+    """
+
+    def __init__(self) -> None:
+        self._last: list[NDArray[np.float64]] = []
+        self._diagonal = 0.0
+        self._sum = 0.0
+        self._count = 0
+
+    def add(self, before: ArrayLike, after: ArrayLike) -> None:
+        """Take the next frame: points (V, 3) of the input and of the result."""
+        original = np.asarray(before, dtype=np.float64)
+        if not self._last:
+            self._diagonal = diagonal(original) or 1.0
+        self._last.append(np.asarray(after, dtype=np.float64) - original)
+        if len(self._last) == 3:
+            first, middle, last = self._last
+            second = first - 2 * middle + last
+            self._sum += float((second**2).sum())
+            self._count += len(second)
+            self._last.pop(0)
+
+    @property
+    def value(self) -> float:
+        """The jitter of the frames so far; 0 for fewer than three frames."""
+        return float(np.sqrt(self._sum / self._count)) / self._diagonal if self._count else 0.0

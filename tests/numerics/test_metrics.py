@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import diagonal, unique_edges
-from dtrepair.numerics.metrics import displacements, edge_log_ratio, jitter, volume
+from dtrepair.numerics.metrics import (
+    JitterMeter,
+    displacements,
+    distortion,
+    edge_log_ratio,
+    jitter,
+    volume,
+)
 from tests.meshes import grid, icosphere, joined, torus
 
 SPHERE = icosphere(3)
@@ -92,3 +100,37 @@ def test_jitter_of_one_shaking_vertex() -> None:
     # Second difference: -2 x 0.5 at one of V vertices.
     expected = 1.0 / np.sqrt(len(points)) / diagonal(points)
     assert jitter(before, after) == pytest.approx(expected, rel=1e-12)
+
+
+def test_distortion_is_edge_change_and_displacement() -> None:
+    pose, faces = torus()
+    edges = unique_edges(faces)
+    assert distortion(pose, pose, edges) == 0.0
+    turned = pose[:, [1, 2, 0]]
+    moved = displacements(pose, turned).mean()
+    assert distortion(pose, turned, edges) == pytest.approx(2 * moved, rel=1e-12)
+    bigger = 1.5 * pose
+    expected = np.log(1.5) + 2 * np.linalg.norm(0.5 * pose, axis=1).mean() / diagonal(pose)
+    assert distortion(pose, bigger, edges) == pytest.approx(expected, rel=1e-12)
+
+
+def measured(before: NDArray[np.float64], after: NDArray[np.float64]) -> float:
+    meter = JitterMeter()
+    for a, b in zip(before, after, strict=True):
+        meter.add(a, b)
+    return meter.value
+
+
+def test_the_running_jitter_is_that_of_the_whole_clip() -> None:
+    random = np.random.default_rng(3)
+    before = random.normal(size=(7, 20, 3))
+    after = before + 0.01 * random.normal(size=before.shape)
+    assert measured(before, after) == pytest.approx(jitter(before, after), rel=1e-12)
+    assert measured(before, after) > 1e-3
+
+
+def test_steady_corrections_have_none() -> None:
+    before = np.random.default_rng(4).normal(size=(5, 9, 3))
+    ramp = np.arange(5)[:, None, None] * np.array([0.1, 0, 0])
+    assert measured(before, before + ramp) == pytest.approx(0, abs=1e-14)
+    assert measured(before[:2], before[:2] + 1) == 0.0

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from dtrepair.numerics.jitter_meter import JitterMeter
+from dtrepair.numerics.metrics import JitterMeter
 from dtrepair.pipeline.errors import INTERNAL, InputError, PipelineError, UsageError, plain_error
 from dtrepair.pipeline.observer import Observer, Progress
 from dtrepair.pipeline.repair.settings import RepairSettings

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from dtrepair import __version__
-from dtrepair.numerics.jitter_meter import JitterMeter
+from dtrepair.numerics.metrics import JitterMeter
 from dtrepair.pipeline.observer import FrameDone, Observer, Progress, ProgressKept, Trouble, warn
 from dtrepair.pipeline.repair.chunks import Chunk
 from dtrepair.pipeline.repair.journal import Journal, hash_of_run

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair import __version__
-from dtrepair.numerics.jitter_meter import JitterMeter
+from dtrepair.numerics.metrics import JitterMeter
 from dtrepair.pipeline.errors import plain_errors
 from dtrepair.pipeline.observer import (
     SILENT,

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.metrics import distortion
 from dtrepair.repair.full.acceptance import acceptable, changed_defects
 from dtrepair.repair.full.biharmonic_fill import FillOptions, fill_creases
 from dtrepair.repair.full.push import PushOptions, push
 from dtrepair.repair.surface.defects import Defects, find_defects
-from dtrepair.repair.surface.distortion import distortion
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
 
@@ -59,7 +59,7 @@ def pull_back(
     cycles: at most; scale: factor of the step (see `contact_scale`).
     """
     known = find_defects(surface, points)
-    current, best = points, distortion(surface, original, points)
+    current, best = points, distortion(original, points, surface.edges)
     step, failures = options.step * scale, 0
     fraction = np.full(len(surface.bodies), options.fraction)
     for _ in range(cycles):
@@ -80,7 +80,7 @@ def pull_back(
             moved = changed_defects(surface, known, current, trial)
             trial, defects = fill_creases(surface, trial, known=moved, options=options.fill)
         trial, defects, back = _put_back(surface, known, current, trial, defects)
-        value = distortion(surface, original, trial)
+        value = distortion(original, trial, surface.edges)
         if acceptable(defects, folds) and value < options.gain * best:
             current, best, known = trial, value, defects
             fraction[back] *= options.decay

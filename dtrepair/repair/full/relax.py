@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, lengths
+from dtrepair.numerics.metrics import distortion
 from dtrepair.repair.elastic.arap import ArapOptions, ArapSystem
 from dtrepair.repair.elastic.contact_step import ContactStepOptions, step_with_gaps
 from dtrepair.repair.elastic.gaps import GapOptions, Gaps
@@ -21,7 +22,6 @@ from dtrepair.repair.full.acceptance import (
 from dtrepair.repair.full.biharmonic_fill import Filled
 from dtrepair.repair.full.push import PushOptions
 from dtrepair.repair.surface.defects import find_defects
-from dtrepair.repair.surface.distortion import distortion
 from dtrepair.repair.surface.surface import Surface
 
 
@@ -163,7 +163,8 @@ class _Relaxation:
         """Distortion and missing volume: what relaxing lowers."""
         lost = self.pressure.lost(self.points)
         return (
-            distortion(self.surface, self.original, self.points) + self.options.volume_weight * lost
+            distortion(self.original, self.points, self.surface.edges)
+            + self.options.volume_weight * lost
         )
 
     def _right_hand_side(self) -> FloatArray:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.metrics import distortion
 from dtrepair.repair.result import Stage
-from dtrepair.repair.surface.distortion import distortion
 from dtrepair.repair.surface.surface import Surface
 
 
@@ -28,7 +28,7 @@ class StageLog:
         iterations: int = 0,
     ) -> float:
         """Note a stage that began at `start` (`perf_counter`); return the distortion it leaves."""
-        value = distortion(self.surface, self.original, points)
+        value = distortion(self.original, points, self.surface.edges)
         seconds = time.perf_counter() - start
         self.stages.append(Stage(name, crossings, folds, value, iterations, seconds))
         return value

@@ -13,6 +13,7 @@ from scipy import sparse
 from dtrepair.device import DeviceQueue, out_of_memory
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.metrics import distortion
 from dtrepair.numerics.operators import cotangent_laplacian
 from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.options import RepairOptions
@@ -28,7 +29,6 @@ from dtrepair.repair.paper.gpu_descent import DeviceDescent, GpuOptions, too_lar
 from dtrepair.repair.paper.gpu_operators import RowOperator
 from dtrepair.repair.paper.optimizer import OptimizerOptions
 from dtrepair.repair.result import Solved, Stage
-from dtrepair.repair.surface.distortion import distortion
 from dtrepair.repair.surface.surface import Surface
 
 
@@ -106,7 +106,7 @@ class PaperMethod:
         for index, original in enumerate(originals):
             points = result.points[index].numpy()
             left = len(self.surface.contacts.pairs(points))
-            value = distortion(self.surface, original, points)
+            value = distortion(original, points, self.surface.edges)
             count = int(result.iterations[index])
             results.append(Solved(points, [Stage("descent", left, 0, value, count, seconds)]))
         return results

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dtrepair.numerics.jitter_meter import JitterMeter
+from dtrepair.numerics.metrics import JitterMeter
 from dtrepair.pipeline.repair.solve import FrameRepairer, repair_frames
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.frames import Frame, make_counter, read_frames

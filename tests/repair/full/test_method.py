@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.numerics.metrics import volume
+from dtrepair.numerics.metrics import distortion, volume
 from dtrepair.numerics.operators import Factor
 from dtrepair.repair.full.biharmonic_fill import FillOptions
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.full.phases import PhaseOptions
 from dtrepair.repair.surface.defects import find_defects
-from dtrepair.repair.surface.distortion import distortion
 from dtrepair.repair.surface.surface import Surface
 from tests.exact_reference import exact_pairs
 from tests.meshes import (
@@ -57,7 +56,9 @@ def test_nothing_intersects_and_nothing_new_folds(kind: str) -> None:
     # The last stage tells of the pose that is handed back.
     last = solved.stages[-1]
     assert (last.crossings, last.folds) == (0, len(after.folds))
-    assert last.distortion == pytest.approx(distortion(surface, pose, solved.points), rel=1e-9)
+    assert last.distortion == pytest.approx(
+        distortion(pose, solved.points, surface.edges), rel=1e-9
+    )
     # It stays the pose it was: no vertex travels farther than the overlap asks for.
     assert last.distortion < 0.25
     assert np.linalg.norm(solved.points - pose, axis=1).max() < 0.25
@@ -114,7 +115,7 @@ def test_a_clean_pose_comes_back_bit_identical(mesh: Mesh) -> None:
 def test_tightening_brings_the_result_closer() -> None:
     surface, pose = surface_and_pose("knot")
     loose, tight = (FullMethod(surface, rounds=rounds)(pose).points for rounds in (0, 4))
-    assert distortion(surface, pose, tight) < 0.9 * distortion(surface, pose, loose)
+    assert distortion(pose, tight, surface.edges) < 0.9 * distortion(pose, loose, surface.edges)
 
 
 def test_one_factor_for_the_push_and_one_for_the_edges() -> None:
@@ -193,4 +194,6 @@ def test_a_crumpled_first_phase_is_followed_by_another() -> None:
     assert second.distortion < PhaseOptions.tightenable < first.distortion
     first_will_do = FullOptions(phases=PhaseOptions(tightenable=np.inf))
     one = FullMethod(surface, options=first_will_do)(pose)
-    assert distortion(surface, pose, solved.points) < 0.7 * distortion(surface, pose, one.points)
+    assert distortion(pose, solved.points, surface.edges) < 0.7 * distortion(
+        pose, one.points, surface.edges
+    )

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.metrics import distortion
 from dtrepair.repair.full.biharmonic_fill import fill_creases
 from dtrepair.repair.full.pull_back import PullBackOptions, pull_back
 from dtrepair.repair.full.push import PushOptions, push
 from dtrepair.repair.surface.defects import find_defects
-from dtrepair.repair.surface.distortion import distortion
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import (
     Mesh,
@@ -52,7 +52,7 @@ def crossings_and_folds(surface: Surface, points: FloatArray) -> tuple[int, int]
 def test_pulling_back_is_never_dirty_or_more_distorted(kind: str, fraction: float) -> None:
     surface, original, clean = loosely_solved(kind)
     folds = crossings_and_folds(surface, clean)[1]
-    before = distortion(surface, original, clean)
+    before = distortion(original, clean, surface.edges)
     pulled = pull_back(
         surface,
         original,
@@ -65,7 +65,7 @@ def test_pulling_back_is_never_dirty_or_more_distorted(kind: str, fraction: floa
     crossings, folds_left = crossings_and_folds(surface, pulled)
     assert crossings == 0 and folds_left <= folds
     if not np.array_equal(pulled, clean):
-        assert distortion(surface, original, pulled) < 0.996 * before
+        assert distortion(original, pulled, surface.edges) < 0.996 * before
 
 
 def test_pulling_back_gains_where_there_is_room() -> None:
@@ -75,9 +75,9 @@ def test_pulling_back_gains_where_there_is_room() -> None:
     original = surface.rest
     bent = original + 0.05 * np.sin(9 * original[:, [1, 2, 0]])
     assert crossings_and_folds(surface, bent) == (0, 0)
-    before = distortion(surface, original, bent)
+    before = distortion(original, bent, surface.edges)
     pulled = pull_back(surface, original, bent, near=6, folds=0)
-    assert distortion(surface, original, pulled) == pytest.approx(0.65 * before, rel=0.05)
+    assert distortion(original, pulled, surface.edges) == pytest.approx(0.65 * before, rel=0.05)
 
 
 def test_of_several_bodies_those_that_cross_all_the_same_stay_out() -> None:

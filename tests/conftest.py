@@ -8,6 +8,22 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The examples of property tests are the same everywhere, and how long one takes is no matter.
+settings.register_profile("fixed", derandomize=True, database=None, deadline=None, max_examples=40)
+settings.load_profile("fixed")
+
+# Each process of the tests needs a gigabyte at times.
+MOST_PROCESSES = 8
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """One process for each processor that this one may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return min(len(os.sched_getaffinity(0)), MOST_PROCESSES)
+    return min(os.cpu_count() or 1, MOST_PROCESSES)
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,7 @@ from dtrepair.pipeline.repair.stage import repair_stage
 from dtrepair.report.record import read_report
 from tests.command_line import assert_fails, read_samples, run, tube_stage
 
-FRAMES = 70  # two windows
+FRAMES = 61  # two windows
 
 
 @pytest.fixture

@@ -94,9 +94,9 @@ def test_frames_repaired_alone_are_resumed_one_by_one(
     assert_fails(stopped, 130, "--resume")
     calls = []
 
-    def counted(*arguments: Any) -> Any:
+    def counted(*arguments: Any, **options: Any) -> Any:
         calls.append(1)
-        return repair_poses(*arguments)
+        return repair_poses(*arguments, **options)
 
     monkeypatch.setattr(repairer, "repair_poses", counted)
     resumed = run("repair", clip, "-o", tmp_path / "b.usdc", "--alone", "--resume", "--jobs", 1)

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from dtrepair.demo.subdivision import subdivide
 
-FRAMES = 24
 Points = NDArray[np.float64]
 Weights = Mapping[str, float]
 
@@ -41,8 +40,8 @@ _JOINTS = {
     "left_thigh": ("hips", (0.12, 0.85, 0)),
     "left_shin": ("left_thigh", (0.13, 0.47, 0)),
 }
-_TURNS = {
-    # Degrees about X, Y, Z at the deepest moment of the clip; the rest pose has none.
+# Degrees about X, Y, Z of each joint at the deepest moment of the clip; the rest pose has none.
+TURNS: Mapping[str, tuple[float, float, float]] = {
     "chest": (10, 0, 0),
     "head": (14, 0, 0),
     "left_arm": (66, -14, -60),
@@ -55,11 +54,14 @@ _TURNS = {
 }
 
 
-def make_character(frames: int = FRAMES) -> DemoCharacter:
+def make_character(
+    frames: int = 24, *, turns: Mapping[str, tuple[float, float, float]] = TURNS
+) -> DemoCharacter:
     """Return the character: about 4,400 quads, a rest pose without intersections, `frames` poses.
 
     The first and the last poses are close to the rest pose; in between the arms fold into the body
-    and one leg swings into the other.
+    and one leg swings into the other. turns: degrees about X, Y, Z of each joint at the deepest
+    moment.
     """
     cage = _build_cage()
     quads = np.asarray(cage.quads, dtype=np.int32)
@@ -71,7 +73,7 @@ def make_character(frames: int = FRAMES) -> DemoCharacter:
     # 0 at both ends, 1 in the middle, at rest there: the clip can be played in a loop.
     swing = 0.5 - 0.5 * np.cos(2 * np.pi * (times - 1) / max(frames - 1, 1))
     amounts = 1 - (1 - swing) ** 1.5
-    points = np.stack([smooth @ _skin(cage, amount) for amount in amounts])
+    points = np.stack([smooth @ _skin(cage, turns, amount) for amount in amounts])
     return DemoCharacter(smooth @ np.asarray(cage.points), quads, times, points)
 
 
@@ -234,9 +236,9 @@ def _build_leg(cage: _Cage, quad: int, side: int) -> None:
         cage.extrude(foot, (x, height, z), (width, height), (0, 1), own)
 
 
-def _skin(cage: _Cage, amount: float) -> Points:
+def _skin(cage: _Cage, turns: Mapping[str, tuple[float, float, float]], amount: float) -> Points:
     """Return the cage posed: `amount` 0 is the rest pose, 1 the deepest (linear blend skinning)."""
-    transforms = _transforms(amount)
+    transforms = _transforms(turns, amount)
     points = np.c_[np.asarray(cage.points), np.ones(len(cage.points))]
     result = np.zeros((len(points), 3))
     for name, transform in transforms.items():
@@ -245,7 +247,9 @@ def _skin(cage: _Cage, amount: float) -> Points:
     return result
 
 
-def _transforms(amount: float) -> dict[str, Points]:
+def _transforms(
+    turns: Mapping[str, tuple[float, float, float]], amount: float
+) -> dict[str, Points]:
     """Return the (4, 4) transform of each joint, parents first (column vectors)."""
     mirrored = {
         name.replace("left", "right"): (parent.replace("left", "right"), (-x, y, z))
@@ -255,7 +259,7 @@ def _transforms(amount: float) -> dict[str, Points]:
     result: dict[str, Points] = {}
     for name, (parent, pivot) in {**_JOINTS, **mirrored}.items():
         turn = np.eye(4)
-        angles = np.radians(_TURNS.get(name, (0, 0, 0))) * amount
+        angles = np.radians(turns.get(name, (0, 0, 0))) * amount
         turn[:3, :3] = _rotation(1, angles[1]) @ _rotation(2, angles[2]) @ _rotation(0, angles[0])
         turn[:3, 3] = np.asarray(pivot) - turn[:3, :3] @ np.asarray(pivot)
         result[name] = result[parent] @ turn if parent else turn

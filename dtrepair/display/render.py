@@ -9,22 +9,32 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dtrepair.display.colours import Colours
 from dtrepair.files.atomic import atomic_output
 from dtrepair.files.polygon_mesh import vertex_normals
 
 Image = NDArray[np.uint8]
-BACKGROUND = (250, 250, 252)
-_SURFACE = np.array([0.78, 0.75, 0.71])
-_INTERSECTING = np.array([0.90, 0.09, 0.07])
-_BACK = np.array([0.30, 0.45, 0.85])
-_SAMPLES = 2  # per pixel and direction, against stairs
-_CHUNK = 2_000_000  # candidate pixels looked at together, bounds the memory
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderOptions:
+    """How pictures are drawn.
+
+    Args:
+        colours: Of the meshes.
+        samples: For each pixel and direction, against stairs.
+        chunk: Candidate pixels looked at together, which bounds the memory.
+    """
+
+    colours: Colours = field(default_factory=Colours)
+    samples: int = 2
+    chunk: int = 2_000_000
 
 
 @dataclass(frozen=True)
@@ -87,23 +97,27 @@ def render(
     view: View,
     intersecting: NDArray[np.bool_] | None = None,
     size: int = 640,
+    options: RenderOptions = RenderOptions(),
 ) -> Image:
     """Draw a mesh (V, 3), (F, 3); return (size, size, 3) uint8. `intersecting`: (F,) drawn red."""
     positions = np.asarray(points, dtype=np.float64)
-    fine = size * _SAMPLES
-    triangle, weights = _visible(view, positions, faces, fine)
+    colours, samples = options.colours, options.samples
+    fine = size * samples
+    triangle, weights = _visible(view, positions, faces, fine, chunk=options.chunk)
     hit = triangle >= 0
     chosen = triangle[hit]
     corners = vertex_normals(positions, faces) @ view.rotation.T
     normal = np.einsum("pk,pkd->pd", weights[hit], corners[faces[chosen]])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     flat = _facing(view, positions, faces)[chosen]
-    colour = np.where((flat > 0)[:, None], _SURFACE, _BACK)
+    colour = np.where((flat > 0)[:, None], colours.surface, colours.back)
     if intersecting is not None:
-        colour = np.where(np.asarray(intersecting, bool)[chosen, None], _INTERSECTING, colour)
-    picture = np.tile(np.asarray(BACKGROUND) / 255.0, (fine * fine, 1))
+        colour = np.where(
+            np.asarray(intersecting, bool)[chosen, None], colours.intersecting, colour
+        )
+    picture = np.tile(colours.background, (fine * fine, 1))
     picture[hit] = colour * _light(normal * np.where(flat > 0, 1, -1)[:, None])[:, None]
-    blocks = picture.reshape(size, _SAMPLES, size, _SAMPLES, 3).mean(axis=(1, 3))
+    blocks = picture.reshape(size, samples, size, samples, 3).mean(axis=(1, 3))
     return np.asarray(np.clip(blocks * 255 + 0.5, 0, 255), dtype=np.uint8)
 
 
@@ -126,7 +140,12 @@ def _facing(
 
 
 def _visible(
-    view: View, points: NDArray[np.float64], faces: NDArray[np.int32], size: int
+    view: View,
+    points: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    size: int,
+    *,
+    chunk: int = RenderOptions.chunk,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return the nearest triangle (size^2,) of each pixel, -1 for none, and its weights (., 3)."""
     seen = points @ view.rotation.T - view.centre
@@ -143,7 +162,7 @@ def _visible(
     for level in np.unique(classes[classes >= 0]):
         members = np.flatnonzero(classes == level)
         side = 2 ** int(level)
-        for part in np.array_split(members, -(-len(members) * side * side // _CHUNK)):
+        for part in np.array_split(members, -(-len(members) * side * side // chunk)):
             found = _fragments(corners[part], low[part], side, size)
             row, pixel, bary = found
             depth = np.einsum("pk,pk->p", bary, corners[part][row][:, :, 2])
@@ -200,6 +219,7 @@ def save_pictures(
     *,
     captions: Sequence[str] = (),
     columns: int | None = None,
+    colours: Colours = Colours(),
 ) -> None:
     """Write pictures of one size side by side as one file (png, jpg), each with a caption below.
 
@@ -210,7 +230,8 @@ def save_pictures(
     columns = columns or len(images)
     rows = -(-len(images) // columns)
     band = max(width // 13, 20) if captions else 0
-    sheet = images_of.new("RGB", (columns * width, rows * (height + band)), BACKGROUND)
+    background = tuple(round(255 * value) for value in colours.background)
+    sheet = images_of.new("RGB", (columns * width, rows * (height + band)), background)
     pen = draw_on.Draw(sheet)
     for index, image in enumerate(images):
         x, y = index % columns * width, index // columns * (height + band)

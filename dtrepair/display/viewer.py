@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-_SURFACE = (0.78, 0.75, 0.71)
-_INTERSECTING = (0.90, 0.09, 0.07)
-_GAP = 1.15  # between two meshes side by side, in widths
+from dtrepair.display.colours import Colours
 
 Frame = tuple[NDArray[np.floating], NDArray[np.bool_]]
 
@@ -48,6 +46,7 @@ class Viewer:
     """Meshes side by side, with a slider over their frames.
 
     labels: name of each frame. up: up axis (3,). headless: without a window, for pictures only.
+    spacing: from one mesh to the next, in widths of the first.
 
     Raises:
         ImportError: polyscope is not installed; with the cure.
@@ -62,7 +61,10 @@ class Viewer:
         up: ArrayLike = (0.0, 1.0, 0.0),
         first: int = 0,
         headless: bool = False,
+        spacing: float = 1.15,
+        colours: Colours = Colours(),
     ) -> None:
+        self._spacing, self._colours = spacing, colours
         try:
             import polyscope
         except ImportError:
@@ -108,14 +110,16 @@ class Viewer:
         frames = [mesh.frame(index) for mesh in self._meshes]
         width = float(np.ptp(frames[0][0][:, 0]))
         for column, (mesh, (points, red)) in enumerate(zip(self._meshes, frames, strict=True)):
-            placed = points + np.array([_GAP * column * width, 0.0, 0.0])
+            placed = points + np.array([self._spacing * column * width, 0.0, 0.0])
             if column == len(self._structures):
                 self._structures.append(
                     self._polyscope.register_surface_mesh(mesh.name, placed, mesh.faces)
                 )
             else:
                 self._structures[column].update_vertex_positions(placed)
-            colours = np.where(np.asarray(red)[:, None], _INTERSECTING, _SURFACE)
+            colours = np.where(
+                np.asarray(red)[:, None], self._colours.intersecting, self._colours.surface
+            )
             self._structures[column].add_color_quantity(
                 "intersecting", colours, defined_on="faces", enabled=True
             )

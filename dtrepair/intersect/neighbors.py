@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import IntArray
 
-# Of a vertex in more leaves than this only leaves close in order are noted: the work stays linear.
-MOST_LEAVES = 32
 # Bits 8 * i + j with j <= i.
 LOWER = sum(1 << 8 * i + j for i in range(8) for j in range(i + 1))
 
@@ -35,7 +33,7 @@ class Neighbors:
     excluded: NDArray[np.uint64]
 
 
-def leaf_neighbors(faces: IntArray, leaf_start: IntArray) -> Neighbors:
+def leaf_neighbors(faces: IntArray, leaf_start: IntArray, *, most_leaves: int = 32) -> Neighbors:
     """Return the neighbours of the leaves.
 
     faces: (F, 3) in leaf order, at most 8 triangles in a leaf.
@@ -53,7 +51,7 @@ def leaf_neighbors(faces: IntArray, leaf_start: IntArray) -> Neighbors:
     for k in range(8):
         spread |= (members >> np.uint64(k) & np.uint64(1)) << np.uint64(8 * k)
     rows, masks = [], []
-    for step in range(min(MOST_LEAVES, len(keys))):
+    for step in range(min(most_leaves, len(keys))):
         same = np.flatnonzero(vertex[step:] == vertex[: len(vertex) - step])
         if len(same) == 0:
             break

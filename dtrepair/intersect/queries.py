@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.geometry import FloatArray, IntArray, adjacency, pair_keys
 
-# Ring distances are known up to this; what is farther counts as one ring more.
-RING_LIMIT = 20
-
 
 class Queries:
     """Queries on the mesh of a `Detector`, which never change.
@@ -159,18 +156,20 @@ class RingDistances:
     Args:
         faces: Triangles (F, 3).
         vertex_count: Number of vertices.
+        limit: Rings up to which distances are known; what is farther counts as one ring more. A
+            search grows with the square of it.
     """
 
-    def __init__(self, faces: IntArray, vertex_count: int) -> None:
+    def __init__(self, faces: IntArray, vertex_count: int, *, limit: int = 20) -> None:
         from dtrepair.device import start_warp
         from dtrepair.intersect import query_kernels
 
         self._warp, self._kernels = start_warp(), query_kernels
-        self._faces, self._count = faces, vertex_count
+        self._faces, self._count, self.limit = faces, vertex_count, limit
         self._known = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int32)
 
     def __call__(self, pairs: IntArray) -> IntArray:
-        """Return the edge rings (K,) between triangles of pairs (K, 2), at most RING_LIMIT + 1."""
+        """Return the edge rings (K,) between triangles of pairs (K, 2), at most `limit` + 1."""
         wanted = pair_keys(pairs)
         keys, rings = self._known
         place = np.searchsorted(keys, wanted)
@@ -195,9 +194,9 @@ class RingDistances:
         faces, indptr, indices = self._mesh
         scratch = [warp.zeros((2, count), dtype=warp.int32, device="cpu") for _ in range(2)]
         queue = warp.empty(count, dtype=warp.int32, device="cpu")
-        half = RING_LIMIT // 2
+        half = self.limit // 2
         inputs = [faces, indptr, indices, self._array(pairs, warp.vec2i)]
-        inputs += [half, RING_LIMIT - half, *scratch, queue, distance]
+        inputs += [half, self.limit - half, *scratch, queue, distance]
         warp.launch(self._kernels.ring_distances, dim=1, inputs=inputs, device="cpu")
         found: IntArray = distance.numpy()
         return found

@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dtrepair.intersect import MODES
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import counted_between
 from dtrepair.numerics.geometry import weld_map
 from dtrepair.report.record import CountRecord
-
-MODES = ("self", "inter", "both")
 
 
 @dataclass(frozen=True)

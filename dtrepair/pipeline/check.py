@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from dtrepair import __version__
+from dtrepair.intersect import MODES
 from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.observer import SILENT, Observer, Progress, warn
 from dtrepair.pipeline.repair.records import contact_records
@@ -29,7 +30,6 @@ from dtrepair.pipeline.stages.frames import (
 )
 from dtrepair.pipeline.stages.matching import ignored_pairs
 from dtrepair.pipeline.stages.sources import Source, open_source
-from dtrepair.repair.options import MODES
 from dtrepair.report.record import FramePrimRecord, FrameRecord, Report
 
 if TYPE_CHECKING:

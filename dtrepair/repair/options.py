@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from math import isinf
 from numbers import Integral
 
+from dtrepair.intersect import MODES
+
 METHODS = ("full", "paper")
 OPTIMIZERS = ("momentum-brake", "uniform-adam", "gradient-descent")
 ENERGIES = ("signed-tpe", "tpe", "point-to-plane", "conical")
-MODES = ("self", "inter", "both")
 # Stages of the full method that can be left out.
 STAGES = ("volume", "fill", "insist", "pull-back", "relax", "unbend")
 REST_CONTACTS = ("repair", "leave")

@@ -9,7 +9,8 @@ from scipy import sparse
 from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_normals, vector_areas
 from dtrepair.numerics.operators import gradient_operator
 
-# A triangle lower than this part of its longest edge has no usable gradient.
+# A triangle lower than this fraction of its longest edge has no usable gradient: its height is not
+# much more than the rounding of float32 coordinates, 6e-8 of their size.
 DEGENERATE_HEIGHT = 1e-6
 
 

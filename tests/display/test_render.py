@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dtrepair.display.render import BACKGROUND, View, best_view, make_view, render, save_pictures
+from dtrepair.display.render import View, best_view, make_view, render, save_pictures
 
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=float)
 FACES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
@@ -23,7 +23,7 @@ def straight(*poses: NDArray[np.float64], **options: Any) -> View:
 def kinds(image: NDArray[np.uint8]) -> dict[str, float]:
     """Split pixels into surface, red, blue and background, as fractions."""
     pixels = image.reshape(-1, 3).astype(int)
-    back = (pixels == BACKGROUND).all(axis=1)
+    back = (pixels == (250, 250, 252)).all(axis=1)
     red = (pixels[:, 0] > 2 * pixels[:, 1]) & ~back
     blue = (pixels[:, 2] > pixels[:, 0] + 40) & ~back
     return {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dtrepair.intersect.neighbors import MOST_LEAVES, Neighbors, leaf_neighbors
+from dtrepair.intersect.neighbors import Neighbors, leaf_neighbors
 from dtrepair.intersect.tree import build_tree
 from tests import meshes
 
@@ -57,7 +57,7 @@ def test_rows_ascend_from_the_leaf_itself_and_meet_each_pair_once() -> None:
 
 
 def test_a_vertex_of_very_many_triangles_stays_cheap() -> None:
-    count = 8 * 16 * MOST_LEAVES
+    count = 8 * 16 * 32
     angles = 2 * np.pi * np.arange(count) / count
     points = np.vstack([[0, 0, 1], np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)])
     rim = np.arange(count)
@@ -65,4 +65,4 @@ def test_a_vertex_of_very_many_triangles_stays_cheap() -> None:
     faces, leaf_start = in_leaf_order(points, fan)
     neighbors = leaf_neighbors(faces, leaf_start)
     leaves = len(leaf_start) - 1
-    assert leaves < len(neighbors.leaf) <= leaves * (MOST_LEAVES + 2)
+    assert leaves < len(neighbors.leaf) <= leaves * (32 + 2)

@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dtrepair.intersect.queries import RING_LIMIT, RingDistances
+from dtrepair.intersect.queries import RingDistances
 from dtrepair.numerics.geometry import adjacency
 from tests.meshes import Mesh, icosphere, joined, torus, tube
+
+LIMIT = 20
 
 
 def slow_rings(faces: NDArray[np.int32], count: int, first: int) -> NDArray[np.int64]:
     """Edge rings of every vertex from a triangle; far beyond the limit where unreachable."""
     indptr, indices = adjacency(faces, count)
-    rings = np.full(count, 10 * RING_LIMIT)
+    rings = np.full(count, 10 * LIMIT)
     rings[faces[first]] = 0
     queue = deque(faces[first].tolist())
     while queue:
@@ -36,8 +38,8 @@ def test_ring_distances_are_those_of_a_plain_search(mesh: Mesh) -> None:
     firsts = random.choice(len(faces), 12, replace=False)
     pairs = np.array([(i, j) for i in firsts for j in random.integers(0, len(faces), 40)])
     rings = {i: slow_rings(faces, len(points), i) for i in firsts.tolist()}
-    expected = [min(int(rings[i][faces[j]].min()), RING_LIMIT + 1) for i, j in pairs.tolist()]
-    distance = RingDistances(faces, len(points))
+    expected = [min(int(rings[i][faces[j]].min()), LIMIT + 1) for i, j in pairs.tolist()]
+    distance = RingDistances(faces, len(points), limit=LIMIT)
     # In any order, and again: what is remembered must be the same.
     for _ in range(2):
         assert distance(pairs.astype(np.int32)).tolist() == expected

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dtrepair.intersect import MODES
 from dtrepair.repair.options import (
     ENERGIES,
     METHODS,
-    MODES,
     OPTIMIZERS,
     REST_CONTACTS,
     RepairOptions,

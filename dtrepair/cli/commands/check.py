@@ -17,11 +17,11 @@ from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.report_place import put_report
+from dtrepair.intersect import MODES
 from dtrepair.pipeline.check import CheckSettings, check_stage
 from dtrepair.pipeline.errors import exit_code
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
-from dtrepair.repair.options import MODES
 
 
 @click.command(

@@ -9,11 +9,11 @@ import click
 from click.core import ParameterSource
 
 from dtrepair.cli.options.fields import Function, as_object
+from dtrepair.intersect import MODES
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.repair.options import (
     ENERGIES,
     METHODS,
-    MODES,
     OPTIMIZERS,
     REST_CONTACTS,
     STAGES,

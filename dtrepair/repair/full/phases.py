@@ -23,7 +23,7 @@ class PhaseOptions:
 
     Args:
         near: Rings within which contacts are left to the fill, phase by phase: from careful to
-            pushing all of them.
+            pushing all of them; none beyond the limit of `RingDistances`.
         first_steps: Largest motions in an iteration of the first phase, units of the size, each
             tried where the one before did not suffice: long steps keep a pose open that short ones
             squeeze, short ones solve what long ones miss.

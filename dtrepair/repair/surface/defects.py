@@ -51,7 +51,13 @@ def update_defects(
 
 
 def near_contacts(surface: Surface, pairs: IntArray, near: int) -> BoolArray:
-    """Which pairs (K,) join triangles at most `near` edge rings apart: the sides of a crease."""
+    """Which pairs (K,) join triangles at most `near` edge rings apart: the sides of a crease.
+
+    ValueError where so many rings are not searched.
+    """
+    limit = surface.contacts.ring_distance.limit
+    if near > limit:
+        raise ValueError(f"near should be at most {limit}, the rings that are searched, got {near}")
     near_by: BoolArray = surface.body_of[pairs[:, 0]] == surface.body_of[pairs[:, 1]]
     near_by[near_by] = surface.contacts.ring_distance(pairs[near_by]) <= near
     return near_by

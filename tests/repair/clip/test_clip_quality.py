@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair import Repairer, RepairOptions, Status
-from dtrepair.demo import character as demo_character
+from dtrepair.demo.character import make_character
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import displacements, jitter
 from dtrepair.numerics.temporal import second_differences, steady_weights
@@ -22,7 +22,7 @@ Clip = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]
 
 
 @pytest.fixture
-def embrace(monkeypatch: pytest.MonkeyPatch) -> Clip:
+def embrace() -> Clip:
     """Rest, faces and frames (T, V, 3) of a character that drives its forearms into its body."""
     turns = {
         "left_arm": (62, -14, -55),
@@ -30,8 +30,7 @@ def embrace(monkeypatch: pytest.MonkeyPatch) -> Clip:
         "left_forearm": (0, -112, 0),
         "right_forearm": (0, 112, 0),
     }
-    monkeypatch.setattr(demo_character, "_TURNS", turns)
-    character = demo_character.make_character(16)
+    character = make_character(16, turns=turns)
     quads = character.quads
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.int32)
     # Written clips hold single precision.

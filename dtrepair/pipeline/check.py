@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time as clock
 from collections.abc import Generator, Mapping
 from contextlib import closing
@@ -29,6 +30,7 @@ from dtrepair.pipeline.stages.frames import (
     unusable,
 )
 from dtrepair.pipeline.stages.matching import ignored_pairs
+from dtrepair.pipeline.stages.outputs import FilePath
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.report.record import FramePrimRecord, FrameRecord, Report
 
@@ -78,7 +80,7 @@ class CheckChoices(TypedDict, total=False):
 
 
 def check_stage(
-    stage: str,
+    stage: FilePath,
     settings: CheckSettings | None = None,
     *,
     jobs: int | None = None,
@@ -101,7 +103,7 @@ def check_stage(
     """
     chosen = replace(settings or CheckSettings(), **choices)
     with plain_errors():
-        return _check(stage, chosen, jobs, use_device(device), observer)
+        return _check(os.fspath(stage), chosen, jobs, use_device(device), observer)
 
 
 def _check(

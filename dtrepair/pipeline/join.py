@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 
 from dtrepair.pipeline.errors import plain_errors
+from dtrepair.pipeline.stages.outputs import FilePath
 
 
-def join_layers(layers: Sequence[str], output: str) -> None:
+def join_layers(layers: Sequence[FilePath], output: FilePath) -> None:
     """Merge layers that chunks or frame ranges of one input were written to into one layer.
 
     Stacking them would show one of them only: the strongest layer with any time sample owns the
@@ -23,4 +25,4 @@ def join_layers(layers: Sequence[str], output: str) -> None:
     import usd_io
 
     with plain_errors():
-        usd_io.join_layers(layers, output)
+        usd_io.join_layers([os.fspath(layer) for layer in layers], os.fspath(output))

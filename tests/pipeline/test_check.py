@@ -23,7 +23,7 @@ def test_a_check_says_nothing_and_finds_what_the_command_finds(
     clip: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     host = Listener()
-    report = check_stage(str(clip), observer=host)
+    report = check_stage(clip, observer=host)
     assert capfd.readouterr() == ("", "")
     found = [record.before.pairs > 0 for record in report.frames if record.before is not None]
     assert found == [False, True, False, True]

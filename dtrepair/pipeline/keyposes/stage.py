@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -32,6 +33,7 @@ from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import mode_warnings, prim_records, refuse_if_none_usable
 from dtrepair.pipeline.stages.object_settings import recorded
+from dtrepair.pipeline.stages.outputs import FilePath
 from dtrepair.pipeline.stages.plan import Plan, make_plan
 from dtrepair.pipeline.stages.rest import Rest, choose_rests, rest_warnings
 from dtrepair.pipeline.stages.sinks import Sink, open_sink
@@ -40,8 +42,8 @@ from dtrepair.report.record import FrameRecord, Report, summarize
 
 
 def repair_keyposes(
-    stage: str,
-    output: str | None = None,
+    stage: FilePath,
+    output: FilePath | None = None,
     settings: KeyposeSettings | None = None,
     *,
     jobs: int | None = None,
@@ -68,14 +70,17 @@ def repair_keyposes(
         PipelineError: with the exit code that stands for it, see its subclasses. Cancelled where
             the observer wants the run to end. An older output is intact then.
     """
-    chosen = replace(settings or KeyposeSettings(), **choices)
-    with plain_errors(), _prepared(stage, output, chosen, device, jobs, observer) as prepared:
+    chosen, path = replace(settings or KeyposeSettings(), **choices), _path_of(output)
+    with (
+        plain_errors(),
+        _prepared(os.fspath(stage), path, chosen, device, jobs, observer) as prepared,
+    ):
         return _solved(prepared, observer)
 
 
 def plan_keyposes(
-    stage: str,
-    output: str | None = None,
+    stage: FilePath,
+    output: FilePath | None = None,
     settings: KeyposeSettings | None = None,
     *,
     device: str = "auto",
@@ -83,10 +88,17 @@ def plan_keyposes(
     **choices: Unpack[KeyposeChoices],
 ) -> Plan:
     """Return what `repair_keyposes` would do with the same arguments; check them, write nothing."""
-    chosen = replace(settings or KeyposeSettings(), **choices)
-    with plain_errors(), _prepared(stage, output, chosen, device, None, observer) as prepared:
+    chosen, path = replace(settings or KeyposeSettings(), **choices), _path_of(output)
+    with (
+        plain_errors(),
+        _prepared(os.fspath(stage), path, chosen, device, None, observer) as prepared,
+    ):
         source, controls = prepared.source, prepared.controls
-        return make_plan(source, prepared.rests, source.times, output, controls.settings)
+        return make_plan(source, prepared.rests, source.times, path, controls.settings)
+
+
+def _path_of(output: FilePath | None) -> str | None:
+    return None if output is None else os.fspath(output)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -23,6 +24,7 @@ from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import mode_warnings
 from dtrepair.pipeline.stages.object_settings import recorded
+from dtrepair.pipeline.stages.outputs import FilePath
 from dtrepair.pipeline.stages.plan import Plan, make_plan
 from dtrepair.pipeline.stages.rest import choose_rests
 from dtrepair.pipeline.stages.sinks import open_sink
@@ -32,8 +34,8 @@ from dtrepair.report.record import Report
 
 
 def repair_stage(
-    stage: str,
-    output: str,
+    stage: FilePath,
+    output: FilePath,
     settings: RepairSettings | None = None,
     *,
     resume: bool = False,
@@ -62,7 +64,10 @@ def repair_stage(
     """
     chosen = replace(settings or RepairSettings(), **choices)
     _refuse_together(chosen, resume=resume, distributed=distributed)
-    with plain_errors(), _prepared(stage, output, chosen, device, jobs, observer) as prepared:
+    with (
+        plain_errors(),
+        _prepared(os.fspath(stage), os.fspath(output), chosen, device, jobs, observer) as prepared,
+    ):
         bodies = make_bodies(
             prepared.source, prepared.rests, prepared.controls, observer, mode=chosen.options.mode
         )
@@ -75,8 +80,8 @@ def repair_stage(
 
 
 def plan_repair(
-    stage: str,
-    output: str,
+    stage: FilePath,
+    output: FilePath,
     settings: RepairSettings | None = None,
     *,
     resume: bool = False,
@@ -88,13 +93,16 @@ def plan_repair(
     """Return what `repair_stage` would do with the same arguments; check them, write nothing."""
     chosen = replace(settings or RepairSettings(), **choices)
     _refuse_together(chosen, resume=resume, distributed=distributed)
-    with plain_errors(), _prepared(stage, output, chosen, device, None, observer) as prepared:
+    with (
+        plain_errors(),
+        _prepared(os.fspath(stage), os.fspath(output), chosen, device, None, observer) as prepared,
+    ):
         chunk = prepared.chunk
         return make_plan(
             prepared.source,
             prepared.rests,
             chunk.times[chunk.written],
-            output,
+            prepared.output,
             prepared.controls.settings,
         )
 

@@ -9,9 +9,11 @@ from pathlib import Path
 
 from dtrepair.pipeline.errors import OutputError, UsageError
 
+FilePath = str | os.PathLike[str]
+
 
 @contextmanager
-def writing(path: str | os.PathLike[str]) -> Iterator[None]:
+def writing(path: FilePath) -> Iterator[None]:
     """Turn an OSError while writing `path` into an OutputError."""
     try:
         yield
@@ -20,7 +22,7 @@ def writing(path: str | os.PathLike[str]) -> Iterator[None]:
         raise OutputError(f"{path}: cannot be written: {reason}; choose another place") from None
 
 
-def check_writable(path: str | os.PathLike[str]) -> None:
+def check_writable(path: FilePath) -> None:
     """Refuse an output before any computing: no such directory, a directory, no permission."""
     from dtrepair.files.atomic import atomic_output
 
@@ -40,7 +42,7 @@ class _TrialDone(Exception):
 
 
 def refuse_overwriting(
-    output: str | os.PathLike[str],
+    output: FilePath,
     *inputs: str | None,
     others: Iterable[str | None] = (),
 ) -> None:
@@ -50,7 +52,7 @@ def refuse_overwriting(
             raise UsageError(f"{output}: is {what} of this run; choose another output")
 
 
-def remove_unfinished(output: str | os.PathLike[str]) -> None:
+def remove_unfinished(output: FilePath) -> None:
     """Remove what this process has written of an output so far: it will exit without an end."""
     from usd_io.write.temporary import remove_own_folders
 

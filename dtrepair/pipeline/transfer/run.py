@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
@@ -27,7 +28,7 @@ from dtrepair.pipeline.stages.bodies import in_units_of_frames
 from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import make_counter, prim_records, refuse_if_none_usable
-from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
+from dtrepair.pipeline.stages.outputs import FilePath, check_writable, refuse_overwriting
 from dtrepair.pipeline.stages.plan import Plan, make_plan
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.transfer.correspondence import match
@@ -46,9 +47,9 @@ if TYPE_CHECKING:
 
 
 def transfer_stage(
-    source: str,
-    target: str,
-    output: str,
+    source: FilePath,
+    target: FilePath,
+    output: FilePath,
     settings: TransferSettings | None = None,
     *,
     jobs: int | None = None,
@@ -74,14 +75,15 @@ def transfer_stage(
             the observer wants the run to end. An older output is intact then.
     """
     chosen = replace(settings or TransferSettings(), **choices)
+    source, target, output = os.fspath(source), os.fspath(target), os.fspath(output)
     with plain_errors(), _prepared(source, target, output, chosen, device, jobs, observer) as run:
         return _transferred(run)
 
 
 def plan_transfer(
-    source: str,
-    target: str,
-    output: str,
+    source: FilePath,
+    target: FilePath,
+    output: FilePath,
     settings: TransferSettings | None = None,
     *,
     device: str = "auto",
@@ -90,6 +92,7 @@ def plan_transfer(
 ) -> Plan:
     """Return what `transfer_stage` would do with the same arguments; check them, write nothing."""
     chosen = replace(settings or TransferSettings(), **choices)
+    source, target, output = os.fspath(source), os.fspath(target), os.fspath(output)
     with plain_errors(), _prepared(source, target, output, chosen, device, None, observer) as run:
         pair, times = run.pair, run.pair.source.times
         sides = ((pair.source, pair.source_rest), (pair.target, pair.target_rest))

@@ -48,7 +48,7 @@ def listing(folder: Path) -> list[str]:
 def test_a_run_says_nothing_and_writes_what_the_command_writes(
     tmp_path: Path, clip: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    report = repair_stage(str(clip), str(tmp_path / "b.usdc"))
+    report = repair_stage(clip, tmp_path / "b.usdc")
     assert capfd.readouterr() == ("", "")
     assert exit_code(report) == 0 and len(report.frames) == len(ANGLES)
     assert run("repair", clip, "-o", tmp_path / "c.usdc").code == 0

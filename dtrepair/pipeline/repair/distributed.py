@@ -156,8 +156,10 @@ def _client(address: str, jobs: int | None) -> Iterator[Client]:
         from dtrepair.repair.parallel.worker_pool import available_processors
 
         count = jobs or available_processors()
+        # Even without a dashboard there is a server, which warns of a port that is taken.
+        options = {"dashboard_address": ":0", "scheduler_kwargs": {"dashboard": False}}
         with (
-            LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None) as cluster,
+            LocalCluster(n_workers=count, threads_per_worker=1, **options) as cluster,
             Client(cluster) as client,
         ):
             yield client

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import pickle
+import socket
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +22,23 @@ FRAMES = 61  # two windows
 
 
 @pytest.fixture
+def taken_port() -> Iterator[None]:
+    """The port of the dashboards of Dask is taken, as by another cluster."""
+    with socket.socket() as other:
+        with suppress(OSError):  # then somebody else has it
+            other.bind(("", 8787))
+            other.listen()
+        yield
+
+
+@pytest.fixture
 def clip(tmp_path: Path) -> Path:
     return tube_stage(tmp_path / "a.usdc", 6.2 + 0.25 * np.sin(0.5 * np.arange(FRAMES)))
 
 
 # Of the cluster's own event loops, at their end.
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
+@pytest.mark.usefixtures("taken_port")
 def test_two_workers_write_what_one_run_writes(tmp_path: Path, clip: Path) -> None:
     reports = []
     for name, options in {"whole": [], "parts": ["--distributed", "local", "--jobs", 2]}.items():

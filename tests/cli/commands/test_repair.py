@@ -159,11 +159,11 @@ def test_solver_errors_fail_one_frame_only(tmp_path: Path, monkeypatch: pytest.M
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED + 0.1, CLOSED))
     calls = []
 
-    def sometimes(*arguments: Any) -> list[list[RepairResult]]:
+    def sometimes(*arguments: Any, **options: Any) -> list[list[RepairResult]]:
         calls.append(1)
         if len(calls) == 2:
             raise ArithmeticError("no factor")
-        return repair_poses(*arguments)
+        return repair_poses(*arguments, **options)
 
     monkeypatch.setattr("dtrepair.repair.repairer.repair_poses", sometimes)
     done = run("repair", path, "-o", tmp_path / "b.usdc", "--alone", "--jobs", 1)

@@ -12,12 +12,8 @@ from numpy.typing import ArrayLike
 from dtrepair.device import DeviceQueue, resolve_device
 from dtrepair.numerics.geometry import as_numpy
 from dtrepair.numerics.threads import one_thread
-from dtrepair.repair.clip.animation import (
-    ClipOptions,
-    ClipRepairer,
-    MakeMethod,
-    window_method,
-)
+from dtrepair.repair.clip.clip_repairer import ClipRepairer, window_method
+from dtrepair.repair.clip.window_stream import ClipOptions, MakeMethod
 from dtrepair.repair.independent import poses_at_once, repair_poses
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import RepairResult

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from dtrepair.diagnosis import Diagnosis, Status
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.clip.animation import MakeMethod, WindowSolver
+from dtrepair.repair.clip.window_stream import MakeMethod, WindowSolver
 from dtrepair.repair.parallel.process_pool import in_batches, map_in_processes
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.result import Count, RepairResult, Stage

@@ -30,7 +30,7 @@ def choose_chunk(source: Source, chunk: tuple[int, int] | None, *, alone: bool) 
     """
     if chunk is not None and not isinstance(source, StageSource):
         raise UsageError("--chunk: only for USD stages; leave it out")
-    from dtrepair.repair.clip import animation
+    from dtrepair.repair.clip import window_stream
     from dtrepair.repair.clip.layout import frames_to_solve, motions_of, window_layout
 
     every = source.times
@@ -49,7 +49,7 @@ def choose_chunk(source: Source, chunk: tuple[int, int] | None, *, alone: bool) 
                 yield np.concatenate(frame.spaces)
 
     motions = motions_of(poses())
-    clip = animation.ClipOptions()
+    clip = window_stream.ClipOptions()
     layout = window_layout(times, motions, options=clip)
     first, stop = _share(len(layout), *chunk)
     if first == stop:

@@ -67,7 +67,7 @@ def open_journal(
     prepared: Prepared, bodies: list[Body], observer: Observer, *, resume: bool
 ) -> Journal | None:
     """The journal of a run; None where a run is a single step, solved wholly or not at all."""
-    from dtrepair.repair.clip.animation import ClipOptions
+    from dtrepair.repair.clip.window_stream import ClipOptions
 
     run, times = prepared.run, prepared.chunk.times
     journal = Journal(

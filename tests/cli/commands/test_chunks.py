@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair.repair import repairer
-from dtrepair.repair.clip import animation
+from dtrepair.repair.clip import window_stream
 from dtrepair.report.record import read_report
 from tests.command_line import CLOSED, OPEN, assert_fails, read_samples, run, tube_stage
 
@@ -23,8 +23,8 @@ FRAMES = 24
 @pytest.fixture
 def small_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows of 12 frames that overlap by 4."""
-    small = partial(animation.ClipOptions, window=12, overlap=4)
-    monkeypatch.setattr(animation, "ClipOptions", small)
+    small = partial(window_stream.ClipOptions, window=12, overlap=4)
+    monkeypatch.setattr(window_stream, "ClipOptions", small)
     monkeypatch.setattr(repairer, "ClipOptions", small)
     monkeypatch.setattr("dtrepair.pipeline.repair.stage.open_journal", lambda *some, **more: None)
 

@@ -14,7 +14,7 @@ from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.repair_text import say
 from dtrepair.pipeline.observer import FrameDone
 from dtrepair.repair import repairer
-from dtrepair.repair.clip import animation
+from dtrepair.repair.clip import window_stream
 from dtrepair.repair.clip.window_method import WindowMethod
 from dtrepair.repair.independent import repair_poses
 from tests.command_line import CLOSED, OPEN, Outcome, assert_fails, run, tube_stage
@@ -32,8 +32,8 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def windows(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Small windows, and the number of those that were solved, not remembered."""
-    small = partial(animation.ClipOptions, window=WINDOW, overlap=OVERLAP)
-    monkeypatch.setattr(animation, "ClipOptions", small)
+    small = partial(window_stream.ClipOptions, window=WINDOW, overlap=OVERLAP)
+    monkeypatch.setattr(window_stream, "ClipOptions", small)
     monkeypatch.setattr(repairer, "ClipOptions", small)
     solved: list[int] = []
     solve = WindowMethod.__call__

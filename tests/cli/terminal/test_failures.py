@@ -111,7 +111,7 @@ def test_a_trace_reaches_into_the_workers(tmp_path: Path, monkeypatch: pytest.Mo
 def test_a_trace_tells_why_frames_are_not_repaired_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from dtrepair.repair.clip.animation import ClipRepairer
+    from dtrepair.repair.clip.clip_repairer import ClipRepairer
 
     def deep_inside(self: object, poses: object, **options: object) -> None:
         raise ArithmeticError("no window")

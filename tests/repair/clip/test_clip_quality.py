@@ -11,12 +11,12 @@ from dtrepair.demo.character import make_character
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import displacements, jitter
 from dtrepair.numerics.temporal import second_differences, steady_weights
-from dtrepair.repair.clip.animation import _alone
 from dtrepair.repair.clip.window_method import EaseOptions, WindowMethod, WindowOptions
+from dtrepair.repair.clip.window_stream import solve_alone
 from dtrepair.repair.full.mend import mend
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import Surface
-from tests.repair.clip.test_animation import crossings, pincers, results_of, roughness, swing
+from tests.repair.clip.test_clip_repairer import crossings, pincers, results_of, roughness, swing
 
 Clip = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]
 
@@ -79,7 +79,7 @@ def test_taken_out_displacements_come_back_where_they_are_needed() -> None:
 
     def repaired(still: float) -> FloatArray:
         options = WindowOptions(ease=EaseOptions(still=still))
-        poses = WindowMethod(surface, _alone, options=options)(original, times, WorkerPool())
+        poses = WindowMethod(surface, solve_alone, options=options)(original, times, WorkerPool())
         assert poses is not None
         return poses
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dtrepair.repair.clip import animation
-from dtrepair.repair.clip.animation import ClipOptions
+from dtrepair.repair.clip import window_stream
 from dtrepair.repair.clip.frames import read_frames
 from dtrepair.repair.clip.layout import Window, frames_to_solve, motions_of, window_layout
+from dtrepair.repair.clip.window_stream import ClipOptions
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from tests.meshes import icosphere
@@ -41,12 +41,12 @@ def test_windows_are_those_of_the_stream(
 
     def window(
         self: object, frames: Any, tail: Any, *, keep: int
-    ) -> tuple[list[animation.Repaired], list[NDArray[np.float64]]]:
+    ) -> tuple[list[window_stream.Repaired], list[NDArray[np.float64]]]:
         seen.append((int(frames[0].time), int(frames[-1].time) + 1, len(frames) - keep))
-        done = [animation.Repaired(frame.time, []) for frame in frames[: len(frames) - keep]]
+        done = [window_stream.Repaired(frame.time, []) for frame in frames[: len(frames) - keep]]
         return done, [frame.centred for frame in frames[len(frames) - keep :]]
 
-    monkeypatch.setattr(animation._Stream, "_window", window)
+    monkeypatch.setattr(window_stream.WindowStream, "_window", window)
     frames = [(float(k), [pose]) for k, pose in enumerate(poses)]
     done = [frame.time for frame in repairer.animator.stream(frames)]
     assert done == list(range(75))

@@ -7,9 +7,9 @@ import pytest
 
 from dtrepair.numerics.geometry import FloatArray, unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio
-from dtrepair.repair.clip.animation import _alone
 from dtrepair.repair.clip.restore_shape import RestoreShapeOptions
 from dtrepair.repair.clip.window_method import WindowMethod, WindowOptions
+from dtrepair.repair.clip.window_stream import solve_alone
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import icosphere, joined
@@ -33,7 +33,7 @@ def repaired(
     poses = np.repeat(rest[None], len(depth), axis=0)
     poses[:, count:] += np.array([0.3, 0.1, 1.75]) - depth[:, None, None] * [0.0, 0.0, 1.0]
     poses /= surface.size
-    method = WindowMethod(surface, _alone, options=WindowOptions(restore=restore))
+    method = WindowMethod(surface, solve_alone, options=WindowOptions(restore=restore))
     result = method(poses, np.arange(float(len(poses))), WorkerPool())
     assert result is not None
     assert all(len(surface.contacts.pairs(pose)) == 0 for pose in result)

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dtrepair.repair.clip.animation import _alone
 from dtrepair.repair.clip.mend_frames import mend_frames
 from dtrepair.repair.clip.tighten_frames import TightenOptions, _around, tighten_frames
 from dtrepair.repair.clip.window_method import push_frames
 from dtrepair.repair.clip.window_state import WindowState
+from dtrepair.repair.clip.window_stream import solve_alone
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import Surface
-from tests.repair.clip.test_animation import swing
+from tests.repair.clip.test_clip_repairer import swing
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def pushed() -> WindowState:
     rest, faces, frames = swing()
     surface = Surface(rest, faces)
     times = np.arange(float(len(frames)))
-    state = WindowState(surface, frames / surface.size, times, WorkerPool(), alone=_alone)
+    state = WindowState(surface, frames / surface.size, times, WorkerPool(), alone=solve_alone)
     push_frames(state)
     mend_frames(state)
     assert not state.dirty

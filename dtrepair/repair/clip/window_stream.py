@@ -1,4 +1,4 @@
-"""Clips: overlapping windows of frames in, verified frames out, whatever their number."""
+"""Frames of a clip on their way through overlapping windows: solved, faded, verified."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache, partial
-from itertools import islice
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -17,12 +16,10 @@ from dtrepair.numerics.temporal import frame_units
 from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.clip.frames import Frame, cross_fade, read_frames
 from dtrepair.repair.clip.layout import LayoutOptions
-from dtrepair.repair.clip.window_method import WindowMethod, WindowOptions
+from dtrepair.repair.clip.window_method import WindowOptions
 from dtrepair.repair.full.mend import MendOptions, mend
 from dtrepair.repair.full.method import FullMethod, FullOptions
-from dtrepair.repair.independent import IndependentOptions, repair_poses
-from dtrepair.repair.options import RepairOptions
-from dtrepair.repair.parallel.process_pool import in_batches, map_in_processes
+from dtrepair.repair.independent import IndependentOptions
 from dtrepair.repair.parallel.worker_pool import (
     WorkerPool,
     available_processors,
@@ -93,19 +90,16 @@ class Repaired(NamedTuple):
     results: list[RepairResult]
 
 
-class ClipRepairer:
-    """Repairs the frames of a scene together: clean, close to the input, and steady.
-
-    Displacements are smooth in time by construction within windows of frames; windows overlap and
-    are cross-faded; a cut ends a run. Every frame is verified exactly on the float32 coordinates
-    of its result. Memory does not grow with the number of frames.
+class WindowStream:
+    """Frames on their way through one stream of windows.
 
     Args:
         scene: The bodies and options.
         meshes: The welded meshes of the scene.
-        options: Sizes of windows, and steps.
-        make_method: Makes the solver of windows of a mesh; default: `window_method`.
-        poses_at_once: How many frames that are repaired each for itself are solved at once.
+        options: Numbers of this stage.
+        make_method: Makes the solver of windows of a mesh.
+        jobs: Workers; None: all processors.
+        progress: Called now and then with how many frames' worth of the present window is done.
     """
 
     def __init__(
@@ -113,70 +107,13 @@ class ClipRepairer:
         scene: Scene,
         meshes: WeldedMeshes,
         *,
-        options: ClipOptions = ClipOptions(),
-        make_method: MakeMethod | None = None,
-        poses_at_once: int = 1,
-    ) -> None:
-        self.scene, self.meshes, self.options = scene, meshes, options
-        self.make_method = make_method or partial(window_method, scene.options, options)
-        self.poses_at_once = poses_at_once
-
-    def stream(
-        self,
-        frames: Iterable[tuple[float, Sequence[Any]]],
-        *,
+        options: ClipOptions,
+        make_method: MakeMethod,
         jobs: int | None = None,
         progress: Progress | None = None,
-    ) -> Iterator[Repaired]:
-        """Repair (time, poses (V, 3) of each body) in order, with `jobs` workers (None: all).
-
-        At most a window of frames is held. `progress` is called now and then with how many
-        frames' worth of the present window is done. ValueError where times do not increase, and
-        for poses that cannot be used.
-        """
-        if self.scene.options.method != "full":
-            yield from self._each(frames, jobs)
-            return
-        yield from _Stream(self, jobs, progress).run(frames)
-
-    def _each(
-        self, frames: Iterable[tuple[float, Sequence[Any]]], jobs: int | None
-    ) -> Iterator[Repaired]:
-        """Frames each for itself: batches of them on a GPU, else side by side."""
-        iterator, size = iter(frames), self.poses_at_once
-
-        def solved(batch: list[tuple[float, Sequence[Any]]]) -> list[Repaired]:
-            poses = [poses for _, poses in batch]
-            options = self.options.independent
-            results = repair_poses(self.scene, self.meshes, poses, options=options)
-            return [Repaired(time, found) for (time, _), found in zip(batch, results, strict=True)]
-
-        # What is built for the first frame, all processes inherit.
-        for first in islice(iterator, 1 if size == 1 else 0):
-            yield from solved([first])
-        workers = (jobs or available_processors()) if size == 1 else 1
-        for found in map_in_processes(solved, in_batches(iterator, size), jobs=workers):
-            yield from found
-
-
-def window_method(choices: RepairOptions, options: ClipOptions, mesh: WeldedMesh) -> WindowSolver:
-    """The solver of the windows of a mesh."""
-    return WindowMethod(
-        mesh.surface,
-        partial(_alone, options=options.alone),
-        tighten=min(choices.tighten, options.tighten),
-        farthest=mesh.farthest,
-        clearance=mesh.clearance,
-        options=options.windows,
-    )
-
-
-class _Stream:
-    """Frames on their way through one stream of windows."""
-
-    def __init__(self, repairer: ClipRepairer, jobs: int | None, progress: Progress | None) -> None:
-        self.scene, self.meshes, self.options = repairer.scene, repairer.meshes, repairer.options
-        self.make_method, self.jobs, self.progress = repairer.make_method, jobs, progress
+    ) -> None:
+        self.scene, self.meshes, self.options = scene, meshes, options
+        self.make_method, self.jobs, self.progress = make_method, jobs, progress
 
     def run(self, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Repaired]:
         """Results in order; windows end at cuts and overlap elsewhere."""
@@ -328,7 +265,7 @@ class _Stream:
             unit,
             [start],
             step=self.options.mend_step,
-            alone=partial(_alone, options=self.options.alone),
+            alone=partial(solve_alone, options=self.options.alone),
             options=self.options.mend,
         )
         near = allowed(mesh.surface.rigid, unit, near, mesh.farthest)
@@ -337,7 +274,7 @@ class _Stream:
         return (mended, found) if len(found) < len(left) else (pose, left)
 
 
-def _alone(
+def solve_alone(
     surface: Surface, original: FloatArray, *, options: FullOptions = FullOptions()
 ) -> FloatArray:
     """The single-frame solver, untightened: its result is blended with its neighbours'."""

@@ -17,7 +17,7 @@ from dtrepair.files.mesh_files import read_mesh
 from dtrepair.numerics.geometry import weld_map
 from dtrepair.numerics.metrics import displacements, jitter
 from dtrepair.numerics.operators import Factor
-from dtrepair.repair.clip.animation import ClipOptions
+from dtrepair.repair.clip.window_stream import ClipOptions
 from tests.meshes import icosphere, swept
 from usd_io import open_stage, read_meshes, read_points
 

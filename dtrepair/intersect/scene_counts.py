@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from dtrepair.intersect import MODES
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import counted_between
+from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import weld_map
 from dtrepair.report.record import CountRecord
 
@@ -23,6 +24,8 @@ class SceneCount:
     each: for one mesh `triangles` are its triangles that intersect anything, `pairs` all pairs it
     takes part in, `inter_pairs` those with another mesh.
     intersecting: a mask (F,) for each mesh.
+    The five numbers of a record are told apart: pairs that were modelled are in none of the first
+    three, and a triangle is modelled if it is in modelled pairs only.
     met: number of pairs between meshes (i, j), i <= j, that meet; (i, i) is one with itself.
     every_pair: all pairs (K, 2) of triangles of the meshes in a row, whatever the mode.
     """
@@ -44,6 +47,8 @@ class SceneCounter:
         mode: "self" counts pairs within a mesh, "inter" those between two, "both" all.
         ignored: pairs of meshes (i, j), i <= j, whose contacts do not count.
         device: "cpu" or "cuda:N".
+        attachments: contacts that were modelled, by the triangles of all meshes in a row; they are
+            counted apart.
     """
 
     def __init__(
@@ -54,11 +59,13 @@ class SceneCounter:
         mode: str = "both",
         ignored: Sequence[tuple[int, int]] = (),
         device: str = "cpu",
+        attachments: Attachments | None = None,
     ) -> None:
         if mode not in MODES:
             raise ValueError(f"mode: expected one of {', '.join(MODES)}, got {mode!r}")
         self.mode = mode
         self.ignored = tuple(ignored)
+        self.attachments = attachments
         self._vertices = np.cumsum([0, *(len(np.asarray(rest)) for rest in rests)])
         self._triangles = np.cumsum([0, *(len(triangles) for triangles in faces)])
         shifted = [
@@ -83,25 +90,42 @@ class SceneCounter:
         every = pairs = self._detector(together, weld=np.concatenate(welded).astype(np.int32))
         owner = self._owner[pairs]
         keep = counted_between(owner, mode=self.mode, ignored=self.ignored)
-        pairs, owner = pairs[keep], owner[keep]
+        pairs = pairs[keep]
+        modelled = np.zeros((0, 2), dtype=np.int32)
+        if self.attachments is not None:
+            meant = self.attachments.modelled(pairs)
+            pairs, modelled = pairs[~meant], pairs[meant]
+        owner = self._owner[pairs]
         between = owner[:, 0] != owner[:, 1]
         hit = np.zeros(len(self._owner), dtype=bool)
         hit[pairs.reshape(-1)] = True
         intersecting = tuple(
             hit[a:b] for a, b in zip(self._triangles[:-1], self._triangles[1:], strict=True)
         )
+        only_modelled = np.zeros(len(self._owner), dtype=bool)
+        only_modelled[modelled.reshape(-1)] = True
+        only_modelled &= ~hit
+        owner_modelled = self._owner[modelled]
         each = []
         for index, mask in enumerate(intersecting):
             of_mesh = (owner == index).any(axis=1)
-            each.append(_count(int(mask.sum()), of_mesh, between & of_mesh))
+            own = slice(self._triangles[index], self._triangles[index + 1])
+            each.append(
+                CountRecord(
+                    triangles=int(mask.sum()),
+                    pairs=int(of_mesh.sum()),
+                    inter_pairs=int((between & of_mesh).sum()),
+                    modelled_triangles=int(only_modelled[own].sum()),
+                    modelled_pairs=int((owner_modelled == index).any(axis=1).sum()),
+                )
+            )
         together, numbers = np.unique(np.sort(owner, axis=1), axis=0, return_counts=True)
         met = {(i, j): n for (i, j), n in zip(together.tolist(), numbers.tolist(), strict=True)}
-        total = _count(int(hit.sum()), np.ones(len(pairs)), between)
+        total = CountRecord(
+            triangles=int(hit.sum()),
+            pairs=len(pairs),
+            inter_pairs=int(between.sum()),
+            modelled_triangles=int(only_modelled.sum()),
+            modelled_pairs=len(modelled),
+        )
         return SceneCount(total, tuple(each), intersecting, met, every)
-
-
-def _count(triangles: int, pairs: ArrayLike, between: ArrayLike) -> CountRecord:
-    """Return the counts of triangles and pairs as a record."""
-    return CountRecord(
-        triangles=triangles, pairs=int(np.sum(pairs)), inter_pairs=int(np.sum(between))
-    )

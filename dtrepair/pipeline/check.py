@@ -13,6 +13,7 @@ from dtrepair import __version__
 from dtrepair.intersect import MODES
 from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.observer import SILENT, Observer, Progress, warn
+from dtrepair.pipeline.repair.modelled import modelled_contacts
 from dtrepair.pipeline.repair.records import contact_records
 from dtrepair.pipeline.selection import Selection, object_of, refuse_unknown
 from dtrepair.pipeline.stages.clock import Clock
@@ -37,6 +38,9 @@ from dtrepair.report.record import FramePrimRecord, FrameRecord, Report
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCounter
 
+# What a check may do with contacts that were modelled: count them apart, or like all others.
+COUNTED_APART = ("auto", "repair")
+
 
 @dataclass(frozen=True, kw_only=True)
 class CheckSettings:
@@ -46,17 +50,24 @@ class CheckSettings:
         selection: which meshes and frames take part.
         mode: pairs within a mesh ("self"), between meshes ("inter") or both.
         ignore: pairs "A,B" of path expressions whose contacts do not count.
+        rest_contacts: "auto" counts contacts that were modelled apart, "repair" all as one.
 
     Raises:
-        UsageError: an unknown mode.
+        UsageError: an unknown mode or way to count.
     """
 
     selection: Selection = field(default_factory=Selection)
     mode: str = "both"
     ignore: tuple[str, ...] = ()
+    rest_contacts: str = "auto"
 
     def __post_init__(self) -> None:
-        """Refuse an unknown mode."""
+        """Refuse an unknown mode or way to count."""
+        if self.rest_contacts not in COUNTED_APART:
+            raise UsageError(
+                f"--rest-contacts: expected one of {', '.join(COUNTED_APART)}, got "
+                f"{self.rest_contacts!r}"
+            )
         if self.mode not in MODES:
             raise UsageError(f"--mode: expected one of {', '.join(MODES)}, got {self.mode!r}")
 
@@ -77,6 +88,7 @@ class CheckChoices(TypedDict, total=False):
     selection: Selection
     mode: str
     ignore: tuple[str, ...]
+    rest_contacts: str
 
 
 def check_stage(
@@ -114,7 +126,12 @@ def _check(
     warn(observer, [*source.warnings, *mode_warnings(source, settings.mode)])
     watch.lap("read")
     ignored = ignored_pairs(source, settings.ignore)
-    counter = make_counter(source, mode=settings.mode, ignored=ignored, device=device)
+    attachments = None
+    if settings.rest_contacts == "auto":
+        attachments = modelled_contacts(source, ignored=ignored)
+    counter = make_counter(
+        source, mode=settings.mode, ignored=ignored, device=device, attachments=attachments
+    )
     enclosed = EnclosedParts(source, mode=settings.mode, ignored=ignored)
     with (
         Progress(observer, "checking", len(source.times)) as progress,
@@ -123,7 +140,11 @@ def _check(
         records = tuple(progress.over(found))
     refuse_if_none_usable(source, records)
     watch.lap("detect")
-    own = {"mode": settings.mode, "ignore": list(settings.ignore)}
+    own = {
+        "mode": settings.mode,
+        "ignore": list(settings.ignore),
+        "rest_contacts": settings.rest_contacts,
+    }
     return Report(
         command="check",
         version=__version__,

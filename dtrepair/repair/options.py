@@ -13,7 +13,7 @@ OPTIMIZERS = ("momentum-brake", "uniform-adam", "gradient-descent")
 ENERGIES = ("signed-tpe", "tpe", "point-to-plane", "conical")
 # Stages of the full method that can be left out.
 STAGES = ("volume", "fill", "insist", "pull-back", "relax", "unbend")
-REST_CONTACTS = ("repair", "leave")
+REST_CONTACTS = ("auto", "repair", "leave")
 
 
 class OptionError(ValueError):
@@ -50,7 +50,9 @@ class RepairOptions:
         maximum_displacement: No vertex moves farther, in length units; None: no limit.
         clearance: Distance that triangles of a result keep that are not neighbours, length units.
         skip: Stages of the full method to leave out, of STAGES.
-        rest_contacts: "repair" or "leave" the intersections that the rest pose has as well.
+        rest_contacts: What to do with intersections that the rest pose has as well: "auto" takes
+            those of different connected parts as modelled, leaves and holds them together; "repair"
+            or "leave" them all.
 
     Raises:
         OptionError: a ValueError; an unknown name or a number out of range.
@@ -66,7 +68,7 @@ class RepairOptions:
     tighten: int = 4
     maximum_displacement: float | None = None
     clearance: float = 0.0
-    rest_contacts: str = "repair"
+    rest_contacts: str = "auto"
     skip: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

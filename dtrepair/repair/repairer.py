@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dtrepair.device import DeviceQueue, resolve_device
+from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import as_numpy
 from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.clip.clip_repairer import ClipRepairer, window_method
@@ -49,8 +50,9 @@ class SceneRepairer:
         device: str = "cpu",
         ignore: Sequence[tuple[int, int]] = (),
         clip: ClipOptions | None = None,
+        references: Sequence[Reference] = (),
     ) -> None:
-        self.scene = make_scene(bodies, options or RepairOptions(), ignore)
+        self.scene = make_scene(bodies, options or RepairOptions(), ignore, references)
         self.device = resolve_device(device)
         queue = None if self.device == "cpu" else DeviceQueue(self.device)
         self._clip = clip or ClipOptions()

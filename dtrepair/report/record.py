@@ -31,6 +31,8 @@ class CountRecord:
     triangles: int = 0
     pairs: int = 0
     inter_pairs: int = 0
+    modelled_triangles: int = 0
+    modelled_pairs: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,7 +193,7 @@ def summarize(frames: Iterable[FrameRecord], *, jitter: float | None = None) -> 
         summary[status] = sum(frame.status == status for frame in frames)
     for when in ("before", "after"):
         counts = [getattr(frame, when) for frame in frames]
-        for name in ("triangles", "pairs", "inter_pairs"):
+        for name in ("triangles", "pairs", "inter_pairs", "modelled_triangles", "modelled_pairs"):
             summary[f"{name}_{when}"] = sum(getattr(c, name) for c in counts if c is not None)
     moved = [frame for frame in frames if frame.status in _COUNTED]
     summary["displacement_max"] = max((frame.displacement_max for frame in moved), default=0.0)

@@ -34,8 +34,16 @@ def _object(*optional: str, **properties: dict[str, Any]) -> dict[str, Any]:
 _TEXT = {"type": "string"}
 _COUNT = {"type": "integer", "minimum": 0}
 _AMOUNT = {"type": "number", "minimum": 0}
+# Counts of what was modelled, which the others leave out; older reports have none of them.
+_MODELLED = ("modelled_triangles", "modelled_pairs")
 _COUNTS = {
-    **_object(triangles=_COUNT, pairs=_COUNT, inter_pairs=_COUNT),
+    **_object(
+        *_MODELLED,
+        triangles=_COUNT,
+        pairs=_COUNT,
+        inter_pairs=_COUNT,
+        **{name: _COUNT for name in _MODELLED},
+    ),
     "type": ["object", "null"],
 }
 # Of several meshes how each was moved; None for those that were not.
@@ -100,12 +108,13 @@ _FRAME = _object(
 )
 _SUMMARY = _object(
     "contacts",
+    *(f"{name}_{when}" for when in ("before", "after") for name in _MODELLED),
     frames=_COUNT,
     **{status: _COUNT for status in STATUSES},
     **{
         f"{name}_{when}": _COUNT
         for when in ("before", "after")
-        for name in ("triangles", "pairs", "inter_pairs")
+        for name in ("triangles", "pairs", "inter_pairs", *_MODELLED)
     },
     displacement_max=_AMOUNT,
     displacement_mean=_AMOUNT,

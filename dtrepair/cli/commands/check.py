@@ -18,7 +18,7 @@ from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.report_place import put_report
 from dtrepair.intersect import MODES
-from dtrepair.pipeline.check import CheckSettings, check_stage
+from dtrepair.pipeline.check import COUNTED_APART, CheckSettings, check_stage
 from dtrepair.pipeline.errors import exit_code
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
@@ -38,6 +38,14 @@ from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
     type=click.Choice(MODES),
     help="Pairs within a mesh, between meshes, or both.",
 )
+@click.option(
+    "--rest-contacts",
+    type=click.Choice(COUNTED_APART),
+    default=CheckSettings.rest_contacts,
+    show_default=True,
+    help="Contacts of different parts that the rest pose has as well were modelled: auto counts "
+    "them apart, repair like all others.",
+)
 @selection_options
 @run_options
 @jobs_option
@@ -49,6 +57,7 @@ def command(
     json_path: str | None,
     mode: str,
     ignore: tuple[str, ...],
+    rest_contacts: str,
     selection: Selection,
     device: str,
     jobs: int | None,
@@ -69,7 +78,9 @@ def command(
     if json_path is not None and json_path != "-":
         refuse_overwriting(json_path, source_path)
         check_writable(json_path)
-    settings = CheckSettings(selection=selection, mode=mode, ignore=ignore)
+    settings = CheckSettings(
+        selection=selection, mode=mode, ignore=ignore, rest_contacts=rest_contacts
+    )
     observer = ConsoleObserver(console)
     report = check_stage(source_path, settings, jobs=jobs, device=device, observer=observer)
     if json_path != "-":

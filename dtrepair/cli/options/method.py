@@ -50,7 +50,8 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "rest_contacts": {
         "type": click.Choice(REST_CONTACTS),
-        "help": "What to do with intersections that the rest pose has as well.",
+        "help": "Intersections that the rest pose has as well: those of different connected parts "
+        "were modelled, and stay (auto); or repair, or leave, all of them.",
     },
     "skip": {
         "flag": "--skip-stage",

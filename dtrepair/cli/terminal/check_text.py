@@ -42,6 +42,9 @@ def _conclusion(records: tuple[FrameRecord, ...]) -> str:
     pairs = sum(count.pairs for count in counts)
     failed = sum(record.status == "failed" for record in records)
     ending = f"; {counted(failed, 'frame')} could not be read" if failed else ""
+    modelled = sum(count.modelled_pairs for count in counts)
+    if modelled:
+        ending = f", beside {counted(modelled, 'pair')} that were modelled{ending}"
     if not hit:
         return f"no intersections in {counted(len(counts), 'frame')}{ending}"
     verb = "intersects" if hit == 1 else "intersect"

@@ -111,10 +111,17 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
         console.table(["frame", "before", "after", "largest move", "status"], rows)
     totals = summarize(records)
     _print_contacts(console, records, totals["contacts"])
+    modelled = totals["modelled_pairs_after"]
+    but = " of all but modelled contacts" if modelled else ""
     console.result(
-        f"{totals['clean']} of {totals['frames']} frames clean: "
+        f"{totals['clean']} of {totals['frames']} frames clean{but}: "
         f"{totals['triangles_before']} -> {totals['triangles_after']} intersecting triangles"
     )
+    if modelled:
+        console.result(
+            f"modelled, and left: {totals['modelled_pairs_before']} -> {counted(modelled, 'pair')} "
+            "of different parts that overlap in the rest pose as well"
+        )
     close = sum(record.status == "clean" and record.left.too_close > 0 for record in records)
     if close:
         where = f"in {counted(close, 'frame')}"

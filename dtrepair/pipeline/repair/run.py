@@ -152,16 +152,31 @@ def make_repairer(
 ) -> tuple[FrameRepairer, list[int | None]]:
     """Build the solver and the counter, once for all frames; count the rests' own intersections."""
     from dtrepair.intersect.scene_counts import SceneCounter
+    from dtrepair.pipeline.repair.modelled import modelled_references
     from dtrepair.repair.repairer import SceneRepairer
 
-    rest_counts: list[int | None] = []
-    for mesh, rest in zip(source.meshes, rests, strict=True):
-        counter = SceneCounter([rest.points], [mesh.faces], device=run.device)
-        rest_counts.append(counter([rest.points]).total.triangles)
     options = in_units_of_frames(source, run.options)
-    scene = SceneRepairer(bodies, options=options, device=run.device, ignore=run.ignored)
+    references = modelled_references(source, rests, ignored=run.ignored)
+    scene = SceneRepairer(
+        bodies, options=options, device=run.device, ignore=run.ignored, references=references
+    )
     mode = run.options.mode
-    counter = make_counter(source, mode=mode, ignored=run.ignored, device=run.device)
+    counter = make_counter(
+        source,
+        mode=mode,
+        ignored=run.ignored,
+        device=run.device,
+        attachments=scene.scene.attachments,
+    )
+    rest_counts: list[int | None] = []
+    for index, (mesh, rest) in enumerate(zip(source.meshes, rests, strict=True)):
+        own = SceneCounter(
+            [rest.points],
+            [mesh.faces],
+            device=run.device,
+            attachments=scene.scene.attachments_of(index),
+        )
+        rest_counts.append(own([rest.points]).total.triangles)
     return (
         FrameRepairer(source, scene, counter, jobs=run.jobs, alone=run.alone, memory=memory),
         rest_counts,

@@ -18,6 +18,7 @@ from dtrepair.report.record import FrameRecord, PrimRecord
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCounter
+    from dtrepair.numerics.attachments import Attachments
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -111,16 +112,26 @@ def mode_warnings(source: Source, mode: str) -> list[str]:
 
 
 def make_counter(
-    source: Source, *, mode: str, device: str, ignored: Sequence[tuple[int, int]] = ()
+    source: Source,
+    *,
+    mode: str,
+    device: str,
+    ignored: Sequence[tuple[int, int]] = (),
+    attachments: Attachments | None = None,
 ) -> SceneCounter:
-    """Return a counter of the meshes in the space that `read_frames` gives them."""
+    """Return a counter of the meshes in the space that `read_frames` gives them.
+
+    What was modelled, `attachments`, is counted apart.
+    """
     from dtrepair.intersect.scene_counts import SceneCounter
 
     time = float(source.times[0])
     several = len(source.meshes) > 1
     rests = [source.to_world(m, time, m.rest) if several else m.rest for m in source.meshes]
     faces = [mesh.faces for mesh in source.meshes]
-    return SceneCounter(rests, faces, mode=mode, ignored=ignored, device=device)
+    return SceneCounter(
+        rests, faces, mode=mode, ignored=ignored, device=device, attachments=attachments
+    )
 
 
 def side_by_side(

@@ -161,6 +161,8 @@ class AdaptiveFairing:
         inner = np.flatnonzero(level > options.faint).astype(np.int32)
         rows = self.matrix[inner]
         hold = sparse.diags(10.0 ** (options.hold - level[inner].astype(np.float64)))
+        if self.surface.offsets is not None:
+            hold = hold + self.surface.offsets[inner][:, inner]
         return Patch(inner, sparse.csc_matrix(rows[:, inner] + hold), rows)
 
 

@@ -10,16 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.numerics.temporal import undamped
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
+from dtrepair.numerics.temporal import apply_in_time, undamped
 from dtrepair.repair.clip.adaptive_fairing import AdaptiveFairing, FairingOptions
 from dtrepair.repair.clip.regional_push import RegionalPushOptions, regional_push
+from dtrepair.repair.full.acceptance import acceptable, changed_defects
 from dtrepair.repair.full.mend import MendOptions, mend
+from dtrepair.repair.full.relax import Relaxation, RelaxOptions
 from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.surface.defects import Defects
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
 Springs = NDArray[np.int64]
+Levels = NDArray[np.float32]
 Alone = Callable[[Surface, FloatArray], FloatArray]
 
 
@@ -49,6 +53,8 @@ class FrameOptions:
         folds, closes: Fairing around folds and around close contacts.
         push: The push of one frame.
         mend: The mending of one frame.
+        relax: A cycle of the relaxing of one frame.
+        relax_smoothed: Shares of the increment smoothed in time that are tried in turn.
     """
 
     stale: float = 2e-5
@@ -68,6 +74,8 @@ class FrameOptions:
     closes: FairingOptions = field(default_factory=lambda: FairingOptions(first=4.0, highest=10.0))
     push: RegionalPushOptions = field(default_factory=RegionalPushOptions)
     mend: MendOptions = field(default_factory=MendOptions)
+    relax: RelaxOptions = field(default_factory=RelaxOptions)
+    relax_smoothed: tuple[float, ...] = (1.0, 0.5, 0.25)
 
 
 class Chain(NamedTuple):
@@ -108,6 +116,8 @@ class WindowFrames:
         self.poses[:] = original
         self._detected: dict[int, FloatArray] = {}
         self._pairs: dict[int, IntArray] = {}
+        self._relaxations: dict[int, Relaxation] = {}
+        self._before: dict[int, tuple[FloatArray, Defects]] = {}
         self._in_fold: dict[int, BoolArray] = {}
 
     def pairs(self, surface: Surface, frame: int) -> IntArray:
@@ -188,6 +198,52 @@ class WindowFrames:
                 self.added[frame] = pose - now
                 return True
         return False
+
+    def relaxing(self, surface: Surface, frame: int, reach: Levels, scale: float) -> None:
+        """Begin to relax a clean frame; `reach` (T, V) scales the motion of each vertex."""
+        pose = self.poses[frame].copy()
+        folds = len(surface.contacts.folds(pose))
+        self._relaxations[frame] = Relaxation(
+            surface,
+            self.original[frame],
+            pose,
+            folds,
+            reach[frame].astype(np.float64),
+            scale,
+            self.options.relax,
+        )
+
+    def relaxed(self, surface: Surface, frame: int) -> float:
+        """Relax a frame by a cycle; the increment is in `added`. The largest motion is returned."""
+        relaxation = self._relaxations[frame]
+        self._before[frame] = relaxation.points, relaxation.known
+        relaxation.cycle()
+        increment = relaxation.points - self._before[frame][0]
+        self.added[frame] = increment
+        return float(lengths(increment).max(initial=0.0))
+
+    def evened(self, surface: Surface, block: int, kernel: FloatArray) -> None:
+        """Smooth `added` in time for a block of vertices."""
+        own = self._vertices(block)
+        self.added[:, own] = apply_in_time(kernel, self.added[:, own])
+
+    def settled(self, surface: Surface, frame: int) -> None:
+        """Take the smoothed increment in `added` instead of its own, as far as it is clean."""
+        relaxation = self._relaxations[frame]
+        points, known = self._before[frame]
+        own = relaxation.points - points
+        smooth = self.added[frame] * (relaxation.reach > 0.0)[:, None]
+        for share in self.options.relax_smoothed:
+            pose = points + (1.0 - share) * own + share * smooth
+            defects = changed_defects(surface, known, points, pose)
+            if acceptable(defects, relaxation.folds):
+                relaxation.points, relaxation.known = pose, defects
+                return
+
+    def relaxation(self, surface: Surface, frame: int) -> None:
+        """Put into `added` what relaxing moved a frame by, and forget how it got there."""
+        self.added[frame] = self._relaxations.pop(frame).points - self.poses[frame]
+        del self._before[frame]
 
     def smoothed(self, surface: Surface, block: int, kernel: FloatArray) -> None:
         """Smooth `added` in time for a block of vertices, and add it to `smooth`."""

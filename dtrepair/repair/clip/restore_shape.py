@@ -56,7 +56,8 @@ def restore_shapes(
     an even part and the rest, which stretches the sides of thin layers.
     """
     surface = state.surface
-    if len(surface.bodies) == 1 or state.dirty:
+    # Tied bodies were relaxed together already.
+    if len(surface.bodies) == 1 or state.dirty or surface.ties is not None:
         return
     stiff = [
         (body.start, body.stop)

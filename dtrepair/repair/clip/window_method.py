@@ -17,6 +17,7 @@ from dtrepair.numerics.temporal import (
 )
 from dtrepair.repair.clip.frame_steps import Alone, FrameOptions
 from dtrepair.repair.clip.mend_frames import MendFramesOptions, mend_frames
+from dtrepair.repair.clip.relax_frames import RelaxFramesOptions, relax_frames
 from dtrepair.repair.clip.restore_shape import RestoreShapeOptions, restore_shapes
 from dtrepair.repair.clip.tighten_frames import TightenOptions, tighten_frames
 from dtrepair.repair.clip.window_state import WindowState
@@ -92,6 +93,7 @@ class WindowOptions:
         push: All frames pushed together.
         mend: Frames that pushing left dirty.
         tighten: Back towards the input.
+        relax: Clean frames back towards the shapes of their inputs.
         steady: Frames that stand out from their neighbours.
         restore: Back to the shapes of bodies.
         ease: Faint displacements left out.
@@ -101,6 +103,7 @@ class WindowOptions:
     push: PushFramesOptions = field(default_factory=PushFramesOptions)
     mend: MendFramesOptions = field(default_factory=MendFramesOptions)
     tighten: TightenOptions = field(default_factory=TightenOptions)
+    relax: RelaxFramesOptions = field(default_factory=RelaxFramesOptions)
     steady: SteadyOptions = field(default_factory=SteadyOptions)
     restore: RestoreShapeOptions = field(default_factory=RestoreShapeOptions)
     ease: EaseOptions = field(default_factory=EaseOptions)
@@ -160,6 +163,7 @@ class WindowMethod:
         # Tightening would close a clearance again.
         if self.clearance == 0.0:
             tighten_frames(state, self.tighten, options=options.tighten)
+            relax_frames(state, options=options.relax)
         steady_frames(state, options=options.steady)
         if self.clearance == 0.0:
             restore_shapes(state, options=options.restore)

@@ -142,6 +142,32 @@ class WindowState:
         self.evaluate()
         return sum(moved)
 
+    def relax(
+        self,
+        frames: list[int],
+        reach: NDArray[np.float32],
+        kernel: FloatArray,
+        *,
+        cycles: int,
+        still: float,
+    ) -> None:
+        """Relax clean frames in step, until no vertex moves farther than `still` in a cycle.
+
+        reach (T, V): what takes part; kernel (T, T): smooths the increments in time.
+        """
+        self.pool.map("relaxing", frames, reach, self.scale)
+        for _ in range(cycles):
+            self.work.added[:] = 0.0
+            largest = self.pool.map("relaxed", frames)
+            self.pool.map("evened", self._blocks, kernel)
+            self.pool.map("settled", frames)
+            if max(largest, default=0.0) < still:
+                break
+        self.work.added[:] = 0.0
+        self.pool.map("relaxation", frames)
+        self.work.extra += self.work.added
+        self.evaluate()
+
     def restore(self, state: Snapshot) -> None:
         """Go on from another state."""
         self.work.smooth[:], self.work.extra[:] = state.smooth, state.extra

@@ -110,24 +110,35 @@ def fill_creases(
         filled = points
         for kind, replace in ((BILAPLACIAN, bilaplacian_fill), (MEMBRANE, membrane_fill)):
             if (kinds == kind).any():
-                filled = replace(surface.uniform, filled, kinds == kind)
+                filled = replace(surface.uniform, filled, kinds == kind, surface.offsets)
         defects = update_defects(surface, base, filled, mask)
         if defects.rank < best.defects.rank:
             best = Filled(filled, defects)
     return best
 
 
-def membrane_fill(laplacian: sparse.csr_matrix, field: FloatArray, mask: BoolArray) -> FloatArray:
+def membrane_fill(
+    laplacian: sparse.csr_matrix,
+    field: FloatArray,
+    mask: BoolArray,
+    ties: sparse.csr_matrix | None = None,
+) -> FloatArray:
     """A field (V, k) with the masked values replaced by the harmonic extension of the others."""
     inner = np.flatnonzero(mask)
     rows = laplacian[inner]
     known = rows @ np.where(mask[:, None], 0.0, field)
     system = rows[:, inner] + REGULARIZATION * sparse.identity(len(inner))
+    if ties is not None:
+        own = ties[inner][:, inner]
+        system, known = system + own, known - own @ field[inner]
     return _replaced(field, inner, solve_patch(system, -known))
 
 
 def bilaplacian_fill(
-    laplacian: sparse.csr_matrix, field: FloatArray, mask: BoolArray
+    laplacian: sparse.csr_matrix,
+    field: FloatArray,
+    mask: BoolArray,
+    ties: sparse.csr_matrix | None = None,
 ) -> FloatArray:
     """A field (V, k) with the masked values replaced such that sum |L field|^2 is least."""
     inner = np.flatnonzero(mask)
@@ -135,7 +146,11 @@ def bilaplacian_fill(
     system = rows[:, inner]
     known = rows @ np.where(mask[:, None], 0.0, field)
     normal = system.T @ system + REGULARIZATION * sparse.identity(len(inner))
-    return _replaced(field, inner, solve_patch(normal, -(system.T @ known)))
+    right = -(system.T @ known)
+    if ties is not None:
+        own = ties[inner][:, inner]
+        normal, right = normal + own, right + own @ field[inner]
+    return _replaced(field, inner, solve_patch(normal, right))
 
 
 def solve_patch(matrix: sparse.spmatrix, right_hand_side: FloatArray) -> FloatArray:

@@ -134,12 +134,13 @@ def _of_length(
     largest = float(length.max())
     if not (largest > 0 and np.isfinite(largest)):
         return None
-    starts = [body.start for body in surface.bodies]
-    of_body = np.maximum.reduceat(length, starts)
-    moving = of_body[of_body > options.standing * largest]
+    # What is tied together goes together.
+    of_body = surface.cluster_maxima(length)
+    first = np.unique(surface.cluster_of_body, return_index=True)[1]
+    moving = of_body[first][of_body[first] > options.standing * largest]
     if len(moving) < options.pile:
         return (step / largest) * direction
-    limit = step * np.maximum.reduceat(surface.mobility, starts)
+    limit = step * surface.cluster_maxima(surface.mobility)
     scale = np.minimum(
         step / np.quantile(moving, options.slowest), limit / np.maximum(of_body, 1e-300)
     )

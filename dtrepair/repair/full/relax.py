@@ -99,7 +99,7 @@ def relax(
     """
     if not reach.any():
         return points, 0
-    state = _Relaxation(surface, original, points, folds, reach, scale, options)
+    state = Relaxation(surface, original, points, folds, reach, scale, options)
     history = [state.best[0]]
     for cycle in range(options.more * cycles):
         state.cycle()
@@ -116,7 +116,7 @@ def relax(
     return state.best[1], len(history) - 1
 
 
-class _Relaxation:
+class Relaxation:
     """A clean pose on its way back, its gaps, and the best pose so far."""
 
     def __init__(
@@ -133,8 +133,8 @@ class _Relaxation:
         self.surface, self.original = surface, original
         self.points, self.known = points, find_defects(surface, points)
         self.folds, self.reach = folds, reach
-        self._starts = [body.start for body in surface.bodies]
-        self.pile = np.count_nonzero(np.maximum.reduceat(reach, self._starts)) >= options.pile
+        moving = surface.cluster_of_body[surface.cluster_maxima(reach) > 0.0]
+        self.pile = len(np.unique(moving)) >= options.pile
         step = options.step * scale
         self.step = options.pile_step * step if self.pile else step
         self.system = ArapSystem(surface, original, region=reach > 0, options=options.arap)
@@ -231,7 +231,7 @@ class _Relaxation:
         In a pile each body has its own fraction: one that has far to go does not make the others
         wait.
         """
-        farthest = np.maximum.reduceat(lengths(motion), self._starts)
+        farthest = self.surface.cluster_maxima(lengths(motion))
         if not self.pile:
             farthest[:] = farthest.max()
         fraction = np.minimum(1.0, self.step / np.maximum(farthest, 1e-300))

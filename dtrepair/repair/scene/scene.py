@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import counted_between
+from dtrepair.numerics.attachments import Attachments, Reference, find_attachments
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
@@ -53,6 +54,8 @@ class Scene:
         triangle_starts: First triangle of each body, and the number of triangles (B + 1,).
         mobility: How freely each vertex moves (V,), 0 fixed to 1 free.
         direction: Preferred direction (V, 3) of the repair, zero rows where none.
+        references: Poses (V, 3) that show which contacts were modelled, each with the pairs (K, 2)
+            that it may speak of.
     """
 
     bodies: tuple[Body, ...]
@@ -64,6 +67,7 @@ class Scene:
     triangle_starts: NDArray[np.int64]
     mobility: FloatArray
     direction: FloatArray
+    references: tuple[Reference, ...] = ()
 
     @cached_property
     def body_of(self) -> NDArray[np.int64]:
@@ -117,8 +121,25 @@ class Scene:
         return RigidBodies(chosen, np.ones(len(self.rest)))
 
     @cached_property
+    def attachments(self) -> Attachments | None:
+        """What was modelled as overlapping; None where the options ask for nothing such."""
+        if self.options.rest_contacts != "auto" or self.options.method == "paper":
+            return None
+        references = self.references
+        attachments = find_attachments(self.rest_weld[self.faces], len(self.rest), references)
+        return attachments if len(attachments.zones) else None
+
+    def attachments_of(self, body: int) -> Attachments | None:
+        """What was modelled within one body, by its own triangles and vertices."""
+        if self.attachments is None:
+            return None
+        own = self.triangles_of(body)
+        place = np.arange(len(self.rest)) - self.vertices_of(body).start
+        return self.attachments.of_triangles(np.arange(own.start, own.stop), place)
+
+    @cached_property
     def rest_pairs(self) -> IntArray:
-        """Intersecting pairs (K, 2) of the rest poses themselves."""
+        """Intersecting pairs (K, 2) of the rest poses themselves that count."""
         return self.pairs(self.centred_rest, self.rest_weld)
 
     @cached_property
@@ -160,10 +181,12 @@ class Scene:
     def pairs(self, points: FloatArray, weld: IntArray) -> IntArray:
         """Intersecting pairs (K, 2) of a pose (V, 3), exactly, on its float32 coordinates.
 
-        Of contacts that count only; `weld` (V,): vertices that count as one.
+        Of contacts that count only, which modelled ones do not; `weld` (V,): vertices that count
+        as one.
         """
         pairs = self.detector(points, weld=weld)
-        return pairs[self.counted(self.body_of[pairs])]
+        pairs = pairs[self.counted(self.body_of[pairs])]
+        return pairs if self.attachments is None else pairs[~self.attachments.modelled(pairs)]
 
     def caught_parts(self, points: FloatArray, pairs: IntArray) -> IntArray:
         """Parts (K, 2) of a pose wholly inside others that they are not inside of at rest.
@@ -172,7 +195,17 @@ class Scene:
         """
         found = self.enclosures(points, pairs)
         parts = found.parts[~found.meant]
-        return parts[self.counted(self.body_of_part[parts])]
+        parts = parts[self.counted(self.body_of_part[parts])]
+        return parts if self.attachments is None else parts[~self._attached(parts)]
+
+    def _attached(self, parts: IntArray) -> NDArray[np.bool_]:
+        """Which parts (K, 2) of `enclosures` are attached to each other, (K,)."""
+        assert self.attachments is not None
+        corners = self.rest_weld[self.faces]
+        name = np.zeros(self.enclosures.count, dtype=np.int64)
+        name[self.enclosures.part[corners[:, 0]]] = self.attachments.part_of
+        known = set(self.attachments.pairs_of_parts)
+        return np.array([tuple(sorted(both)) in known for both in name[parts].tolist()], dtype=bool)
 
     def counted(self, bodies: NDArray[np.integer]) -> NDArray[np.bool_]:
         """Which contacts (K,) count, given by the two bodies (K, 2) that they join."""
@@ -180,9 +213,14 @@ class Scene:
 
 
 def make_scene(
-    bodies: Sequence[Body], options: RepairOptions, ignore: Sequence[tuple[int, int]] = ()
+    bodies: Sequence[Body],
+    options: RepairOptions,
+    ignore: Sequence[tuple[int, int]] = (),
+    references: Sequence[Reference] = (),
 ) -> Scene:
     """The scene of some bodies, whose contacts between pairs in `ignore` do not count.
+
+    references: see `Scene`.
 
     Raises:
         ValueError: bodies, options or pairs that cannot be used.
@@ -217,4 +255,5 @@ def make_scene(
         triangle_starts=np.cumsum([0, *(len(faces) for _, faces in meshes)]),
         mobility=np.concatenate([mobility_of(body, count) for body, count in sized]),
         direction=np.concatenate([direction_of(body, count) for body, count in sized]),
+        references=tuple(references),
     )

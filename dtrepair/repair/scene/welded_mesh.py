@@ -37,7 +37,8 @@ class WeldedMesh:
         faces = self.place[scene.faces].astype(np.int32)
         # A triangle between two vertices that became one has no area and takes no part.
         solid = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2])
-        faces = faces[solid & (faces[:, 2] != faces[:, 0])]
+        solid &= faces[:, 2] != faces[:, 0]
+        faces, kept = faces[solid], np.flatnonzero(solid).astype(np.int32)
         starts = np.searchsorted(self.kept, scene.vertex_starts)
         options = scene.options
         bodies = [
@@ -55,6 +56,7 @@ class WeldedMesh:
             leave_rest=options.rest_contacts == "leave",
             ignored=scene.ignored,
             direction=scene.direction[self.kept] if scene.direction.any() else None,
+            attachments=scene.attachments and scene.attachments.of_triangles(kept, self.place),
         )
         # In units of the surface's size.
         limit = options.maximum_displacement

@@ -34,6 +34,7 @@ from dtrepair.repair.separation.untangling import (
     length_along,
     shortest_direction,
 )
+from dtrepair.repair.separation.worn import Solid, WornOptions, worn_measure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +59,7 @@ class SeparationOptions:
         beyond: Factor by which a shift is longer than the way to the surface: out is out.
         penetration: How much is looked at.
         untangling: Of bodies that hook into each other.
+        worn: What goes round another body is not led off it.
     """
 
     deep: float = 1.0
@@ -73,6 +75,7 @@ class SeparationOptions:
     beyond: float = 1.01
     penetration: PenetrationOptions = field(default_factory=PenetrationOptions)
     untangling: UntanglingOptions = field(default_factory=UntanglingOptions)
+    worn: WornOptions = field(default_factory=WornOptions)
 
 
 class Contact(NamedTuple):
@@ -136,6 +139,8 @@ class _Separation:
         self.scene, self.mesh, self.frames, self.sheets = scene, mesh, frames, sheets
         self.poses, self.options = poses, options
         self.shapes: dict[int, BodyShape] = {}
+        # Of two bodies the worn one and its wearer; None where neither is worn.
+        self.worn: dict[tuple[int, int], tuple[int, int] | None] = {}
 
     def contacts(self, pairs: Sequence[IntArray]) -> Iterator[Contact]:
         """Yield bodies that meet and of which one may move, those with most pairs first."""
@@ -145,6 +150,9 @@ class _Separation:
             for (first, second), count in zip(names.tolist(), counts.tolist(), strict=True):
                 met.setdefault((first, second), {})[frame] = count
         for (first, second), where in sorted(met.items(), key=lambda m: -sum(m[1].values())):
+            cluster = self.mesh.surface.cluster_of_body
+            if first != second and cluster[first] == cluster[second]:
+                continue  # what is attached is not led apart
             shares = self._shares(first, second)
             if shares is None:
                 continue
@@ -204,7 +212,10 @@ class _Separation:
         for pose, before in zip(poses, met, strict=True):
             frees = partial(self._frees, contact, pose, before)
             lengths.append(length_along(frees, way, farthest, options=options))
-        self._shift(contact, way, lengths)
+        if self._worn_of(contact) is not None:
+            # What is worn goes no farther than where it still was: pushing does the rest.
+            farthest = max(length for length in lengths if length is not None)
+        self._shift(contact, way, [farthest if own is None else own for own in lengths])
 
     def _shift(self, contact: Contact, way: FloatArray, lengths: list[float]) -> None:
         needed = np.zeros(len(self.frames))
@@ -230,9 +241,43 @@ class _Separation:
     ) -> bool:
         """Return whether a shift clears most of a contact, `met` in the pose, and makes none."""
         before, all_before = met
-        after, all_after = self._met(contact, self._moved(pose, contact, shift))
+        moved = self._moved(pose, contact, shift)
+        after, all_after = self._met(contact, moved)
         gone, left = before - after, self.options.left
-        return after <= left * before and all_after <= all_before - (1.0 - left) * gone
+        frees = after <= left * before and all_after <= all_before - (1.0 - left) * gone
+        return frees and not self._takes_off(contact, pose, moved)
+
+    def _takes_off(self, contact: Contact, pose: FloatArray, moved: FloatArray) -> bool:
+        """Return whether one body, worn by the other in the rest, goes round it no longer.
+
+        A ring that is rigid or stiff may have to leave: it cannot give way.
+        """
+        worn = self._worn_of(contact)
+        if worn is None:
+            return False
+        before, after = (self._around(worn, points) for points in (pose, moved))
+        return after < self.options.worn.kept * before
+
+    def _worn_of(self, contact: Contact) -> tuple[int, int] | None:
+        """Return the worn body of a contact and its wearer, by the rest; None where none is."""
+        both = contact.first, contact.second
+        if both not in self.worn:
+            self.worn[both] = None
+            soft = not any(self._is_stiff(body) for body in both)
+            for order in (both, both[::-1]) if soft else ():
+                if self._around(order, self.scene.rest) >= self.options.worn.worn:
+                    self.worn[both] = order
+        return self.worn[both]
+
+    def _around(self, both: tuple[int, int], points: FloatArray) -> float:
+        """Return how much the first of two bodies goes round the second in a pose (V, 3)."""
+        outer, inner = (self._shape(body) for body in both)
+        solids = (Solid(points, shape.faces, shape.closed) for shape in (outer, inner))
+        return worn_measure(*solids, options=self.options.worn).share
+
+    def _is_stiff(self, index: int) -> bool:
+        body = self.scene.bodies[index]
+        return body.rigid or (body.diffusion or self.scene.options.diffusion) >= STIFF
 
     def _met(self, contact: Contact, pose: FloatArray) -> tuple[int, int]:
         """Return the pairs between the bodies of a contact, and all pairs of either, in a pose."""
@@ -268,12 +313,12 @@ class _Separation:
         for inner, outer, found in sides:
             if len(found.vertices) == 0:
                 continue
-            surface, body = self.mesh.surface, self.scene.bodies[inner]
+            surface = self.mesh.surface
             under = surface.cover[self.mesh.place[found.vertices]]
             covering = (under >= 0) & (surface.body_of_vertex[under] == outer)
             if covering.mean() > options.covering:
                 return False
-            stiff = body.rigid or (body.diffusion or self.scene.options.diffusion) >= STIFF
+            stiff = self._is_stiff(inner)
             thick = options.deep * self._shape(inner).thickness
             slender = found.depth > options.slender * found.width
             deep |= found.depth > thick and (stiff or (large and (sheets or slender)))

@@ -102,8 +102,8 @@ def length_along(
     farthest: float,
     *,
     options: UntanglingOptions = UntanglingOptions(),
-) -> float:
-    """Return how far a body has to go until its contact is free; `farthest` where it never is."""
+) -> float | None:
+    """Return how far a body has to go until its contact is free; None where it never is."""
     for step in range(1, options.steps + 1):
         if frees(step / options.steps * farthest * direction):
             high = step / options.steps * farthest
@@ -112,4 +112,4 @@ def length_along(
                 middle = 0.5 * (low + high)
                 low, high = (low, middle) if frees(middle * direction) else (middle, high)
             return high
-    return farthest
+    return None

@@ -11,6 +11,7 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs, counted_between
 from dtrepair.intersect.proximity import close_pairs, face_each_other
 from dtrepair.intersect.queries import Queries, RingDistances
+from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import FloatArray, IntArray, pair_keys
 from dtrepair.repair.surface.uncertain_pairs import UncertainPairs
 
@@ -35,6 +36,7 @@ class Contacts:
         ignored: Pairs of bodies (i, j), i <= j, whose contacts do not count.
         leave_rest: Pairs and folds that the rest pose has as well do not count.
         neighbour_rings: Triangles at most so many edge rings apart need not keep a clearance.
+        attachments: Contacts that were modelled do not count, nor folds in their zones.
     """
 
     def __init__(
@@ -51,11 +53,13 @@ class Contacts:
         ignored: tuple[tuple[int, int], ...] = (),
         leave_rest: bool = False,
         neighbour_rings: int = 6,
+        attachments: Attachments | None = None,
     ) -> None:
         self._detector, self._queries, self._size = detector, queries, size
         self._rest = self._written(rest)
         self._body_of, self._mode, self._ignored = body_of, mode, ignored
-        self._leave_rest, self.neighbour_rings = leave_rest, neighbour_rings
+        self._leave_rest, self._attachments = leave_rest, attachments
+        self.neighbour_rings = neighbour_rings
         faces = detector.faces
         self._stiff = fixed | rigid
         # Triangles that never move, and those of rigid bodies; None where there are neither.
@@ -101,6 +105,8 @@ class Contacts:
         found = self._queries.folds(self._written(points), active=active)
         if self._leave_rest:
             found = found[~np.isin(pair_keys(found), self._folds_at_rest)]
+        if self._attachments is not None:
+            found = found[~self._attachments.triangles[found].all(axis=1)]
         if self._still is not None:
             corners = self._stiff[self._detector.faces[found]].reshape(-1, 6)
             found = found[~corners.all(axis=1)]
@@ -111,6 +117,8 @@ class Contacts:
         keep = self._separable(pairs)
         if self._leave_rest:
             keep &= ~np.isin(pair_keys(pairs[:, -2:]), self._crossing_at_rest)
+        if self._attachments is not None:
+            keep &= ~self._attachments.modelled(pairs[:, -2:])
         return keep
 
     @cached_property

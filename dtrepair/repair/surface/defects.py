@@ -84,6 +84,11 @@ def contact_scale(surface: Surface, pairs: IntArray) -> float:
     A step that suits a character throws a bracelet off its wrist.
     """
     touching = np.unique(surface.body_of[pairs])
+    if surface.ties is not None:
+        # What is tied together is one thing, whose size counts.
+        touching = np.unique(surface.cluster_of_body[touching])
+        tied = surface.cluster_of_body[surface.body_of_vertex]
+        return min([1.0, *(extent(surface.rest[tied == cluster]) for cluster in touching)])
     if len(surface.bodies) == 1 or len(touching) == 0:
         return 1.0
     bodies = [surface.bodies[index] for index in touching]

@@ -12,6 +12,7 @@ from scipy import sparse
 
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.queries import Queries, link_labels
+from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
@@ -26,6 +27,7 @@ from dtrepair.numerics.operators import Factor, cotangent_laplacian, lumped_mass
 from dtrepair.repair.surface.contacts import Contacts
 from dtrepair.repair.surface.layers import covered_vertices, without_crossing
 from dtrepair.repair.surface.rigid_bodies import RigidBodies, RigidOptions
+from dtrepair.repair.surface.ties import TieOptions, TieSystem, tie_system
 
 BoolArray = NDArray[np.bool_]
 
@@ -43,6 +45,7 @@ class SurfaceOptions:
         neighbour_rings: Triangles at most so many edge rings apart are the sides of a crease to a
             clearance, which they cannot keep.
         rigid: Of bodies that only move as a whole.
+        ties: How strongly attached parts hold.
     """
 
     cotangent_clamp: tuple[float, float] = (1e-3, 1e3)
@@ -50,6 +53,7 @@ class SurfaceOptions:
     covered_within: float = 0.1
     neighbour_rings: int = 6
     rigid: RigidOptions = field(default_factory=RigidOptions)
+    ties: TieOptions = field(default_factory=TieOptions)
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,7 @@ class Surface:
         ignored: Pairs of bodies, each pair (i, j) with i <= j, whose contacts do not count.
         device: Where pairs are detected.
         options: Numbers of the operators.
+        attachments: Contacts that were modelled; they do not count, and their ties hold.
     """
 
     def __init__(
@@ -97,6 +102,7 @@ class Surface:
         ignored: Sequence[tuple[int, int]] = (),
         device: str = "cpu",
         options: SurfaceOptions = SurfaceOptions(),
+        attachments: Attachments | None = None,
     ) -> None:
         self.options = options
         self.size = extent(rest) or 1.0
@@ -117,6 +123,13 @@ class Surface:
         self.laplacian = cotangent_laplacian(self.rest, faces, clamp=options.cotangent_clamp)
         self.uniform = uniform_laplacian(faces, self.count)
         self.mass = lumped_mass(self.rest, faces)
+        # Vertices all of whose triangles lie in zones: they may be buried by design.
+        self.in_zone = np.zeros(self.count, dtype=bool)
+        self.ties: TieSystem | None = None
+        if attachments is not None:
+            self.in_zone[faces[attachments.triangles]] = True
+            self.in_zone[faces[~attachments.triangles]] = False
+            self._tie(attachments)
         whole = [(body.start, body.stop) for body in self.bodies if body.rigid]
         self.rigid = RigidBodies(whole, self.mass, options=options.rigid)
         self.fixed = self.mobility == 0.0
@@ -139,20 +152,51 @@ class Surface:
             ignored=tuple(ignored),
             leave_rest=leave_rest,
             neighbour_rings=options.neighbour_rings,
+            attachments=attachments,
         )
         self.direction = direction
         self.face_direction = None if direction is None else _unit(direction[faces].sum(axis=1))
 
+    def _tie(self, attachments: Attachments) -> None:
+        """Join attached parts in the Laplacian and among the neighbours."""
+        owner = self.body_of_vertex.astype(np.int32)
+        self.ties = tie_system(
+            attachments, self.faces, owner, len(self.bodies), options=self.options.ties
+        )
+        if self.ties is not None:
+            self.laplacian = (self.laplacian + self.ties.laplacian).tocsr()
+            self.laplacian.sort_indices()
+            joined = self.neighbours + self.ties.links
+            self.neighbours = (joined > 0).astype(np.float32).tocsr()
+
     @cached_property
-    def _diffusion_factors(self) -> list[Factor | None]:
-        factors: list[Factor | None] = []
-        for body in self.bodies:
-            if body.rigid or self.fixed[body.start : body.stop].all():
-                factors.append(None)
+    def cluster_of_body(self) -> IntArray:
+        """The cluster (B,) of bodies that ties connect; each body is its own without ties."""
+        if self.ties is None:
+            return np.arange(len(self.bodies), dtype=np.int32)
+        return self.ties.cluster_of_body
+
+    @cached_property
+    def diffusion_factors(self) -> list[tuple[slice | NDArray[np.intp], Factor]]:
+        """The vertices of each cluster of bodies that may move, and the factor of M + lambda L.
+
+        A body that nothing is tied to has a factor of its own.
+        """
+        factors: list[tuple[slice | NDArray[np.intp], Factor]] = []
+        for cluster in range(int(self.cluster_of_body.max(initial=-1)) + 1):
+            bodies = [self.bodies[k] for k in np.flatnonzero(self.cluster_of_body == cluster)]
+            moving = [b for b in bodies if not (b.rigid or self.fixed[b.start : b.stop].all())]
+            if not moving:
                 continue
-            own = slice(body.start, body.stop)
-            mass = sparse.diags(self.mass[own])
-            factors.append(Factor(mass + body.diffusion * self.laplacian[own, own]))
+            if len(moving) == 1:
+                own: slice | NDArray[np.intp] = slice(moving[0].start, moving[0].stop)
+                strong = moving[0].diffusion * self.laplacian[own, own]
+            else:
+                own = np.concatenate([np.arange(b.start, b.stop) for b in moving])
+                roots = [np.full(b.stop - b.start, np.sqrt(b.diffusion)) for b in moving]
+                scale = sparse.diags(np.concatenate(roots))
+                strong = scale @ self.laplacian[own][:, own] @ scale
+            factors.append((own, Factor(sparse.diags(self.mass[own]) + strong)))
         return factors
 
     @cached_property
@@ -188,6 +232,18 @@ class Surface:
         entries = (np.ones(3 * len(self.faces)), (self.faces.ravel(), columns))
         return sparse.csr_matrix(entries, shape=(self.count, len(self.faces)))
 
+    def cluster_maxima(self, values: FloatArray) -> FloatArray:
+        """The largest of the values (V,) of vertices over the cluster of each body (B,)."""
+        of_body = np.maximum.reduceat(values, [body.start for body in self.bodies])
+        largest = np.full(len(of_body), -np.inf)
+        np.maximum.at(largest, self.cluster_of_body, of_body)
+        return largest[self.cluster_of_body]
+
+    @cached_property
+    def offsets(self) -> sparse.csr_matrix | None:
+        """T'T (V, V) of what holds tied vertices where they are tied; None without ties."""
+        return None if self.ties is None else self.ties.offsets
+
     def diffuse(self, field: FloatArray, points: FloatArray | None = None) -> FloatArray:
         """A^-1 M A^-1 applied to a field (V, k), with A = M + lambda L of each body.
 
@@ -195,18 +251,16 @@ class Surface:
         that never move get zero.
         """
         result = np.zeros_like(field)
-        for body, factor in zip(self.bodies, self._diffusion_factors, strict=True):
-            own = slice(body.start, body.stop)
-            if factor is not None and field[own].any():
+        for own, factor in self.diffusion_factors:
+            if field[own].any():
                 result[own] = factor(self.mass[own, None] * factor(field[own]))
         return self.rigid.moved(self.rest if points is None else points, field, result)
 
     def evened(self, field: FloatArray) -> FloatArray:
         """A^-1 M applied to a field (V, 3) of each body: what is constant stays as it is."""
         result = field.copy()
-        for body, factor in zip(self.bodies, self._diffusion_factors, strict=True):
-            own = slice(body.start, body.stop)
-            if factor is not None and field[own].any():
+        for own, factor in self.diffusion_factors:
+            if field[own].any():
                 result[own] = factor(self.mass[own, None] * field[own])
         return result
 

@@ -48,8 +48,12 @@ def winding_numbers(
         return np.zeros(surface.count, dtype=np.int32)
     pieces = _pieces(surface, points, pairs, options.fold_rings)
     sizes = np.bincount(pieces)
-    order = np.argsort(pieces, kind="stable")
+    # What lies in a zone may be buried by design: the other vertices of a piece vote.
+    order = np.lexsort((surface.in_zone, pieces))
     starts = np.cumsum(sizes) - sizes
+    free = np.bincount(pieces, ~surface.in_zone).astype(np.int64)
+    hidden = free == 0
+    sizes = np.where(hidden, sizes, free)
     fractions = np.linspace(0.03, 0.97, options.rays)
     picked = order[starts[:, None] + (fractions * sizes[:, None]).astype(np.int64)].ravel()
     normals = surface.vector_areas(points)
@@ -58,6 +62,7 @@ def winding_numbers(
     rays = normals[picked] + options.noise * noise
     crossings = surface.queries.crossings(surface.written(points), picked.astype(np.int32), rays)
     votes = np.rint(np.median(crossings.reshape(-1, options.rays), axis=1)).astype(np.int32)
+    votes[hidden] = 0
     of_vertices: IntArray = votes[pieces]
     return of_vertices
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from dtrepair.numerics.closest_point import closest_on_triangles
 from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_normals
 from dtrepair.transfer.gradients import degenerate_triangles
 
@@ -42,38 +43,3 @@ class ClosestSurface:
         positions[vertex, slot] = candidates
         best = squared.argmin(axis=1)
         return positions[np.arange(len(points)), best], facing.any(axis=1)
-
-
-def closest_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """Return the closest point (K, 3) of triangle k, corners (K, 3, 3), to point k (K, 3).
-
-    The projection where it falls inside, else the closest point of the three edges.
-    """
-    a, edge_b, edge_c = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    bb, bc, cc = (_dots(u, v) for u, v in ((edge_b, edge_b), (edge_b, edge_c), (edge_c, edge_c)))
-    offset = points - a
-    pb, pc = _dots(offset, edge_b), _dots(offset, edge_c)
-    determinant = bb * cc - bc * bc
-    # A triangle without area has no projection; its edges hold its closest point.
-    flat = determinant <= 1e-12 * bb * cc
-    determinant = np.where(flat, 1.0, determinant)
-    s, t = (cc * pb - bc * pc) / determinant, (bb * pc - bc * pb) / determinant
-    inside = (s >= 0) & (t >= 0) & (s + t <= 1) & ~flat
-    best = a + s[:, None] * edge_b + t[:, None] * edge_c
-    distance = np.where(inside, 0.0, np.inf)
-    for start in range(3):
-        origin, edge = corners[:, start], corners[:, (start + 1) % 3] - corners[:, start]
-        length = np.maximum(_dots(edge, edge), np.finfo(float).tiny)
-        along = np.clip(_dots(points - origin, edge) / length, 0.0, 1.0)
-        candidate = origin + along[:, None] * edge
-        squared = _dots(candidate - points, candidate - points)
-        closer = squared < distance
-        best = np.where(closer[:, None], candidate, best)
-        distance = np.where(closer, squared, distance)
-    return best
-
-
-def _dots(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the scalar products (K,) of vectors (K, 3)."""
-    products: FloatArray = np.einsum("kj,kj->k", first, second)
-    return products

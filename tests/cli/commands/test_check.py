@@ -39,6 +39,8 @@ def test_counts_agree_with_the_library(tmp_path: Path) -> None:
         "triangles": len(np.unique(pairs)),
         "pairs": len(pairs),
         "inter_pairs": 0,
+        "modelled_triangles": 0,
+        "modelled_pairs": 0,
     }
     assert report["frames"][0]["time"] is None
     assert report["prims"][0] == {

@@ -57,13 +57,13 @@ def test_relaxing_ends_when_cycles_fail_in_a_row(
 ) -> None:
     surface, original, clean = loosely_solved("spheres")
     calls: list[int] = []
-    solved = module._Relaxation._solved
+    solved = module.Relaxation._solved
 
-    def sometimes(state: module._Relaxation, right: FloatArray) -> Filled | None:
+    def sometimes(state: module.Relaxation, right: FloatArray) -> Filled | None:
         calls.append(len(calls))
         return solved(state, right) if works(calls[-1]) else None
 
-    monkeypatch.setattr(module._Relaxation, "_solved", sometimes)
+    monkeypatch.setattr(module.Relaxation, "_solved", sometimes)
     reach, options = np.ones(surface.count), RelaxOptions(enough=-1.0, missing=1.0)
     _, cycles = relax(surface, original, clean, cycles=8, folds=0, reach=reach, options=options)
     assert cycles == len(calls) == expected

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.transfer.matching.closest_point import ClosestSurface, closest_on_triangles
+from dtrepair.numerics.closest_point import closest_on_triangles
+from dtrepair.transfer.matching.closest_point import ClosestSurface
 from tests.meshes import icosphere
 
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from dtrepair.numerics.closest_point import closest_on_triangles
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from dtrepair.numerics.operators import Factor
 from dtrepair.transfer import RegistrationOptions, register
-from dtrepair.transfer.matching.closest_point import closest_on_triangles
 from tests.meshes import Mesh, icosphere, joined
 from tests.quadruped import SOURCE, TARGET, markers
 

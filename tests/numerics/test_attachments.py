@@ -1,0 +1,136 @@
+"""Modelled contacts: zones around overlaps of a reference pose, whole parts, two hops, ties."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attachments import (
+    AttachmentOptions,
+    Attachments,
+    Reference,
+    find_attachments,
+)
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from tests.meshes import Mesh, icosphere, joined, tube
+
+
+def moved(mesh: Mesh, offset: tuple[float, float, float], scale: float = 1.0) -> Mesh:
+    return scale * mesh[0] + offset, mesh[1]
+
+
+def pairs_of(mesh: Mesh) -> IntArray:
+    return Detector(*mesh)(mesh[0])
+
+
+def attached(mesh: Mesh, **values: float) -> Attachments:
+    points, faces = mesh
+    reference = Reference(points, pairs_of(mesh))
+    return find_attachments(faces, len(points), [reference], options=AttachmentOptions(**values))
+
+
+def sleeve(far: float = 0.0) -> tuple[Mesh, int]:
+    """Two tubes end to end that overlap, and a third that is `far` from the first one's far end."""
+    first, second = tube(12, 40, 0.2, 4.0), tube(12, 40, 0.23, 4.0)
+    third = moved(tube(12, 10, 0.1, 1.0), (0.0, 0.0, -2.4 - far))
+    return joined(first, moved(second, (0.05, 0.01, 3.7)), third), len(first[1])
+
+
+def test_an_overlap_is_modelled_near_where_the_parts_meet_and_a_fault_elsewhere() -> None:
+    mesh, count = sleeve(far=1.0)
+    found = attached(mesh)
+    assert found.pairs_of_parts == [(0, 1)]
+    assert found.modelled(pairs_of(mesh)).all()
+    # Were the far end of one led into the other, that would be a fault.
+    far_of_first = int(np.argmin(mesh[0][mesh[1][:count]].mean(axis=1)[:, 2]))
+    far_of_second = count + int(np.argmax(mesh[0][mesh[1][count : 2 * count]].mean(axis=1)[:, 2]))
+    near_of_first = int(np.argmax(mesh[0][mesh[1][:count]].mean(axis=1)[:, 2]))
+    asked = np.array([[far_of_first, far_of_second], [near_of_first, far_of_second]])
+    assert not found.modelled(asked).any()
+
+
+def test_zones_grow_with_the_overlap() -> None:
+    mesh, _ = sleeve(far=1.0)
+    small, large = (attached(mesh, reach=reach).triangles.sum() for reach in (0.5, 4.0))
+    assert 0 < small < large
+
+
+def test_contacts_of_a_part_with_itself_are_faults() -> None:
+    from tests.meshes import bent_tube
+
+    mesh = bent_tube(6.5)
+    assert len(pairs_of(mesh))
+    found = attached(mesh)
+    assert found.pairs_of_parts == [] and not found.modelled(pairs_of(mesh)).any()
+
+
+def test_a_small_part_that_is_mostly_inside_is_attached_as_a_whole() -> None:
+    head, eye = icosphere(3), moved(icosphere(1), (0.0, 0.0, 0.9), 0.2)
+    mesh = joined(head, eye)
+    found = attached(mesh)
+    eye_triangles = np.arange(len(head[1]), len(mesh[1]))
+    assert found.triangles[eye_triangles].all()
+    anywhere = np.stack([np.zeros(len(eye_triangles), np.int32), eye_triangles], axis=1)
+    assert found.modelled(anywhere).all()
+    # Half out is not mostly inside.
+    mesh = joined(head, moved(icosphere(1), (0.0, 0.0, 1.15), 0.2))
+    assert not attached(mesh).modelled(anywhere).all()
+
+
+def test_two_parts_on_the_same_host_may_meet_there() -> None:
+    host = tube(12, 40, 0.3, 4.0)
+    first = moved(tube(12, 6, 0.35, 0.6), (0.0, 0.02, 0.0))
+    second = moved(tube(12, 6, 0.36, 0.6), (0.01, 0.0, 0.75))
+    mesh = joined(host, first, second)
+    # Cuffs whose rims cut into the host.
+    points = mesh[0].copy()
+    middle = len(host[0]) + len(first[0])
+    for own in (slice(len(host[0]), middle), slice(middle, len(points))):
+        rim = np.abs(points[own, 2] - points[own, 2].mean()) > 0.29
+        points[own][rim, :2] *= 0.7
+    found = attached((points, mesh[1]))
+    assert found.pairs_of_parts == [(0, 1), (0, 2)]
+    count, size = len(host[1]), len(first[1])
+    one, other = np.arange(count, count + size), np.arange(count + size, count + 2 * size)
+    meeting = np.stack([np.repeat(one, 4), np.tile(other[:4], size)], axis=1)
+    assert found.modelled(meeting.astype(np.int32)).any()
+
+
+def ties_hold(found: Attachments, points: FloatArray, faces: IntArray) -> NDArray[np.float64]:
+    """Distance of each tied vertex to where it is tied, in a pose."""
+    vertices, triangles, weights = found.ties
+    there = np.einsum("ik,ikj->ij", weights, points[faces[triangles]])
+    return np.asarray(np.linalg.norm(points[vertices] - there, axis=1))
+
+
+def test_ties_join_what_overlaps_and_sum_to_one() -> None:
+    mesh, _ = sleeve(far=1.0)
+    found = attached(mesh)
+    assert len(found.ties.vertices)
+    assert found.ties.weights.sum(axis=1) == pytest.approx(1.0)
+    assert (found.ties.weights >= 0.0).all()
+    parts = found.part_of
+    of_vertex = np.zeros(len(mesh[0]), dtype=np.int32)
+    of_vertex[mesh[1]] = parts[:, None]
+    assert (of_vertex[found.ties.vertices] != parts[found.ties.triangles]).all()
+    # The tubes differ by 0.03 in radius and are shifted by 0.03 at most.
+    assert ties_hold(found, *mesh).max() < 0.25
+
+
+def test_a_mesh_of_some_of_the_triangles_knows_the_same_contacts() -> None:
+    mesh, count = sleeve(far=1.0)
+    found, pairs = attached(mesh), pairs_of(mesh)
+    kept = np.setdiff1d(np.arange(len(mesh[1])), [0, 5, count + 3]).astype(np.int32)
+    fewer = found.of_triangles(kept, np.arange(len(mesh[0])))
+    there = np.isin(pairs, kept).all(axis=1)
+    numbered = np.searchsorted(kept, pairs[there])
+    assert (fewer.modelled(numbered) == found.modelled(pairs[there])).all()
+    assert len(fewer.ties.vertices) <= len(found.ties.vertices)
+
+
+def test_without_references_nothing_is_modelled() -> None:
+    mesh, _ = sleeve()
+    found = find_attachments(mesh[1], len(mesh[0]), [])
+    assert not found.modelled(pairs_of(mesh)).any() and not found.triangles.any()

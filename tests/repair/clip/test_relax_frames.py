@@ -1,0 +1,102 @@
+"""Frames relaxed in step: less distortion, still clean, and smooth in time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attachments import Reference, find_attachments
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.clip.relax_frames import (
+    RelaxFramesOptions,
+    collapsed_vertices,
+    relax_frames,
+)
+from dtrepair.repair.clip.window_state import WindowState
+from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.surface.surface import BoolArray, Surface
+from tests.meshes import joined, tube
+
+FRAMES = 6
+
+
+def attached_tubes() -> Surface:
+    """Two tubes end to end that overlap, as parts of one mesh."""
+    first = tube(12, 20, 0.2, 2.0)
+    second = 1.1 * first[0] * (1.0, 1.0, 1.0 / 1.1) + (0.04, 0.01, 1.7)
+    points, faces = joined(first, (second, first[1]))
+    pairs = Detector(points, faces)(points)
+    found = find_attachments(faces, len(points), [Reference(points, pairs)])
+    return Surface(points, faces, attachments=found)
+
+
+def clean(surface: Surface, pose: FloatArray) -> FloatArray:
+    return pose
+
+
+def state_of(surface: Surface, added: FloatArray) -> WindowState:
+    """A clean window whose poses are the rest and what was added to it."""
+    original = np.repeat(surface.rest[None], FRAMES, axis=0)
+    state = WindowState(
+        surface, original, np.arange(FRAMES, dtype=float), WorkerPool(), alone=clean
+    )
+    state.work.extra[:] = added
+    state.evaluate()
+    assert not state.dirty
+    return state
+
+
+def bump(surface: Surface) -> FloatArray:
+    """A sideways displacement (T, V, 3) of the far end that grows over time."""
+    height = surface.rest[:, 2]
+    bent = np.clip((height - np.median(height)) * 2.0, 0.0, 1.0)
+    size = 0.05 + 0.01 * np.arange(FRAMES)
+    return np.asarray(size[:, None, None] * bent[:, None] ** 2 * np.array([1.0, 0.0, 0.0]))
+
+
+def test_attached_parts_come_back_to_their_shape() -> None:
+    surface = attached_tubes()
+    state = state_of(surface, bump(surface))
+    before = np.linalg.norm(state.poses - state.original, axis=2).mean()
+    relax_frames(state)
+    moved = state.poses - state.original
+    assert np.linalg.norm(moved, axis=2).mean() < 0.5 * before
+    assert not state.dirty
+    # A fifth of the step between two frames of the input.
+    assert np.abs(np.diff(moved, 2, axis=0)).max() < 0.002
+
+
+def test_a_single_skin_is_left_alone_unless_edges_collapse() -> None:
+    surface = Surface(*tube(12, 20, 0.2, 2.0))
+    state = state_of(surface, bump(surface))
+    before = state.poses.copy()
+    relax_frames(state)
+    assert np.array_equal(state.poses, before)
+
+
+def squeezed(surface: Surface) -> FloatArray:
+    """The tip of a tube pressed flat towards its middle."""
+    tip = np.clip(surface.rest[:, 2] / surface.rest[:, 2].max() * 4.0 - 3.0, 0.0, 1.0)
+    added = np.zeros((FRAMES, surface.count, 3))
+    added[:, :, :2] = -0.9 * tip[:, None] * surface.rest[:, :2]
+    return added
+
+
+def count_of(surface: Surface, pose: FloatArray) -> tuple[BoolArray, int]:
+    return collapsed_vertices(surface, surface.rest, pose, 0.25)
+
+
+def test_a_collapsed_tip_opens_again_in_any_window() -> None:
+    surface = Surface(*tube(12, 40, 0.2, 2.0))
+    state = state_of(surface, squeezed(surface))
+    assert count_of(surface, state.poses[0])[1] > 10
+    relax_frames(state)
+    assert all(count_of(surface, pose)[1] == 0 for pose in state.poses)
+
+
+def test_options_say_what_is_collapsed() -> None:
+    surface = Surface(*tube(12, 40, 0.2, 2.0))
+    state = state_of(surface, squeezed(surface))
+    before = state.poses.copy()
+    relax_frames(state, options=RelaxFramesOptions(collapsed=10**6))
+    assert np.array_equal(state.poses, before)

@@ -1,0 +1,59 @@
+"""The worn measure: rings round limbs against what lies beside or pierces them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair.repair.separation.worn import Solid, share_around, worn_measure
+from tests.meshes import Mesh, icosphere, joined, torus, tube
+
+ARM = tube(24, 40, 0.2, 4.0)
+
+
+def solid(mesh: Mesh, *, closed: bool = True) -> Solid:
+    return Solid(mesh[0], mesh[1], closed)
+
+
+def moved(mesh: Mesh, offset: tuple[float, float, float]) -> Mesh:
+    return mesh[0] + offset, mesh[1]
+
+
+def test_a_bracelet_goes_round_its_arm() -> None:
+    found = worn_measure(solid(torus(48, 12, 0.32, 0.06)), solid(ARM))
+    assert found.share > 0.9
+    assert abs(found.axis[2]) == pytest.approx(1.0, abs=0.05)
+
+
+def test_an_open_sleeve_goes_round_its_arm_even_where_the_arm_comes_through() -> None:
+    sleeve = tube(24, 12, 0.21, 1.0)
+    assert worn_measure(solid(sleeve, closed=False), solid(ARM)).share > 0.9
+    through = moved(sleeve, (0.08, 0.0, 0.0))
+    assert worn_measure(solid(through, closed=False), solid(ARM)).share > 0.7
+
+
+@pytest.mark.parametrize("offset", [(1.0, 0.0, 0.0), (0.0, 0.0, 5.0)])
+def test_a_bracelet_beside_its_arm_is_not_worn(offset: tuple[float, float, float]) -> None:
+    assert worn_measure(solid(moved(torus(48, 12, 0.32, 0.06), offset)), solid(ARM)).share < 0.3
+
+
+def test_a_ball_that_an_arm_pierces_is_not_worn() -> None:
+    assert worn_measure(solid(icosphere(3, 0.5)), solid(ARM)).share < 0.3
+
+
+def test_a_skirt_goes_round_two_legs() -> None:
+    legs = joined(moved(ARM, (-0.3, 0.0, 0.0)), moved(ARM, (0.3, 0.0, 0.0)))
+    skirt = tube(32, 12, 0.7, 1.0)
+    assert worn_measure(solid(skirt, closed=False), solid(legs)).share > 0.9
+
+
+def test_what_is_taken_off_is_seen_along_the_same_axis() -> None:
+    ring, arm = torus(48, 12, 0.32, 0.06), solid(ARM)
+    worn = worn_measure(solid(ring), arm)
+    off = share_around(solid(moved(ring, (0.9, 0.0, 0.0))), arm, worn.axis)
+    assert off < 0.6 * worn.share
+    turned = np.roll(np.eye(3), 1, axis=0)
+    again = worn_measure(
+        Solid(ring[0] @ turned, ring[1], True), Solid(ARM[0] @ turned, ARM[1], True)
+    )
+    assert again.share == pytest.approx(worn.share, abs=0.1)

@@ -1,0 +1,104 @@
+"""Ties in the operators of a surface: clusters with one factor, offsets that are held."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attachments import Attachments, Reference, find_attachments
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.full.biharmonic_fill import bilaplacian_fill
+from dtrepair.repair.surface.surface import BodyRange, Surface
+from tests.meshes import Mesh, joined, tube
+
+
+def two_tubes(gap: float = 0.0) -> tuple[Mesh, list[BodyRange]]:
+    """Tubes end to end that overlap, as two bodies, and a third body `gap` beside them."""
+    first = tube(12, 20, 0.2, 2.0)
+    second = 1.1 * first[0] * (1.0, 1.0, 1.0 / 1.1) + (0.04, 0.01, 1.7)
+    third = first[0] + (2.0 + gap, 0.0, 0.0)
+    mesh = joined(first, (second, first[1]), (third, first[1]))
+    size = len(first[0])
+    return mesh, [BodyRange(k * size, (k + 1) * size, 99.0) for k in range(3)]
+
+
+def attachments_of(mesh: Mesh) -> Attachments:
+    points, faces = mesh
+    return find_attachments(faces, len(points), [Reference(points, Detector(*mesh)(points))])
+
+
+def tied() -> Surface:
+    mesh, bodies = two_tubes()
+    return Surface(*mesh, bodies=bodies, attachments=attachments_of(mesh))
+
+
+def test_tied_bodies_share_one_factor_and_others_keep_theirs() -> None:
+    mesh, bodies = two_tubes()
+    free, bound = Surface(*mesh, bodies=bodies), tied()
+    assert len(free.diffusion_factors) == 3 and len(bound.diffusion_factors) == 2
+    assert bound.cluster_of_body.tolist() == [0, 0, 1]
+    # What nothing is tied to is diffused to the last bit as it was.
+    own = slice(bodies[2].start, bodies[2].stop)
+    field = np.random.default_rng(1).normal(size=(bound.count, 3))
+    assert np.array_equal(free.diffuse(field)[own], bound.diffuse(field)[own])
+
+
+def test_a_push_on_one_body_carries_the_other_along() -> None:
+    bound, free = tied(), Surface(*two_tubes()[0], bodies=two_tubes()[1])
+    field = np.zeros((bound.count, 3))
+    field[bound.bodies[0].start : bound.bodies[0].stop, 0] = 1.0
+    other = slice(bound.bodies[1].start, bound.bodies[1].stop)
+    assert not free.diffuse(field)[other].any()
+    assert bound.diffuse(field)[other, 0].max() > 0.1
+    assert not bound.diffuse(field)[bound.bodies[2].start :].any()
+
+
+def test_a_shift_of_everything_stretches_no_tie() -> None:
+    bound = tied()
+    assert bound.ties is not None and bound.offsets is not None
+    shift = np.ones((bound.count, 3)) * (1.0, -2.0, 0.5)
+    assert np.abs(bound.ties.laplacian @ shift).max() < 1e-12
+    assert np.abs(bound.offsets @ shift).max() < 1e-12
+    # Symmetric, and never negative.
+    field = np.random.default_rng(2).normal(size=bound.count)
+    assert np.abs(bound.offsets - bound.offsets.T).max() < 1e-15
+    assert field @ (bound.offsets @ field) > 0.0
+
+
+def drift(surface: Surface, attachments: Attachments, points: FloatArray) -> float:
+    """Largest change of the offset of a tied vertex from where it is tied, units of the size."""
+    vertices, triangles, weights = attachments.ties
+
+    def offset(pose: FloatArray) -> FloatArray:
+        there = np.einsum("ik,ikj->ij", weights, pose[surface.faces[triangles]])
+        return np.asarray(pose[vertices] - there)
+
+    change = offset(points) - offset(surface.rest)
+    return float(np.linalg.norm(change, axis=1).max())
+
+
+def test_a_fill_keeps_the_offset_of_its_ties() -> None:
+    mesh, _ = two_tubes()
+    surface, attachments = tied(), attachments_of(mesh)
+    mask = np.zeros(surface.count, dtype=bool)
+    mask[attachments.ties.vertices] = True
+    mask = surface.dilate(mask, 2) & (surface.body_of_vertex == 0)
+    alone = bilaplacian_fill(surface.uniform, surface.rest, mask)
+    held = bilaplacian_fill(surface.uniform, surface.rest, mask, surface.offsets)
+    assert drift(surface, attachments, held) < 0.7 * drift(surface, attachments, alone)
+
+
+def test_modelled_contacts_and_folds_of_their_zones_do_not_count() -> None:
+    mesh, bodies = two_tubes()
+    free, bound = Surface(*mesh, bodies=bodies), tied()
+    assert len(free.contacts.pairs(free.rest)) > 0
+    assert len(bound.contacts.pairs(bound.rest)) == 0
+    assert 0.0 < bound.in_zone.mean() < 1.0
+
+
+def test_the_largest_value_of_a_cluster_is_that_of_each_of_its_bodies() -> None:
+    bound = tied()
+    values = np.zeros(bound.count)
+    values[bound.bodies[1].start + 3] = 2.0
+    assert bound.cluster_maxima(values) == pytest.approx([2.0, 2.0, 0.0])

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from dtrepair import RepairOptions
 from dtrepair.pipeline import join_layers, repair_stage
 from dtrepair.repair import repairer
-from dtrepair.repair.clip import animation
+from dtrepair.repair.clip import window_stream
 from tests.command_line import CLOSED, OPEN, read_samples, tube_stage
 
 ANGLES = (OPEN, CLOSED, CLOSED + 0.05, CLOSED + 0.1)
@@ -23,9 +23,9 @@ ANGLES = (OPEN, CLOSED, CLOSED + 0.05, CLOSED + 0.1)
 @pytest.fixture(autouse=True, scope="module")
 def small_windows() -> Iterator[None]:
     """Windows of 8 frames that overlap by 2."""
-    small = partial(animation.ClipOptions, window=8, overlap=2)
+    small = partial(window_stream.ClipOptions, window=8, overlap=2)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(animation, "ClipOptions", small)
+        patch.setattr(window_stream, "ClipOptions", small)
         patch.setattr(repairer, "ClipOptions", small)
         yield
 

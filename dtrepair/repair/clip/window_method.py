@@ -17,8 +17,12 @@ from dtrepair.numerics.temporal import (
 )
 from dtrepair.repair.clip.frame_steps import Alone, FrameOptions
 from dtrepair.repair.clip.mend_frames import MendFramesOptions, mend_frames
-from dtrepair.repair.clip.relax_frames import RelaxFramesOptions, relax_frames
-from dtrepair.repair.clip.restore_shape import RestoreShapeOptions, restore_shapes
+from dtrepair.repair.clip.restore_shape import (
+    RelaxFramesOptions,
+    RestoreShapeOptions,
+    relax_frames,
+    restore_shapes,
+)
 from dtrepair.repair.clip.tighten_frames import TightenOptions, tighten_frames
 from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.parallel.worker_pool import WorkerPool

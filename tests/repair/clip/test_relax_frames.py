@@ -7,7 +7,7 @@ import numpy as np
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Reference, find_attachments
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.clip.relax_frames import (
+from dtrepair.repair.clip.restore_shape import (
     RelaxFramesOptions,
     collapsed_vertices,
     relax_frames,

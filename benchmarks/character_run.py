@@ -38,10 +38,11 @@ class Run:
         return {frame["time"]: frame["status"] for frame in self.report.get("frames", ())}
 
     def pairs(self, when: str, time: float) -> int | None:
-        """Pairs that the report counts `before` or `after` in the frame of a time code, or None."""
+        """Pairs, modelled ones too, that the report counts `before` or `after` in a frame."""
         for frame in self.report.get("frames", ()):
             if frame["time"] == time and frame[when] is not None:
-                return int(frame[when]["pairs"])
+                counts = frame[when]
+                return int(counts["pairs"]) + int(counts.get("modelled_pairs", 0))
         return None
 
     def told(self) -> str:

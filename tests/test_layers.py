@@ -167,6 +167,11 @@ def test_only_its_owner_names_a_package() -> None:
     assert strangers(FILES) == KNOWN_STRANGERS
 
 
+def test_no_test_imports_a_benchmark() -> None:
+    files = sources(ROOT, ("tests",)).values()
+    assert not [path for path in files if any(within(n, ("benchmarks",)) for n in imported(path))]
+
+
 def test_folders_are_small() -> None:
     sizes = Counter(path.parent for path in FILES.values() if path.name != "__init__.py")
     assert max(sizes.values()) <= FOLDER_SIZE

@@ -88,8 +88,8 @@ def _solved(
 ) -> list[tuple[FloatArray, Solved]]:
     """Return a pose (V, 3) and how it was found; those of one welded mesh are solved at once."""
     starts = [
-        released(scene, pose.centred, pose.caught, options=options.release)
-        if len(pose.caught)
+        released(scene, pose.centred, pose.enclosed, options=options.release)
+        if len(pose.enclosed)
         else pose.centred
         for pose in opened
     ]

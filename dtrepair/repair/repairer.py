@@ -86,7 +86,7 @@ class SceneRepairer:
         return self.make_animator()
 
     def make_animator(self, memory: Memory | None = None) -> ClipRepairer:
-        """A repairer of frames that looks up solved windows in a memory, and keeps new ones."""
+        """Return a repairer of frames that keeps solved windows in a memory, and looks them up."""
         make_method: MakeMethod = partial(window_method, self.options, self._clip)
         if memory is not None:
             make_method = remembering(make_method, memory)

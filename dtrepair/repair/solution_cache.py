@@ -37,14 +37,14 @@ class Memory(Protocol):
     """Keeps arrays by a key; one memory serves one scene with one set of options only."""
 
     def recall(self, key: str) -> Arrays | None:
-        """What was kept; None where there is nothing."""
+        """Return what was kept; None where there is nothing."""
 
     def keep(self, key: str, arrays: Arrays) -> None:
         """Keep arrays, if that is possible."""
 
 
 def remembering(make_method: MakeMethod, memory: Memory) -> MakeMethod:
-    """Makes solvers of windows that look them up first, and keep what they solve."""
+    """Return what makes solvers of windows that look them up first, and keep what they solve."""
     return lambda mesh: _remembering(make_method(mesh), mesh.surface, memory)
 
 
@@ -79,7 +79,7 @@ def repair_each(
     jobs: int,
     at_once: int = 1,
 ) -> Iterator[list[RepairResult] | Exception]:
-    """The results of each pose (V, 3) of each body, looked up, or found by `solve` and kept.
+    """Yield the results of each pose (V, 3) of each body, looked up, or found by `solve` and kept.
 
     What a pose raises takes the place of its results. `at_once` poses make a batch, which `jobs`
     processes solve side by side.
@@ -112,7 +112,7 @@ def repair_each(
 def _solved(
     poses: list[list[NDArray[Any]]], solve: SolveBatch
 ) -> list[list[RepairResult] | Exception]:
-    """The results of each pose, or what it raises: then the others are solved without it."""
+    """Return the results of each pose, or what it raises; the others are solved without it."""
     if len(poses) > 1:
         try:
             return [*solve(poses)]
@@ -141,7 +141,7 @@ def _results(kept: Arrays) -> list[RepairResult]:
 
 
 def hash_of(*arrays: NDArray[Any]) -> str:
-    """A hash of shapes, types and bits of arrays."""
+    """Return a hash of shapes, types and bits of arrays."""
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(f"{array.dtype.str}{array.shape}".encode())

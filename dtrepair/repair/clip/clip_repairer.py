@@ -82,7 +82,7 @@ class ClipRepairer:
     def _each(
         self, frames: Iterable[tuple[float, Sequence[Any]]], jobs: int | None
     ) -> Iterator[Repaired]:
-        """Frames each for itself: batches of them on a GPU, else side by side."""
+        """Yield frames, each repaired for itself: in batches on a GPU, else side by side."""
         iterator, size = iter(frames), self.poses_at_once
 
         def solved(batch: list[tuple[float, Sequence[Any]]]) -> list[Repaired]:

@@ -32,7 +32,7 @@ def read_frames(
     *,
     cuts: CutOptions = CutOptions(),
 ) -> Iterator[Frame]:
-    """Frames in order; those after a cut are marked. ValueError where times do not increase."""
+    """Yield frames in order, those after a cut marked; ValueError where times do not increase."""
     last: Frame | None = None
     before = jump = motion = 0.0
     starts = True

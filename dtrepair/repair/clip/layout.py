@@ -51,7 +51,7 @@ class Window(NamedTuple):
 
 
 def motions_of(frames: Iterable[Any]) -> FloatArray:
-    """Motion from each frame (V, 3) to the next one (T - 1,), in sizes of the mesh."""
+    """Return the motion from each frame (V, 3) to the next one (T - 1,), in sizes of the mesh."""
     motions: list[float] = []
     last: FloatArray | None = None
     for frame in frames:
@@ -65,7 +65,7 @@ def motions_of(frames: Iterable[Any]) -> FloatArray:
 def window_layout(
     times: Sequence[float], motions: FloatArray, *, options: LayoutOptions = LayoutOptions()
 ) -> list[Window]:
-    """The windows of `ClipRepairer.stream` for frames at times (T,) with motions (T - 1,)."""
+    """Return the windows of `ClipRepairer.stream` for frames at times (T,), motions (T - 1,)."""
     window, overlap = options.window, options.overlap
     if not len(times):
         return []
@@ -88,7 +88,7 @@ def frames_to_solve(
     *,
     options: LayoutOptions = LayoutOptions(),
 ) -> tuple[int, int]:
-    """Frames start..stop that give the chosen windows (first, stop) the results of the whole.
+    """Return frames start..stop that give chosen windows (first, stop) the results of the whole.
 
     That is one window more before them, whose last frames fade into theirs, and one frame after
     them, which tells whether a cut follows.
@@ -108,7 +108,7 @@ def frames_to_solve(
 
 
 def _starts(times: FloatArray, motions: FloatArray, cuts: CutOptions) -> list[int]:
-    """Indices of the first frame and of those after a cut, as `read_frames` marks them."""
+    """Return the indices of the first frame and of those after a cut, as `read_frames` marks."""
     count = len(times)
     speeds = np.concatenate([[0.0], motions / np.diff(times), [0.0]])
     jumps = np.concatenate([[0.0], motions])

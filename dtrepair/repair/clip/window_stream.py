@@ -76,7 +76,7 @@ class WindowSolver(Protocol):
         *,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
-        """Repaired poses (T, V, 3) of poses at times in frame units; None if `unless` says so."""
+        """Return repaired poses (T, V, 3) at times in frame units, or None if `unless` holds."""
 
 
 # Makes the solver of the windows of a mesh.
@@ -116,7 +116,7 @@ class WindowStream:
         self.make_method, self.jobs, self.progress = make_method, jobs, progress
 
     def run(self, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Repaired]:
-        """Results in order; windows end at cuts and overlap elsewhere."""
+        """Yield results in order; windows end at cuts and overlap elsewhere."""
         waiting: list[Frame] = []
         tail: list[FloatArray] = []
         overlap = self.options.overlap
@@ -137,7 +137,7 @@ class WindowStream:
     def _window(
         self, frames: list[Frame], tail: list[FloatArray], *, keep: int
     ) -> tuple[list[Repaired], list[FloatArray]]:
-        """Results of all but the last `keep` frames, and the poses found for those.
+        """Return the results of all but the last `keep` frames, and the poses found for those.
 
         tail: poses found for the first frames by the window before.
         """
@@ -163,7 +163,7 @@ class WindowStream:
         return results, poses[done:]
 
     def _verified(self, frames: list[Frame], poses: list[FloatArray]) -> list[IntArray]:
-        """Pairs of the poses, exactly, on the float32 coordinates that are handed back."""
+        """Return the pairs of the poses, exactly, on the float32 coordinates of the results."""
 
         def pairs(job: tuple[Frame, FloatArray]) -> IntArray:
             frame, pose = job
@@ -173,20 +173,20 @@ class WindowStream:
         return self._side_by_side(pairs, list(zip(frames, poses, strict=True)))
 
     def _side_by_side(self, function: Callable[[Item], Answer], items: list[Item]) -> list[Answer]:
-        """Answers in order, on threads: detection releases the interpreter."""
+        """Return the answers in order, on threads: detection releases the interpreter."""
         if (jobs := self.jobs or available_processors()) == 1:
             return [function(item) for item in items]
         with ThreadPoolExecutor(jobs) as pool:
             return list(pool.map(function, items))
 
     def _solve(self, mesh: WeldedMesh, frames: list[Frame]) -> list[FloatArray]:
-        """Repaired poses (V, 3) of a window."""
+        """Return repaired poses (V, 3) of a window."""
         options = self.options.independent
         times = frame_units(np.array([frame.time for frame in frames]))
         starts = np.stack([frame.centred for frame in frames])
-        if any(len(frame.caught) for frame in frames):
-            caught = [frame.caught for frame in frames]
-            starts = released_frames(self.scene, starts, caught, times, options=options.release)
+        if any(len(frame.enclosed) for frame in frames):
+            enclosed = [frame.enclosed for frame in frames]
+            starts = released_frames(self.scene, starts, enclosed, times, options=options.release)
         pairs = [frame.pairs for frame in frames]
         separate = partial(
             separated_frames,
@@ -200,7 +200,7 @@ class WindowStream:
         led, otherwise = separate(), []
 
         def unless(left: list[IntArray]) -> bool:
-            """Whether sheets, and what pushing left as it was, can be led apart instead."""
+            """Return whether sheets, and what pushing left as it was, can be led apart instead."""
             met = [contact_counts(self.scene.body_of, found) for found in pairs]
             still = [contact_counts(mesh.surface.body_of, found) for found in left]
             tangled = tangled_contacts(met, still, options=options.separation.untangling)
@@ -220,7 +220,7 @@ class WindowStream:
         times: FloatArray,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> list[FloatArray] | None:
-        """Repaired poses (V, 3) of starts (T, V, 3); None where `unless` ended it."""
+        """Return repaired poses (V, 3) of starts (T, V, 3); None where `unless` ended it."""
         unit = np.stack([mesh.reduced(start) for start in starts])
         jobs = worthwhile_jobs(self.jobs, len(starts), len(mesh.surface.faces))
         with make_worker_pool(mesh.surface, jobs) as pool:
@@ -238,7 +238,7 @@ class WindowStream:
         left: IntArray,
         seconds: float,
     ) -> Repaired:
-        """The results of a pose; what is not clean falls back to single-frame solvers."""
+        """Return the results of a pose; what is not clean falls back to single-frame solvers."""
         start = clock.perf_counter()
         if len(left):
             pose, left = self._fallback(mesh(), frame, pose, left)
@@ -252,13 +252,13 @@ class WindowStream:
         return Repaired(frame.time, results_of(self.scene, frame, found, solved, times))
 
     def _too_close(self, mesh: WeldedMesh, pose: FloatArray) -> int:
-        """How many pairs are closer than the clearance."""
+        """Return how many pairs are closer than the clearance."""
         return len(mesh.surface.contacts.close_pairs(mesh.reduced(pose), mesh.clearance))
 
     def _fallback(
         self, mesh: WeldedMesh, frame: Frame, pose: FloatArray, left: IntArray
     ) -> tuple[FloatArray, IntArray]:
-        """The pose with the fewest pairs: mended from here, or repaired alone."""
+        """Return the pose with the fewest pairs: mended from here, or repaired alone."""
         unit, start = mesh.reduced(frame.centred), mesh.reduced(pose)
         near = mend(
             mesh.surface,
@@ -277,5 +277,5 @@ class WindowStream:
 def solve_alone(
     surface: Surface, original: FloatArray, *, options: FullOptions = FullOptions()
 ) -> FloatArray:
-    """The single-frame solver, untightened: its result is blended with its neighbours'."""
+    """Return a pose repaired alone, untightened: it is blended with its neighbours'."""
     return FullMethod(surface, rounds=0, options=options)(original).points

@@ -82,7 +82,7 @@ class _Patches:
         return np.where(mask, self.fill, -1)
 
 
-def fill_creases(
+def biharmonic_fill(
     surface: Surface,
     points: FloatArray,
     *,

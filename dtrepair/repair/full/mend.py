@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.full.biharmonic_fill import Filled, FillOptions, fill_creases
+from dtrepair.repair.full.biharmonic_fill import Filled, FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import PushOptions, push
 from dtrepair.repair.surface.surface import Surface
 
@@ -49,7 +49,7 @@ def mend(
         for near in options.near:
             pushed = push(surface, pose, near=near, step=step, options=options.push)
             pose = pushed.points
-            filled = fill_creases(surface, pose, options=options.fill)
+            filled = biharmonic_fill(surface, pose, options=options.fill)
             if best is None or filled.defects.rank[0] < best.defects.rank[0]:
                 best = filled
             if len(best.defects.crossings) == 0:

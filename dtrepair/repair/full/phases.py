@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.full.biharmonic_fill import FillOptions, fill_creases
+from dtrepair.repair.full.biharmonic_fill import FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import Pushed, PushOptions, push
 from dtrepair.repair.full.stage_log import StageLog
 from dtrepair.repair.surface.defects import Defects, contact_scale, find_defects
@@ -210,7 +210,7 @@ class Phases:
         folds = surface.contacts.folds(pushed.points)
         points, left = pushed.points, Defects(pushed.pairs, folds)
         if "fill" not in self.skip:
-            points, left = fill_creases(surface, points, known=left, options=options)
+            points, left = biharmonic_fill(surface, points, known=left, options=options)
         limited = self.limited(points)
         if (limited != points).any():
             points, left = limited, find_defects(surface, limited)

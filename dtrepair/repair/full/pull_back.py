@@ -9,7 +9,7 @@ import numpy as np
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion
 from dtrepair.repair.full.acceptance import acceptable, changed_defects
-from dtrepair.repair.full.biharmonic_fill import FillOptions, fill_creases
+from dtrepair.repair.full.biharmonic_fill import FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import PushOptions, push
 from dtrepair.repair.surface.defects import Defects, find_defects
 from dtrepair.repair.surface.surface import BoolArray, Surface
@@ -78,7 +78,7 @@ def pull_back(
             )
             trial = pushed.points
             moved = changed_defects(surface, known, current, trial)
-            trial, defects = fill_creases(surface, trial, known=moved, options=options.fill)
+            trial, defects = biharmonic_fill(surface, trial, known=moved, options=options.fill)
         trial, defects, back = _put_back(surface, known, current, trial, defects)
         value = distortion(original, trial, surface.edges)
         if acceptable(defects, folds) and value < options.gain * best:

@@ -32,12 +32,12 @@ _DEATH_SIGNAL = 1
 
 
 def can_fork() -> bool:
-    """Whether processes can be forked: only on Linux, and not from one that works on a GPU."""
+    """Return whether processes can be forked: on Linux, and not where a GPU is at work."""
     return sys.platform == "linux" and not cuda_in_use()
 
 
 def fork(work: Callable[[], None]) -> int:
-    """The number of a new process that does some work and ends; it never outlives this one.
+    """Return the number of a new process that does some work and ends; it never outlives this one.
 
     It leaves signals to its parent, which should end it with `end`.
     """
@@ -112,7 +112,7 @@ class _Pickler(pickle.Pickler):
 
 
 def packed(call: Callable[[], Any]) -> bytes:
-    """The answer of a call, or its exception, for `unpacked` in another process."""
+    """Return the answer of a call, or its exception, for `unpacked` in another process."""
     try:
         return _pickled((None, call()))
     except Exception as error:
@@ -126,7 +126,7 @@ def _pickled(value: object) -> bytes:
 
 
 def unpacked(content: bytes) -> Any:
-    """The answer in what `packed` made; its exception is raised.
+    """Return the answer in what `packed` made, or raise its exception.
 
     RuntimeError if there is nothing: the process has ended without an answer.
     """

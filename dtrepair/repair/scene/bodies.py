@@ -43,7 +43,11 @@ class Body:
 
 
 def mobility_of(body: Body, count: int) -> FloatArray:
-    """How freely each vertex (count,) moves, 0 to 1; ValueError for wrong pins or mobilities."""
+    """Return how freely each vertex (count,) moves, 0 to 1.
+
+    Raises:
+        ValueError: wrong pins or mobilities.
+    """
     if not 0.0 <= body.mobility <= 1.0:
         raise ValueError(f"mobility should be between 0 and 1, got {body.mobility}")
     if body.pin is None:
@@ -56,7 +60,7 @@ def mobility_of(body: Body, count: int) -> FloatArray:
 
 
 def direction_of(body: Body, count: int) -> FloatArray:
-    """Preferred direction (count, 3), zero rows where none; ValueError for other shapes."""
+    """Return the preferred direction (count, 3), zero rows where none; ValueError if malformed."""
     if body.direction is None:
         return np.zeros((count, 3))
     direction = np.asarray(body.direction, dtype=np.float64)
@@ -66,7 +70,11 @@ def direction_of(body: Body, count: int) -> FloatArray:
 
 
 def checked_ignored(ignore: Iterable[tuple[int, int]], count: int) -> tuple[tuple[int, int], ...]:
-    """Pairs (i, j), i <= j, of bodies, each once; ValueError for bodies that are not there."""
+    """Return pairs (i, j), i <= j, of bodies, each once.
+
+    Raises:
+        ValueError: bodies that are not there.
+    """
     pairs = {(min(i, j), max(i, j)) for i, j in ignore}
     for pair in pairs:
         if not 0 <= pair[0] <= pair[1] < count:
@@ -75,7 +83,7 @@ def checked_ignored(ignore: Iterable[tuple[int, int]], count: int) -> tuple[tupl
 
 
 def about_centre(points: FloatArray) -> tuple[FloatArray, FloatArray | float]:
-    """Points about the origin and the centre they had; 0 where float32 holds them well."""
+    """Return points about the origin and the centre they had; 0 where float32 holds them well."""
     if not len(points):
         return points, 0.0
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))

@@ -30,7 +30,7 @@ class OpenedPose:
         weld: Vertices (V,) that count as one.
         detected: Whether the contacts are known.
         pairs: The intersecting pairs (K, 2) that count.
-        caught: Parts (K, 2) wholly inside others.
+        enclosed: Parts (K, 2) wholly inside others.
         seconds: What it took to find them.
     """
 
@@ -41,20 +41,20 @@ class OpenedPose:
     weld: IntArray
     detected: bool = False
     pairs: IntArray = field(default_factory=_none)
-    caught: IntArray = field(default_factory=_none)
+    enclosed: IntArray = field(default_factory=_none)
     seconds: float = 0.0
 
     @property
     def wrong(self) -> int:
         """How many pairs, and parts inside others, there are to be repaired."""
-        return len(self.pairs) + len(self.caught)
+        return len(self.pairs) + len(self.enclosed)
 
 
 Pose = TypeVar("Pose", bound=OpenedPose)
 
 
 def gathered(scene: Scene, points: Sequence[Any]) -> OpenedPose:
-    """Points (V, 3) of each body as a pose; ValueError for wrong shapes or numbers."""
+    """Return points (V, 3) of each body as a pose; ValueError for wrong shapes or numbers."""
     original = scene.gather(points)
     centred, centre = about_centre(original)
     return OpenedPose(
@@ -63,11 +63,11 @@ def gathered(scene: Scene, points: Sequence[Any]) -> OpenedPose:
 
 
 def detected(scene: Scene, pose: Pose) -> Pose:
-    """The pose with its contacts; as it is where they are known."""
+    """Return the pose with its contacts; as it is where they are known."""
     if pose.detected:
         return pose
     start = time.perf_counter()
     pairs = scene.pairs(pose.centred, pose.weld)
-    caught = scene.caught_parts(pose.centred, pairs)
+    enclosed = scene.enclosed_parts(pose.centred, pairs)
     seconds = time.perf_counter() - start
-    return replace(pose, detected=True, pairs=pairs, caught=caught, seconds=seconds)
+    return replace(pose, detected=True, pairs=pairs, enclosed=enclosed, seconds=seconds)

@@ -25,21 +25,21 @@ class Kept(NamedTuple):
 
     points: FloatArray
     pairs: IntArray
-    caught: IntArray
+    enclosed: IntArray
 
 
 def kept(scene: Scene, pose: OpenedPose, points: FloatArray, pairs: IntArray) -> Kept:
-    """What was found for a pose, with its exact `pairs`; the input where that is no better."""
-    caught = scene.caught_parts(points, pairs) if len(pose.caught) else pose.caught
-    if 0 < len(pairs) + len(caught) >= pose.wrong:
-        return Kept(pose.centred, pose.pairs, pose.caught)
-    return Kept(points, pairs, caught)
+    """Return what was found for a pose, with its `pairs`, or the input where that is no better."""
+    enclosed = scene.enclosed_parts(points, pairs) if len(pose.enclosed) else pose.enclosed
+    if 0 < len(pairs) + len(enclosed) >= pose.wrong:
+        return Kept(pose.centred, pose.pairs, pose.enclosed)
+    return Kept(points, pairs, enclosed)
 
 
 def results_of(
     scene: Scene, pose: OpenedPose, found: Kept, solved: Solved, seconds: dict[str, float]
 ) -> list[RepairResult]:
-    """The results of each body; vertices that did not move keep every bit of the input."""
+    """Return the results of each body; vertices that did not move keep every bit of the input."""
     moved = differing(found.points, pose.centred)
     rounded = found.points.astype(np.float32) + pose.centre
     repaired = np.where(moved[:, None], rounded, pose.original)
@@ -86,8 +86,8 @@ def _result(
 
 def _left(scene: Scene, index: int, found: Kept) -> Diagnosis:
     """Return what intersects or is enclosed, where it concerns a body."""
-    concerned = (scene.body_of_part[found.caught] == index).any(axis=1)
-    enclosures = enclosures_left(scene, found.caught[concerned])
+    concerned = (scene.body_of_part[found.enclosed] == index).any(axis=1)
+    enclosures = enclosures_left(scene, found.enclosed[concerned])
     if len(found.pairs) and scene.options.rest_contacts == "leave":
         at_rest = int(np.isin(pair_keys(found.pairs), scene.rest_keys).sum())
         if at_rest == len(found.pairs):

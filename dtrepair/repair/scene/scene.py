@@ -130,7 +130,7 @@ class Scene:
         return attachments if len(attachments.zones) else None
 
     def attachments_of(self, body: int) -> Attachments | None:
-        """What was modelled within one body, by its own triangles and vertices."""
+        """Return what was modelled within one body, by its own triangles and vertices."""
         if self.attachments is None:
             return None
         own = self.triangles_of(body)
@@ -153,15 +153,15 @@ class Scene:
         return triangle_count(self.rest_pairs)
 
     def vertices_of(self, body: int) -> slice:
-        """The vertices of a body."""
+        """Return the vertices of a body."""
         return slice(int(self.vertex_starts[body]), int(self.vertex_starts[body + 1]))
 
     def triangles_of(self, body: int) -> slice:
-        """The triangles of a body."""
+        """Return the triangles of a body."""
         return slice(int(self.triangle_starts[body]), int(self.triangle_starts[body + 1]))
 
     def gather(self, points: Sequence[Any]) -> FloatArray:
-        """Poses (V, 3) of each body as one of all; ValueError for wrong shapes or numbers."""
+        """Return poses (V, 3) of each body as one; ValueError for wrong shapes or numbers."""
         if len(points) != len(self.bodies):
             raise ValueError(f"points should hold {len(self.bodies)} poses, got {len(points)}")
         counts = np.diff(self.vertex_starts)
@@ -173,13 +173,13 @@ class Scene:
         )
 
     def weld(self, points: FloatArray) -> IntArray:
-        """Vertices of one body at one float32 position of `points` (V, 3) count as one (V,)."""
+        """Return the vertex (V,) that stands for each: one where those of a body coincide."""
         with np.errstate(over="ignore"):  # the detector tells what is beyond float32
             parts = [weld_map(points[a:b]) + a for a, b in pairwise(self.vertex_starts)]
         return np.concatenate(parts).astype(np.int32)
 
     def pairs(self, points: FloatArray, weld: IntArray) -> IntArray:
-        """Intersecting pairs (K, 2) of a pose (V, 3), exactly, on its float32 coordinates.
+        """Return the intersecting pairs (K, 2) of a pose (V, 3), exact on float32 coordinates.
 
         Of contacts that count only, which modelled ones do not; `weld` (V,): vertices that count
         as one.
@@ -188,8 +188,8 @@ class Scene:
         pairs = pairs[self.counted(self.body_of[pairs])]
         return pairs if self.attachments is None else pairs[~self.attachments.modelled(pairs)]
 
-    def caught_parts(self, points: FloatArray, pairs: IntArray) -> IntArray:
-        """Parts (K, 2) of a pose wholly inside others that they are not inside of at rest.
+    def enclosed_parts(self, points: FloatArray, pairs: IntArray) -> IntArray:
+        """Return the parts (K, 2) of a pose wholly inside others, and not so at rest.
 
         `pairs` (K, 2): the intersecting pairs of the pose. Of contacts that count only.
         """
@@ -199,7 +199,7 @@ class Scene:
         return parts if self.attachments is None else parts[~self._attached(parts)]
 
     def _attached(self, parts: IntArray) -> NDArray[np.bool_]:
-        """Which parts (K, 2) of `enclosures` are attached to each other, (K,)."""
+        """Return which parts (K, 2) of `enclosures` are attached to each other, (K,)."""
         assert self.attachments is not None
         corners = self.rest_weld[self.faces]
         name = np.zeros(self.enclosures.count, dtype=np.int64)
@@ -208,7 +208,7 @@ class Scene:
         return np.array([tuple(sorted(both)) in known for both in name[parts].tolist()], dtype=bool)
 
     def counted(self, bodies: NDArray[np.integer]) -> NDArray[np.bool_]:
-        """Which contacts (K,) count, given by the two bodies (K, 2) that they join."""
+        """Return which contacts (K,) count, given by the two bodies (K, 2) that they join."""
         return counted_between(bodies, mode=self.options.mode, ignored=self.ignored)
 
 
@@ -218,7 +218,7 @@ def make_scene(
     ignore: Sequence[tuple[int, int]] = (),
     references: Sequence[Reference] = (),
 ) -> Scene:
-    """The scene of some bodies, whose contacts between pairs in `ignore` do not count.
+    """Return the scene of some bodies, whose contacts between pairs in `ignore` do not count.
 
     references: see `Scene`.
 

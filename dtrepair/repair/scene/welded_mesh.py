@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dtrepair.device import DeviceQueue
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.full.method import FullMethod, FullOptions
+from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import Solved
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.surface.surface import BodyRange, Surface
@@ -34,72 +35,79 @@ class WeldedMesh:
         full: FullOptions = FullOptions(),
     ) -> None:
         self.kept, self.place = np.unique(together, return_inverse=True)
-        faces = self.place[scene.faces].astype(np.int32)
-        # A triangle between two vertices that became one has no area and takes no part.
-        solid = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2])
-        solid &= faces[:, 2] != faces[:, 0]
-        faces, kept = faces[solid], np.flatnonzero(solid).astype(np.int32)
-        starts = np.searchsorted(self.kept, scene.vertex_starts)
-        options = scene.options
-        bodies = [
-            BodyRange(int(a), int(b), body.diffusion or options.diffusion, rigid=body.rigid)
-            for a, b, body in zip(starts[:-1], starts[1:], scene.bodies, strict=True)
-        ]
-        mobility = np.ones(len(self.kept))
-        np.minimum.at(mobility, self.place, scene.mobility)
-        self.surface = Surface(
-            scene.centred_rest[self.kept],
-            faces,
-            bodies=bodies,
-            mobility=mobility,
-            mode=options.mode,
-            leave_rest=options.rest_contacts == "leave",
-            ignored=scene.ignored,
-            direction=scene.direction[self.kept] if scene.direction.any() else None,
-            attachments=scene.attachments and scene.attachments.of_triangles(kept, self.place),
-        )
+        self.surface = _surface(scene, self.kept, self.place)
         # In units of the surface's size.
-        limit = options.maximum_displacement
+        limit = scene.options.maximum_displacement
         self.farthest = None if limit is None else limit / self.surface.size
-        self.clearance = options.clearance / self.surface.size
+        self.clearance = scene.options.clearance / self.surface.size
+        self._solve = self._method(scene.options, queue, full)
+
+    def _method(
+        self, options: RepairOptions, queue: DeviceQueue | None, full: FullOptions
+    ) -> Callable[[Sequence[FloatArray]], list[Solved]]:
+        """Return the function that repairs poses of the surface, in units of its size."""
         if options.method == "paper":
             from dtrepair.repair.paper.method import PaperMethod
 
-            self.method: Any = PaperMethod(self.surface, options, queue=queue)
-        else:
-            self.method = FullMethod(
-                self.surface,
-                rounds=options.tighten,
-                farthest=self.farthest,
-                clearance=self.clearance,
-                skip=options.skip,
-                options=full,
-            )
+            return PaperMethod(self.surface, options, queue=queue).batch
+        method = FullMethod(
+            self.surface,
+            rounds=options.tighten,
+            farthest=self.farthest,
+            clearance=self.clearance,
+            skip=options.skip,
+            options=full,
+        )
+        return lambda poses: [method(pose) for pose in poses]
 
     def solve(self, poses: Sequence[FloatArray]) -> list[tuple[FloatArray, Solved]]:
-        """Repaired poses (V, 3); vertices that stayed where they were keep every bit."""
+        """Return repaired poses (V, 3); vertices that stayed where they were keep every bit."""
         units = [self.reduced(points) for points in poses]
-        if isinstance(self.method, FullMethod):
-            found = [self.method(unit) for unit in units]
-        else:
-            found = self.method.batch(units)
         return [
             (self.expanded(points, unit, solved.points), solved)
-            for points, unit, solved in zip(poses, units, found, strict=True)
+            for points, unit, solved in zip(poses, units, self._solve(units), strict=True)
         ]
 
     def reduced(self, points: FloatArray) -> FloatArray:
-        """Points (V, 3) of the scene as those of the surface, in units of its size."""
+        """Return points (V, 3) of the scene as those of the surface, in units of its size."""
         return points[self.kept] / self.surface.size
 
     def expanded(self, points: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
-        """A solved pose of the surface as points (V, 3) of the scene.
+        """Return a solved pose of the surface as points (V, 3) of the scene.
 
         `before` is what `points` were reduced to: vertices that stayed there keep every bit.
         """
         after = self.surface.rigid.fitted(before, after)
         stayed = (after == before).all(axis=1)[self.place]
         return np.where(stayed[:, None], points, (after * self.surface.size)[self.place])
+
+
+def _surface(scene: Scene, kept: NDArray[np.integer], place: NDArray[np.integer]) -> Surface:
+    """Return the surface of the vertices that are kept; each of the scene is at its place there."""
+    faces = place[scene.faces].astype(np.int32)
+    # A triangle between two vertices that became one has no area and takes no part.
+    solid = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2])
+    solid &= faces[:, 2] != faces[:, 0]
+    triangles = np.flatnonzero(solid).astype(np.int32)
+    starts = np.searchsorted(kept, scene.vertex_starts)
+    options, attachments = scene.options, scene.attachments
+    bodies = [
+        BodyRange(int(a), int(b), body.diffusion or options.diffusion, rigid=body.rigid)
+        for a, b, body in zip(starts[:-1], starts[1:], scene.bodies, strict=True)
+    ]
+    mobility = np.ones(len(kept))
+    np.minimum.at(mobility, place, scene.mobility)
+    return Surface(
+        scene.centred_rest[kept],
+        faces[solid],
+        bodies=bodies,
+        mobility=mobility,
+        mode=options.mode,
+        leave_rest=options.rest_contacts == "leave",
+        ignored=scene.ignored,
+        direction=scene.direction[kept] if scene.direction.any() else None,
+        attachments=attachments and attachments.of_triangles(triangles, place),
+    )
 
 
 class WeldedMeshes:
@@ -123,7 +131,7 @@ class WeldedMeshes:
         self._known: dict[bytes, WeldedMesh] = {}
 
     def __call__(self, welds: Sequence[IntArray]) -> WeldedMesh:
-        """The mesh of poses with welds (V,): what coincides in the rest and all poses is one."""
+        """Return the mesh of poses with welds (V,): what coincides there and at rest is one."""
         rest_weld = self._scene.rest_weld
         joined = np.ones(len(rest_weld), dtype=bool)
         for weld in welds:

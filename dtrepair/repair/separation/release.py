@@ -65,17 +65,17 @@ def released_frames(
         for inner, outer in found.tolist():
             met.setdefault((inner, outer), []).append(frame)
     enclosures = scene.enclosures
-    for (inner, outer), caught in met.items():
+    for (inner, outer), where in met.items():
         moved = _movable(scene, inner)
         if moved is None:
             continue
-        way = enclosures.way_out(poses[caught[len(caught) // 2]], inner, outer)
+        way = enclosures.way_out(poses[where[len(where) // 2]], inner, outer)
         length = float(np.linalg.norm(way))
         if length == 0.0:
             continue
         way /= length
         needed = np.zeros(len(frames))
-        for frame in caught:
+        for frame in where:
             far = enclosures.length_along(poses[frame], way, inner, outer)
             needed[frame] = options.beyond * far
         result[:, moved] += eased_in_time(needed, frames, options.width)[:, None, None] * way

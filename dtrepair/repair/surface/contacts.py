@@ -70,7 +70,7 @@ class Contacts:
         self.ring_distance = RingDistances(faces, detector.vertex_count)
 
     def pairs(self, points: FloatArray, *, active: BoolArray | None = None) -> IntArray:
-        """Intersecting pairs (K, 2); with `active` (F,) those with at least one active triangle.
+        """Return the intersecting pairs (K, 2); with `active` (F,) those with an active triangle.
 
         Pairs that floating point cannot settle count as intersecting, but see `UncertainPairs`.
         """
@@ -78,13 +78,13 @@ class Contacts:
         return self._counted(found)
 
     def batch_pairs(self, points: FloatArray) -> IntArray:
-        """Intersecting pairs (K, 3) of poses (B, V, 3): frame, triangle, triangle."""
+        """Return the intersecting pairs (K, 3) of poses (B, V, 3): frame, triangle, triangle."""
         return self._counted(self._detector(self._written(points), exact=self._uncertain))
 
     def close_pairs(
         self, points: FloatArray, clearance: float, *, facing: bool = False
     ) -> IntArray:
-        """Pairs (K, 2) closer than a clearance, units of the size, that are not neighbours.
+        """Return the pairs (K, 2) closer than a clearance, units of the size, not neighbours.
 
         Neighbours are triangles at most `neighbour_rings` apart, the sides of a crease, and those
         as close in the rest pose; or, with `facing`, for a rest pose that has the contacts itself,
@@ -101,7 +101,7 @@ class Contacts:
         return self._counted(_united(crossing, found))
 
     def folds(self, points: FloatArray, *, active: BoolArray | None = None) -> IntArray:
-        """Folds (K, 2) that are to go; with `active` (V,) those around active vertices."""
+        """Return the folds (K, 2) that are to go; with `active` (V,) those around such vertices."""
         found = self._queries.folds(self._written(points), active=active)
         if self._leave_rest:
             found = found[~np.isin(pair_keys(found), self._folds_at_rest)]
@@ -113,7 +113,7 @@ class Contacts:
         return found
 
     def counts(self, pairs: IntArray) -> BoolArray:
-        """Which pairs, the triangles in the last two columns (K, 2 or 3), count."""
+        """Return which pairs, the triangles in the last two columns (K, 2 or 3), count."""
         keep = self._separable(pairs)
         if self._leave_rest:
             keep &= ~np.isin(pair_keys(pairs[:, -2:]), self._crossing_at_rest)
@@ -142,7 +142,7 @@ class Contacts:
         return pairs[self.counts(pairs)]
 
     def _separable(self, pairs: IntArray) -> BoolArray:
-        """Which pairs can come apart: not two fixed triangles, nor two of one rigid body."""
+        """Return which pairs can come apart: not two fixed triangles, nor two of one rigid body."""
         first, second, own = pairs[:, -2], pairs[:, -1], self._body_of
         keep = counted_between(own[pairs[:, -2:]], mode=self._mode, ignored=self._ignored)
         if self._still is not None and self._whole is not None:
@@ -170,6 +170,6 @@ class Contacts:
 
 
 def _united(first: IntArray, second: IntArray) -> IntArray:
-    """The pairs of two sets, each once, sorted."""
+    """Return the pairs of two sets, each once, sorted."""
     keys = np.union1d(pair_keys(first), pair_keys(second))
     return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)

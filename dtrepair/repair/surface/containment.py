@@ -75,7 +75,7 @@ class Enclosures:
         self._meant: dict[tuple[int, int], bool] = {}
 
     def __call__(self, points: FloatArray, pairs: IntArray) -> Enclosed:
-        """What a pose (V, 3) with the intersecting `pairs` (K, 2) of triangles encloses.
+        """Return what a pose (V, 3) with the intersecting `pairs` (K, 2) of triangles encloses.
 
         Parts that intersect each other are contacts, not enclosed.
         """
@@ -93,12 +93,12 @@ class Enclosures:
         return Enclosed(found, np.array(meant, dtype=bool))
 
     def vertices(self, part: int) -> NDArray[np.integer]:
-        """The vertices of a part."""
+        """Return the vertices of a part."""
         own: NDArray[np.integer] = self._vertices[self._starts[part] : self._starts[part + 1]]
         return own
 
     def way_out(self, points: FloatArray, inner: int, outer: int) -> FloatArray:
-        """The shortest shift (3,) found that takes `inner` out of `outer`.
+        """Return the shortest shift (3,) found that takes `inner` out of `outer`.
 
         Along 26 directions and that to the nearest vertex of `outer`, the farthest way that a
         vertex of `inner` has to the outside decides.
@@ -120,7 +120,7 @@ class Enclosures:
     def length_along(
         self, points: FloatArray, direction: FloatArray, inner: int, outer: int
     ) -> float:
-        """How far `inner` has to go along a unit direction to be out of `outer`."""
+        """Return how far `inner` has to go along a unit direction to be out of `outer`."""
         return self._way_along(
             points, direction, _picked(self.vertices(inner), self._options.many), outer
         )
@@ -128,11 +128,11 @@ class Enclosures:
     def _way_along(
         self, points: FloatArray, direction: FloatArray, probes: NDArray[np.integer], outer: int
     ) -> float:
-        """How far the probes have to go along a direction until all are outside."""
+        """Return how far the probes have to go along a direction until all are outside."""
         return float(exits_along(direction, points[probes], self._corners(points, outer)).max())
 
     def _boxes_inside(self, points: FloatArray) -> IntArray:
-        """Pairs (inner, outer) whose bounding boxes are inside each other, by a sweep along x."""
+        """Return pairs (inner, outer) of bounding boxes inside each other, by a sweep along x."""
         low = np.minimum.reduceat(points[self._vertices], self._starts[:-1])
         high = np.maximum.reduceat(points[self._vertices], self._starts[:-1])
         order = np.argsort(low[:, 0])
@@ -152,7 +152,7 @@ class Enclosures:
         return np.concatenate(found).astype(np.int32)
 
     def _is_inside(self, points: FloatArray, inner: int, outer: int) -> bool:
-        """Whether most picked vertices of a part are inside another."""
+        """Return whether most picked vertices of a part are inside another."""
         starts = points[_picked(self.vertices(inner), self._options.votes)]
         return (
             2 * int((windings(starts, self._corners(points, outer)) > 0).sum())
@@ -166,7 +166,7 @@ class Enclosures:
         return self._meant[key]
 
     def _corners(self, points: FloatArray, part: int) -> FloatArray:
-        """The triangles (F, 3, 3) of a part."""
+        """Return the triangles (F, 3, 3) of a part."""
         own = self._face_order[self._face_starts[part] : self._face_starts[part + 1]]
         corners: FloatArray = points[self.faces[own]]
         return corners
@@ -175,13 +175,13 @@ class Enclosures:
 def _grouped(
     labels: NDArray[np.integer], count: int
 ) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
-    """Items sorted by label, and where each label starts (count + 1,)."""
+    """Return the items sorted by label, and where each label starts (count + 1,)."""
     order = np.argsort(labels, kind="stable")
     return order, np.searchsorted(labels[order], np.arange(count + 1))
 
 
 def _closed(faces: IntArray, part: IntArray, count: int) -> BoolArray:
-    """Which parts (count,) are closed: as many triangles run along an edge one way as the other."""
+    """Return which parts (count,) are closed: edges have as many triangles one way as the other."""
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
     low, high = ends.min(axis=1), ends.max(axis=1)
     _, edge = np.unique(low << 32 | high, return_inverse=True)
@@ -192,6 +192,6 @@ def _closed(faces: IntArray, part: IntArray, count: int) -> BoolArray:
 
 
 def _picked(vertices: NDArray[np.integer], count: int) -> NDArray[np.integer]:
-    """At most `count` vertices spread evenly over the given ones."""
+    """Return at most `count` vertices spread evenly over the given ones."""
     places = np.linspace(0, len(vertices) - 1, count).round().astype(np.int64)
     return vertices[places]

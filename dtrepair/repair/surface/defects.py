@@ -29,14 +29,14 @@ class Defects(NamedTuple):
 
 
 def find_defects(surface: Surface, points: FloatArray) -> Defects:
-    """All intersecting pairs and folds of a pose (V, 3) in units of the surface's size."""
+    """Return all intersecting pairs and folds of a pose (V, 3) in units of the surface's size."""
     return Defects(surface.contacts.pairs(points), surface.contacts.folds(points))
 
 
 def update_defects(
     surface: Surface, known: Defects, points: FloatArray, moved: BoolArray
 ) -> Defects:
-    """Defects of a pose that differs from one with `known` defects only where `moved` (V,)."""
+    """Return the defects of a pose that differs from one with `known` ones where `moved` (V,)."""
     if moved.all():
         return find_defects(surface, points)
     active = surface.triangles_at(moved)
@@ -51,7 +51,7 @@ def update_defects(
 
 
 def near_contacts(surface: Surface, pairs: IntArray, near: int) -> BoolArray:
-    """Which pairs (K,) join triangles at most `near` edge rings apart: the sides of a crease.
+    """Return which pairs (K,) are the sides of a crease: at most `near` edge rings apart.
 
     ValueError where so many rings are not searched.
     """
@@ -64,7 +64,7 @@ def near_contacts(surface: Surface, pairs: IntArray, near: int) -> BoolArray:
 
 
 def contact_regions(surface: Surface, pairs: IntArray, buried: BoolArray) -> tuple[int, IntArray]:
-    """Contact regions: their number and the region of each vertex (V,), -1 outside.
+    """Return the contact regions: their number and the region of each vertex (V,), -1 outside.
 
     A region is connected through pairs and through edges between touched or buried vertices.
     """
@@ -79,7 +79,7 @@ def contact_regions(surface: Surface, pairs: IntArray, buried: BoolArray) -> tup
 
 
 def contact_scale(surface: Surface, pairs: IntArray) -> float:
-    """Size of the smallest body in contact, units of the surface's size: what steps relate to.
+    """Return the size of the smallest body in contact, units of the surface's: steps relate to it.
 
     A step that suits a character throws a bracelet off its wrist.
     """

@@ -24,7 +24,7 @@ def covered_vertices(
     *,
     near: float,
 ) -> IntArray:
-    """The vertex (V,) of another body that each vertex covers in the rest pose, -1 where none.
+    """Return the vertex (V,) of another body that each vertex covers at rest, -1 where none.
 
     That is the nearest one, if it is near, behind the vertex as seen from its normal, and the
     vertex lies outside as seen from the other normal.
@@ -63,7 +63,7 @@ def covered_vertices(
 def without_crossing(
     cover: IntArray, body_of_vertex: NDArray[np.integer], crossing: NDArray[np.integer]
 ) -> IntArray:
-    """What vertices cover (V,), less what is of two bodies that cross at rest.
+    """Return what vertices cover (V,), less what is of two bodies that cross at rest.
 
     Of bodies that intersect each other at rest nobody knows which side is out: they cover nothing
     of each other. `crossing` (K, 2): bodies that do.
@@ -80,7 +80,7 @@ def without_crossing(
 def covering_sides(
     cover: IntArray, faces: IntArray, body_of_vertex: NDArray[np.integer], pairs: IntArray
 ) -> FloatArray | None:
-    """For both triangles of pairs (K, 2) -1 where it covers the body of the other one, else 1.
+    """Return -1 where a triangle of pairs (K, 2) covers the body of the other one, else 1.
 
     None where nothing covers anything. `cover` (V,): see `covered_vertices`.
     """
@@ -98,7 +98,7 @@ def covering_sides(
 def pushed_off_covered(
     field: FloatArray, buried: FloatArray, cover: IntArray, normals: FloatArray
 ) -> FloatArray:
-    """The overlap gradient (V, 3) with that of buried vertices that cover others turned.
+    """Return the overlap gradient (V, 3) with that of buried vertices that cover others turned.
 
     They leave along the normal of what they cover, which gives way as much. `buried`, `cover`
     (V,): how deep vertices are, and what they cover; `normals` (V, 3), of any length.
@@ -115,7 +115,7 @@ def pushed_off_covered(
 
 
 def _spacing(rest: FloatArray, edges: IntArray) -> FloatArray:
-    """Length of the longest edge at each vertex (V,) at rest."""
+    """Return the length of the longest edge at each vertex (V,) at rest."""
     result = np.zeros(len(rest))
     ends = rest[edges]
     length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)

@@ -16,7 +16,7 @@ BLOCK = 2_000_000
 def crossings(
     starts: FloatArray, corners: FloatArray
 ) -> tuple[NDArray[np.integer], FloatArray, NDArray[np.integer]]:
-    """Where rays along the first axis from `starts` (P, 3) meet triangles `corners` (F, 3, 3).
+    """Return where rays along the first axis from points (P, 3) meet triangles (F, 3, 3).
 
     The ray (K,) of each crossing, its distance, and 1 for exits, -1 for entries: the sum of a ray
     is the winding number of its start.
@@ -58,13 +58,13 @@ def crossings(
 
 
 def windings(points: FloatArray, corners: FloatArray) -> NDArray[np.integer]:
-    """Winding numbers (P,) of triangles (F, 3, 3) at points (P, 3)."""
+    """Return the winding numbers (P,) of triangles (F, 3, 3) at points (P, 3)."""
     rays, _, signs = crossings(points @ SKEW, _turned(corners, SKEW))
     return np.bincount(rays, signs, minlength=len(points)).astype(np.int64)
 
 
 def exits_along(direction: FloatArray, points: FloatArray, corners: FloatArray) -> FloatArray:
-    """How far points (P, 3) have to go along a unit direction to leave triangles (F, 3, 3).
+    """Return how far points (P, 3) have to go along a unit direction to leave triangles (F, 3, 3).
 
     0 for those that are outside.
     """
@@ -84,7 +84,7 @@ def exits_along(direction: FloatArray, points: FloatArray, corners: FloatArray) 
 
 
 def frame_along(direction: FloatArray) -> FloatArray:
-    """A rotation (3, 3): points @ it have their part along the unit direction first."""
+    """Return a rotation (3, 3): points @ it have their part along the unit direction first."""
     # The other axes are skew, so that rays from regular meshes do not meet edges exactly.
     helper = np.roll(direction, 1) * [0.3, -0.7, 0.5] + [0.12, 0.93, -0.41]
     second = np.cross(direction, helper)
@@ -95,7 +95,7 @@ def frame_along(direction: FloatArray) -> FloatArray:
 
 
 def _turned(corners: FloatArray, frame: FloatArray) -> FloatArray:
-    """Corners (F, 3, 3) @ frame, as one product of many rows."""
+    """Return the corners (F, 3, 3) @ frame, as one product of many rows."""
     return (corners.reshape(-1, 3) @ frame).reshape(-1, 3, 3)
 
 

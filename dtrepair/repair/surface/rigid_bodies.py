@@ -76,7 +76,7 @@ class RigidBodies:
         return result
 
     def fitted(self, reference: FloatArray, points: FloatArray) -> FloatArray:
-        """The pose (V, 3) with each rigid body replaced by the nearest rigid motion of `reference`.
+        """Return the pose (V, 3) with rigid bodies replaced by rigid motions of `reference`.
 
         The least sum of squares, weighted by mass (Kabsch 1976). A body that did not move, or
         moved as a whole already, keeps every bit.
@@ -98,8 +98,7 @@ class RigidBodies:
         return result
 
     def shortened(self, original: FloatArray, points: FloatArray, farthest: float) -> FloatArray:
-        """The pose with rigid motions taken back in part until no vertex is too far from where
-        it was (`original`, (V, 3))."""
+        """Return the pose with rigid motions shortened until none goes beyond `farthest`."""
         result = points.copy()
         for own in self.slices:
             length = float(np.linalg.norm(points[own] - original[own], axis=1).max())
@@ -119,7 +118,7 @@ class RigidBodies:
 def allowed(
     rigid: RigidBodies, original: FloatArray, points: FloatArray, farthest: float | None = None
 ) -> FloatArray:
-    """The pose (V, 3) near `points` that a repair of `original` may end with.
+    """Return the pose (V, 3) near `points` that a repair of `original` may end with.
 
     Rigid bodies move as a whole, and no vertex farther than a limit, if there is one.
     """

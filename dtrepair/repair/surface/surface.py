@@ -233,7 +233,7 @@ class Surface:
         return sparse.csr_matrix(entries, shape=(self.count, len(self.faces)))
 
     def cluster_maxima(self, values: FloatArray) -> FloatArray:
-        """The largest of the values (V,) of vertices over the cluster of each body (B,)."""
+        """Return the largest of the values (V,) of vertices over the cluster of each body (B,)."""
         of_body = np.maximum.reduceat(values, [body.start for body in self.bodies])
         largest = np.full(len(of_body), -np.inf)
         np.maximum.at(largest, self.cluster_of_body, of_body)
@@ -245,7 +245,7 @@ class Surface:
         return None if self.ties is None else self.ties.offsets
 
     def diffuse(self, field: FloatArray, points: FloatArray | None = None) -> FloatArray:
-        """A^-1 M A^-1 applied to a field (V, k), with A = M + lambda L of each body.
+        """Return A^-1 M A^-1 applied to a field (V, k), with A = M + lambda L of each body.
 
         Of rigid bodies the rigid part is taken, at the pose `points` (default: the rest); bodies
         that never move get zero.
@@ -257,7 +257,7 @@ class Surface:
         return self.rigid.moved(self.rest if points is None else points, field, result)
 
     def evened(self, field: FloatArray) -> FloatArray:
-        """A^-1 M applied to a field (V, 3) of each body: what is constant stays as it is."""
+        """Return A^-1 M applied to a field (V, 3) of each body: what is constant stays as it is."""
         result = field.copy()
         for own, factor in self.diffusion_factors:
             if field[own].any():
@@ -265,30 +265,30 @@ class Surface:
         return result
 
     def written(self, points: FloatArray) -> NDArray[np.float32]:
-        """Points in units of `size` as the float32 coordinates that are counted and written."""
+        """Return points in units of `size` as the float32 coordinates that are counted."""
         return (points * self.size).astype(np.float32)
 
     def vertices_of(self, triangles: NDArray[np.integer]) -> BoolArray:
-        """Mask (V,) of the corners of triangles given by index, any shape."""
+        """Return the mask (V,) of the corners of triangles given by index, any shape."""
         mask = np.zeros(self.count, dtype=bool)
         mask[self.faces[np.asarray(triangles).ravel()]] = True
         return mask
 
     def triangles_at(self, vertices: BoolArray) -> BoolArray:
-        """Mask (F,) of the triangles with a corner in a vertex mask (V,)."""
+        """Return the mask (F,) of the triangles with a corner in a vertex mask (V,)."""
         a, b, c = self.faces.T
         touched: BoolArray = vertices[a] | vertices[b] | vertices[c]
         return touched
 
     def dilate(self, mask: BoolArray, rings: int = 1) -> BoolArray:
-        """A vertex mask (V,) grown by rings of edges."""
+        """Return a vertex mask (V,) grown by rings of edges."""
         grown = mask
         for _ in range(rings):
             grown = grown | (self.neighbours @ grown.astype(np.float32) > 0)
         return grown
 
     def rings_from(self, mask: BoolArray, limit: int) -> IntArray:
-        """Edge rings from each vertex (V,) to a vertex mask, at most `limit`."""
+        """Return the edge rings from each vertex (V,) to a vertex mask, at most `limit`."""
         distance = np.where(mask, 0, limit).astype(np.int32)
         grown = mask
         for ring in range(1, limit):
@@ -298,12 +298,12 @@ class Surface:
         return distance
 
     def components(self, mask: BoolArray) -> IntArray:
-        """Label (V,) of the connected component of each vertex of a mask; others stand alone."""
+        """Return the component (V,) that each vertex of a mask is in; others stand alone."""
         kept = self.edges[mask[self.edges].all(axis=1)]
         return link_labels(kept, self.count)
 
     def vector_areas(self, points: FloatArray) -> FloatArray:
-        """Vector area (V, 3) of each vertex: a third of its triangles'."""
+        """Return the vector area (V, 3) of each vertex: a third of its triangles'."""
         return self.queries.vector_areas(points)
 
 

@@ -36,7 +36,7 @@ class UncertainPairs:
         self._known: dict[tuple[int, int, bytes], bool] = {}
 
     def __call__(self, points: NDArray[np.float32], rows: IntArray) -> BoolArray:
-        """Which rows (K, 4) of `Detector.candidates` of poses (B, V, 3) to keep."""
+        """Return which rows (K, 4) of `Detector.candidates` of poses (B, V, 3) to keep."""
         keep = np.ones(len(rows), dtype=bool)
         uncertain = rows[:, 3] == 2
         if uncertain.any():
@@ -53,7 +53,7 @@ class UncertainPairs:
         return pair_keys(rows[~intersect(corners[:, 0], corners[:, 1])][:, 1:3])
 
     def _corners(self, points: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
-        """Corners (K, 2, 3, 3) of both triangles of each row."""
+        """Return the corners (K, 2, 3, 3) of both triangles of each row."""
         found: NDArray[np.float32] = points[
             rows[:, 0, None, None], self._detector.faces[rows[:, 1:3]]
         ]
@@ -78,7 +78,7 @@ class UncertainPairs:
 
 
 def without_area(corners: NDArray[np.float32]) -> BoolArray:
-    """Which triangles (..., 3, 3) have no area at all; products of float32 are exact in float64."""
+    """Return which triangles (..., 3, 3) have no area: products of float32 are exact in float64."""
     exact = corners.astype(np.float64)
     sides = exact[..., 1:, :] - exact[..., :1, :]
     area: NDArray[np.float64] = np.cross(sides[..., 0, :], sides[..., 1, :])

@@ -38,7 +38,7 @@ def winding_numbers(
     *,
     options: WindingOptions = WindingOptions(),
 ) -> IntArray:
-    """Winding number (V,) of the surface just outside each vertex: 0 is free, 1 buried.
+    """Return the winding number (V,) of the surface just outside each vertex: 0 is free, 1 buried.
 
     The surface is cut along every edge that crosses a triangle; on each piece that is left the
     winding number is constant, and a few rays decide it (median of signed crossings). Exact for
@@ -68,7 +68,7 @@ def winding_numbers(
 
 
 def _pieces(surface: Surface, points: FloatArray, pairs: IntArray, fold_rings: int) -> IntArray:
-    """Label (V,) of the pieces that are left when every crossing edge is cut."""
+    """Return the label (V,) of the pieces that are left when every crossing edge is cut."""
     around = surface.dilate(surface.vertices_of(pairs), fold_rings)
     folds = surface.queries.folds(surface.written(points), active=around)
     # Of the rounded coordinates, as the pairs: an edge that just misses the one triangle and hits
@@ -91,7 +91,7 @@ def _shared_vertices(surface: Surface, folds: IntArray) -> BoolArray:
 
 
 def crossing_edges(points: FloatArray, faces: IntArray, pairs: IntArray) -> IntArray:
-    """Edges (E, 2), i < j, of one triangle of a pair that cross the other; may repeat."""
+    """Return edges (E, 2), i < j, of one triangle of a pair that cross the other; may repeat."""
     from dtrepair.repair.surface import winding_kernels
 
     warp, vertices = start_warp(), faces[pairs].reshape(-1, 6)

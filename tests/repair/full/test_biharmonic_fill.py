@@ -13,8 +13,8 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.operators import uniform_laplacian
 from dtrepair.repair.full.biharmonic_fill import (
     FillOptions,
+    biharmonic_fill,
     bilaplacian_fill,
-    fill_creases,
     membrane_fill,
 )
 from dtrepair.repair.surface.defects import Defects, find_defects
@@ -107,7 +107,7 @@ def test_creases_come_out_clean(angle: float) -> None:
     pose = points / surface.size
     before = find_defects(surface, pose)
     assert len(before.crossings) > 20
-    filled, left = fill_creases(surface, pose)
+    filled, left = biharmonic_fill(surface, pose)
     assert left.rank[0] == 0 and len(left.folds) <= len(before.folds)
     again = find_defects(surface, filled)
     assert again.rank == left.rank
@@ -121,7 +121,7 @@ def test_creases_come_out_clean(angle: float) -> None:
 def test_a_pose_without_defects_comes_back() -> None:
     points, faces = elbow(0.0)
     surface = Surface(points, faces)
-    filled, left = fill_creases(surface, surface.rest)
+    filled, left = biharmonic_fill(surface, surface.rest)
     assert filled is surface.rest and left.rank == (0, 0)
 
 
@@ -130,7 +130,7 @@ def test_fixed_vertices_are_never_replaced() -> None:
     fixed = points[:, 1] > 0
     surface = Surface(rest, faces, mobility=np.where(fixed, 0.0, 1.0))
     pose = points / surface.size
-    filled, left = fill_creases(surface, pose)
+    filled, left = biharmonic_fill(surface, pose)
     assert np.array_equal(filled[fixed], pose[fixed])
     assert left.rank <= find_defects(surface, pose).rank
 
@@ -140,7 +140,7 @@ def test_known_defects_save_a_detection_and_change_nothing() -> None:
     surface = Surface(rest, faces)
     pose = points / surface.size
     known = find_defects(surface, pose)
-    one, other = fill_creases(surface, pose), fill_creases(surface, pose, known=known)
+    one, other = biharmonic_fill(surface, pose), biharmonic_fill(surface, pose, known=known)
     assert np.array_equal(one.points, other.points)
 
 
@@ -150,7 +150,7 @@ def test_the_best_state_is_returned_when_it_never_comes_clean() -> None:
     surface = Surface(rest, faces)
     pose = points / surface.size
     before = find_defects(surface, pose)
-    filled, left = fill_creases(surface, pose, known=before, options=FillOptions(rounds=1))
+    filled, left = biharmonic_fill(surface, pose, known=before, options=FillOptions(rounds=1))
     assert isinstance(left, Defects)
     assert left.rank <= before.rank
     assert find_defects(surface, filled).rank == left.rank

@@ -7,7 +7,7 @@ import pytest
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion
-from dtrepair.repair.full.biharmonic_fill import fill_creases
+from dtrepair.repair.full.biharmonic_fill import biharmonic_fill
 from dtrepair.repair.full.pull_back import PullBackOptions, pull_back
 from dtrepair.repair.full.push import PushOptions, push
 from dtrepair.repair.surface.defects import find_defects
@@ -37,7 +37,7 @@ def loosely_solved(kind: str) -> tuple[Surface, FloatArray, FloatArray]:
     surface = Surface(rest, faces)
     original = points / surface.size
     pushed = push(surface, original, near=12, step=0.02, options=PushOptions(iterations=40))
-    clean, left = fill_creases(surface, pushed.points)
+    clean, left = biharmonic_fill(surface, pushed.points)
     assert left.rank[0] == 0
     return surface, original, clean
 

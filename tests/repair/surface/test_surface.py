@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.intersect.detector import find_intersections
 from dtrepair.numerics.geometry import adjacency, extent, unique_edges, vector_areas
 from dtrepair.numerics.operators import Factor
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import (
     Mesh,
-    crossing_tubes,
     grid,
     icosphere,
     joined,
@@ -151,61 +149,6 @@ def test_vector_areas_of_vertices_sum_to_those_of_triangles() -> None:
     flux = closed.vector_areas(closed.rest)
     assert np.abs(flux.sum(axis=0)).max() < 1e-12
     assert (np.einsum("ij,ij->i", flux, closed.rest) > 0).all()
-
-
-def test_pairs_are_those_of_the_written_coordinates() -> None:
-    points, faces = crossing_tubes(8, 20)
-    surface = Surface(points, faces)
-    expected = find_intersections(surface.written(surface.rest), faces)
-    assert len(expected) > 20
-    assert np.array_equal(surface.contacts.pairs(surface.rest), expected)
-    batch = surface.contacts.batch_pairs(np.stack([surface.rest, surface.rest]))
-    assert np.array_equal(batch[batch[:, 0] == 1, 1:], expected)
-
-
-def test_active_pairs_have_an_active_triangle() -> None:
-    points, faces = crossing_tubes(8, 20)
-    surface = Surface(points, faces)
-    every = surface.contacts.pairs(surface.rest)
-    active = np.zeros(len(faces), dtype=bool)
-    active[every[::3, 0]] = True
-    expected = every[active[every].any(axis=1)]
-    assert 0 < len(expected) < len(every)
-    assert np.array_equal(surface.contacts.pairs(surface.rest, active=active), expected)
-
-
-def test_mode_chooses_the_pairs() -> None:
-    # Two bodies, the first of which also meets itself.
-    crossing = crossing_tubes(8, 20)
-    sphere = icosphere(1, radius=0.3)
-    points, faces = joined(crossing, (sphere[0] + (0.0, 0.1, 0.0), sphere[1]))
-    split = len(crossing[0])
-    bodies = [BodyRange(0, split, 99.0), BodyRange(split, len(points), 99.0)]
-    found = {
-        mode: Surface(points, faces, bodies=bodies, mode=mode).contacts.pairs(
-            points / extent(points)
-        )
-        for mode in ("both", "self", "inter")
-    }
-    side = faces[:, 0] >= split
-    between = side[found["both"][:, 0]] != side[found["both"][:, 1]]
-    assert 0 < between.sum() < len(between)
-    assert np.array_equal(found["inter"], found["both"][between])
-    assert np.array_equal(found["self"], found["both"][~between])
-
-
-def test_pairs_of_two_fixed_triangles_do_not_count() -> None:
-    points, faces = overlapping_spheres()
-    mobility = np.ones(len(points))
-    mobility[: len(points) // 2] = 0.0
-    half_fixed = Surface(points, faces, mobility=mobility)
-    assert (
-        len(half_fixed.contacts.pairs(half_fixed.rest))
-        == len(find_intersections(points, faces))
-        > 0
-    )
-    still = Surface(points, faces, mobility=np.zeros(len(points)))
-    assert len(still.contacts.pairs(still.rest)) == 0
 
 
 def test_diffused_field_of_a_thin_body_is_finite() -> None:

@@ -1,0 +1,35 @@
+"""Opened poses: centred where they are far away, detected once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dtrepair import Body, RepairOptions
+from dtrepair.repair.scene.opened_pose import detected, gathered
+from dtrepair.repair.scene.scene import make_scene
+from tests.meshes import icosphere
+
+BALL, FACES = icosphere(1)
+SCENE = make_scene(
+    [Body(BALL, FACES), Body(0.2 * BALL + 5.0, FACES), Body(BALL - 9.0, FACES)], RepairOptions()
+)
+POSE = [BALL, 0.2 * BALL, BALL + 0.7]
+
+
+def test_a_pose_is_opened_in_steps() -> None:
+    opened = gathered(SCENE, POSE)
+    assert not opened.detected and opened.wrong == 0
+    assert np.array_equal(opened.original, np.concatenate(POSE))
+    found = detected(SCENE, opened)
+    assert found.detected and len(found.pairs) > 0 and len(found.enclosed) == 1
+    assert found.wrong == len(found.pairs) + 1
+    assert detected(SCENE, found) is found
+
+
+def test_a_pose_far_from_the_origin_is_centred() -> None:
+    away = np.array([1e6, -2e6, 0.0])
+    near, far = gathered(SCENE, POSE), gathered(SCENE, [points + away for points in POSE])
+    assert np.array_equal(near.centred, near.original) and near.centre == 0.0
+    assert np.abs(far.centred).max() < 3.0
+    assert np.allclose(far.centred + far.centre, far.original, rtol=0.0, atol=1e-9)
+    assert np.array_equal(detected(SCENE, far).pairs, detected(SCENE, near).pairs)

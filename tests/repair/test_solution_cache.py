@@ -1,0 +1,84 @@
+"""Solutions that were found before come back with the same bits, and nothing is solved twice."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dtrepair import Body, RepairOptions, RepairResult, SceneRepairer
+from dtrepair.repair.clip.clip_repairer import ClipRepairer
+from dtrepair.repair.solution_cache import hash_of, remembering, repair_each
+from tests.meshes import bent_tube, overlapping_spheres
+
+REST, FACES = bent_tube(0.1, around=12, along=40, radius=0.08)
+POSES = [bent_tube(angle, around=12, along=40, radius=0.08)[0] for angle in (6.4, 6.45, 6.5)]
+
+
+class Kept(dict[str, Mapping[str, NDArray[Any]]]):
+    """A memory that is a dictionary."""
+
+    def recall(self, key: str) -> Mapping[str, NDArray[Any]] | None:
+        return self.get(key)
+
+    def keep(self, key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+        self[key] = arrays
+
+
+def refuses(poses: Sequence[Sequence[Any]]) -> list[list[RepairResult]]:
+    raise AssertionError("nothing is left to solve")
+
+
+def test_solved_windows_are_looked_up() -> None:
+    frames = [(float(k), [pose]) for k, pose in enumerate(POSES)]
+    memory, scene = Kept(), SceneRepairer([Body(REST, FACES)])
+    plain = [frame.results[0].points for frame in scene.animator.stream(frames, jobs=1)]
+    for kept in (0, 1):
+        assert len(memory) == kept
+        repairer = scene.make_animator(memory)
+        found = [frame.results[0].points for frame in repairer.stream(frames, jobs=1)]
+        assert len(memory) == 1
+        assert all(np.array_equal(a, b) for a, b in zip(found, plain, strict=True))
+
+    def refuses(*window: object, **options: object) -> NDArray[np.float64]:
+        raise AssertionError("nothing is left to solve")
+
+    make_method = remembering(lambda mesh: refuses, memory)
+    known = ClipRepairer(scene.scene, scene.meshes, make_method=make_method)
+    again = [frame.results[0].points for frame in known.stream(frames, jobs=1)]
+    assert all(np.array_equal(a, b) for a, b in zip(again, plain, strict=True))
+    moved = [(time, [poses[0] + 0.01]) for time, poses in frames]
+    with pytest.raises(AssertionError, match="left to solve"):
+        list(known.stream(moved, jobs=1))
+
+
+def test_results_of_single_poses_come_back_whole() -> None:
+    points, faces = overlapping_spheres()
+    scene = SceneRepairer([Body(points, faces, rigid=True)], options=RepairOptions(tighten=0))
+    memory = Kept()
+    first = list(repair_each(scene.batch, [[points]], memory, jobs=1))
+    (again,) = repair_each(refuses, [[points]], memory, jobs=1)
+    assert isinstance(first[0], list) and isinstance(again, list)
+    for one, other in zip(first[0], again, strict=True):
+        assert np.array_equal(one.points, other.points)
+        assert one.diagnosis == other.diagnosis and one.diagnosis.contacts
+        assert one.message == other.message
+        assert (one.before, one.after, one.status) == (other.before, other.after, other.status)
+        assert one.stages == other.stages and one.seconds == other.seconds
+
+
+def test_errors_are_not_kept() -> None:
+    memory, broken = Kept(), POSES[0] * np.nan
+    scene = SceneRepairer([Body(REST, FACES)])
+    (found,) = repair_each(scene.batch, [[broken]], memory, jobs=1)
+    assert isinstance(found, ValueError) and not memory
+
+
+def test_a_hash_tells_shapes_types_and_bits_apart() -> None:
+    array = np.arange(6.0)
+    others = [array.reshape(2, 3), array.astype(np.float32), np.where(array == 0, -0.0, array)]
+    hashes = {hash_of(array), *(hash_of(other) for other in others), hash_of(array, array)}
+    assert len(hashes) == 5 and hash_of(array) == hash_of(array.copy())

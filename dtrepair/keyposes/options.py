@@ -7,7 +7,7 @@ from dataclasses import dataclass
 INTERPOLATIONS = ("linear", "cubic")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class KeyOptions:
     """How in-betweens are looked at and mended.
 

@@ -49,7 +49,7 @@ class Selection:
         return ["--" + name.replace("_", "-") for name, value in vars(self).items() if value]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ObjectOptions:
     """How single meshes take part.
 

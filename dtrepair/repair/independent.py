@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,10 @@ from dtrepair.repair.separation.separation import SeparationOptions, separated_f
 from dtrepair.repair.separation.untangling import contact_counts, tangled_contacts
 from dtrepair.repair.surface.surface import BoolArray
 
+if TYPE_CHECKING:
+    # PyTorch is loaded for the published method only.
+    from dtrepair.repair.paper.method import PaperOptions
+
 
 @dataclass(frozen=True, kw_only=True)
 class IndependentOptions:
@@ -39,6 +43,7 @@ class IndependentOptions:
         release: How enclosed parts are led out.
         separation: How bodies that penetrate each other are led apart.
         full: Numbers of the full method.
+        paper: Numbers of the published method; None: `PaperOptions()`.
     """
 
     torn: float = 0.1
@@ -47,15 +52,16 @@ class IndependentOptions:
     release: ReleaseOptions = field(default_factory=ReleaseOptions)
     separation: SeparationOptions = field(default_factory=SeparationOptions)
     full: FullOptions = field(default_factory=FullOptions)
+    paper: PaperOptions | None = None
 
 
-def poses_at_once(options: RepairOptions, device: str) -> int:
+def poses_at_once(options: RepairOptions, device: str, *, paper: PaperOptions | None = None) -> int:
     """Return how many poses are best solved at once: a GPU has room for many by the paper."""
     if options.method == "full" or device == "cpu":
         return 1
     from dtrepair.repair.paper.gpu_descent import GpuOptions
 
-    return GpuOptions.batch
+    return GpuOptions.batch if paper is None else paper.gpu.batch
 
 
 def repair_poses(

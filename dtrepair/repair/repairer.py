@@ -56,9 +56,10 @@ class SceneRepairer:
         self.device = resolve_device(device)
         queue = None if self.device == "cpu" else DeviceQueue(self.device)
         self._clip = clip or ClipOptions()
-        self.meshes = WeldedMeshes(self.scene, queue, full=self._clip.independent.full)
+        numbers = self._clip.independent
+        self.meshes = WeldedMeshes(self.scene, queue, full=numbers.full, paper=numbers.paper)
         # How many poses are best given to `batch`.
-        self.poses_at_once = poses_at_once(self.scene.options, self.device)
+        self.poses_at_once = poses_at_once(self.scene.options, self.device, paper=numbers.paper)
 
     @property
     def bodies(self) -> tuple[Body, ...]:

@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.independent import poses_at_once
+from dtrepair.repair.clip.window_stream import ClipOptions
+from dtrepair.repair.full.method import FullOptions
+from dtrepair.repair.full.phases import PhaseOptions
+from dtrepair.repair.full.unbend import UnbendOptions
+from dtrepair.repair.independent import IndependentOptions, poses_at_once
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.paper import method as paper
 from dtrepair.repair.parallel.process_pool import in_batches
@@ -94,3 +98,22 @@ def test_poses_at_once_are_many_on_a_gpu_only() -> None:
     assert scene(method="paper").poses_at_once == scene().poses_at_once == 1
     assert poses_at_once(RepairOptions(method="paper"), "cuda:0") > 1
     assert poses_at_once(RepairOptions(method="full"), "cuda:0") == 1
+
+
+def test_numbers_of_both_methods_reach_them() -> None:
+    # One push and nothing after it; no step at all, as every pose counts as run away.
+    phases = PhaseOptions(near=(0,), first_steps=(0.01,), insist_steps=())
+    numbers = IndependentOptions(
+        full=FullOptions(phases=phases, low_enough=np.inf, unbend=UnbendOptions(rounds=0)),
+        paper=paper.PaperOptions(runaway=-1.0),
+    )
+    results = {
+        method: SceneRepairer(
+            [Body(REST, FACES)],
+            options=RepairOptions(method=method),
+            clip=ClipOptions(independent=numbers),
+        )([POSES[0]])[0]
+        for method in ("full", "paper")
+    }
+    assert [stage.name for stage in results["full"].stages] == ["push 0", "fill"]
+    assert np.array_equal(results["paper"].points, POSES[0])

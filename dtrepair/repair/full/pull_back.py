@@ -9,7 +9,7 @@ import numpy as np
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion
 from dtrepair.repair.full.acceptance import acceptable, changed_defects
-from dtrepair.repair.full.biharmonic_fill import FillOptions, biharmonic_fill
+from dtrepair.repair.full.biharmonic_fill import Filled, FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import PushOptions, push
 from dtrepair.repair.surface.defects import Defects, find_defects
 from dtrepair.repair.surface.surface import BoolArray, Surface
@@ -66,19 +66,7 @@ def pull_back(
         kept = 1.0 - fraction[surface.body_of_vertex]
         trial = original + kept[:, None] * (current - original)
         trial = surface.rigid.fitted(original, trial)
-        defects = changed_defects(surface, known, current, trial)
-        if len(defects.crossings):
-            pushed = push(
-                surface,
-                trial,
-                near=near,
-                step=step,
-                known_pairs=defects.crossings,
-                options=options.push,
-            )
-            trial = pushed.points
-            moved = changed_defects(surface, known, current, trial)
-            trial, defects = biharmonic_fill(surface, trial, known=moved, options=options.fill)
+        trial, defects = _separated(surface, known, current, trial, near, step, options)
         trial, defects, back = _put_back(surface, known, current, trial, defects)
         value = distortion(original, trial, surface.edges)
         if acceptable(defects, folds) and value < options.gain * best:
@@ -90,6 +78,31 @@ def pull_back(
             if failures == options.failures:
                 break
     return current
+
+
+def _separated(
+    surface: Surface,
+    known: Defects,
+    current: FloatArray,
+    trial: FloatArray,
+    near: int,
+    step: float,
+    options: PullBackOptions,
+) -> Filled:
+    """The trial with what collides in it pushed and filled, and its defects."""
+    defects = changed_defects(surface, known, current, trial)
+    if len(defects.crossings) == 0:
+        return Filled(trial, defects)
+    pushed = push(
+        surface,
+        trial,
+        near=near,
+        step=step,
+        known_pairs=defects.crossings,
+        options=options.push,
+    )
+    moved = changed_defects(surface, known, current, pushed.points)
+    return biharmonic_fill(surface, pushed.points, known=moved, options=options.fill)
 
 
 def _put_back(

@@ -85,32 +85,21 @@ def push(
     """
     best: tuple[float, FloatArray, IntArray] | None = None
     start = points
-    detect, deepest = detect or surface.contacts.pairs, options.direction.deepest
+    detect = detect or surface.contacts.pairs
     renewed, pairs = 0, known_pairs
     for iteration in range(options.iterations + 1):
         if pairs is None:
             pairs = detect(points)
-        far, openness = _far_contacts(surface, pairs, near, options)
-        winding = _beside_pairs(surface, pairs, winding_numbers(surface, points, pairs))
-        buried = np.clip(winding, -deepest, deepest) * openness
-        key = len(far) + float(np.abs(winding * openness).sum())
-        if best is None or key < best[0]:
-            if best is None or key < options.progress * best[0]:
+        contacts = _far_contacts(surface, points, pairs, near, options)
+        if best is None or contacts.cost < best[0]:
+            if best is None or contacts.cost < options.progress * best[0]:
                 renewed = iteration
-            best = (key, points, pairs)
-        if len(far) == 0 or iteration == options.iterations:
+            best = (contacts.cost, points, pairs)
+        if len(contacts.far) == 0 or iteration == options.iterations:
             break
         if iteration - renewed >= options.patience:
             break
-        direction = _direction(
-            surface,
-            points,
-            pairs,
-            far,
-            winding,
-            buried if volume else np.zeros_like(buried),
-            options.direction,
-        )
+        direction = _direction(surface, points, contacts, options.direction, volume=volume)
         moved = _of_length(surface, direction, step, options)
         if moved is None:
             break
@@ -148,14 +137,34 @@ def _of_length(
     return shortened
 
 
+class _Contacts(NamedTuple):
+    """The pairs (K, 2) of a pose, what of them a push can separate, and what it lowers.
+
+    far: pairs that are no creases; winding: numbers (V,); buried: layers (V,) over a vertex, fewer
+    near creases; cost: far pairs and buried weight.
+    """
+
+    pairs: IntArray
+    far: IntArray
+    winding: IntArray
+    buried: FloatArray
+    cost: float
+
+
 def _far_contacts(
-    surface: Surface, pairs: IntArray, near: int, options: PushOptions
-) -> tuple[IntArray, FloatArray]:
-    """The far pairs, and for each vertex (V,) how far it is from any crease, 0 to 1."""
+    surface: Surface, points: FloatArray, pairs: IntArray, near: int, options: PushOptions
+) -> _Contacts:
+    """The contacts of a pose (V, 3) beyond creases of `near` rings."""
     creased = near_contacts(surface, pairs, near)
     reach = options.wide_rings if near > options.wide_near else max(1, near // 2)
     rings = surface.rings_from(surface.vertices_of(pairs[creased]), reach + 1)
-    return pairs[~creased], np.minimum(rings / reach, 1.0)
+    # 0 in a crease, 1 far from any.
+    openness: FloatArray = np.minimum(rings / reach, 1.0)
+    far, deepest = pairs[~creased], options.direction.deepest
+    winding = _beside_pairs(surface, pairs, winding_numbers(surface, points, pairs))
+    buried: FloatArray = openness * np.clip(winding, -deepest, deepest)
+    cost = len(far) + float(np.abs(winding * openness).sum())
+    return _Contacts(pairs, far, winding, buried, cost)
 
 
 def _beside_pairs(surface: Surface, pairs: IntArray, winding: IntArray) -> IntArray:
@@ -172,14 +181,14 @@ def _beside_pairs(surface: Surface, pairs: IntArray, winding: IntArray) -> IntAr
 def _direction(
     surface: Surface,
     points: FloatArray,
-    pairs: IntArray,
-    far: IntArray,
-    winding: IntArray,
-    buried: FloatArray,
+    contacts: _Contacts,
     options: DirectionOptions,
+    *,
+    volume: bool,
 ) -> FloatArray:
     """Sum of the two diffused directions (V, 3), each scaled to a largest displacement of 1."""
-    count, regions = contact_regions(surface, pairs, winding != 0)
+    far = contacts.far
+    count, regions = contact_regions(surface, contacts.pairs, contacts.winding != 0)
     of_pair = regions[surface.faces[far[:, 0], 0]]
     weights = 1.0 / np.bincount(of_pair, minlength=count)[of_pair]
     fields = [
@@ -192,8 +201,8 @@ def _direction(
             sides=covering_sides(surface.cover, surface.faces, surface.body_of_vertex, far),
         )
     ]
-    if buried.any():
-        fields.append(volume_gradient(surface, points, buried, count, regions))
+    if volume and contacts.buried.any():
+        fields.append(volume_gradient(surface, points, contacts.buried, count, regions))
     smooth = surface.diffuse(np.concatenate(fields, axis=1), points) * surface.mobility[:, None]
     total = np.zeros_like(points)
     sizes = (1.0, options.volume_weight)

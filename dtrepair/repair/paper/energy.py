@@ -310,7 +310,14 @@ def _redirected(planes: Planes, moving: Tensor, fixed: Tensor) -> Planes:
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyOptions:
-    """The energies that can be chosen, with their numbers."""
+    """The energies that can be chosen, with their numbers.
+
+    Args:
+        signed_tpe: The published one.
+        tpe: The same without the sign, a baseline.
+        point_to_plane: A baseline without falloff.
+        conical: A baseline of another kind.
+    """
 
     signed_tpe: SignedTangentPoint = SignedTangentPoint()
     tpe: UnsignedTangentPoint = UnsignedTangentPoint()

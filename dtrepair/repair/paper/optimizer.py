@@ -148,7 +148,13 @@ def _correction(beta: float, step: Tensor, like: Tensor) -> Tensor:
 
 @dataclass(frozen=True, kw_only=True)
 class OptimizerOptions:
-    """The optimisers that can be chosen, with their numbers."""
+    """The optimisers that can be chosen, with their numbers.
+
+    Args:
+        gradient_descent: The plain one, of the paper's comparison.
+        uniform_adam: A baseline.
+        momentum_brake: The published one.
+    """
 
     gradient_descent: GradientDescent = GradientDescent()
     uniform_adam: UniformAdam = UniformAdam()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,10 @@ from dtrepair.repair.result import Solved
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.surface.surface import BodyRange, Surface
 
+if TYPE_CHECKING:
+    # PyTorch is loaded for the published method only.
+    from dtrepair.repair.paper.method import PaperOptions
+
 
 class WeldedMesh:
     """All bodies of a scene in one surface, and the method that repairs single poses of it.
@@ -24,6 +29,7 @@ class WeldedMesh:
         together: For each vertex (V,) the one that stands for it.
         queue: Where work on a GPU is queued; None on the CPU.
         full: Numbers of the full method.
+        paper: Numbers of the published method; default: `PaperOptions()`.
     """
 
     def __init__(
@@ -33,6 +39,7 @@ class WeldedMesh:
         queue: DeviceQueue | None = None,
         *,
         full: FullOptions = FullOptions(),
+        paper: PaperOptions | None = None,
     ) -> None:
         self.kept, self.place = np.unique(together, return_inverse=True)
         self.surface = _surface(scene, self.kept, self.place)
@@ -40,16 +47,21 @@ class WeldedMesh:
         limit = scene.options.maximum_displacement
         self.farthest = None if limit is None else limit / self.surface.size
         self.clearance = scene.options.clearance / self.surface.size
-        self._solve = self._method(scene.options, queue, full)
+        self._solve = self._method(scene.options, queue, full, paper)
 
     def _method(
-        self, options: RepairOptions, queue: DeviceQueue | None, full: FullOptions
+        self,
+        options: RepairOptions,
+        queue: DeviceQueue | None,
+        full: FullOptions,
+        paper: PaperOptions | None,
     ) -> Callable[[Sequence[FloatArray]], list[Solved]]:
         """Return the function that repairs poses of the surface, in units of its size."""
         if options.method == "paper":
-            from dtrepair.repair.paper.method import PaperMethod
+            from dtrepair.repair.paper.method import PaperMethod, PaperOptions
 
-            return PaperMethod(self.surface, options, queue=queue).batch
+            numbers = paper or PaperOptions()
+            return PaperMethod(self.surface, options, queue=queue, options=numbers).batch
         method = FullMethod(
             self.surface,
             rounds=options.tighten,
@@ -118,6 +130,7 @@ class WeldedMeshes:
         queue: Where work on a GPU is queued, one for all meshes: PyTorch has few streams, and
             gives them out again. None on the CPU.
         full: Numbers of the full method.
+        paper: Numbers of the published method; default: `PaperOptions()`.
     """
 
     def __init__(
@@ -126,8 +139,10 @@ class WeldedMeshes:
         queue: DeviceQueue | None = None,
         *,
         full: FullOptions = FullOptions(),
+        paper: PaperOptions | None = None,
     ) -> None:
-        self._scene, self._queue, self._full = scene, queue, full
+        self._scene, self._queue = scene, queue
+        self._full, self._paper = full, paper
         self._known: dict[bytes, WeldedMesh] = {}
 
     def __call__(self, welds: Sequence[IntArray]) -> WeldedMesh:
@@ -139,5 +154,7 @@ class WeldedMeshes:
         together = np.where(joined, rest_weld, np.arange(len(rest_weld)))
         key = together.tobytes()
         if key not in self._known:
-            self._known[key] = WeldedMesh(self._scene, together, self._queue, full=self._full)
+            self._known[key] = WeldedMesh(
+                self._scene, together, self._queue, full=self._full, paper=self._paper
+            )
         return self._known[key]

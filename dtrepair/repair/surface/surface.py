@@ -11,23 +11,20 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.intersect.detector import Detector
-from dtrepair.intersect.queries import Queries, link_labels
+from dtrepair.intersect.queries import Queries
 from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
-    adjacency,
     extent,
     lengths,
-    pair_keys,
-    shared_edges,
-    unique_edges,
 )
 from dtrepair.numerics.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
 from dtrepair.repair.surface.contacts import Contacts
 from dtrepair.repair.surface.layers import covered_vertices, without_crossing
 from dtrepair.repair.surface.rigid_bodies import RigidBodies, RigidOptions
 from dtrepair.repair.surface.ties import TieOptions, TieSystem, tie_system
+from dtrepair.repair.surface.topology import Topology
 
 BoolArray = NDArray[np.bool_]
 
@@ -66,7 +63,7 @@ class BodyRange:
     rigid: bool = False
 
 
-class Surface:
+class Surface(Topology):
     """One mesh, or several bodies in one mesh, ready to be repaired in any pose.
 
     Lengths are in units of `size`, the largest coordinate range of the rest pose, so that step
@@ -105,31 +102,30 @@ class Surface:
         attachments: Attachments | None = None,
     ) -> None:
         self.options = options
-        self.size = extent(rest) or 1.0
-        self.rest = rest / self.size
-        self.faces = faces
-        self.count = len(rest)
-        self.bodies = tuple(bodies or (BodyRange(0, self.count, 99.0),))
-        self.mobility = np.ones(self.count) if mobility is None else mobility
+        self.bodies = tuple(bodies or (BodyRange(0, len(rest), 99.0),))
         sizes = [body.stop - body.start for body in self.bodies]
         self.body_of_vertex = np.repeat(np.arange(len(self.bodies)), sizes)
+        self.ties: TieSystem | None = None
+        if attachments is not None:
+            owner = self.body_of_vertex.astype(np.int32)
+            number = len(self.bodies)
+            self.ties = tie_system(attachments, faces, owner, number, options=options.ties)
+        super().__init__(faces, len(rest), links=self.ties and self.ties.links)
+        self.size = extent(rest) or 1.0
+        self.rest = rest / self.size
+        self.mobility = np.ones(self.count) if mobility is None else mobility
         self.body_of = self.body_of_vertex[faces[:, 0]]
-        self.edges = unique_edges(faces)
-        self.indptr, self.indices = adjacency(faces, self.count)
-        self.neighbours = sparse.csr_matrix(
-            (np.ones(len(self.indices), dtype=np.float32), self.indices, self.indptr),
-            shape=(self.count, self.count),
-        )
         self.laplacian = cotangent_laplacian(self.rest, faces, clamp=options.cotangent_clamp)
+        if self.ties is not None:
+            self.laplacian = (self.laplacian + self.ties.laplacian).tocsr()
+            self.laplacian.sort_indices()
         self.uniform = uniform_laplacian(faces, self.count)
         self.mass = lumped_mass(self.rest, faces)
         # Vertices all of whose triangles lie in zones: they may be buried by design.
         self.in_zone = np.zeros(self.count, dtype=bool)
-        self.ties: TieSystem | None = None
         if attachments is not None:
             self.in_zone[faces[attachments.triangles]] = True
             self.in_zone[faces[~attachments.triangles]] = False
-            self._tie(attachments)
         whole = [(body.start, body.stop) for body in self.bodies if body.rigid]
         self.rigid = RigidBodies(whole, self.mass, options=options.rigid)
         self.fixed = self.mobility == 0.0
@@ -156,18 +152,6 @@ class Surface:
         )
         self.direction = direction
         self.face_direction = None if direction is None else _unit(direction[faces].sum(axis=1))
-
-    def _tie(self, attachments: Attachments) -> None:
-        """Join attached parts in the Laplacian and among the neighbours."""
-        owner = self.body_of_vertex.astype(np.int32)
-        self.ties = tie_system(
-            attachments, self.faces, owner, len(self.bodies), options=self.options.ties
-        )
-        if self.ties is not None:
-            self.laplacian = (self.laplacian + self.ties.laplacian).tocsr()
-            self.laplacian.sort_indices()
-            joined = self.neighbours + self.ties.links
-            self.neighbours = (joined > 0).astype(np.float32).tocsr()
 
     @cached_property
     def cluster_of_body(self) -> IntArray:
@@ -205,11 +189,6 @@ class Surface:
         return Factor(self.laplacian + self.options.anchor * sparse.diags(self.mass))
 
     @cached_property
-    def edge_pairs(self) -> NDArray[np.int64]:
-        """Pairs (H, 2) of triangles that share an edge."""
-        return shared_edges(self.faces)
-
-    @cached_property
     def cover(self) -> IntArray:
         """The vertex (V,) of another body that each vertex covers in the rest pose, or -1."""
         bodies = [slice(body.start, body.stop) for body in self.bodies]
@@ -219,18 +198,6 @@ class Surface:
             return cover
         crossing = self.body_of[self.detector(self.written(self.rest), exact=False)]
         return without_crossing(cover, self.body_of_vertex, crossing)
-
-    @cached_property
-    def edge_keys(self) -> NDArray[np.int64]:
-        """One number (E,) for each edge, as `pair_keys`, ascending."""
-        return pair_keys(self.edges)
-
-    @cached_property
-    def incidence(self) -> sparse.csr_matrix:
-        """(V, F) with 1 where a triangle has a vertex."""
-        columns = np.repeat(np.arange(len(self.faces)), 3)
-        entries = (np.ones(3 * len(self.faces)), (self.faces.ravel(), columns))
-        return sparse.csr_matrix(entries, shape=(self.count, len(self.faces)))
 
     def cluster_maxima(self, values: FloatArray) -> FloatArray:
         """Return the largest of the values (V,) of vertices over the cluster of each body (B,)."""
@@ -267,40 +234,6 @@ class Surface:
     def written(self, points: FloatArray) -> NDArray[np.float32]:
         """Return points in units of `size` as the float32 coordinates that are counted."""
         return (points * self.size).astype(np.float32)
-
-    def vertices_of(self, triangles: NDArray[np.integer]) -> BoolArray:
-        """Return the mask (V,) of the corners of triangles given by index, any shape."""
-        mask = np.zeros(self.count, dtype=bool)
-        mask[self.faces[np.asarray(triangles).ravel()]] = True
-        return mask
-
-    def triangles_at(self, vertices: BoolArray) -> BoolArray:
-        """Return the mask (F,) of the triangles with a corner in a vertex mask (V,)."""
-        a, b, c = self.faces.T
-        touched: BoolArray = vertices[a] | vertices[b] | vertices[c]
-        return touched
-
-    def dilate(self, mask: BoolArray, rings: int = 1) -> BoolArray:
-        """Return a vertex mask (V,) grown by rings of edges."""
-        grown = mask
-        for _ in range(rings):
-            grown = grown | (self.neighbours @ grown.astype(np.float32) > 0)
-        return grown
-
-    def rings_from(self, mask: BoolArray, limit: int) -> IntArray:
-        """Return the edge rings from each vertex (V,) to a vertex mask, at most `limit`."""
-        distance = np.where(mask, 0, limit).astype(np.int32)
-        grown = mask
-        for ring in range(1, limit):
-            wider = self.dilate(grown)
-            distance[wider & ~grown] = ring
-            grown = wider
-        return distance
-
-    def components(self, mask: BoolArray) -> IntArray:
-        """Return the component (V,) that each vertex of a mask is in; others stand alone."""
-        kept = self.edges[mask[self.edges].all(axis=1)]
-        return link_labels(kept, self.count)
 
     def vector_areas(self, points: FloatArray) -> FloatArray:
         """Return the vector area (V, 3) of each vertex: a third of its triangles'."""

@@ -1,0 +1,88 @@
+"""What the triangles alone tell of a mesh: edges, neighbours, masks, rings."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from dtrepair.intersect.queries import link_labels
+from dtrepair.numerics.geometry import IntArray, adjacency, pair_keys, shared_edges, unique_edges
+
+BoolArray = NDArray[np.bool_]
+
+
+class Topology:
+    """Adjacency of a mesh; nothing of it changes.
+
+    Args:
+        faces: Triangles (F, 3).
+        count: Number of vertices V.
+        links: Positive (V, V) where vertices are neighbours besides those that share an edge.
+    """
+
+    def __init__(
+        self, faces: IntArray, count: int, *, links: sparse.csr_matrix | None = None
+    ) -> None:
+        self.faces, self.count = faces, count
+        self.edges = unique_edges(faces)
+        self.indptr, self.indices = adjacency(faces, count)
+        self.neighbours = sparse.csr_matrix(
+            (np.ones(len(self.indices), dtype=np.float32), self.indices, self.indptr),
+            shape=(count, count),
+        )
+        if links is not None:
+            self.neighbours = (self.neighbours + links > 0).astype(np.float32).tocsr()
+
+    @cached_property
+    def edge_pairs(self) -> NDArray[np.int64]:
+        """Pairs (H, 2) of triangles that share an edge."""
+        return shared_edges(self.faces)
+
+    @cached_property
+    def edge_keys(self) -> NDArray[np.int64]:
+        """One number (E,) for each edge, as `pair_keys`, ascending."""
+        return pair_keys(self.edges)
+
+    @cached_property
+    def incidence(self) -> sparse.csr_matrix:
+        """(V, F) with 1 where a triangle has a vertex."""
+        columns = np.repeat(np.arange(len(self.faces)), 3)
+        entries = (np.ones(3 * len(self.faces)), (self.faces.ravel(), columns))
+        return sparse.csr_matrix(entries, shape=(self.count, len(self.faces)))
+
+    def vertices_of(self, triangles: NDArray[np.integer]) -> BoolArray:
+        """Return the mask (V,) of the corners of triangles given by index, any shape."""
+        mask = np.zeros(self.count, dtype=bool)
+        mask[self.faces[np.asarray(triangles).ravel()]] = True
+        return mask
+
+    def triangles_at(self, vertices: BoolArray) -> BoolArray:
+        """Return the mask (F,) of the triangles with a corner in a vertex mask (V,)."""
+        a, b, c = self.faces.T
+        touched: BoolArray = vertices[a] | vertices[b] | vertices[c]
+        return touched
+
+    def dilate(self, mask: BoolArray, rings: int = 1) -> BoolArray:
+        """Return a vertex mask (V,) grown by rings of edges."""
+        grown = mask
+        for _ in range(rings):
+            grown = grown | (self.neighbours @ grown.astype(np.float32) > 0)
+        return grown
+
+    def rings_from(self, mask: BoolArray, limit: int) -> IntArray:
+        """Return the edge rings from each vertex (V,) to a vertex mask, at most `limit`."""
+        distance = np.where(mask, 0, limit).astype(np.int32)
+        grown = mask
+        for ring in range(1, limit):
+            wider = self.dilate(grown)
+            distance[wider & ~grown] = ring
+            grown = wider
+        return distance
+
+    def components(self, mask: BoolArray) -> IntArray:
+        """Return the component (V,) that each vertex of a mask is in; others stand alone."""
+        kept = self.edges[mask[self.edges].all(axis=1)]
+        return link_labels(kept, self.count)

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from dtrepair.diagnosis import Advice as Advice
+    from dtrepair.diagnosis import Diagnosis as Diagnosis
     from dtrepair.diagnosis import Status as Status
     from dtrepair.intersect.detector import Detector as Detector
     from dtrepair.intersect.detector import find_intersections as find_intersections
@@ -34,6 +36,8 @@ _HOMES = {
     "RepairOptions": "dtrepair.repair.options",
     "RepairResult": "dtrepair.repair.result",
     "Stage": "dtrepair.repair.result",
+    "Advice": "dtrepair.diagnosis",
+    "Diagnosis": "dtrepair.diagnosis",
     "Status": "dtrepair.diagnosis",
     "Body": "dtrepair.repair.scene.bodies",
     "Repairer": "dtrepair.repair.repairer",
@@ -44,9 +48,11 @@ _HOMES = {
     "register": "dtrepair.transfer.matching.registration",
 }
 __all__ = [
+    "Advice",
     "Body",
     "Count",
     "Detector",
+    "Diagnosis",
     "RepairOptions",
     "RepairResult",
     "Repairer",

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.numerics.geometry import adjacency, extent, unique_edges, vector_areas
+from dtrepair.numerics.geometry import extent, unique_edges, vector_areas
 from dtrepair.numerics.operators import Factor
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import (
     Mesh,
     grid,
     icosphere,
-    joined,
     overlapping_spheres,
     torus,
 )
@@ -104,40 +103,6 @@ def test_lengths_are_in_units_of_the_size(scale: float) -> None:
 
 def test_a_point_has_size_one() -> None:
     assert Surface(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32)).size == 1.0
-
-
-def test_dilation_and_rings_follow_the_edges() -> None:
-    points, faces = torus(20, 8)
-    surface = Surface(points, faces)
-    indptr, indices = adjacency(faces, len(points))
-    seed = np.zeros(len(points), dtype=bool)
-    seed[[0, 77]] = True
-    expected = np.where(seed, 0, 6)
-    reached = seed
-    for ring in range(1, 6):
-        wider = reached.copy()
-        for v in np.flatnonzero(reached):
-            wider[indices[indptr[v] : indptr[v + 1]]] = True
-        expected[wider & ~reached] = ring
-        assert np.array_equal(surface.dilate(seed, ring), wider)
-        reached = wider
-    assert np.array_equal(surface.rings_from(seed, 6), expected)
-    nothing = np.zeros(len(points), dtype=bool)
-    assert (surface.rings_from(nothing, 4) == 4).all()
-    assert np.array_equal(surface.dilate(seed, 0), seed)
-
-
-def test_masks_and_components() -> None:
-    points, faces = joined(icosphere(1), icosphere(1))
-    surface = Surface(points, faces)
-    half = len(points) // 2
-    labels = surface.components(np.ones(len(points), dtype=bool))
-    assert len(np.unique(labels)) == 2 and (labels[:half] == labels[0]).all()
-    alone = surface.components(np.zeros(len(points), dtype=bool))
-    assert len(np.unique(alone)) == len(points)
-    mask = surface.vertices_of(np.array([[0, 3]]))
-    assert set(np.flatnonzero(mask)) == set(faces[[0, 3]].ravel())
-    assert np.array_equal(surface.triangles_at(mask), np.isin(faces, faces[[0, 3]]).any(axis=1))
 
 
 def test_vector_areas_of_vertices_sum_to_those_of_triangles() -> None:

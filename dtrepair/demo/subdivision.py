@@ -48,7 +48,7 @@ def _vertex_rule(
     face_points: scipy.sparse.csr_matrix,
     count: int,
 ) -> scipy.sparse.csr_matrix:
-    """New position of an old vertex of valence n: (F + 2 R + (n - 3) P) / n."""
+    """Return the new position of an old vertex of valence n: (F + 2 R + (n - 3) P) / n."""
     valence = np.bincount(quads.reshape(-1), minlength=count).astype(float)
     inverse = scipy.sparse.diags_array(1 / np.maximum(valence, 1))
     around = _averages(quads.reshape(-1), np.arange(len(quads)).repeat(4), (count, len(quads)), 1)

@@ -122,7 +122,7 @@ def render(
 
 
 def _light(normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Brightness (P,) from a key light, a weak one from the other side, and the sky."""
+    """Return the brightness (P,) from a key light, a weak one from the other side, and the sky."""
     key = np.clip(normal @ np.array([-0.42, 0.57, 0.70]), 0, None)
     fill = np.clip(normal @ np.array([0.80, 0.05, 0.60]), 0, None)
     sky = 0.5 + 0.5 * normal[:, 1]
@@ -132,7 +132,7 @@ def _light(normal: NDArray[np.float64]) -> NDArray[np.float64]:
 def _facing(
     view: View, points: NDArray[np.float64], faces: NDArray[np.int32]
 ) -> NDArray[np.float64]:
-    """Twice the signed area (F,) in the picture: positive where the outside is seen."""
+    """Return twice the signed area (F,) in the picture: positive where the outside is seen."""
     a, b, c = ((points @ view.rotation.T)[faces[:, k]] for k in range(3))
     return np.asarray(
         (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0], dtype=np.float64

@@ -29,14 +29,14 @@ class Viewed:
 
 
 def has_polyscope() -> bool:
-    """Whether the optional package is installed."""
+    """Return whether the optional package is installed."""
     from importlib.util import find_spec
 
     return find_spec("polyscope") is not None
 
 
 def has_display() -> bool:
-    """Whether there is a screen to open a window on."""
+    """Return whether there is a screen to open a window on."""
     if sys.platform in ("win32", "darwin"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -27,7 +27,7 @@ class CountedPairs:
 def counted_between(
     owner: NDArray[np.integer], *, mode: str, ignored: Sequence[tuple[int, int]]
 ) -> NDArray[np.bool_]:
-    """Which contacts (K,) count, given by the two bodies (K, 2) that they join.
+    """Return which contacts (K,) count, given by the two bodies (K, 2) that they join.
 
     mode: "self" counts those within a body, "inter" those between two, "both" all.
     """

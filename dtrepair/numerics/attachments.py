@@ -102,7 +102,7 @@ class Attachments:
         return mates
 
     def modelled(self, pairs: NDArray[np.integer]) -> BoolArray:
-        """Which pairs (K, 2) of triangles are modelled contacts, (K,)."""
+        """Return which pairs (K, 2) of triangles are modelled contacts, (K,)."""
         result = np.zeros(len(pairs), dtype=bool)
         if len(self.zones) == 0 or len(pairs) == 0:
             return result
@@ -125,7 +125,7 @@ class Attachments:
         return result
 
     def of_triangles(self, kept: NDArray[np.integer], place: NDArray[np.integer]) -> Attachments:
-        """The same for a mesh of some of the triangles (N,), ascending, numbered anew.
+        """Return the same for a mesh of some of the triangles (N,), ascending, numbered anew.
 
         place: The new number (V,) of each vertex.
         """
@@ -224,20 +224,20 @@ class _Overlaps:
         return np.stack(columns, axis=1)
 
     def attached(self) -> list[tuple[int, int]]:
-        """Pairs of parts that intersect."""
+        """Return the pairs of parts that intersect."""
         keys = np.unique(self.key_of_pair)
         return [(int(key // self.parts), int(key % self.parts)) for key in keys]
 
     def vertices(self, part: int) -> IntArray:
-        """Vertices of a part, ascending."""
+        """Return the vertices of a part, ascending."""
         return self._order[self._starts[part] : self._starts[part + 1]]
 
     def triangles(self, part: int) -> IntArray:
-        """Triangles of a part, ascending."""
+        """Return the triangles of a part, ascending."""
         return self._face_order[self._face_starts[part] : self._face_starts[part + 1]]
 
     def zones(self, first: int, second: int) -> list[tuple[KeyArray, Ties]]:
-        """Zone keys and ties of both parts of an attached pair."""
+        """Return the zone keys and ties of both parts of an attached pair."""
         own = self.pairs[self.key_of_pair == first * self.parts + second]
         seeds, whole = {}, False
         for part, other in ((first, second), (second, first)):
@@ -254,7 +254,7 @@ class _Overlaps:
         return found
 
     def _seeds(self, part: int, other: int, pairs: IntArray) -> tuple[BoolArray, bool]:
-        """Seeds (V,) of a part towards another one, and whether it is attached as a whole."""
+        """Return seeds (V,) of a part towards another one, and whether it is all attached."""
         corners = self.faces[pairs.ravel()].ravel()
         mask = np.zeros(len(self.points), dtype=bool)
         mask[corners[self.part_of_vertex[corners] == part]] = True
@@ -274,7 +274,7 @@ class _Overlaps:
         return mask, False
 
     def _behind(self, part: int, other: int) -> IntArray:
-        """Vertices of a part behind the surface of another one, within its box."""
+        """Return the vertices of a part behind the surface of another one, within its box."""
         own, triangles = self.vertices(part), self.triangles(other)
         corners = self.points[self.faces[triangles]]
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
@@ -290,7 +290,7 @@ class _Overlaps:
         return np.asarray(own[dots(points - closest, normal) < 0.0])
 
     def _grown(self, seeds: BoolArray) -> BoolArray:
-        """Seeds (V,) grown over their part by the reach of each of their clusters."""
+        """Return the seeds (V,) grown over their part by the reach of each of their clusters."""
         zone = seeds.copy()
         inner = np.flatnonzero(seeds)
         label = csgraph.connected_components(self.graph[inner][:, inner], directed=False)[1]
@@ -304,7 +304,7 @@ class _Overlaps:
         return zone
 
     def _ties(self, seeds: NDArray[np.integer], other: int) -> Ties:
-        """Each seed tied to the nearest triangle of another part."""
+        """Return ties of each seed to the nearest triangle of another part."""
         triangles = self.triangles(other)
         corners = self.points[self.faces[triangles]]
         if len(seeds) == 0:

@@ -14,7 +14,7 @@ NEIGHBORS = 12
 def nearest_triangles(
     points: FloatArray, corners: FloatArray, *, neighbors: int = NEIGHBORS
 ) -> tuple[IntArray, FloatArray]:
-    """The nearest triangle (Q,) of corners (F, 3, 3) to each point (Q, 3), and the point on it.
+    """Return the triangle (Q,) nearest to each point (Q, 3), of corners (F, 3, 3), and the place.
 
     Exact among the `neighbors` triangles whose centroids are nearest. The closest points (Q, 3) are
     in the length unit of the points. F is at least 1.
@@ -29,7 +29,7 @@ def nearest_triangles(
 
 
 def barycentric(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """Barycentric weights (K, 3) of points (K, 3) in the triangles (K, 3, 3) they lie on.
+    """Return barycentric weights (K, 3) of points (K, 3) in the triangles (K, 3, 3) they lie on.
 
     Weights are at least 0 and sum to 1; a triangle without area gives its nearest corner.
     """

@@ -93,7 +93,7 @@ class AdaptiveFairing:
         self._solved: dict[int, tuple[Patch, FloatArray, FloatArray]] = {}
 
     def __call__(self, frame: int, field: FloatArray) -> FloatArray:
-        """The field (V, 3) faired in a frame: least sum |L z|^2 + weight |z - field|^2.
+        """Return the field (V, 3) faired in a frame: least sum |L z|^2 + weight |z - field|^2.
 
         Frames whose patch and surroundings are as they were keep their last solution.
         """
@@ -121,7 +121,7 @@ class AdaptiveFairing:
         self._patches.clear()
 
     def update(self, width: float, vertices: slice) -> None:
-        """Levels of a range of vertices from their hits, which act over `width` in frames."""
+        """Set the levels of a range of vertices from their hits, over a `width` in frames."""
         touched = vertices.start + np.flatnonzero(self.hits[:, vertices].max(axis=0) > 0)
         self._wanted[:, vertices] = 0.0
         if len(touched):
@@ -143,13 +143,13 @@ class AdaptiveFairing:
             self._levels[frame] = wanted
 
     def levels(self, frame: int) -> Levels:
-        """Levels (V,) of a frame."""
+        """Return the levels (V,) of a frame."""
         if frame not in self._levels:
             self._levels[frame] = np.zeros(self.surface.count, dtype=np.float32)
         return self._levels[frame]
 
     def patch(self, frame: int) -> Patch | None:
-        """What a frame has to solve; None where nothing is faired."""
+        """Return what a frame has to solve; None where nothing is faired."""
         if frame not in self._patches:
             self._patches[frame] = self._factored(self.levels(frame))
         return self._patches[frame]
@@ -167,7 +167,7 @@ class AdaptiveFairing:
 
 
 def spread_rings(surface: Surface, level: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Levels (V,) spread over the mesh, one less for each ring."""
+    """Return the levels (V,) spread over the mesh, one less for each ring."""
     level = level.copy()
     front = np.flatnonzero(level > 1.0)
     while len(front):

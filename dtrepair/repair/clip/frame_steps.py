@@ -121,7 +121,7 @@ class WindowFrames:
         self._in_fold: dict[int, BoolArray] = {}
 
     def pairs(self, surface: Surface, frame: int) -> IntArray:
-        """Pairs of a frame, found again if it moved since they were."""
+        """Return the pairs of a frame, found again if it moved since they were."""
         pose, before = self.poses[frame], self._detected.get(frame)
         if before is None or not np.abs(pose - before).max(initial=0.0) <= self.options.stale:
             close = self.clearance > 0.0
@@ -136,7 +136,7 @@ class WindowFrames:
         return self._pairs[frame]
 
     def forget_clearance(self) -> None:
-        """From now on only intersecting pairs count."""
+        """Count only intersecting pairs from now on."""
         self.clearance = 0.0
         self._detected.clear()
 
@@ -257,7 +257,7 @@ class WindowFrames:
         self.extra[:, own] += undamped(kernel, self.added[:, own])
 
     def leveled(self, surface: Surface, block: int) -> None:
-        """Levels of fairing of a block of vertices."""
+        """Set the levels of fairing of a block of vertices."""
         own = self._vertices(block)
         self.folds.update(self.options.fade, own)
         self.closes.update(self.options.fade, own)
@@ -272,7 +272,7 @@ class WindowFrames:
         return slice(block * size, min((block + 1) * size, self.surface.count))
 
     def pairs_of_added(self, surface: Surface, frame: int) -> IntArray:
-        """Intersecting pairs of the pose in `added`."""
+        """Return the intersecting pairs of the pose in `added`."""
         return surface.contacts.pairs(self.added[frame])
 
     def couple(self, springs: Springs) -> None:
@@ -281,7 +281,7 @@ class WindowFrames:
         self.closes.replace_matrix(self.squared + self.options.spring * matrix)
 
     def _around_folds(self, surface: Surface, pairs: IntArray) -> BoolArray:
-        """Triangles (F,) within a ring of the input's own folds."""
+        """Return the triangles (F,) within a ring of the input's own folds."""
         near = surface.contacts.ring_distance(pairs) <= self.options.fold_rings
         return surface.triangles_at(surface.vertices_of(pairs[near]))
 
@@ -315,7 +315,7 @@ class WindowFrames:
         return ~(close | fold) | (fold & hard_fold) | (close & hard_close), springs
 
     def _always_close(self, pairs: IntArray) -> BoolArray:
-        """Which pairs (K,) are close in the rest pose and in samples of the input."""
+        """Return which pairs (K,) are close in the rest pose and in samples of the input."""
         samples = np.linspace(0, len(self.original) - 1, self.options.samples).astype(int)
         close = np.ones(len(pairs), dtype=bool)
         for points in (self.surface.rest, *self.original[np.unique(samples)]):
@@ -325,7 +325,7 @@ class WindowFrames:
 
 
 def _springs(surface: Surface, points: FloatArray, pairs: IntArray) -> Springs:
-    """Springs between the nearest vertices of touching triangles."""
+    """Return the springs between the nearest vertices of touching triangles."""
     first, second = surface.faces[pairs[:, 0]], surface.faces[pairs[:, 1]]
     distance = np.linalg.norm(points[first][:, :, None] - points[second][:, None], axis=3)
     ends = [

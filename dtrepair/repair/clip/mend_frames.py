@@ -48,7 +48,7 @@ def mend_frames(
 
 
 def _chains(state: WindowState, *, backwards: bool, lend: bool) -> list[Chain]:
-    """Dirty frames split where they are not neighbours: each chain is mended in order."""
+    """Return dirty frames, split where they are not neighbours: each chain is mended in order."""
     runs: list[list[int]] = []
     for frame in state.dirty:
         if runs and frame == runs[-1][-1] + 1:

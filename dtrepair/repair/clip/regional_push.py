@@ -49,7 +49,7 @@ def regional_push(
     step: float,
     options: RegionalPushOptions = RegionalPushOptions(),
 ) -> FloatArray:
-    """Displacement (V, 3) that separates the `pushed` (K,) of the pairs (K, 2) of a pose.
+    """Return the displacement (V, 3) that separates the `pushed` (K,) of pairs (K, 2) of a pose.
 
     The sum of the tangent-point direction and of the gradient of the overlap volume, as in `push`;
     but no region moves farther than its share, nor than `step` (units of the size).
@@ -98,7 +98,7 @@ def regional_push(
 def _buried(
     surface: Surface, creased: IntArray, winding: IntArray, options: RegionalPushOptions
 ) -> FloatArray:
-    """How deep vertices (V,) are, fading towards creases."""
+    """Return how deep vertices (V,) are, fading towards creases."""
     deepest = options.direction.deepest
     depth = np.clip(winding, -deepest, deepest).astype(np.float64)
     if len(creased) and depth.any():
@@ -110,7 +110,7 @@ def _buried(
 def _largest(
     field: FloatArray, owner: NDArray[np.integer], regions: IntArray, count: int
 ) -> FloatArray:
-    """Largest length (count,) of a field (V, 3) over the vertices of each region."""
+    """Return the largest length (count,) of a field (V, 3) over the vertices of each region."""
     largest = np.zeros(count)
     np.maximum.at(largest, regions[owner], np.linalg.norm(field[owner], axis=1))
     return largest

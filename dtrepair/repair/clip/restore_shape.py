@@ -114,7 +114,7 @@ def _unbent(state: WindowState, best: Snapshot, whole: RigidBodies, fraction: Fl
 
 
 def stretch(state: WindowState, edges: IntArray) -> float:
-    """Root mean square over the frames of the logarithms of the edges' length ratios."""
+    """Return the root mean square over the frames of the logarithms of the edges' length ratios."""
     pairs = zip(state.original, state.poses, strict=True)
     squares = [edge_log_ratio(before, after, edges) ** 2 for before, after in pairs]
     return float(np.sqrt(np.mean(squares)))
@@ -170,7 +170,7 @@ def relax_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFrame
 def _reach(
     surface: Surface, before: FloatArray, after: FloatArray, options: RelaxFramesOptions
 ) -> NDArray[np.float32]:
-    """How far each vertex (V,) takes part, 0 to 1."""
+    """Return how far each vertex (V,) takes part, 0 to 1."""
     if surface.ties is not None:
         return reach_of(surface, after - before, rings=options.rings).astype(np.float32)
     collapsed, count = collapsed_vertices(surface, before, after, options.collapse)
@@ -183,7 +183,7 @@ def _reach(
 def collapsed_vertices(
     surface: Surface, before: FloatArray, after: FloatArray, collapse: float
 ) -> tuple[BoolArray, int]:
-    """Ends (V,) of the edges whose length changed by more than a factor, and how many these are."""
+    """Return ends (V,) of edges whose length changed by more than a factor, and their number."""
     ends = surface.edges
     was = lengths(before[ends[:, 0]] - before[ends[:, 1]])
     now = lengths(after[ends[:, 0]] - after[ends[:, 1]])

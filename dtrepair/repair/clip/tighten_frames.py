@@ -137,7 +137,7 @@ def _blend_back(state: WindowState, best: Snapshot, options: TightenOptions) -> 
 
 
 def _around(state: WindowState, frame: int, rings: int) -> FloatArray:
-    """1 at the vertices (V,) within some rings of a frame's pairs, fading out over as many."""
+    """Return 1 at vertices (V,) within some rings of a frame's pairs, fading over as many."""
     surface = state.surface
     away = surface.rings_from(surface.vertices_of(state.pairs[frame]), 2 * rings)
     weight = np.minimum(2.0 - away / rings, 1.0)
@@ -147,7 +147,7 @@ def _around(state: WindowState, frame: int, rings: int) -> FloatArray:
 
 
 def _cost(state: WindowState, options: TightenOptions) -> float:
-    """What tightening lowers: mean displacement and rms second difference, weighted; and edges."""
+    """Return what tightening lowers: displacement, second difference and edges, weighted."""
     moved = state.poses - state.original
     second = np.diff(moved, 2, axis=0)
     jitter = float(np.sqrt((second**2).sum(axis=2).mean())) if len(second) else 0.0

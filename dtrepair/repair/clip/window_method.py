@@ -141,7 +141,7 @@ class WindowMethod:
         *,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
-        """Repaired poses (T, V, 3) of poses at times in frame units; some may stay dirty.
+        """Return the poses (T, V, 3) at times in frame units, repaired; some may stay dirty.
 
         unless: asked with the pairs that pushing leaves; None is returned if it says so.
         """
@@ -232,7 +232,7 @@ def steady_frames(state: WindowState, *, options: SteadyOptions = SteadyOptions(
 
 
 def eased(state: WindowState, *, options: EaseOptions = EaseOptions()) -> FloatArray:
-    """Poses with the faintest displacements taken out, except around what that would close.
+    """Return poses without the faintest displacements, except around what that would close.
 
     What is far from all contacts keeps every bit; displacements fade in over the surface and time.
     """

@@ -99,13 +99,13 @@ class WindowState:
             self.pool.progress(fraction * len(self.original))
 
     def forget_clearance(self) -> None:
-        """From now on only intersecting pairs count."""
+        """Count only intersecting pairs from now on."""
         if self.work.clearance > 0.0:
             self.pool.tell("forget_clearance")
             self.pairs = self.pool.map("pairs", self._every)
 
     def evaluate(self) -> None:
-        """Poses from the unknowns, and their pairs."""
+        """Make the poses from the unknowns, and find their pairs."""
         self.pairs = self.pool.map("evaluated", self._every)
 
     def sweep(self, kernel: FloatArray, step: float) -> FloatArray:
@@ -177,12 +177,12 @@ class WindowState:
         self._update()
 
     def pairs_of(self, poses: FloatArray, frames: list[int]) -> list[IntArray]:
-        """Intersecting pairs of some frames of other poses (T, V, 3)."""
+        """Return the intersecting pairs of some frames of other poses (T, V, 3)."""
         self.work.added[:] = poses
         return self.pool.map("pairs_of_added", frames)
 
     def snapshot(self) -> Snapshot:
-        """The state now."""
+        """Return the state now."""
         work, hits = self.work, (self.work.folds.hits.copy(), self.work.closes.hits.copy())
         return Snapshot(work.smooth.copy(), work.extra.copy(), *hits, self.springs)
 

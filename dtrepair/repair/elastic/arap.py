@@ -67,7 +67,7 @@ class ArapSystem:
         ]
 
     def target(self, points: FloatArray) -> FloatArray:
-        """Right-hand side (V, 3) of a step from `points`, zero outside of a small region."""
+        """Return the right-hand side (V, 3) of a step from `points`, zero beyond a small region."""
         warp, count = self._warp, self._surface.count
         original = self._array(self._original, warp.vec3d)
         rotations = self._array(np.tile(np.eye(3), (count, 1, 1)), warp.mat33d)
@@ -82,7 +82,7 @@ class ArapSystem:
         return right
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """The pose (V, 3) of a right-hand side, or the motion of its change."""
+        """Return the pose (V, 3) of a right-hand side, or the motion of its change."""
         if self._inner is None:
             return self._surface.arap_factor(right)
         result = np.zeros_like(right)
@@ -90,7 +90,7 @@ class ArapSystem:
         return result
 
     def image(self, points: FloatArray) -> FloatArray:
-        """The system applied to a pose (V, 3): the right-hand side that would give it."""
+        """Return the system applied to a pose (V, 3): the right-hand side that would give it."""
         if self._inner is None:
             right: FloatArray = self._surface.laplacian @ points + self._anchored(points)
             return right

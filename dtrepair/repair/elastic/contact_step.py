@@ -36,7 +36,7 @@ def step_with_gaps(
     rounds: int | None = None,
     options: ContactStepOptions = ContactStepOptions(),
 ) -> FloatArray:
-    """The pose of a step with right-hand side (V, 3) whose gaps stay open; changes their forces.
+    """Return the pose of a step (V, 3) whose gaps stay open; change the gaps' forces.
 
     Rounds of an augmented Lagrangian (`rounds`, default: those of the options). Each one solves
     with the stiff gaps that are active, by conjugate gradients from `start` with the factor of the

@@ -52,7 +52,7 @@ class DihedralAngles:
         *,
         options: DihedralOptions = DihedralOptions(),
     ) -> None:
-        """Edges that the original bends may stay bent, and no more edges than it has."""
+        """Allow the edges that the original bends to stay bent, and as many as it has."""
         self.surface, self.options = surface, options
         self.corners = _corners(surface.faces, surface.edge_pairs)
         cosines = _cosines(surface, original)
@@ -61,13 +61,13 @@ class DihedralAngles:
         self._limits = np.maximum(options.open_angle, np.arccos(np.clip(cosines, -1.0, 1.0)))
 
     def sharpness(self, points: FloatArray) -> tuple[int, float]:
-        """Number of bent edges, and by how much they are bent too far: smaller is better."""
+        """Return how many edges are bent, and by how much too far: smaller is better."""
         cosines = _cosines(self.surface, points)
         excess = self.options.sharp - cosines[cosines < self.options.sharp]
         return len(excess), float(excess.sum())
 
     def clusters(self, points: FloatArray) -> list[NDArray[np.intp]]:
-        """The edges that are bent and were not in the original, those that meet together.
+        """Return the edges that are bent and were not in the original, those that meet together.
 
         Small clusters come first.
         """
@@ -79,7 +79,7 @@ class DihedralAngles:
         return sorted((new[labels == label] for label in np.unique(labels)), key=len)
 
     def opened(self, points: FloatArray, chosen: NDArray[np.integer], rings: int) -> FloatArray:
-        """The pose (V, 3) with the `chosen` edges opened, contacts ignored.
+        """Return the pose (V, 3) with the `chosen` edges opened, contacts ignored.
 
         Only what is within so many rings of them moves. Each step is the motion x of least
         tr(x^T (L + anchor M) x) that turns all edges there to the open angle, or as far as the
@@ -123,12 +123,12 @@ class DihedralAngles:
 def bent_edges(
     surface: Surface, points: FloatArray, *, sharp: float = DihedralOptions.sharp
 ) -> BoolArray:
-    """Which hinges (H,) are bent farther than a cosine, by default that of 120 degrees."""
+    """Return which hinges (H,) are bent farther than a cosine, by default that of 120 degrees."""
     return _cosines(surface, points) < sharp
 
 
 def angles_and_gradients(points: FloatArray, corners: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Signed angle (H,) between the normals at each edge, radians, and its gradient (H, 4, 3).
+    """Return the signed angle (H,) of the normals at each edge, radians, and gradient (H, 4, 3).
 
     corners: both ends of each edge and the third corners of its triangles (H, 4); the first
     triangle goes around from end to end to its corner (Wardetzky et al. 2007, section 4).
@@ -160,7 +160,7 @@ def _least_motion(
     count: int,
     regularization: float,
 ) -> FloatArray:
-    """The motion (count, 3) of least energy that turns edges, vertices at `place` (-1: fixed)."""
+    """Return the motion (count, 3) of least energy that turns edges; `place` -1 is fixed."""
     columns = np.zeros((count + 1, len(turns), 3))
     numbers = np.arange(len(turns))
     for corner in range(4):
@@ -174,7 +174,7 @@ def _least_motion(
 
 
 def _corners(faces: IntArray, hinges: NDArray[np.int64]) -> IntArray:
-    """Ends of each hinge as its first triangle goes around, and both third corners (H, 4)."""
+    """Return both ends of each hinge, as its first triangle goes, and third corners (H, 4)."""
     first, second = faces[hinges[:, 0]], faces[hinges[:, 1]]
     same = first[:, :, None] == second[:, None, :]
     own, other = (np.argmin(same.any(axis=axis), axis=1) for axis in (2, 1))
@@ -184,7 +184,7 @@ def _corners(faces: IntArray, hinges: NDArray[np.int64]) -> IntArray:
 
 
 def _cosines(surface: Surface, points: FloatArray) -> FloatArray:
-    """Cosine of the angle between the normals at each hinge (H,)."""
+    """Return the cosine of the angle between the normals at each hinge (H,)."""
     normals = triangle_normals(points, surface.faces)
     first, second = surface.edge_pairs.T
     return dots(normals.take(first, axis=0), normals.take(second, axis=0))

@@ -71,7 +71,7 @@ class Gaps:
         self._triangle_at[surface.faces.ravel()] = np.repeat(np.arange(len(surface.faces)), 3)
 
     def __len__(self) -> int:
-        """Number of gaps."""
+        """Return the number of gaps."""
         return len(self.keys)
 
     def add_defects(self, defects: Defects) -> int:
@@ -143,11 +143,11 @@ class Gaps:
         self.stiffness = options.stiffness * self._harder / np.maximum(1.0, 0.5 * crowd)
 
     def width(self, pose: FloatArray) -> FloatArray:
-        """Linearised widths (C,) of a pose (V, 3), up to what does not move."""
+        """Return the linearised widths (C,) of a pose (V, 3), up to what does not move."""
         return dots(self._normals, self._matrix @ pose)
 
     def spread(self, forces: FloatArray) -> FloatArray:
-        """Forces (C,) of the gaps as forces on the vertices (V, 3)."""
+        """Return the forces (C,) of the gaps as forces on the vertices (V, 3)."""
         on_vertices: FloatArray = self._transposed @ (self._normals * forces[:, None])
         return on_vertices
 
@@ -168,7 +168,7 @@ class Gaps:
     def _faced(
         self, points: FloatArray, areas: FloatArray, vertices: IntArray, radius: float
     ) -> IntArray:
-        """The nearest triangle (Q,) along the normal of each vertex, -1 where there is none."""
+        """Return the nearest triangle (Q,) along the normal of each vertex, or -1."""
         warp, surface = self._warp, self.surface
         normals = areas / (lengths(areas)[:, None] + 1e-300)
         low, high = surface.detector.boxes(surface.written(points)[None])[2:4]
@@ -190,7 +190,7 @@ class Gaps:
 
 
 def _fold_corners(faces: IntArray, folds: IntArray) -> list[IntArray]:
-    """Corners (K, 6), twice, of folds: the edge opposite the shared vertex, the other triangle."""
+    """Return corners (K, 6), twice, of folds: edge opposite the shared vertex, other triangle."""
     first, second = faces[folds[:, 0]], faces[folds[:, 1]]
     same = first[:, :, None] == second[:, None, :]
     corners = []

@@ -90,13 +90,13 @@ class VolumePressure:
         return (self._sign * self.pressure)[self._component][:, None] * field
 
     def areas(self, points: FloatArray) -> FloatArray:
-        """Vector areas (V, 3) of a pose; those of the last pose are remembered."""
+        """Return the vector areas (V, 3) of a pose; those of the last pose are remembered."""
         if points is not self._of:
             self._of, self._areas = points, self.surface.vector_areas(points)
         return self._areas
 
     def lost(self, points: FloatArray) -> float:
-        """Fraction by which the volume of closed components is too small or too large."""
+        """Return the fraction by which closed components have too little or too much volume."""
         options = self.options
         volumes = self._sign * self._volumes(points, self.areas(points))
         missing = np.maximum(0.0, options.least_volume * self._given - volumes)
@@ -106,7 +106,7 @@ class VolumePressure:
         return float((missing + excess)[closed].sum() / total) if total > 0 else 0.0
 
     def _volumes(self, points: FloatArray, areas: FloatArray) -> FloatArray:
-        """Signed volume of each component (divergence theorem)."""
+        """Return the signed volume of each component (divergence theorem)."""
         return self._sum(dots(points, areas)) / 3.0
 
     def _sum(self, values: FloatArray) -> FloatArray:

@@ -41,7 +41,7 @@ def roll_back(
     folds: int,
     options: AcceptanceOptions = AcceptanceOptions(),
 ) -> Filled | None:
-    """The step from `current` to `trial` undone around its `defects`, fading over some rings.
+    """Return the step from `current` to `trial` undone around its `defects`, fading over rings.
 
     None where that does not lead to an acceptable pose (V, 3).
     """
@@ -62,7 +62,7 @@ def roll_back(
 def reach_of(
     surface: Surface, displacement: FloatArray, *, rings: int = AcceptanceOptions.reach_rings
 ) -> FloatArray:
-    """Weight (V,) of tightening: 1 at and near what was displaced, 0 beyond and where stiff."""
+    """Return the weight (V,) of tightening: 1 near what was displaced, 0 beyond, 0 where stiff."""
     displaced = (displacement != 0).any(axis=1)
     away = surface.rings_from(displaced, rings)
     return np.where(surface.stiff, 0.0, np.clip(2.0 - 2.0 * away / rings, 0.0, 1.0))
@@ -71,7 +71,7 @@ def reach_of(
 def without_still(
     current: FloatArray, trial: FloatArray, *, still: float = AcceptanceOptions.still
 ) -> FloatArray:
-    """The trial (V, 3) with its motion left out where that is shorter than `still`."""
+    """Return the trial (V, 3) with its motion left out where that is shorter than `still`."""
     motion = trial - current
     length = lengths(motion)
     kept = np.clip(length / still - 1.0, 0.0, 1.0)
@@ -81,10 +81,10 @@ def without_still(
 def changed_defects(
     surface: Surface, known: Defects, current: FloatArray, trial: FloatArray
 ) -> Defects:
-    """Defects of `trial`, given those of `current`."""
+    """Return the defects of `trial`, given those of `current`."""
     return update_defects(surface, known, trial, differing(trial, current))
 
 
 def acceptable(defects: Defects, folds: int) -> bool:
-    """Whether a pose is clean and has no more folds than allowed."""
+    """Return whether a pose is clean and has no more folds than allowed."""
     return len(defects.crossings) == 0 and len(defects.folds) <= folds

@@ -50,7 +50,7 @@ class _Patches:
         self.fill = np.zeros(count, dtype=np.int64)
 
     def mask(self, surface: Surface) -> BoolArray:
-        """Vertices (V,) within the reach of any seed."""
+        """Return the vertices (V,) within the reach of any seed."""
         covered = np.zeros(surface.count, dtype=bool)
         for ring in range(int(self.rings.max(initial=0)), 1, -1):
             covered = surface.dilate(covered | (self.rings == ring))
@@ -123,7 +123,7 @@ def membrane_fill(
     mask: BoolArray,
     ties: sparse.csr_matrix | None = None,
 ) -> FloatArray:
-    """A field (V, k) with the masked values replaced by the harmonic extension of the others."""
+    """Return a field (V, k) with the masked values replaced by the others' harmonic extension."""
     inner = np.flatnonzero(mask)
     rows = laplacian[inner]
     known = rows @ np.where(mask[:, None], 0.0, field)
@@ -140,7 +140,7 @@ def bilaplacian_fill(
     mask: BoolArray,
     ties: sparse.csr_matrix | None = None,
 ) -> FloatArray:
-    """A field (V, k) with the masked values replaced such that sum |L field|^2 is least."""
+    """Return a field (V, k) whose masked values make sum |L field|^2 least."""
     inner = np.flatnonzero(mask)
     rows = laplacian[np.flatnonzero(abs(laplacian) @ mask)]
     system = rows[:, inner]
@@ -154,7 +154,7 @@ def bilaplacian_fill(
 
 
 def solve_patch(matrix: sparse.spmatrix, right_hand_side: FloatArray) -> FloatArray:
-    """The solution of a sparse symmetric system of a patch."""
+    """Return the solution of a sparse symmetric system of a patch."""
     # Patches come and go: a general factorisation each, with an ordering for symmetric matrices.
     factor = linalg.splu(
         sparse.csc_matrix(matrix),

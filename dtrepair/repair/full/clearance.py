@@ -50,7 +50,7 @@ def open_contacts(
     facing: bool = False,
     options: ClearanceOptions = ClearanceOptions(),
 ) -> tuple[FloatArray, int]:
-    """The pose with its contacts pushed `clearance` apart (units of the size), and what is left.
+    """Return the pose with its contacts `clearance` apart (units of the size), and what is left.
 
     Returns the number of pairs that are still closer; `facing`: see `Surface.close_pairs`. A pose
     that is not clean, or not better, is never taken: the input may not have the room.
@@ -89,7 +89,7 @@ def _opened(
     limit: Limit,
     options: ClearanceOptions,
 ) -> tuple[FloatArray, int]:
-    """The best of some steps that keep the shape as rigid as possible and open narrow gaps."""
+    """Return the best of some as-rigid-as-possible steps that open narrow gaps."""
     pairs = close(points)
     best, left, idle = points, len(pairs), 0
     system = ArapSystem(surface, points)

@@ -35,7 +35,7 @@ def tangent_point_gradient(
     direction: FloatArray | None = None,
     sides: FloatArray | None = None,
 ) -> FloatArray:
-    """Gradient (V, 3) of the signed tangent-point energy with the kernel <n, c - v> / |c - v|.
+    """Return the gradient (V, 3) of the signed tangent-point energy <n, c - v> / |c - v|.
 
     Jang et al. 2025, eq. 3 and 4 with exponents (1, 1); each vertex of a triangle meets the plane
     and centroid of the other triangle of its pair; normals and areas are held fixed. Where a
@@ -72,7 +72,7 @@ def _accumulate(field: FloatArray, vertices: IntArray, values: FloatArray) -> No
 def volume_gradient(
     surface: Surface, points: FloatArray, buried: FloatArray, count: int, regions: IntArray
 ) -> FloatArray:
-    """Gradient (V, 3) of the overlap volume; every region weighs the same."""
+    """Return the gradient (V, 3) of the overlap volume; every region weighs the same."""
     areas = surface.vector_areas(points)
     field = buried[:, None] * areas
     if surface.face_direction is not None:

@@ -36,7 +36,7 @@ def mend(
     alone: Callable[[Surface, FloatArray], FloatArray] | None = None,
     options: MendOptions = MendOptions(),
 ) -> FloatArray:
-    """A clean pose near one of some poses (V, 3), or the one with the fewest pairs.
+    """Return a clean pose near one of some poses (V, 3), or the one with the fewest pairs.
 
     starts: tried in order until one leads to a clean pose, so the least change comes first. step:
     largest motion in an iteration of the push, units of the size. alone: the solver from the

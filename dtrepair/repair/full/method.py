@@ -93,7 +93,7 @@ class FullMethod:
         return Solved(points, log.stages, left)
 
     def _tightened(self, best: Candidate, phases: Phases) -> FloatArray:
-        """The clean pose taken back towards the input as far as contacts and the limit allow."""
+        """Return the clean pose taken back towards the input as far as contacts and limit allow."""
         options, points, folds = self.options, best.points, len(best.defects.folds)
         if self.rounds == 0 or best.distortion < options.low_enough:
             return points
@@ -129,7 +129,7 @@ class FullMethod:
         return best.points if (phases.limited(points) != points).any() else points
 
     def _unbent(self, points: FloatArray, folds: int, phases: Phases) -> FloatArray:
-        """The tightened pose with its zipped creases opened, where that is allowed."""
+        """Return the tightened pose with its zipped creases opened, where that is allowed."""
         start = time.perf_counter()
         unbent, done = unbend(
             self.surface,
@@ -145,7 +145,7 @@ class FullMethod:
         return unbent
 
     def _opened(self, points: FloatArray, phases: Phases) -> tuple[FloatArray, int]:
-        """The pose with its contacts apart by the clearance, and the pairs still closer."""
+        """Return the pose with its contacts apart by the clearance, and the pairs still closer."""
         start = time.perf_counter()
         # A pose that is its own rest would excuse its own contacts.
         at_rest = np.allclose(

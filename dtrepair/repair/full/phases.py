@@ -100,11 +100,11 @@ class Phases:
         self.good_enough = options.tightenable if tightened else options.good_enough
 
     def limited(self, points: FloatArray) -> FloatArray:
-        """The nearest pose that is allowed: no displacement beyond the limit."""
+        """Return the nearest pose that is allowed: no displacement beyond the limit."""
         return allowed(self.surface.rigid, self.original, points, self.farthest)
 
     def best(self) -> Candidate:
-        """The best of several first step lengths; later ones only where the first did not suffice.
+        """Return the best of several first steps; later ones only where the first did not suffice.
 
         Where what is left concerns few of the bodies, it is insisted on at once.
         """
@@ -120,7 +120,7 @@ class Phases:
         return best if best.clean else self.insist(best)
 
     def run(self, step: float) -> Candidate:
-        """The best result of pushing with ever fewer contacts left to the fill."""
+        """Return the best result of pushing with ever fewer contacts left to the fill."""
         best: Candidate | None = None
         points, options = self.original, self.options
         for index, near in enumerate(options.near):
@@ -143,7 +143,7 @@ class Phases:
         return best
 
     def insist(self, best: Candidate) -> Candidate:
-        """What no phase solved, tried again from all poses that the phases left, best first.
+        """Try what no phase solved again from all poses that the phases left, best first.
 
         A fill leaves a few tangles that are no longer tied to what made them: pushing them all by
         short steps and filling anew solves most. Then patches grow until they swallow the rest.
@@ -166,7 +166,7 @@ class Phases:
         return best
 
     def _concerns_few(self, best: Candidate) -> bool:
-        """Whether what still crosses does not meet all bodies that are in contact."""
+        """Return whether what still crosses does not meet all bodies that are in contact."""
         body_of = self.surface.body_of
         met, crossing = body_of[self.known.crossings], body_of[best.defects.crossings]
         return not np.isin(met, crossing).any(axis=1).all()

@@ -52,7 +52,7 @@ def pull_back(
     scale: float = 1.0,
     options: PullBackOptions = PullBackOptions(),
 ) -> FloatArray:
-    """The pose (V, 3) with a fraction of its displacement undone, again and again while clean.
+    """Return the pose (V, 3) with fractions of its displacement undone as long as it is clean.
 
     What collides is pushed and filled. Of several bodies those that cross all the same stay where
     they were, and try half of it next. near: rings of a crease; folds: so many are allowed;
@@ -89,7 +89,7 @@ def _separated(
     step: float,
     options: PullBackOptions,
 ) -> Filled:
-    """The trial with what collides in it pushed and filled, and its defects."""
+    """Return the trial with what collides in it pushed and filled, and its defects."""
     defects = changed_defects(surface, known, current, trial)
     if len(defects.crossings) == 0:
         return Filled(trial, defects)
@@ -108,7 +108,7 @@ def _separated(
 def _put_back(
     surface: Surface, known: Defects, current: FloatArray, trial: FloatArray, defects: Defects
 ) -> tuple[FloatArray, Defects, BoolArray]:
-    """The trial with each body that crosses one back at the clean `current`; which are back (B,).
+    """Return the trial with bodies that cross put back at the clean `current`; which are (B,).
 
     A single body stays where it is.
     """

@@ -114,7 +114,7 @@ def push(
 def _of_length(
     surface: Surface, direction: FloatArray, step: float, options: PushOptions
 ) -> FloatArray | None:
-    """The direction (V, 3) with the largest displacement `step`; None where it is not finite.
+    """Return the direction (V, 3) at a largest displacement of `step`; None if not finite.
 
     In a pile of many bodies one contact must not make all others wait: a quarter of the bodies may
     have their direction shortened to the step, each as a whole.
@@ -154,7 +154,7 @@ class _Contacts(NamedTuple):
 def _far_contacts(
     surface: Surface, points: FloatArray, pairs: IntArray, near: int, options: PushOptions
 ) -> _Contacts:
-    """The contacts of a pose (V, 3) beyond creases of `near` rings."""
+    """Return the contacts of a pose (V, 3) beyond creases of `near` rings."""
     creased = near_contacts(surface, pairs, near)
     reach = options.wide_rings if near > options.wide_near else max(1, near // 2)
     rings = surface.rings_from(surface.vertices_of(pairs[creased]), reach + 1)
@@ -168,7 +168,7 @@ def _far_contacts(
 
 
 def _beside_pairs(surface: Surface, pairs: IntArray, winding: IntArray) -> IntArray:
-    """The winding numbers (V,) of regions with pairs, elsewhere 0.
+    """Return the winding numbers (V,) of regions with pairs, elsewhere 0.
 
     A component that is wholly inside another, like an eye in its head, would only shrink.
     """
@@ -186,7 +186,7 @@ def _direction(
     *,
     volume: bool,
 ) -> FloatArray:
-    """Sum of the two diffused directions (V, 3), each scaled to a largest displacement of 1."""
+    """Return the sum of both diffused directions (V, 3), each at a largest displacement of 1."""
     far = contacts.far
     count, regions = contact_regions(surface, contacts.pairs, contacts.winding != 0)
     of_pair = regions[surface.faces[far[:, 0], 0]]

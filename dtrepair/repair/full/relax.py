@@ -87,7 +87,7 @@ def relax(
     scale: float = 1.0,
     options: RelaxOptions = RelaxOptions(),
 ) -> tuple[FloatArray, int]:
-    """The pose of least distortion between a clean pose and its original, and the cycles spent.
+    """Return the pose of least distortion between a clean one and its original, and the cycles.
 
     Each cycle is an as-rigid-as-possible step towards the original's edges (Sorkine & Alexa 2007)
     of limited length, under the condition that no gap between surfaces closes: contact forces push
@@ -144,7 +144,7 @@ class Relaxation:
         self.failures, self._pull = 0, np.zeros(surface.count)
 
     def cycle(self) -> None:
-        """One step; the pose stays where it is if it cannot be made clean."""
+        """Take one step; the pose stays where it is if it cannot be made clean."""
         right = self._right_hand_side()
         self._find_gaps(right)
         solved = self._solved(right)
@@ -160,7 +160,7 @@ class Relaxation:
             self.best = value, self.points
 
     def _value(self) -> float:
-        """Distortion and missing volume: what relaxing lowers."""
+        """Return the distortion and missing volume: what relaxing lowers."""
         lost = self.pressure.lost(self.points)
         return (
             distortion(self.original, self.points, self.surface.edges)
@@ -168,7 +168,7 @@ class Relaxation:
         )
 
     def _right_hand_side(self) -> FloatArray:
-        """That of the step, shortened such that no vertex moves too far without contacts."""
+        """Return the right-hand side of the step, by which no vertex moves too far if free."""
         points = self.points
         full = self.system.target(points) + self.pressure.force(
             points, self._pull, self.system.solve
@@ -182,7 +182,7 @@ class Relaxation:
         return present + pull[:, None] * (full - present)
 
     def _find_gaps(self, right: FloatArray) -> None:
-        """Gaps that matter to the step: those with forces and those it would close."""
+        """Find the gaps that matter to the step: those with forces and those it would close."""
         gaps = self.gaps
         gaps.soften()
         facing = gaps.add_facing(self.points, self.pressure.areas(self.points), 2.0 * self.step)
@@ -193,7 +193,7 @@ class Relaxation:
         gaps.keep((gaps.forces > 0) | closing)
 
     def _solved(self, right: FloatArray) -> Filled | None:
-        """The clean pose of the step, with what still collides rolled back, or None."""
+        """Return the clean pose of the step, with what still collides rolled back, or None."""
         surface, options, current = self.surface, self.options, self.points
         pose, previous = current, (0, 0)
         trial, defects = current, self.known
@@ -221,12 +221,12 @@ class Relaxation:
         )
 
     def _shortened(self, pose: FloatArray) -> FloatArray:
-        """Contacts may throw a vertex farther than the step: the whole motion is shortened."""
+        """Return the pose (V, 3), its motion shortened where contacts throw a vertex too far."""
         motion = pose - self.points
         return self.points + (self._fraction_of(motion) * self.reach)[:, None] * motion
 
     def _fraction_of(self, motion: FloatArray) -> FloatArray:
-        """Fraction (V,) of a motion (V, 3) by which no vertex passes the step.
+        """Return the fraction (V,) of a motion (V, 3) by which no vertex passes the step.
 
         In a pile each body has its own fraction: one that has far to go does not make the others
         wait.

@@ -52,7 +52,7 @@ def unbend(
     scale: float = 1.0,
     options: UnbendOptions = UnbendOptions(),
 ) -> tuple[FloatArray, int]:
-    """A clean pose with no more bent edges than its original where that can be, and the changes.
+    """Return a clean pose, with no more bent edges than its original if possible, and the changes.
 
     Where surfaces close a crease, its bottom folds flat. Bent edges that meet are opened by the
     smallest motion of their surroundings that does it, where that stays clean. If too many are
@@ -96,7 +96,7 @@ def _opened_alone(
     folds: int,
     options: UnbendOptions,
 ) -> tuple[FloatArray, int]:
-    """The pose with one cluster after the other opened where that needs no room, and how many."""
+    """Return the pose with clusters opened one by one where that needs no room, and how many."""
     surface, done = angles.surface, 0
     sharpness = angles.sharpness(points)
     if sharpness[0] <= angles.allowed:
@@ -118,7 +118,7 @@ def _opened_alone(
 
 
 def _reach(surface: Surface, chosen: NDArray[np.integer], options: UnbendOptions) -> FloatArray:
-    """Weight (V,) of what makes room for the chosen hinges: 1 near them, 0 far and where stiff."""
+    """Return how far vertices (V,) make room for chosen hinges: 1 near, 0 far and where stiff."""
     faded, full = options.faded_rings, options.full_rings
     rings = surface.rings_from(surface.vertices_of(surface.edge_pairs[chosen]), faded)
     fade = np.clip((faded - rings) / (faded - full), 0.0, 1.0)
@@ -126,7 +126,7 @@ def _reach(surface: Surface, chosen: NDArray[np.integer], options: UnbendOptions
 
 
 def _cost(surface: Surface, original: FloatArray, points: FloatArray, trial: FloatArray) -> float:
-    """By how much the sum of squared logarithms of the edges' length ratios grows."""
+    """Return by how much the sum of squared logarithms of the edges' length ratios grows."""
     moved = (trial != points).any(axis=1)
     first, second = surface.edges[moved[surface.edges].any(axis=1)].T
     old, *new = (

@@ -85,7 +85,7 @@ class Descent:
     def step(
         self, points: Tensor, pairs: Tensor, target: Tensor, moments: Moments
     ) -> tuple[Tensor, Moments]:
-        """One iteration: new points (B, V, 3) and state, from pairs (K, 3) and delta (B, V, 3)."""
+        """Return points (B, V, 3) and state after a step, from pairs (K, 3) and delta (B, V, 3)."""
         _, gradient = pair_energy(
             points, self.faces, pairs, kernel=self.kernel, direction=self.direction
         )
@@ -95,7 +95,7 @@ class Descent:
     def move(
         self, points: Tensor, gradient: Tensor, target: Tensor, moments: Moments
     ) -> tuple[Tensor, Moments]:
-        """The step (B, V, 3) to subtract, and the state, from the gradient of the energy."""
+        """Return the step (B, V, 3) to subtract, and the state, from the gradient of the energy."""
         if self.regularization:
             strength = mean_square_strength(self.regularization, points.shape[1])
             _, shape = shape_term(points, target, laplacian=self.laplacian, strength=strength)
@@ -126,7 +126,7 @@ class DescentResult:
 
 
 def triangle_counts(pairs: Tensor, frames: int, faces: int) -> Tensor:
-    """Number of distinct triangles (frames,) in pairs (K, 3), int64."""
+    """Return the number of distinct triangles (frames,) in pairs (K, 3), int64."""
     seen = torch.zeros((frames, faces), dtype=torch.bool, device=pairs.device)
     seen[pairs[:, 0], pairs[:, 1]] = True
     seen[pairs[:, 0], pairs[:, 2]] = True
@@ -134,7 +134,7 @@ def triangle_counts(pairs: Tensor, frames: int, faces: int) -> Tensor:
 
 
 def _is_sound(points: Tensor, origin: Tensor, runaway: float) -> Tensor:
-    """Frames (B,) whose coordinates are finite and near their origin: NaN fails the comparison."""
+    """Return which frames (B,) are finite and near their origin: NaN fails the comparison."""
     return (points - origin).abs().amax(dim=(1, 2)) <= runaway
 
 
@@ -161,7 +161,7 @@ class _Record:
         self.iterations[chosen] = iteration
 
     def result(self) -> DescentResult:
-        """The outcome; a frame that was never measured keeps its input."""
+        """Return the outcome; a frame that was never measured keeps its input."""
         shape = (0, len(self.triangles))
         history = torch.stack(self.rows) if self.rows else self.triangles.new_zeros(shape)
         measured = (history != NOT_MEASURED).any(dim=0)

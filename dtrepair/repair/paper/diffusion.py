@@ -37,15 +37,15 @@ class Diffuser(Protocol):
     """Diffuses fields (B, V, 3); calling it is `finish(begin(field))`."""
 
     def begin(self, field: Tensor) -> Tensor:
-        """The first of the two solves: A^-1 field."""
+        """Return the first of the two solves: A^-1 field."""
         ...
 
     def finish(self, field: Tensor) -> Tensor:
-        """The second: A^-1 Mass field."""
+        """Return the second: A^-1 Mass field."""
         ...
 
     def __call__(self, field: Tensor) -> Tensor:
-        """Both: A^-1 Mass A^-1 field."""
+        """Return both: A^-1 Mass A^-1 field."""
         ...
 
 
@@ -90,20 +90,20 @@ class Diffusion:
         self.factor = Factor(self.matrix)
 
     def begin(self, field: Tensor) -> Tensor:
-        """A^-1 field (B, V, 3)."""
+        """Return A^-1 field (B, V, 3)."""
         result = torch.empty_like(field)
         for source, target in zip(field, result, strict=True):
             target.copy_(torch.from_numpy(self.factor(source.numpy())))
         return result
 
     def finish(self, field: Tensor) -> Tensor:
-        """A^-1 Mass field (B, V, 3)."""
+        """Return A^-1 Mass field (B, V, 3)."""
         if self.mass is None:
             return self.begin(field)
         return self.begin(field * torch.from_numpy(self.mass).to(field.dtype)[:, None])
 
     def __call__(self, field: Tensor) -> Tensor:
-        """A^-1 Mass A^-1 field (B, V, 3)."""
+        """Return A^-1 Mass A^-1 field (B, V, 3)."""
         return self.finish(self.begin(field))
 
     def on(
@@ -113,7 +113,7 @@ class Diffusion:
         device: str | torch.device,
         options: DiffusionOptions = DiffusionOptions(),
     ) -> Diffuser:
-        """The same operator for tensors on a device; points: positions (V, 3) of the mesh."""
+        """Return this operator for tensors on a device; points: positions (V, 3) of the mesh."""
         if self.count <= options.dense:
             return self.dense(device=device, columns=options.columns)
         matrix = sparse.csr_matrix(self.matrix)
@@ -122,7 +122,7 @@ class Diffusion:
     def dense(
         self, *, device: str | torch.device, columns: int = DiffusionOptions.columns
     ) -> DenseDiffusion:
-        """The same operator as a matrix (V, V) on a device; V solves, 8 V^2 bytes in float64."""
+        """Return this operator as a matrix (V, V) on a device; V solves, 8 V^2 bytes in float64."""
         inverse = torch.empty((self.count, self.count), dtype=torch.float64)
         for first in range(0, self.count, columns):
             own = np.arange(first, min(first + columns, self.count))
@@ -137,19 +137,19 @@ class DenseDiffusion:
     """A precomputed diffusion: one product of matrices a solve, on any device."""
 
     def __init__(self, inverse: Tensor, mass: Tensor | None = None) -> None:
-        """A^-1 (V, V), and the masses (V,) if there are any."""
+        """Keep A^-1 (V, V), and the masses (V,) if there are any."""
         self.inverse, self.mass = inverse, mass
 
     def begin(self, field: Tensor) -> Tensor:
-        """A^-1 field (B, V, 3)."""
+        """Return A^-1 field (B, V, 3)."""
         return _product(self.inverse, field)
 
     def finish(self, field: Tensor) -> Tensor:
-        """A^-1 Mass field (B, V, 3)."""
+        """Return A^-1 Mass field (B, V, 3)."""
         return self.begin(field if self.mass is None else field * self.mass[:, None])
 
     def __call__(self, field: Tensor) -> Tensor:
-        """A^-1 Mass A^-1 field (B, V, 3)."""
+        """Return A^-1 Mass A^-1 field (B, V, 3)."""
         return self.finish(self.begin(field))
 
 
@@ -177,17 +177,17 @@ class BodyDiffusion:
         self.mobility = mobility
 
     def begin(self, field: Tensor) -> Tensor:
-        """A^-1 field (B, V, 3) of each body."""
+        """Return A^-1 field (B, V, 3) of each body."""
         parts = [diffusion.begin(field[:, first:stop]) for first, stop, diffusion in self.bodies]
         return torch.cat(parts, dim=1)
 
     def finish(self, field: Tensor) -> Tensor:
-        """A^-1 Mass field (B, V, 3) of each body, times the mobility."""
+        """Return A^-1 Mass field (B, V, 3) of each body, times the mobility."""
         parts = [diffusion.finish(field[:, first:stop]) for first, stop, diffusion in self.bodies]
         return self._moved(torch.cat(parts, dim=1))
 
     def __call__(self, field: Tensor) -> Tensor:
-        """A^-1 Mass A^-1 field (B, V, 3) of each body, times the mobility."""
+        """Return A^-1 Mass A^-1 field (B, V, 3) of each body, times the mobility."""
         parts = [diffusion(field[:, first:stop]) for first, stop, diffusion in self.bodies]
         return self._moved(torch.cat(parts, dim=1))
 
@@ -203,7 +203,7 @@ class SparseOperator:
         self.matrix = sparse.csr_matrix(matrix)
 
     def __call__(self, field: Tensor) -> Tensor:
-        """matrix @ field of each frame."""
+        """Return matrix @ field of each frame."""
         result = torch.empty_like(field)
         for source, target in zip(field, result, strict=True):
             target.copy_(torch.from_numpy(self.matrix @ source.numpy()))
@@ -211,7 +211,7 @@ class SparseOperator:
 
 
 def _product(matrix: Tensor, field: Tensor) -> Tensor:
-    """matrix @ field of every frame in one product."""
+    """Return matrix @ field of every frame in one product."""
     frames, count, columns = field.shape
     flat = matrix @ field.permute(1, 0, 2).reshape(count, frames * columns)
     return flat.reshape(count, frames, columns).permute(1, 0, 2)

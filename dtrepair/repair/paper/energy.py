@@ -37,7 +37,7 @@ class Kernel(Protocol):
         ...
 
     def __call__(self, offsets: Tensor, planes: Planes) -> tuple[Tensor, Tensor]:
-        """Values (M, 3) and derivatives (M, 3, 3) with respect to offsets d = c - v (M, 3, 3)."""
+        """Return values (M, 3) and derivatives (M, 3, 3) by the offsets d = c - v (M, 3, 3)."""
         ...
 
 
@@ -74,7 +74,7 @@ class SignedTangentPoint:
             )
 
     def __call__(self, offsets: Tensor, planes: Planes) -> tuple[Tensor, Tensor]:
-        """Values (M, 3) and derivatives (M, 3, 3)."""
+        """Return the values (M, 3) and derivatives (M, 3, 3)."""
         heights = _heights(offsets, planes)
         numerator = heights**self.exponent
         slope = self.exponent * heights ** (self.exponent - 1)
@@ -97,7 +97,7 @@ class UnsignedTangentPoint:
     rate_factor: float = SignedTangentPoint.rate_factor
 
     def __call__(self, offsets: Tensor, planes: Planes) -> tuple[Tensor, Tensor]:
-        """Values (M, 3) and derivatives (M, 3, 3)."""
+        """Return the values (M, 3) and derivatives (M, 3, 3)."""
         heights = _heights(offsets, planes)
         numerator = heights.abs() ** self.exponent
         slope = self.exponent * heights.abs() ** (self.exponent - 1) * heights.sign()
@@ -116,7 +116,7 @@ class PointToPlane:
     rate_factor: float = 100.0
 
     def __call__(self, offsets: Tensor, planes: Planes) -> tuple[Tensor, Tensor]:
-        """Values (M, 3) and derivatives (M, 3, 3)."""
+        """Return the values (M, 3) and derivatives (M, 3, 3)."""
         depth = _heights(offsets, planes).clamp_min(0.0)
         areas = planes.areas[:, None]
         derivatives = (2.0 * areas * depth)[..., None] * planes.normals[:, None]
@@ -141,7 +141,7 @@ class ConicalField:
     rate_factor: float = 2.0
 
     def __call__(self, offsets: Tensor, planes: Planes) -> tuple[Tensor, Tensor]:
-        """Values (M, 3) and derivatives (M, 3, 3)."""
+        """Return the values (M, 3) and derivatives (M, 3, 3)."""
         top, normals = self.height, planes.normals[:, None]
         over = -_heights(offsets, planes)
         radial = -offsets - over[..., None] * normals
@@ -180,7 +180,7 @@ def pair_energy(
     direction: Tensor | None = None,
     planes: Planes | None = None,
 ) -> tuple[Tensor, Tensor]:
-    """Energy of each frame (B,) and its gradient (B, V, 3) over intersecting pairs.
+    """Return the energy of each frame (B,) and its gradient (B, V, 3) over intersecting pairs.
 
     Zero-area triangles exert no force (their corners still feel the other triangle), so values and
     gradients are finite for every finite input.
@@ -221,7 +221,7 @@ def pair_energy(
 
 
 def triangle_planes(corners: Tensor) -> Planes:
-    """Normals, areas and radii of triangles given by their corners (M, 3, 3)."""
+    """Return the normals, areas and radii of triangles given by their corners (M, 3, 3)."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normals = torch.linalg.cross(first, second)
     doubled = normals.norm(dim=1)
@@ -234,7 +234,7 @@ def triangle_planes(corners: Tensor) -> Planes:
 
 
 def triangle_directions(direction: Tensor, faces: Tensor) -> Tensor:
-    """Preferred directions of triangles (F, 3) from those of vertices (V, 3).
+    """Return the preferred directions of triangles (F, 3) from those of vertices (V, 3).
 
     The sum over the corners where all three have one; else zero: the region ends there.
     """
@@ -244,7 +244,7 @@ def triangle_directions(direction: Tensor, faces: Tensor) -> Tensor:
 
 
 def accumulate(rows: Tensor, index: Tensor, count: int) -> Tensor:
-    """Sum of rows (K, k) by index (K,) into (count, k), always in the same order.
+    """Return the sum of rows (K, k) by index (K,) into (count, k), always in the same order.
 
     In float64, whatever the input's type: PyTorch adds these one after another on the CPU and
     sorts them on CUDA, so that runs repeat to the bit.
@@ -256,7 +256,7 @@ def accumulate(rows: Tensor, index: Tensor, count: int) -> Tensor:
 def shape_term(
     points: Tensor, target: Tensor, *, laplacian: Callable[[Tensor], Tensor], strength: float
 ) -> tuple[Tensor, Tensor]:
-    """strength |L x - target|^2 of each frame (B,) and its gradient (B, V, 3) (Eq. 5).
+    """Return strength |L x - target|^2 of each frame (B,) and its gradient (B, V, 3) (Eq. 5).
 
     Args:
         points: Positions x (B, V, 3).
@@ -269,7 +269,7 @@ def shape_term(
 
 
 def mean_square_strength(strength: float, vertices: int) -> float:
-    """Weight of the sum of squares that equals `strength` times the mean over 3 V numbers.
+    """Return the weight of the sum of squares that is `strength` times the mean of 3 V numbers.
 
     The published 1e6 is meant so: a plain sum would need a smaller step on every larger mesh.
     """
@@ -289,7 +289,7 @@ def _over_distance(
     power: float,
     nearest: float,
 ) -> tuple[Tensor, Tensor]:
-    """A numerator(s) / |d|^power and its derivative with respect to d, given numerator'(s)."""
+    """Return A numerator(s) / |d|^power and its derivative by d, given numerator'(s)."""
     areas = planes.areas[:, None]
     squared = offsets.square().sum(dim=-1)
     floor = nearest**2 * areas + torch.finfo(offsets.dtype).tiny ** 0.25
@@ -302,7 +302,7 @@ def _over_distance(
 
 
 def _redirected(planes: Planes, moving: Tensor, fixed: Tensor) -> Planes:
-    """Planes of undirected triangles that meet a directed one take its direction as normal."""
+    """Return planes; undirected triangles that meet a directed one take its direction as normal."""
     replaced = (moving != 0).any(dim=1) & ~(fixed != 0).any(dim=1)
     length = moving.norm(dim=1, keepdim=True).clamp_min(torch.finfo(moving.dtype).tiny)
     return planes._replace(normals=torch.where(replaced[:, None], moving / length, planes.normals))

@@ -101,7 +101,7 @@ class DeviceDescent:
         return _joined(parts, points)
 
     def _solved(self, points: Tensor) -> DescentResult:
-        """A batch, again with larger buffers until they do."""
+        """Solve a batch, again with larger buffers until they do."""
         while True:
             # Never a wider one: its products would round differently.
             if self._loop is None or self._loop.frames != len(points):
@@ -176,7 +176,7 @@ class _Loop:
         self.done = False
 
     def advance(self) -> None:
-        """Some iterations, as one graph on CUDA; then see what became of them.
+        """Run some iterations, as one graph on CUDA; then see what became of them.
 
         done: no frame goes on; larger: the capacity that it takes, where buffers were too small.
         """
@@ -217,7 +217,7 @@ class _Loop:
         self.iteration += 1
 
     def result(self, points: Tensor) -> DescentResult:
-        """The outcome for the poses (N, V, 3) that were loaded, on their device."""
+        """Return the outcome for the poses (N, V, 3) that were loaded, on their device."""
         count, home = len(points), points.device
 
         def taken(tensor: Tensor) -> Tensor:
@@ -236,7 +236,7 @@ class _Loop:
 
 
 def too_large(what: str, detector: Detector) -> MemoryError:
-    """The error where something does not fit on a device."""
+    """Return the error where something does not fit on a device."""
     return MemoryError(
         f"{what} of {len(detector.faces)} triangles should fit into the memory of "
         f"{detector.device}, but does not: free memory there, or use device 'cpu'"
@@ -244,7 +244,7 @@ def too_large(what: str, detector: Detector) -> MemoryError:
 
 
 def _joined(parts: list[DescentResult], points: Tensor) -> DescentResult:
-    """Results of batches as that of all poses; shorter histories are filled up."""
+    """Return the results of batches as one; shorter histories are filled up."""
     if not parts:
         none = torch.zeros(0, dtype=torch.int64)
         return DescentResult(points.clone(), none, none, none.bool(), none.reshape(0, 0))

@@ -116,7 +116,7 @@ class FixedDetection:
         return self._marks.sum(dim=1)
 
     def larger_than(self, needed: Sequence[int]) -> tuple[int, int] | None:
-        """A capacity with room for so many candidates and pairs; None: there is room."""
+        """Return a capacity with room for so many candidates and pairs; None: there is room."""
         if all(most <= room for most, room in zip(needed, self.capacity, strict=True)):
             return None
         first, second = (max(2 * n, c) for n, c in zip(needed, self.capacity, strict=True))

@@ -31,7 +31,7 @@ class BlockOptions:
     balance: int = 7
 
     def part_of(self, count: int) -> int:
-        """Vertices of a part of a mesh of `count` vertices."""
+        """Return the vertices of a part of a mesh of `count` vertices."""
         return max(self.least_part, round(sqrt(self.balance * count)))
 
 
@@ -84,7 +84,7 @@ class BlockDiffusion:
         self.mass = None if mass is None else upload(mass)
 
     def begin(self, field: Tensor) -> Tensor:
-        """A^-1 field (B, V, 3)."""
+        """Return A^-1 field (B, V, 3)."""
         frames, count, columns = field.shape
         flat = field.permute(1, 0, 2).reshape(count, frames * columns)
         padded = _padded(flat)
@@ -98,11 +98,11 @@ class BlockDiffusion:
         return found.reshape(count, frames, columns).permute(1, 0, 2)
 
     def finish(self, field: Tensor) -> Tensor:
-        """A^-1 Mass field (B, V, 3)."""
+        """Return A^-1 Mass field (B, V, 3)."""
         return self.begin(field if self.mass is None else field * self.mass[:, None])
 
     def __call__(self, field: Tensor) -> Tensor:
-        """A^-1 Mass A^-1 field (B, V, 3)."""
+        """Return A^-1 Mass A^-1 field (B, V, 3)."""
         return self.finish(self.begin(field))
 
     @property
@@ -112,7 +112,7 @@ class BlockDiffusion:
 
 
 def cut(matrix: sparse.csr_matrix, points: FloatArray, part: int) -> tuple[list[Index], Index]:
-    """Parts of at most `part` vertices without an entry between two of them, and separators (S,).
+    """Return parts of at most `part` vertices without entries between them, and separators (S,).
 
     Halves along the longest axis, again and again; of two neighbours in different halves the one
     in the first is a separator.
@@ -141,7 +141,7 @@ def cut(matrix: sparse.csr_matrix, points: FloatArray, part: int) -> tuple[list[
 def _blocks(
     matrix: sparse.csr_matrix, parts: list[Index], separators: Index, place: Index
 ) -> tuple[FloatArray, FloatArray, Index, FloatArray]:
-    """A_ii^-1 (P, m, m), A_ii^-1 A_is (P, m, n), its separators (P, n) and the Schur complement.
+    """Return A_ii^-1 (P, m, m), A_ii^-1 A_is (P, m, n), separators (P, n), Schur complement.
 
     Rows and columns beyond a part are zero; beyond its separators `near` names one more than all.
     """
@@ -170,7 +170,7 @@ def _blocks(
 
 
 def _terms(near: Index, separators: int) -> Index:
-    """For each separator the places (S, t) in `near` (P, n), flat, that name it; else the end."""
+    """Return the places (S, t) in `near` (P, n), flat, that name a separator; else the end."""
     flat = near.ravel()
     slots = np.flatnonzero(flat < separators)
     slots = slots[np.argsort(flat[slots], kind="stable")]
@@ -182,7 +182,7 @@ def _terms(near: Index, separators: int) -> Index:
 
 
 def _places(inner: Index, separators: Index, count: int) -> Index:
-    """Where each vertex (V,) is in the rows of all parts, flat, followed by the separators."""
+    """Return where each vertex (V,) is in the rows of all parts, flat, then the separators."""
     place = np.zeros(count, dtype=np.int64)
     flat = inner.ravel()
     place[flat[flat < count]] = np.flatnonzero(flat < count)
@@ -191,5 +191,5 @@ def _places(inner: Index, separators: Index, count: int) -> Index:
 
 
 def _padded(rows: Tensor) -> Tensor:
-    """Rows (N, k) and one of zeros, for those that are not there."""
+    """Return the rows (N, k) and one of zeros, for those that are not there."""
     return torch.cat([rows, rows.new_zeros(1, rows.shape[1])])

@@ -47,7 +47,7 @@ class Forces:
         self._energy = energy_parameters(descent.kernel)
 
     def __call__(self, points: Tensor, found: FixedDetection, going: Tensor) -> Tensor:
-        """Gradient (B, V, 3) for the frames `going` (B,) of poses (B, V, 3)."""
+        """Return the gradient (B, V, 3) for the frames `going` (B,) of poses (B, V, 3)."""
         warp = start_warp()
         forces = torch.zeros(points.shape, dtype=torch.int64, device=points.device)
         exact = points.double().contiguous()
@@ -67,7 +67,7 @@ class Forces:
 
 
 def energy_parameters(kernel: Kernel) -> Any:
-    """What the kernels need to know of an energy: a `gpu_kernels.Energy`."""
+    """Return what the kernels need to know of an energy: a `gpu_kernels.Energy`."""
     energy = kernels.Energy()
     energy.noise, energy.scale = 8.0 * torch.finfo(torch.float64).eps, SCALE
     if isinstance(kernel, SignedTangentPoint | UnsignedTangentPoint):
@@ -101,7 +101,7 @@ class RowOperator:
         ]
 
     def __call__(self, field: Tensor) -> Tensor:
-        """matrix @ field of each frame, summed in double."""
+        """Return matrix @ field of each frame, summed in double."""
         warp = start_warp()
         source = field.double().contiguous()
         result = torch.empty_like(source)

@@ -123,7 +123,7 @@ def _on_device(
     queue: DeviceQueue,
     options: PaperOptions,
 ) -> DeviceDescent:
-    """The loop of a surface on a device, with operators that are made for it."""
+    """Return the loop of a surface on a device, with operators that are made for it."""
     device = queue.device
     detector = Detector(surface.written(surface.rest), surface.faces, device=device)
     try:
@@ -157,7 +157,7 @@ def _on_device(
 
 
 def _bodies(surface: Surface, laplacian: sparse.csr_matrix) -> list[tuple[int, int, Diffusion]]:
-    """First vertex, end and diffusion of each body."""
+    """Return the first vertex, end and diffusion of each body."""
     found = []
     for body in surface.bodies:
         own = slice(body.start, body.stop)

@@ -24,7 +24,7 @@ class Moments(NamedTuple):
     """Running mean of the squared gradients (B, V, 3)."""
 
     def of_frames(self, frames: Tensor) -> Moments:
-        """The state of some frames (indices or mask)."""
+        """Return the state of some frames (indices or mask)."""
         return Moments(*(part[frames] for part in self))
 
 
@@ -37,12 +37,12 @@ class Optimizer(Protocol):
         ...
 
     def __call__(self, moments: Moments, gradient: Tensor) -> tuple[Tensor, Moments]:
-        """The step to subtract (B, V, 3) and the next state."""
+        """Return the step to subtract (B, V, 3) and the next state."""
         ...
 
 
 def start(points: Tensor) -> Moments:
-    """State before the first update of points (B, V, 3)."""
+    """Return the state before the first update of points (B, V, 3)."""
     step = torch.zeros(points.shape[0], dtype=torch.int64, device=points.device)
     return Moments(step, torch.zeros_like(points), torch.zeros_like(points))
 
@@ -62,7 +62,7 @@ class GradientDescent:
     moments_between: bool = False
 
     def __call__(self, moments: Moments, gradient: Tensor) -> tuple[Tensor, Moments]:
-        """The step to subtract (B, V, 3) and the next state."""
+        """Return the step to subtract (B, V, 3) and the next state."""
         return self.rate * gradient, moments._replace(step=moments.step + 1)
 
 
@@ -86,7 +86,7 @@ class UniformAdam:
     moments_between: bool = True
 
     def __call__(self, moments: Moments, gradient: Tensor) -> tuple[Tensor, Moments]:
-        """The step to subtract (B, V, 3) and the next state."""
+        """Return the step to subtract (B, V, 3) and the next state."""
         step = moments.step + 1
         first = self.beta1 * moments.first + (1.0 - self.beta1) * gradient
         second = self.beta2 * moments.second + (1.0 - self.beta2) * gradient**2
@@ -125,7 +125,7 @@ class MomentumBrake:
     moments_between: bool = True
 
     def __call__(self, moments: Moments, gradient: Tensor) -> tuple[Tensor, Moments]:
-        """The step to subtract (B, V, 3) and the next state."""
+        """Return the step to subtract (B, V, 3) and the next state."""
         step = moments.step + 1
         correction1 = _correction(self.beta1, step, gradient)
         correction2 = _correction(self.beta2, step, gradient)
@@ -142,7 +142,7 @@ class MomentumBrake:
 
 
 def _correction(beta: float, step: Tensor, like: Tensor) -> Tensor:
-    """1 - beta^step (B, 1, 1), the bias correction of a running mean that starts at zero."""
+    """Return 1 - beta^step (B, 1, 1), the bias correction of a running mean that starts at zero."""
     return (1.0 - beta ** step.to(torch.float64)).to(like.dtype)[:, None, None]
 
 
@@ -170,7 +170,7 @@ class OptimizerOptions:
         }
 
     def suited(self, name: str, rate_factor: float) -> Optimizer:
-        """The optimiser of a name at the rate that suits an energy (`Kernel.rate_factor`).
+        """Return the optimiser of a name at the rate that suits an energy (`Kernel.rate_factor`).
 
         UniformAdam takes no notice of the size of forces.
         """

@@ -1,4 +1,4 @@
-"""What a repair left, and what may be done about it: values, and the sentences made of them."""
+"""What was counted, what a repair left, what may be done about it: values and their sentences."""
 
 from __future__ import annotations
 
@@ -35,6 +35,20 @@ _MEANING = {
     Status.FAILED: "the pose could not be used; the input is kept",
     Status.SKIPPED: "",
 }
+
+
+@dataclass(frozen=True, kw_only=True)
+class CountRecord:
+    """Intersecting triangles, intersecting pairs, and the pairs between different objects.
+
+    Contacts that were modelled are counted apart: in none of the first three numbers.
+    """
+
+    triangles: int = 0
+    pairs: int = 0
+    inter_pairs: int = 0
+    modelled_triangles: int = 0
+    modelled_pairs: int = 0
 
 
 class Advice(StrEnum):

@@ -1,4 +1,4 @@
-"""The command line: one file per command; the only place where `dtrepair` meets `usd_io`.
+"""The command line: one file per command, thin over `dtrepair.pipeline`.
 
 Commands and everything heavy load when they run, so that `dtrepair --help` is quick.
 """

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dtrepair.diagnosis import CountRecord
 from dtrepair.intersect import MODES
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import counted_between
 from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import weld_map
-from dtrepair.report.record import CountRecord
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from dtrepair.diagnosis import CountRecord as CountRecord
 from dtrepair.diagnosis import Diagnosis
 from dtrepair.files.atomic import write_atomically
 from dtrepair.report.schema import SCHEMA as SCHEMA
@@ -22,17 +23,6 @@ from dtrepair.report.schema import SCHEMA_NAME, STATUSES, ReportError, validate
 from dtrepair.report.sections import KeyposesRecord, TransferRecord
 
 _COUNTED = ("clean", "improved", "unchanged")
-
-
-@dataclass(frozen=True, kw_only=True)
-class CountRecord:
-    """Intersecting triangles, intersecting pairs, and the pairs between different objects."""
-
-    triangles: int = 0
-    pairs: int = 0
-    inter_pairs: int = 0
-    modelled_triangles: int = 0
-    modelled_pairs: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)

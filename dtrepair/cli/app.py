@@ -98,7 +98,7 @@ def _run(arguments: list[str], interrupts: Interrupts) -> object:
         return error.exit_code
     except (KeyboardInterrupt, click.Abort) as error:
         interrupts.say()
-        return exit_code(error.__cause__ or error)
+        return exit_code(error.__context__ or error)
     except BrokenPipeError:
         # The reader of stdout has gone (`| head`): nothing more to say to it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -32,12 +32,10 @@ def cotangent_laplacian(
         rows.append(left)
         columns.append(right)
         weights.append(0.5 * np.einsum("ij,ij->i", u, v) / np.maximum(double_area, floor))
-    half = sparse.coo_matrix(
-        (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))),
-        shape=(count, count),
-    )
+    row, column, weight = (np.concatenate(parts) for parts in (rows, columns, weights))
+    proper = row != column
+    half = sparse.coo_matrix((weight[proper], (row[proper], column[proper])), shape=(count, count))
     edges = (half + half.T).tocsr()
-    edges.setdiag(0.0)
     edges.eliminate_zeros()
     if clamp is not None:
         edges.data = np.clip(edges.data, *clamp)

@@ -70,6 +70,7 @@ class Surface:
         # A length of zero would be no edge.
         length = np.maximum(length, np.finfo(np.float64).tiny)
         ends = np.concatenate([first, second]), np.concatenate([second, first])
+        ends = ends[0].astype(np.int32), ends[1].astype(np.int32)  # as scipy 1.13 wants them
         count = len(self.point_of)
         return sparse.csr_array((np.tile(length, 2), ends), shape=(count, count))
 

@@ -39,7 +39,7 @@ def test_the_nearest_rigid_motion_of_a_rigid_motion_is_itself() -> None:
     moved = BALL @ TURN.T + [1.0, 2.0, 3.0]
     bodies = RigidBodies([(0, len(BALL))], np.random.default_rng(1).uniform(1, 2, len(BALL)))
     assert np.abs(bodies.fitted(BALL, moved) - moved).max() < 1e-12
-    assert np.linalg.det(np.linalg.lstsq(BALL, bodies.fitted(BALL, -BALL))[0]) > 0.99
+    assert np.linalg.det(np.linalg.lstsq(BALL, bodies.fitted(BALL, -BALL), rcond=None)[0]) > 0.99
     once = bodies.fitted(BALL, moved + 1e-3)
     assert np.array_equal(bodies.fitted(BALL, once), once)
     noise = moved + 0.1 * np.random.default_rng(2).normal(size=BALL.shape)

@@ -38,7 +38,7 @@ OTHER = ["/Root/other/Body"]
         ("/Root/hero/Body", HERO[:1]),
         ("Root/hero/Body", HERO[:1]),
         ("//Body", [HERO[0], *OTHER]),
-        ("//{isa:Mesh} - //hero//", OTHER),
+        ("//{isa:Mesh} - /Root/hero//", OTHER),
         ("//Cloth /Root/other/Body", [HERO[1], *OTHER]),
     ],
 )
@@ -64,7 +64,7 @@ def test_selection_leaves_the_stage_as_it_was(crowd: Path) -> None:
     "expression, reason",
     [
         ("", "is empty"),
-        ("{bad", "Ill-formed"),
+        ("{bad", "Ill-formed|parse error"),
         ("//hero//{no:such}", "No registered function 'no'"),
         ("/Nobody", "no match among the active"),
         ("/Root/hero", "'/Root/hero//' for the meshes below it"),

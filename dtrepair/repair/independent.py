@@ -20,6 +20,7 @@ from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
+from dtrepair.repair.separation.lifting import LiftOptions, lifted_frames, not_worn, parts_that_meet
 from dtrepair.repair.separation.penetration import BodyShape, find_inside
 from dtrepair.repair.separation.release import ReleaseOptions, released
 from dtrepair.repair.separation.separation import SeparationOptions, separated_frames
@@ -41,6 +42,7 @@ class IndependentOptions:
         sides: What is pressed by so many other bodies has no way out, and is left as it is.
         pressed: Distance of a body that presses, as a fraction of the size of the torn one.
         release: How enclosed parts are led out.
+        lift: How layers are led back over what came through them.
         separation: How bodies that penetrate each other are led apart.
         full: Numbers of the full method.
         paper: Numbers of the published method; None: `PaperOptions()`.
@@ -50,6 +52,7 @@ class IndependentOptions:
     sides: int = 3
     pressed: float = 0.01
     release: ReleaseOptions = field(default_factory=ReleaseOptions)
+    lift: LiftOptions = field(default_factory=LiftOptions)
     separation: SeparationOptions = field(default_factory=SeparationOptions)
     full: FullOptions = field(default_factory=FullOptions)
     paper: PaperOptions | None = None
@@ -93,12 +96,7 @@ def _solved(
     scene: Scene, meshes: WeldedMeshes, opened: list[OpenedPose], options: IndependentOptions
 ) -> list[tuple[FloatArray, Solved]]:
     """Return a pose (V, 3) and how it was found; those of one welded mesh are solved at once."""
-    starts = [
-        released(scene, pose.centred, pose.enclosed, options=options.release)
-        if len(pose.enclosed)
-        else pose.centred
-        for pose in opened
-    ]
+    starts = [_start(scene, pose, options) for pose in opened]
     of_pose = [meshes([pose.weld]) for pose in opened]
     found: dict[int, tuple[FloatArray, Solved]] = {}
     for mesh in {id(mesh): mesh for mesh in of_pose}.values():
@@ -108,6 +106,19 @@ def _solved(
         for pose, k, led, solved in zip(poses, own, separated, mesh.solve(separated), strict=True):
             found[k] = solved if len(scene.bodies) == 1 else pose.improved(solved, led)
     return [found[k] for k in range(len(opened))]
+
+
+def _start(scene: Scene, pose: OpenedPose, options: IndependentOptions) -> FloatArray:
+    """Return a pose (V, 3) with its enclosed parts led out, and its layers lifted."""
+    start = pose.centred
+    if len(pose.enclosed):
+        start = released(scene, start, not_worn(scene, pose.enclosed), options=options.release)
+    if scene.options.method == "paper":
+        return start
+    met = parts_that_meet(scene, pose.pairs, pose.enclosed)
+    frames = lifted_frames(scene, start[None], [met], np.zeros(1), options=options.lift)
+    lifted: FloatArray = frames[0]
+    return lifted
 
 
 class _Pose(NamedTuple):

@@ -29,7 +29,7 @@ class EnclosedParts:
     def __init__(
         self, source: Source, *, mode: str = "both", ignored: Sequence[tuple[int, int]] = ()
     ) -> None:
-        from dtrepair.repair.surface.containment import Enclosures
+        from dtrepair.repair.surface.containment import Enclosures, oriented_outwards
 
         self.paths = [mesh.path for mesh in source.meshes]
         self.mode, self.ignored = mode, set(ignored)
@@ -37,6 +37,7 @@ class EnclosedParts:
         rests, faces, owners, start = [], [], [], 0
         for index, mesh in enumerate(source.meshes):
             own = outward_faces(mesh, time) if several else mesh.faces
+            own = oriented_outwards(np.asarray(mesh.rest, dtype=np.float64), own)
             faces.append(weld_map(mesh.rest)[own] + start)
             rests.append(source.to_world(mesh, time, mesh.rest) if several else mesh.rest)
             owners.append(np.full(len(mesh.rest), index))

@@ -31,6 +31,7 @@ from dtrepair.repair.scene.opened_pose import detected
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
+from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_that_meet
 from dtrepair.repair.separation.release import released_frames
 from dtrepair.repair.separation.separation import separated_frames
 from dtrepair.repair.separation.untangling import contact_counts, tangled_contacts
@@ -185,9 +186,11 @@ class WindowStream:
         times = frame_units(np.array([frame.time for frame in frames]))
         starts = np.stack([frame.centred for frame in frames])
         if any(len(frame.enclosed) for frame in frames):
-            enclosed = [frame.enclosed for frame in frames]
+            enclosed = [not_worn(self.scene, frame.enclosed) for frame in frames]
             starts = released_frames(self.scene, starts, enclosed, times, options=options.release)
         pairs = [frame.pairs for frame in frames]
+        met = [parts_that_meet(self.scene, frame.pairs, frame.enclosed) for frame in frames]
+        starts = lifted_frames(self.scene, starts, met, times, options=options.lift)
         separate = partial(
             separated_frames,
             self.scene,

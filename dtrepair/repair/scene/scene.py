@@ -25,15 +25,17 @@ from dtrepair.numerics.geometry import (
     unique_edges,
     weld_map,
 )
+from dtrepair.numerics.worn_layers import Layers, Parts
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene.bodies import (
+    STIFF,
     Body,
     about_centre,
     checked_ignored,
     direction_of,
     mobility_of,
 )
-from dtrepair.repair.surface.containment import Enclosures
+from dtrepair.repair.surface.containment import Enclosures, oriented_outwards
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
 
 # Largest clearance, part of the diagonal: with a larger one everything is close to everything.
@@ -138,6 +140,14 @@ class Scene:
         return self.attachments.of_triangles(np.arange(own.start, own.stop), place)
 
     @cached_property
+    def layers(self) -> Layers:
+        """Which connected parts of the rest lie over which, numbered as in `enclosures`."""
+        parts = self.enclosures
+        every = self.detector(self.centred_rest, weld=self.rest_weld)
+        shapes = Parts(parts.faces, parts.part, parts.closed, [self.rest])
+        return Layers(shapes, [every])
+
+    @cached_property
     def rest_pairs(self) -> IntArray:
         """Intersecting pairs (K, 2) of the rest poses themselves that count."""
         return self.pairs(self.centred_rest, self.rest_weld)
@@ -151,6 +161,11 @@ class Scene:
     def rest_intersections(self) -> int:
         """Number of intersecting triangles of the rest poses themselves."""
         return triangle_count(self.rest_pairs)
+
+    def is_stiff(self, body: int) -> bool:
+        """Return whether a body hardly changes its shape: rigid, or diffused very widely."""
+        own = self.bodies[body]
+        return own.rigid or (own.diffusion or self.options.diffusion) >= STIFF
 
     def vertices_of(self, body: int) -> slice:
         """Return the vertices of a body."""
@@ -235,6 +250,7 @@ def make_scene(
             )
     ignored = checked_ignored(ignore, len(bodies))
     meshes = [as_mesh(body.rest, body.faces) for body in bodies]
+    meshes = [(points, oriented_outwards(points, faces)) for points, faces in meshes]
     rest = np.concatenate([points for points, _ in meshes])
     most = WIDEST_CLEARANCE * diagonal(rest)
     if options.clearance > most > 0.0:

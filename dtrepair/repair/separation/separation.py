@@ -17,7 +17,6 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from dtrepair.numerics.temporal import eased_in_time
-from dtrepair.repair.scene.bodies import STIFF
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
 from dtrepair.repair.separation.penetration import (
@@ -263,7 +262,7 @@ class _Separation:
         both = contact.first, contact.second
         if both not in self.worn:
             self.worn[both] = None
-            soft = not any(self._is_stiff(body) for body in both)
+            soft = not any(self.scene.is_stiff(body) for body in both)
             for order in (both, both[::-1]) if soft else ():
                 if self._around(order, self.scene.rest) >= self.options.worn.worn:
                     self.worn[both] = order
@@ -274,10 +273,6 @@ class _Separation:
         outer, inner = (self._shape(body) for body in both)
         solids = (Solid(points, shape.faces, shape.closed) for shape in (outer, inner))
         return worn_measure(*solids, options=self.options.worn).share
-
-    def _is_stiff(self, index: int) -> bool:
-        body = self.scene.bodies[index]
-        return body.rigid or (body.diffusion or self.scene.options.diffusion) >= STIFF
 
     def _met(self, contact: Contact, pose: FloatArray) -> tuple[int, int]:
         """Return the pairs between the bodies of a contact, and all pairs of either, in a pose."""
@@ -318,7 +313,7 @@ class _Separation:
             covering = (under >= 0) & (surface.body_of_vertex[under] == outer)
             if covering.mean() > options.covering:
                 return False
-            stiff = self._is_stiff(inner)
+            stiff = self.scene.is_stiff(inner)
             thick = options.deep * self._shape(inner).thickness
             slender = found.depth > options.slender * found.width
             deep |= found.depth > thick and (stiff or (large and (sheets or slender)))

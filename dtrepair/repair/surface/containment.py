@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, components
+from dtrepair.numerics.geometry import FloatArray, IntArray, components, weld_map
 from dtrepair.repair.surface.rays import exits_along, windings
 from dtrepair.repair.surface.surface import BoolArray
 
@@ -170,6 +170,27 @@ class Enclosures:
         own = self._face_order[self._face_starts[part] : self._face_starts[part + 1]]
         corners: FloatArray = points[self.faces[own]]
         return corners
+
+
+def oriented_outwards(points: FloatArray, faces: IntArray) -> IntArray:
+    """Return triangles (F, 3) of points (V, 3) with closed parts that are inside out turned round.
+
+    Such a part has a negative volume; one that lies inside another part is a cavity of it.
+    """
+    if len(faces) == 0:
+        return faces
+    enclosures = Enclosures(points, weld_map(points)[faces])
+    part = enclosures.part_of_face
+    signed = np.bincount(part, np.linalg.det(points[faces] - points.mean(axis=0)))
+    turned = enclosures.closed & (signed < 0.0)
+    if not turned.any():
+        return faces
+    result = np.where(turned[part][:, None], faces[:, [0, 2, 1]], faces)
+    # Only what is oriented outwards tells what is inside of it.
+    outwards = Enclosures(points, weld_map(points)[result])
+    cavities = outwards(points, np.zeros((0, 2), dtype=np.int32)).parts[:, 0]
+    turned[cavities] = False
+    return np.where(turned[part][:, None], faces[:, [0, 2, 1]], faces)
 
 
 def _grouped(

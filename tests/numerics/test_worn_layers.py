@@ -1,0 +1,79 @@
+"""Which part lies over which: sleeves and rings, by the rest or by poses without contact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.worn_layers import LayerOptions, Layers, Parts, WornLayer
+from tests.meshes import Mesh, icosphere, joined, torus, tube
+
+ARM = tube(24, 40, 0.2, 4.0)
+SLEEVE = tube(24, 12, 0.23, 1.0)
+NO_PAIRS = np.zeros((0, 2), dtype=np.int32)
+
+
+def parts_of(*meshes: Mesh, closed: tuple[bool, ...], poses: tuple[FloatArray, ...] = ()) -> Parts:
+    points, faces = joined(*meshes)
+    sizes = [len(own) for own, _ in meshes]
+    part = np.repeat(np.arange(len(meshes)), sizes).astype(np.int32)
+    return Parts(faces, part, np.array(closed), [points, *poses])
+
+
+def layer(*meshes: Mesh, closed: tuple[bool, ...]) -> WornLayer | None:
+    return Layers(parts_of(*meshes, closed=closed), [NO_PAIRS]).between(0, 1)
+
+
+def reversed_faces(mesh: Mesh) -> Mesh:
+    faces: IntArray = mesh[1][:, [0, 2, 1]]
+    return mesh[0], faces
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_all_of_an_open_sleeve_is_held_outside(inside_out: bool) -> None:
+    sleeve = reversed_faces(SLEEVE) if inside_out else SLEEVE
+    found = layer(ARM, sleeve, closed=(True, False))
+    if inside_out:
+        # No normal of it is parallel to the arm's: nothing tells that it is a layer.
+        assert found is None
+        return
+    assert found is not None and (found.top, found.under) == (1, 0)
+    assert len(found.vertices) == len(sleeve[0]) and (found.sides == 1.0).all()
+    assert (found.heights[np.isfinite(found.heights)] > 0).all()
+
+
+def test_the_order_of_the_parts_is_no_matter() -> None:
+    found = layer(SLEEVE, ARM, closed=(False, True))
+    assert found is not None and (found.top, found.under) == (0, 1)
+
+
+def test_a_closed_ring_has_a_side_towards_its_limb() -> None:
+    found = layer(ARM, torus(48, 12, 0.24, 0.03), closed=(True, True))
+    assert found is not None and found.top == 1
+    inner, outer = (found.heights[found.sides == side] for side in (-1.0, 1.0))
+    assert len(inner) and len(outer) and inner.mean() < outer.mean()
+
+
+def test_what_lies_beside_or_is_stuck_through_is_no_layer() -> None:
+    beside = SLEEVE[0] + [1.0, 0.0, 0.0], SLEEVE[1]
+    assert layer(ARM, beside, closed=(True, False)) is None
+    assert layer(ARM, icosphere(3, 0.5), closed=(True, True)) is None
+
+
+def test_poses_without_contact_tell_before_all_others() -> None:
+    # In the rest the sleeve is inside the arm and meets it; one pose has it outside.
+    inside = SLEEVE[0] * [0.8, 0.8, 1.0], SLEEVE[1]
+    clear = np.concatenate([ARM[0], SLEEVE[0]])
+    parts = parts_of(ARM, inside, closed=(True, False), poses=(clear,))
+    meeting = np.array([[0, len(ARM[1])]], dtype=np.int32)
+    found = Layers(parts, [meeting, NO_PAIRS]).between(0, 1)
+    assert found is not None and found.top == 1
+    other = Layers(parts, [NO_PAIRS, meeting]).between(0, 1)
+    assert other is not None and other.top == 0
+
+
+def test_stricter_options_see_no_layer() -> None:
+    parts = parts_of(ARM, SLEEVE, closed=(True, False))
+    options = LayerOptions(near=0.01)
+    assert Layers(parts, [NO_PAIRS], options=options).between(0, 1) is None

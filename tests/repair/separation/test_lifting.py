@@ -1,0 +1,130 @@
+"""Layers are lifted off what came through them; what is no layer, or may not move, stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.repairer import SceneRepairer
+from dtrepair.repair.scene.bodies import Body
+from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.separation.lifting import lifted_frames, parts_that_meet
+from tests.meshes import icosphere, joined, torus, tube
+
+ARM = tube(24, 40, 0.2, 4.0)
+SLEEVE = tube(24, 12, 0.23, 1.0)
+RING = torus(48, 12, 0.24, 0.02)
+BOTH = np.array([[0, 1]], dtype=np.int32)
+
+
+def radius(points: FloatArray) -> FloatArray:
+    lengths: FloatArray = np.linalg.norm(points[:, :2], axis=1)
+    return lengths
+
+
+def swollen(points: FloatArray, growth: float) -> FloatArray:
+    """The arm, thicker in its middle."""
+    factor = 1.0 + growth * np.exp(-((points[:, 2:] / 0.4) ** 2))
+    return np.hstack([points[:, :2] * factor, points[:, 2:]])
+
+
+def scene_of(*meshes: tuple[FloatArray, IntArray], **choices: object) -> Scene:
+    bodies = [Body(*ARM), *(Body(*mesh, **choices) for mesh in meshes)]  # type: ignore[arg-type]
+    return make_scene(bodies, RepairOptions())
+
+
+def lifted(scene: Scene, *poses: FloatArray, meet: IntArray = BOTH) -> FloatArray:
+    frames = np.arange(len(poses), dtype=np.float64)
+    return lifted_frames(scene, np.stack(poses), [meet] * len(poses), frames)
+
+
+@pytest.mark.parametrize("mesh", [SLEEVE, RING], ids=["sleeve", "ring"])
+def test_what_a_limb_swallows_ends_outside_of_it(mesh: tuple[FloatArray, IntArray]) -> None:
+    arm = swollen(ARM[0], 0.4)
+    before = np.concatenate([arm, mesh[0]])
+    assert (radius(mesh[0]) < 0.27).any()
+    after = lifted(scene_of(mesh), before)[0]
+    assert (after[: len(arm)] == arm).all()
+    layer = after[len(arm) :]
+    inner = np.abs(layer[:, 2]) < 0.1
+    assert (radius(layer)[inner] > 0.2 * 1.35).all()
+    # No farther than it has to, and a ring keeps its thickness.
+    assert np.linalg.norm(layer - mesh[0], axis=1).max() < 0.12
+    if mesh is RING:
+        assert np.ptp(radius(layer)) > 0.8 * np.ptp(radius(RING[0]))
+
+
+def test_a_clean_pose_and_parts_that_do_not_meet_keep_every_bit() -> None:
+    scene = scene_of(SLEEVE)
+    clean = np.concatenate([ARM[0], SLEEVE[0]])
+    deep = np.concatenate([swollen(ARM[0], 0.4), SLEEVE[0]])
+    assert (lifted(scene, clean)[0] == clean).all()
+    nothing = np.zeros((0, 2), dtype=np.int32)
+    assert (lifted(scene, deep, meet=nothing)[0] == deep).all()
+
+
+@pytest.mark.parametrize(
+    "choices",
+    [
+        {"rigid": True},
+        {"pin": np.ones(len(SLEEVE[0]))},
+        {"diffusion": 999.0},
+        {"direction": np.tile([0.0, 0.0, 1.0], (len(SLEEVE[0]), 1))},
+    ],
+    ids=["rigid", "pinned", "stiff", "directed"],
+)
+def test_what_may_not_move_freely_stays(choices: dict[str, object]) -> None:
+    deep = np.concatenate([swollen(ARM[0], 0.4), SLEEVE[0]])
+    assert (lifted(scene_of(SLEEVE, **choices), deep)[0] == deep).all()
+
+
+def test_fixed_vertices_of_a_layer_stay() -> None:
+    pin = (SLEEVE[0][:, 2] > 0.3).astype(float)
+    deep = np.concatenate([swollen(ARM[0], 0.4), SLEEVE[0]])
+    layer = lifted(scene_of(SLEEVE, pin=pin), deep)[0][len(ARM[0]) :]
+    assert (layer[pin == 1.0] == SLEEVE[0][pin == 1.0]).all()
+    assert (layer != SLEEVE[0]).any()
+
+
+def test_lifts_come_and_go_smoothly() -> None:
+    growth = np.concatenate([np.zeros(6), [0.4], np.zeros(6)])
+    poses = [np.concatenate([swollen(ARM[0], g), SLEEVE[0]]) for g in growth]
+    moved = lifted(scene_of(SLEEVE), *poses)[:, len(ARM[0]) :] - SLEEVE[0]
+    largest = np.linalg.norm(moved, axis=2).max(axis=1)
+    assert largest.argmax() == 6 and 0.0 < largest[3] < largest[5] < largest[6]
+    steps = np.abs(np.diff(largest))
+    assert steps.max() < 0.5 * largest.max()
+
+
+def test_an_outer_layer_follows_the_inner_one() -> None:
+    coat = tube(24, 12, 0.26, 1.0)
+    arm = swollen(ARM[0], 0.5)
+    before = np.concatenate([arm, SLEEVE[0], coat[0]])
+    meet = np.array([[0, 1], [0, 2], [1, 2]], dtype=np.int32)
+    after = lifted(scene_of(SLEEVE, coat), before, meet=meet)[0][len(arm) :]
+    count = len(SLEEVE[0])
+    middle = np.abs(SLEEVE[0][:, 2]) < 0.1
+    sleeve, outer = radius(after[:count])[middle], radius(after[count:])[middle]
+    assert (sleeve > 0.28).all() and outer.mean() > sleeve.mean()
+
+
+def test_parts_of_one_mesh_meet_too() -> None:
+    points, faces = joined(ARM, SLEEVE)
+    scene = make_scene([Body(points, faces)], RepairOptions())
+    pose = np.concatenate([swollen(ARM[0], 0.4), SLEEVE[0]])
+    pairs = scene.pairs(pose, scene.weld(pose))
+    meet = parts_that_meet(scene, pairs, np.zeros((0, 2), dtype=np.int32))
+    assert meet.tolist() == [[0, 1]]
+    assert (lifted(scene, pose, meet=meet)[0] != pose).any()
+
+
+def test_a_swallowed_ring_is_still_worn_and_clean() -> None:
+    ball, faces = icosphere(4, 0.2)
+    arm = ball * [1.0, 1.0, 10.0]
+    bodies = [Body(arm, faces), Body(RING[0], RING[1][:, [0, 2, 1]])]  # the ring is inside out
+    results = SceneRepairer(bodies)([swollen(arm, 0.4), RING[0]])
+    assert [result.status for result in results] == ["clean", "clean"]
+    ring = results[1].points
+    assert radius(ring).min() > 0.25 and np.abs(ring[:, 2]).max() < 0.1

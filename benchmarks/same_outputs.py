@@ -4,10 +4,10 @@
 
 Runs the command line of another checkout and of this one in turns: the demo, a walk, a scene of two
 objects, a transfer and key poses, by the same interpreter, without attachments. Compared are the
-bytes of every stage and mesh file, and all fields of the base's reports but seconds, folder and
-version. Processor times are those of whole
-commands, the children's included; the ratio is the median of the pairs. Exit code 1 if any output
-differs, 2 if a checkout cannot be run.
+bytes of every mesh file and of every value and time sample of a stage, and all entries of the
+base's reports and layers' records but seconds, folder and version. Processor times are those of
+whole commands, the children's included; the ratio is the median of the pairs. Exit code 1 if any
+output differs, 2 if a checkout cannot be run.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from tests.swinging_arm import arm_stage
 
@@ -51,7 +53,7 @@ def commands(data: Path, keys: Path) -> dict[str, list[str]]:
         "walk": [*repair, f"{data}/humans/walk_male.usdc", "-o", "walk.usdc"],
         "scene": [*repair, f"{data}/scenes/sleeve_on_arm.usdc", "-o", "scene.usdc"],
         "pose": [*repair, f"{data}/humans/human_07_boxing_guard.obj", "-o", "pose.obj"],
-        "paper": [*repair, f"{data}/misc/celtic_knot.obj", "--method", "paper", "-o", "paper.obj"],
+        "paper": ["repair", f"{data}/misc/celtic_knot.obj", "--method", "paper", "-o", "paper.obj"],
         "transfer": [
             *("transfer", f"{animals}/horse/horse_ref.obj", f"{animals}/camel/camel_ref.obj"),
             *("--markers", f"{animals}/horse_camel.cons", "--poses", *poses),
@@ -83,7 +85,35 @@ def content(path: Path) -> Any:
     """The bytes of a file, or of a report what does not depend on the run."""
     if path.suffix == ".json":
         return without_the_run(json.loads(path.read_text(encoding="utf-8")))
-    return path.read_bytes()
+    return values_of(path) if path.suffix.startswith(".usd") else path.read_bytes()
+
+
+def values_of(path: Path) -> dict[str, Any]:
+    """All values of a layer's attributes and properties by path, and its own record."""
+    from pxr import Sdf
+
+    layer = Sdf.Layer.FindOrOpen(str(path))
+    found: dict[str, Any] = {"record": without_the_run(plain(layer.customLayerData))}
+
+    def visit(place: Sdf.Path) -> None:
+        spec = layer.GetObjectAtPath(place)
+        if isinstance(spec, Sdf.AttributeSpec):
+            times = layer.ListTimeSamplesForPath(place)
+            samples = {str(time): plain(layer.QueryTimeSample(place, time)) for time in times}
+            found[str(place)] = [plain(spec.default), samples]
+
+    layer.Traverse(Sdf.Path.absoluteRootPath, visit)
+    return found
+
+
+def plain(value: Any) -> Any:
+    """A value of a layer as one that can be compared: arrays by their bytes."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if type(value).__module__.startswith("pxr") and hasattr(value, "__len__"):
+        array = np.array(value)
+        return list(value) if array.dtype == object else array.tobytes()
+    return value
 
 
 def without_the_run(value: Any) -> Any:
@@ -99,18 +129,21 @@ def differences(base: Outcome, here: Outcome) -> list[str]:
     for name in sorted({*base.files, *here.files}):
         if name not in base.files or name not in here.files:
             found.append(f"{name} only {'here' if name in here.files else 'in the base'}")
-        elif not holds(here.files[name], base.files[name]):
-            found.append(name)
+        else:
+            found += [f"{name}{place}" for place in unlike(here.files[name], base.files[name])]
     return found
 
 
-def holds(value: Any, other: Any) -> bool:
-    """Whether a value of a report is another one; it may have fields that the other has not."""
+def unlike(value: Any, other: Any, place: str = "") -> list[str]:
+    """The places where a value is not another one; it may have entries that the other has not."""
     if isinstance(value, dict) and isinstance(other, dict):
-        return all(key in value and holds(value[key], other[key]) for key in other)
-    if isinstance(value, list) and isinstance(other, list):
-        return len(value) == len(other) and all(map(holds, value, other))
-    return bool(value == other)
+        keys = [key for key in other if key not in value]
+        both = (unlike(value[key], other[key], f"{place}:{key}") for key in other if key in value)
+        return [f"{place}:{key}" for key in keys] + [found for each in both for found in each]
+    if isinstance(value, list) and isinstance(other, list) and len(value) == len(other):
+        each = zip(value, other, strict=True)
+        return [p for k, (a, b) in enumerate(each) for p in unlike(a, b, f"{place}[{k}]")]
+    return [] if value == other else [place]
 
 
 def loads_itself(checkout: Path) -> bool:
@@ -155,7 +188,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             differing += bool(wrong)
             base, here = (statistics.median(pair[k].seconds for pair in pairs) for k in (0, 1))
             ratio = statistics.median(pair[1].seconds / pair[0].seconds for pair in pairs)
-            told = "; ".join(wrong) or f"{len(pairs[0][0].files)} same"
+            told = "; ".join(wrong[:3]) or f"{len(pairs[0][0].files)} same"
             print(f"| {name} | {told} | {base:.1f} | {here:.1f} | {ratio:.2f} |", flush=True)
     return int(differing > 0)
 

@@ -12,6 +12,7 @@ from dtrepair.intersect.exact import intersect
 from dtrepair.intersect.neighbors import leaf_neighbors
 from dtrepair.intersect.tree import build_tree
 from dtrepair.numerics.geometry import as_mesh, as_numpy, weld_map
+from dtrepair.numerics.work import add_work
 
 # Levels of the tree that one launch fits.
 LEVELS = 3
@@ -87,6 +88,7 @@ class Detector:
         triangle is active.
         """
         rounded = self._rounded(points)
+        add_work(len(rounded) * (1.0 if active is None else float(active.mean())))
         pairs = self.candidates(rounded, weld=weld, active=active)
         if callable(exact):
             pairs = pairs[exact(rounded, pairs)]

@@ -101,9 +101,11 @@ class ClipRepairer:
 
 def window_method(choices: RepairOptions, options: ClipOptions, mesh: WeldedMesh) -> WindowSolver:
     """Return the solver of the windows of a mesh."""
+    # Frames with attached parts start from these poses.
+    rounds = choices.tighten if mesh.surface.ties is not None else 0
     return WindowMethod(
         mesh.surface,
-        partial(solve_alone, options=options.alone),
+        partial(solve_alone, rounds=rounds, options=options.alone),
         tighten=min(choices.tighten, options.tighten),
         farthest=mesh.farthest,
         clearance=mesh.clearance,

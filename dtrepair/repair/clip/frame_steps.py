@@ -114,6 +114,9 @@ class WindowFrames:
             pool.array(original.shape) for _ in range(4)
         )
         self.poses[:] = original
+        # Poses of frames that were solved alone, once they are known.
+        self.cold = pool.array(original.shape if surface.ties is not None else (0,))
+        self.solved_alone = pool.array((len(original),), np.bool_)
         self._detected: dict[int, FloatArray] = {}
         self._pairs: dict[int, IntArray] = {}
         self._relaxations: dict[int, Relaxation] = {}
@@ -162,11 +165,18 @@ class WindowFrames:
             )
         return springs
 
+    def solved(self, surface: Surface, frame: int) -> None:
+        """Solve a frame alone, from its input; what it has to move by is in `added`."""
+        self.cold[frame] = self.alone(surface, self.original[frame])
+        self.solved_alone[frame] = True
+        self.added[frame] = self.cold[frame] - self.poses[frame]
+
     def mended(self, surface: Surface, chain: Chain, step: float, last: bool) -> None:
         """Solve neighbouring frames one by one; what they have to move by is in `added`.
 
         Each starts from where it is, then from the last one's correction, then from the
-        displacements of the clean frames around the chain; `last`: then from its input.
+        displacements of the clean frames around the chain, then from where it was solved alone;
+        `last`: then from its input.
         """
         options = self.options
         warm: FloatArray | None = None
@@ -174,7 +184,9 @@ class WindowFrames:
             before, now = self.original[frame], self.poses[frame]
             starts = [now] if warm is None else [now, now + options.warm * warm]
             starts += [before + self.poses[k] - self.original[k] for k in chain.lenders]
-            alone = self.alone if last else None
+            if self.solved_alone[frame]:
+                starts.append(self.cold[frame])
+            alone = self.alone if last and not self.solved_alone[frame] else None
             mended = mend(surface, before, starts, step=step, alone=alone, options=options.mend)
             warm = mended - now
             self.added[frame] = warm

@@ -89,6 +89,23 @@ class EaseOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class AttachedOptions:
+    """Numbers of windows of attached parts, whose frames are first solved each for itself.
+
+    A push of all frames together swings limbs: both sides of a contact hang on one host.
+
+    Args:
+        width: Standard deviation, in frames, over which the corrections of single frames are spread.
+        mend: Numbers of the mending of frames that then are dirty.
+    """
+
+    width: float = 1.5
+    mend: MendFramesOptions = field(
+        default_factory=lambda: MendFramesOptions(widths=(1.0, 0.6, 0.0, 0.0), lending=4)
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class WindowOptions:
     """Every number of the repair of a window of frames, stage by stage.
 
@@ -101,6 +118,7 @@ class WindowOptions:
         steady: Frames that stand out from their neighbours.
         restore: Back to the shapes of bodies.
         ease: Faint displacements left out.
+        attached: What is other where parts are attached.
     """
 
     frames: FrameOptions = field(default_factory=FrameOptions)
@@ -111,6 +129,7 @@ class WindowOptions:
     steady: SteadyOptions = field(default_factory=SteadyOptions)
     restore: RestoreShapeOptions = field(default_factory=RestoreShapeOptions)
     ease: EaseOptions = field(default_factory=EaseOptions)
+    attached: AttachedOptions = field(default_factory=AttachedOptions)
 
 
 class WindowMethod:
@@ -158,17 +177,23 @@ class WindowMethod:
         )
         if not state.dirty:
             return original
-        push_frames(state, options=options.push)
+        tied = self.surface.ties is not None
+        if tied:
+            state.solve_alone(gaussian_kernel(state.frames, options.attached.width))
+        else:
+            push_frames(state, options=options.push)
         if state.dirty and unless is not None and unless(state.pairs):
             return None
         state.forget_clearance()
-        mend_frames(state, options=options.mend)
+        mend_frames(state, options=options.attached.mend if tied else options.mend)
         state.given_up = frozenset(state.dirty)
         # Tightening would close a clearance again.
         if self.clearance == 0.0:
-            tighten_frames(state, self.tighten, options=options.tighten)
+            if not tied:
+                tighten_frames(state, self.tighten, options=options.tighten)
             relax_frames(state, options=options.relax)
-        steady_frames(state, options=options.steady)
+        if not tied:
+            steady_frames(state, options=options.steady)
         if self.clearance == 0.0:
             restore_shapes(state, options=options.restore)
         return eased(state, options=options.ease)

@@ -119,6 +119,13 @@ class WindowState:
         self._update()
         return self.work.added
 
+    def solve_alone(self, kernel: FloatArray) -> None:
+        """Solve the dirty frames each for itself, and spread their corrections in time."""
+        self.work.added[:] = 0.0
+        self.pool.map("solved", self.dirty)
+        self.pool.map("corrected", self._blocks, kernel)
+        self.evaluate()
+
     def mend(
         self, chains: list[Chain], kernel: FloatArray, step: float, *, last: bool = False
     ) -> None:

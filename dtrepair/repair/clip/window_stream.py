@@ -278,7 +278,11 @@ class WindowStream:
 
 
 def solve_alone(
-    surface: Surface, original: FloatArray, *, options: FullOptions = FullOptions()
+    surface: Surface,
+    original: FloatArray,
+    *,
+    rounds: int = 0,
+    options: FullOptions = FullOptions(),
 ) -> FloatArray:
-    """Return a pose repaired alone, untightened: it is blended with its neighbours'."""
-    return FullMethod(surface, rounds=0, options=options)(original).points
+    """Return a pose repaired alone; untightened by default: it is blended with its neighbours'."""
+    return FullMethod(surface, rounds=rounds, options=options)(original).points

@@ -95,7 +95,7 @@ class AttachedOptions:
     A push of all frames together swings limbs: both sides of a contact hang on one host.
 
     Args:
-        width: Standard deviation, in frames, over which the corrections of single frames are spread.
+        width: Standard deviation, in frames, over which corrections of single frames are spread.
         mend: Numbers of the mending of frames that then are dirty.
     """
 

@@ -49,10 +49,14 @@ class AttachmentOptions:
 
 
 class Reference(NamedTuple):
-    """A pose that shows modelled contacts: points (V, 3), and its intersecting pairs (K, 2)."""
+    """A pose that shows modelled contacts: points (V, 3), and its intersecting pairs (K, 2).
+
+    name: What messages call the pose.
+    """
 
     points: FloatArray
     pairs: IntArray
+    name: str = ""
 
 
 class Ties(NamedTuple):

@@ -13,7 +13,8 @@ from dtrepair import __version__
 from dtrepair.intersect import MODES
 from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.observer import SILENT, Observer, Progress, warn
-from dtrepair.pipeline.repair.modelled import modelled_contacts
+from dtrepair.pipeline.repair.modelled import modelled_parts
+from dtrepair.pipeline.repair.modelled_parts import ModelledParts
 from dtrepair.pipeline.repair.records import contact_records
 from dtrepair.pipeline.selection import Selection, object_of, refuse_unknown
 from dtrepair.pipeline.stages.clock import Clock
@@ -126,16 +127,20 @@ def _check(
     warn(observer, [*source.warnings, *mode_warnings(source, settings.mode)])
     watch.lap("read")
     ignored = ignored_pairs(source, settings.ignore)
-    attachments = None
+    modelled = ModelledParts(source, None)
     if settings.rest_contacts == "auto":
-        attachments = modelled_contacts(source, ignored=ignored)
+        modelled = modelled_parts(source, ignored=ignored)
     counter = make_counter(
-        source, mode=settings.mode, ignored=ignored, device=device, attachments=attachments
+        source,
+        mode=settings.mode,
+        ignored=ignored,
+        device=device,
+        attachments=modelled.attachments,
     )
     enclosed = EnclosedParts(source, mode=settings.mode, ignored=ignored)
     with (
         Progress(observer, "checking", len(source.times)) as progress,
-        closing(_records(source, counter, enclosed, jobs)) as found,
+        closing(_records(source, counter, enclosed, modelled, jobs)) as found,
     ):
         records = tuple(progress.over(found))
     refuse_if_none_usable(source, records)
@@ -155,11 +160,16 @@ def _check(
         prims=prim_records(source),
         frames=records,
         warnings=source.warnings,
+        attached=modelled.attached,
     )
 
 
 def _records(
-    source: Source, counter: SceneCounter, enclosed: EnclosedParts, jobs: int | None
+    source: Source,
+    counter: SceneCounter,
+    enclosed: EnclosedParts,
+    modelled: ModelledParts,
+    jobs: int | None,
 ) -> Generator[FrameRecord]:
     def count(frame: Frame) -> FrameRecord:
         if not frame.usable:
@@ -176,6 +186,7 @@ def _records(
             prims=tuple(FramePrimRecord(path=m.path, before=c, after=c) for m, c in each),
             contacts=contact_records(source, found, found),
             enclosed=enclosed(frame, found),
+            modelled=modelled.in_frame(frame.time, found, frame.spaces, found, frame.spaces),
         )
 
     for _, record in side_by_side(count, read_frames(source, source.times), jobs=jobs):

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from dtrepair.diagnosis import Diagnosis
+from dtrepair.report.modelled import AttachedList, ModelledList
 from dtrepair.report.record import (
     ContactRecord,
     CountRecord,
@@ -24,13 +25,15 @@ Document = Mapping[str, Any]
 def join_reports(documents: Sequence[Document]) -> Report:
     """Join reports of chunks of one run, as `read_report` returns them, in any order.
 
-    Frames are sorted by time; seconds are added; input, settings and prims are the first one's.
+    Frames are sorted by time; seconds are added; input, settings, prims and attached parts
+    are the first one's.
     The jitter is None: it cannot be told from that of the chunks.
     """
     first = documents[0]
     frames = [read_frame(frame) for document in documents for frame in document["frames"]]
     names = list(dict.fromkeys(name for document in documents for name in document["seconds"]))
     warnings = dict.fromkeys(text for document in documents for text in document["warnings"])
+    attached = first.get("attached")
     return Report(
         **{name: first[name] for name in ("command", "version", "input", "device")},
         settings={name: value for name, value in first["settings"].items() if name != "chunk"},
@@ -38,6 +41,7 @@ def join_reports(documents: Sequence[Document]) -> Report:
         prims=tuple(PrimRecord(**prim) for prim in first["prims"]),
         frames=tuple(sorted(frames, key=lambda frame: frame.time or 0.0)),
         warnings=tuple(warnings),
+        attached=AttachedList.from_document(attached) if attached else AttachedList(),
     )
 
 
@@ -51,7 +55,15 @@ def read_frame(frame: Document) -> FrameRecord:
     stages = (StageRecord(**stage) for stage in frame["stages"])
     record = FrameRecord(**{**frame, **_counts(frame)})
     left = Diagnosis.from_document(frame["left"]) if "left" in frame else Diagnosis()
-    return replace(record, prims=tuple(prims), contacts=contacts, stages=tuple(stages), left=left)
+    modelled = frame.get("modelled")
+    return replace(
+        record,
+        prims=tuple(prims),
+        contacts=contacts,
+        stages=tuple(stages),
+        modelled=ModelledList.from_document(modelled) if modelled else ModelledList(),
+        left=left,
+    )
 
 
 def _motion(prim: Document) -> MotionRecord | None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any
 
+from dtrepair.report.modelled import ModelledList, place
+
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 900, 170, 64, 22
 
 _STYLE = """
@@ -53,6 +55,7 @@ def make_page(report: Mapping[str, Any], pictures: Sequence[Picture] = ()) -> st
         "<h2>Largest displacement per frame, of the bounding-box diagonal</h2>",
         _line(report["frames"]),
         _objects(report),
+        _modelled(report["summary"].get("modelled")),
         _transfer(report.get("transfer")),
         _pictures(pictures),
         "<h2>Frames</h2>",
@@ -201,6 +204,26 @@ def _objects(report: Mapping[str, Any]) -> str:
     tables = [_html_table(["pairs before", "after", "between"], met)] if met else []
     tables += [_html_table(header, rows)] if rows else []
     return f"<h2>Objects</h2>{''.join(tables) or '<p>No contacts.</p>'}{note}"
+
+
+def _modelled(section: Mapping[str, Any] | None) -> str:
+    """Return a table of the contacts that were modelled, by pairs of parts, over all frames."""
+    if section is None:
+        return ""
+    every = ModelledList.from_document(section)
+    rows = [
+        [
+            *(str(number) for number in vars(record.counts).values()),
+            place(record.centre),
+            f"{record.first} and {record.second}",
+        ]
+        for record in every.listed
+    ]
+    if every.others.counts.pairs_before or every.others.counts.pairs_after:
+        numbers = [str(number) for number in vars(every.others.counts).values()]
+        rows.append([*numbers, "", "others"])
+    header = ["pairs before", "after", "triangles before", "after", "around", "between"]
+    return f"<h2>Modelled contacts, which stay</h2>{_html_table(header, rows)}"
 
 
 def _rounded(value: float | None) -> str:

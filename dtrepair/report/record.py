@@ -18,6 +18,7 @@ from typing import Any
 from dtrepair.diagnosis import CountRecord as CountRecord
 from dtrepair.diagnosis import Diagnosis
 from dtrepair.files.atomic import write_atomically
+from dtrepair.report.modelled import AttachedList, ModelledList, over_frames
 from dtrepair.report.schema import SCHEMA as SCHEMA
 from dtrepair.report.schema import SCHEMA_NAME, STATUSES, ReportError, validate
 from dtrepair.report.sections import KeyposesRecord, TransferRecord
@@ -94,7 +95,8 @@ class StageRecord:
 class FrameRecord:
     """One frame: what was found, what was done, what is left. Counts are None where it failed.
 
-    enclosed: None where nobody looked. left: what a repair left, of all objects.
+    enclosed: None where nobody looked. modelled: modelled contacts by pairs of parts.
+    left: what a repair left, of all objects.
     """
 
     time: float | None
@@ -110,13 +112,15 @@ class FrameRecord:
     contacts: tuple[ContactRecord, ...] = ()
     enclosed: tuple[EnclosedRecord, ...] | None = None
     stages: tuple[StageRecord, ...] = ()
+    modelled: ModelledList = field(default_factory=ModelledList)
     left: Diagnosis = field(default_factory=Diagnosis)
 
     def document(self) -> dict[str, Any]:
-        """Return the frame as plain values; what is left only where something is."""
+        """Return the frame as plain values; what is modelled or left only where something is."""
         content = asdict(self)
-        if not self.left:
-            del content["left"]
+        for name in ("modelled", "left"):
+            if not getattr(self, name):
+                del content[name]
         return content
 
 
@@ -125,6 +129,7 @@ class Report:
     """A whole run; `document()` is what is written.
 
     folder: where the run stood: what `input` and `output` are relative to.
+    attached: the pairs of connected parts whose contacts are modelled.
     """
 
     command: str
@@ -139,6 +144,7 @@ class Report:
     frames: tuple[FrameRecord, ...] = ()
     warnings: tuple[str, ...] = ()
     jitter: float | None = None
+    attached: AttachedList = field(default_factory=AttachedList)
     transfer: TransferRecord | None = None
     keyposes: KeyposesRecord | None = None
 
@@ -165,6 +171,8 @@ class Report:
         for name, section in (("transfer", self.transfer), ("keyposes", self.keyposes)):
             if section is not None:
                 content[name] = asdict(section)
+        if self.attached:
+            content["attached"] = asdict(self.attached)
         try:
             document: dict[str, Any] = json.loads(json.dumps(content, allow_nan=False))
         except (TypeError, ValueError) as error:
@@ -200,6 +208,8 @@ def summarize(frames: Iterable[FrameRecord], *, jitter: float | None = None) -> 
         {"first": first, "second": second, "before": before, "after": after}
         for (first, second), (before, after) in sorted(met.items())
     ]
+    if modelled := over_frames(frame.modelled for frame in frames):
+        summary["modelled"] = asdict(modelled)
     return summary
 
 

@@ -74,9 +74,36 @@ _LEFT = _object(
         "items": _object(body=_TEXT, lengths=_AMOUNT, volume={"type": ["number", "null"]}),
     },
 )
+_POINT = {"type": "array", "items": {"type": "number"}}
+# A connected part of a mesh, and modelled contacts by pairs of parts: `dtrepair.report.modelled`.
+_PART = _object(
+    path=_TEXT,
+    number={"type": ["integer", "null"], "minimum": 1},
+    triangles=_COUNT,
+    centre=_POINT,
+)
+_MODELLED_COUNTS = _object(
+    **{f"{name}_{when}": _COUNT for name in ("pairs", "triangles") for when in ("before", "after")}
+)
+_MODELLED_LIST = _object(
+    listed={
+        "type": "array",
+        "items": _object(first=_PART, second=_PART, counts=_MODELLED_COUNTS, centre=_POINT),
+    },
+    others=_object(parts=_COUNT, counts=_MODELLED_COUNTS),
+)
+_ATTACHED = _object(
+    listed={
+        "type": "array",
+        "items": _object(first=_PART, second=_PART, pairs=_COUNT, pose=_TEXT, centre=_POINT),
+    },
+    others=_COUNT,
+    other_pairs=_COUNT,
+)
 _FRAME = _object(
     "contacts",
     "enclosed",
+    "modelled",
     "left",
     time={"type": ["number", "null"]},
     status={"type": "string", "enum": list(STATUSES)},
@@ -92,6 +119,7 @@ _FRAME = _object(
         "items": _object("motion", path=_TEXT, before=_COUNTS, after=_COUNTS, motion=_MOTION),
     },
     contacts={"type": "array", "items": _CONTACT},
+    modelled=_MODELLED_LIST,
     left=_LEFT,
     enclosed={"type": ["array", "null"], "items": _ENCLOSED},
     stages={
@@ -108,6 +136,7 @@ _FRAME = _object(
 )
 _SUMMARY = _object(
     "contacts",
+    "modelled",
     *(f"{name}_{when}" for when in ("before", "after") for name in _MODELLED),
     frames=_COUNT,
     **{status: _COUNT for status in STATUSES},
@@ -120,6 +149,7 @@ _SUMMARY = _object(
     displacement_mean=_AMOUNT,
     jitter={"type": ["number", "null"], "minimum": 0},
     contacts={"type": "array", "items": _CONTACT},
+    modelled=_MODELLED_LIST,
 )
 _FIGURE = {"type": ["number", "null"], "minimum": 0}
 # Only of transfers. Residuals have no unit; parts are of the target's triangles or area; None
@@ -174,6 +204,7 @@ SCHEMA: dict[str, Any] = {
     "title": SCHEMA_NAME,
     **_object(
         "folder",
+        "attached",
         "transfer",
         "keyposes",
         schema={"type": "string", "enum": [SCHEMA_NAME]},
@@ -197,6 +228,7 @@ SCHEMA: dict[str, Any] = {
         },
         frames={"type": "array", "items": _FRAME},
         summary=_SUMMARY,
+        attached=_ATTACHED,
         transfer=_TRANSFER,
         keyposes=_KEYPOSES,
     ),

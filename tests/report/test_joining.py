@@ -12,6 +12,7 @@ from dtrepair.diagnosis import (
     RemainingEnclosure,
 )
 from dtrepair.report.joining import join_reports
+from dtrepair.report.modelled import AttachedList, AttachedRecord, bounded
 from dtrepair.report.record import (
     CountRecord,
     FramePrimRecord,
@@ -20,6 +21,7 @@ from dtrepair.report.record import (
     Report,
     StageRecord,
 )
+from tests.report.modelled_records import part, record
 
 
 def frame(time: float | None, pairs: int) -> FrameRecord:
@@ -41,6 +43,9 @@ LEFT = Diagnosis(
     enclosures=(RemainingEnclosure("/A", "/B"),),
     deformations=(Deformation("/B", 1.5, 0.5),),
 )
+ATTACHED = AttachedRecord(
+    first=part(1), second=part(None, "/A"), pairs=4, pose="bind pose", centre=(0.0, 1.0, 2.0)
+)
 WHOLE = Report(
     command="repair",
     version="1",
@@ -50,10 +55,11 @@ WHOLE = Report(
     prims=(PrimRecord(path="/A", vertices=9, triangles=7),),
     frames=(
         frame(1.0, 4),
-        replace(frame(2.0, 5), left=LEFT),
+        replace(frame(2.0, 5), left=LEFT, modelled=bounded([record(1, 5), record(2, 3, 2)])),
         FrameRecord(time=3.0, status="failed", message="NaN"),
     ),
     warnings=("one", "two"),
+    attached=AttachedList(listed=(ATTACHED,), others=2, other_pairs=5),
 )
 
 
@@ -69,7 +75,8 @@ def test_parts_join_to_the_whole() -> None:
 
 def test_only_frames_with_something_left_say_so() -> None:
     frames = WHOLE.document()["frames"]
-    assert ["left" in each for each in frames] == [False, True, False]
+    for name in ("left", "modelled"):
+        assert [name in each for each in frames] == [False, True, False]
 
 
 def test_frame_without_counts_keeps_its_message() -> None:

@@ -8,9 +8,11 @@ from typing import Any
 
 import pytest
 
+from dtrepair.report.modelled import LISTED, bounded
 from dtrepair.report.page import Picture, make_page
 from dtrepair.report.record import CountRecord, FrameRecord, PrimRecord, Report
 from dtrepair.report.sections import MarkersRecord, TransferRecord
+from tests.report.modelled_records import record
 
 
 def document(count: int = 40, **changes: Any) -> dict[str, Any]:
@@ -130,3 +132,14 @@ def test_a_transfer_has_a_table_of_its_own() -> None:
     assert "<td>0.25</td><td>residual, median</td>" in page
     assert "<td></td><td>residual, 95 % below</td>" in page
     assert "<td>50.0%</td>" in page and "1.0%, 40.0%" in page
+
+
+def test_modelled_contacts_have_a_table_of_their_own() -> None:
+    assert "<h2>Modelled" not in make_page(document())
+    listed = bounded([record(1 + number, 50 - number) for number in range(LISTED + 1)])
+    frames = (FrameRecord(time=1.0, status="clean", modelled=listed),)
+    page = make_page(document(frames=frames))
+    parsed(page)
+    assert "<td>50 0 0</td><td>/Hero/Body part 1 (412 triangles" in page
+    others = 50 - LISTED
+    assert f"<td>{others}</td><td>0</td><td>{2 * others}</td><td>0</td><td></td>" in page

@@ -16,6 +16,7 @@ from dtrepair.cli.terminal.check_text import print_check
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
+from dtrepair.cli.terminal.modelled_text import print_modelled
 from dtrepair.cli.terminal.report_place import put_report
 from dtrepair.intersect import MODES
 from dtrepair.pipeline.check import COUNTED_APART, CheckSettings, check_stage
@@ -46,6 +47,11 @@ from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
     help="Contacts of different parts that the rest pose has as well were modelled: auto counts "
     "them apart, repair like all others.",
 )
+@click.option(
+    "--modelled",
+    is_flag=True,
+    help="List the pairs of parts whose contacts count as modelled, and where they are.",
+)
 @selection_options
 @run_options
 @jobs_option
@@ -58,6 +64,7 @@ def command(
     mode: str,
     ignore: tuple[str, ...],
     rest_contacts: str,
+    modelled: bool,
     selection: Selection,
     device: str,
     jobs: int | None,
@@ -73,6 +80,7 @@ def command(
     \b
     Example:
         dtrepair check shot.usd --prim "/Hero//" --frames 1:100x10
+        dtrepair check hero.usd --modelled
         dtrepair check body.obj --json -
     """
     if json_path is not None and json_path != "-":
@@ -84,6 +92,8 @@ def command(
     observer = ConsoleObserver(console)
     report = check_stage(source_path, settings, jobs=jobs, device=device, observer=observer)
     if json_path != "-":
+        if modelled:
+            print_modelled(console, report)
         print_check(console, report)
     put_report(report, json_path)
     return exit_code(report)

@@ -155,7 +155,8 @@ class StageKeys:
             return record
         old = [track.at(time) for track in self.given]
         new = [track.at(time) for track in tracks]
-        before, after = self.count(time, old), self.count(time, new)
+        spaces = [self.frame(time, poses).spaces for poses in (old, new)]
+        before, after = (self.repairer.counter(points) for points in spaces)
         moved = [
             displacements(a.astype(np.float64), b.astype(np.float64))
             for a, b in zip(old, new, strict=True)
@@ -172,6 +173,7 @@ class StageKeys:
             displacement_max=max(float(part.max()) for part in moved),
             displacement_mean=float(np.concatenate(moved).mean()),
             prims=tuple(FramePrimRecord(path=m.path, before=b, after=a) for m, b, a in prims),
+            modelled=self.repairer.modelled.in_frame(time, before, spaces[0], after, spaces[1]),
         )
 
 

@@ -195,6 +195,7 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         prims=prim_records(source, rest_counts),
         frames=frames,
         warnings=(*source.warnings, *warnings),
+        attached=repairer.modelled.attached,
         keyposes=in_betweens(found, prepared.settings.keys.interpolation, keys.skipped),
     )
 

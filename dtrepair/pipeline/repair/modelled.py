@@ -11,11 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, components, weld_map
+from dtrepair.pipeline.repair.modelled_parts import ModelledParts
 from dtrepair.pipeline.stages.rest import Rest
-from dtrepair.pipeline.stages.sources import Source, SourceMesh
+from dtrepair.pipeline.stages.sources import Source, SourceMesh, time_label
 
 if TYPE_CHECKING:
-    from dtrepair.numerics.attachments import Attachments, Reference
+    from dtrepair.numerics.attachments import Reference
+
+# What the poses that show modelled contacts are called.
+BIND_POSE = "bind pose"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,11 +38,15 @@ class ReferenceOptions:
 
 
 class _Look(NamedTuple):
-    """A pose (V, 3), its pairs (K, 2) that no bind pose speaks of, and their parts as keys (K,)."""
+    """A pose (V, 3), its pairs (K, 2) that no bind pose speaks of, and their parts as keys (K,).
+
+    name: what messages call it.
+    """
 
     points: FloatArray
     pairs: IntArray
     keys: NDArray[np.int64]
+    name: str
 
 
 def modelled_references(
@@ -71,7 +79,7 @@ def modelled_references(
         return pairs, np.asarray(bound[mesh_of[pairs]].all(axis=1))
 
     pairs, known = pairs_of(rest)
-    found = [Reference(rest, pairs[known])]
+    found = [Reference(rest, pairs[known], BIND_POSE)]
     if bound.all():
         return found
     part = components(weld[faces], len(rest))[weld[faces[:, 0]]].astype(np.int64)
@@ -85,16 +93,15 @@ def modelled_references(
         points = _placed(source, time, [pose for pose in poses if pose is not None])
         pairs, known = pairs_of(points)
         sides = np.sort(part[pairs[~known]], axis=1)
-        looks.append(_Look(points, pairs[~known], sides[:, 0] * len(rest) + sides[:, 1]))
+        keys = sides[:, 0] * len(rest) + sides[:, 1]
+        looks.append(_Look(points, pairs[~known], keys, f"frame {time_label(time)}"))
     if len(looks) >= options.least:
         found += _of_nearly_all(looks, options)
     return found
 
 
-def modelled_contacts(
-    source: Source, *, ignored: Sequence[tuple[int, int]] = ()
-) -> Attachments | None:
-    """What was modelled as overlapping, by the triangles of all meshes in a row; None if nothing.
+def modelled_parts(source: Source, *, ignored: Sequence[tuple[int, int]] = ()) -> ModelledParts:
+    """What was modelled as overlapping, by the triangles of all meshes in a row, with its parts.
 
     By the meshes' own rests: those that have none do not need any.
     """
@@ -104,7 +111,7 @@ def modelled_contacts(
     references = modelled_references(source, rests, ignored=ignored)
     meshes = _Meshes(source, rests)
     attachments = find_attachments(meshes.weld[meshes.faces], len(meshes.rest), references)
-    return attachments if len(attachments.zones) else None
+    return ModelledParts(source, attachments if len(attachments.zones) else None, references)
 
 
 class _Meshes:
@@ -141,7 +148,7 @@ def _of_nearly_all(looks: list[_Look], options: ReferenceOptions) -> list[Refere
         fewer[there] = number[place[there]] < fewest[there]
         fewest[fewer], where[fewer] = number[place[fewer]], index
     return [
-        Reference(look.points, look.pairs[np.isin(look.keys, every[where == index])])
+        Reference(look.points, look.pairs[np.isin(look.keys, every[where == index])], look.name)
         for index, look in enumerate(looks)
         if (where == index).any()
     ]

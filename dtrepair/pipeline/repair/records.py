@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dtrepair import diagnosis
 from dtrepair.diagnosis import Advice, Status, merged, sentence
 from dtrepair.numerics.geometry import FloatArray, IntArray, unique_edges
+from dtrepair.pipeline.repair.modelled_parts import ModelledParts
 from dtrepair.pipeline.stages.frames import Frame, frame_time
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.record import (
@@ -36,11 +37,15 @@ REMEDIES = {
 
 
 class FrameRecorder:
-    """Makes the records of frames; `bodies` are the meshes of `source` as they are repaired."""
+    """Makes the records of frames; `bodies` are the meshes of `source` as they are repaired.
 
-    def __init__(self, source: Source, bodies: Sequence[Body]) -> None:
+    modelled: names the parts whose contacts were modelled.
+    """
+
+    def __init__(self, source: Source, bodies: Sequence[Body], modelled: ModelledParts) -> None:
         self.source = source
         self.bodies = bodies
+        self.modelled = modelled
 
     def __call__(
         self,
@@ -78,6 +83,7 @@ class FrameRecorder:
             displacement_mean=float(np.concatenate(moved).mean()),
             prims=tuple(prims),
             contacts=contact_records(self.source, before, after),
+            modelled=self.modelled.in_frame(frame.time, before, frame.spaces, after, spaces),
             stages=tuple(StageRecord(*astuple(stage)) for stage in results[0].stages),
             left=left,
         )

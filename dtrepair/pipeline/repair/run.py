@@ -108,6 +108,7 @@ def repair_here(
         frames=tuple(records),
         warnings=(*source.warnings, *warnings),
         jitter=jitter,
+        attached=repairer.modelled.attached,
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import Cancelled
+from dtrepair.pipeline.repair.modelled_parts import ModelledParts
 from dtrepair.pipeline.repair.records import FrameRecorder
 from dtrepair.pipeline.stages.frames import Frame, frame_time, unusable
 from dtrepair.pipeline.stages.sources import Source
@@ -76,7 +77,9 @@ class FrameRepairer:
         self.workers = (jobs or available_processors()) if repairer.device == "cpu" else 1
         self.alone = alone
         self.memory = memory
-        self.record = FrameRecorder(source, repairer.bodies)
+        scene = repairer.scene
+        self.modelled = ModelledParts(source, scene.attachments, scene.references)
+        self.record = FrameRecorder(source, repairer.bodies, self.modelled)
         self.free = [_free(body) for body in repairer.bodies]
         self.warnings: list[str] = []
         self.error: Exception | None = None  # why frames could not be repaired together

@@ -41,7 +41,10 @@ class SourceMesh:
 
 
 class Source(Protocol):
-    """An opened input; `times` are those of the selected frames, `all_times` of all frames."""
+    """An opened input; `times` are those of the selected frames, `all_times` of all frames.
+
+    origin: Where in the world (3,) the common space of all meshes has its zero.
+    """
 
     name: str
     meshes: tuple[SourceMesh, ...]
@@ -49,6 +52,7 @@ class Source(Protocol):
     all_times: NDArray[np.float64]
     warnings: tuple[str, ...]
     up: tuple[float, float, float]
+    origin: NDArray[np.float64]
 
     def read(self, mesh: SourceMesh, time: float) -> Points | None:
         """Local points (V, 3) float32; None for a blocked sample. Raises FrameError."""
@@ -121,7 +125,7 @@ class StageSource:
         self.times = self.all_times = self._times()
         if spec is not None:
             self.times = self.times[spec.select(self.times, require=True)]
-        self._origin = np.zeros(3)
+        self.origin = np.zeros(3)
         if len(self.meshes) > 1:
             self._leave_coarse_coordinates()
 
@@ -167,8 +171,8 @@ class StageSource:
             step = float(np.spacing(np.float32(np.abs([low, high]).max())))
         if not step > COARSE * float((high - low).max()):
             return
-        self._origin = np.round((low + high) / 2.0)
-        where = ", ".join(f"{value:.10g}" for value in self._origin)
+        self.origin = np.round((low + high) / 2.0)
+        where = ", ".join(f"{value:.10g}" for value in self.origin)
         self.warnings += (
             f"{self.name}: far from the world's origin, where float32 steps are {step:.3g} units; "
             f"world coordinates are taken relative to ({where})",
@@ -185,14 +189,14 @@ class StageSource:
         import usd_io
 
         matrix = usd_io.world_matrix(mesh.handle, time)
-        matrix[3, :3] -= self._origin
+        matrix[3, :3] -= self.origin
         return usd_io.transform_points(points, matrix)
 
     def to_local(self, mesh: SourceMesh, time: float, points: Points) -> Points:
         """Local points, float64. Raises FrameError where the transform flattens space."""
         import usd_io
 
-        return usd_io.local_points(mesh.handle, time, points + self._origin)
+        return usd_io.local_points(mesh.handle, time, points + self.origin)
 
 
 class MeshSource:
@@ -210,6 +214,7 @@ class MeshSource:
         self.times = self.all_times = np.array([np.nan])
         self.warnings: tuple[str, ...] = ()
         self.up = (0.0, 1.0, 0.0)
+        self.origin = np.zeros(3)
 
     def read(self, mesh: SourceMesh, time: float) -> Points | None:
         """Points (V, 3) float32."""

@@ -46,6 +46,7 @@ class PoseFiles:
             self.times = self.times[parse_frames(frames).select(self.times, require=True)]
         self.warnings = rest.warnings
         self.up = rest.up
+        self.origin = np.zeros(3)
 
     def path(self, time: float) -> str:
         """Return the file of a time code."""

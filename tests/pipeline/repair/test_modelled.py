@@ -6,46 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dtrepair.pipeline import check_stage, repair_stage
 from dtrepair.pipeline.errors import UsageError
-from dtrepair.pipeline.repair.modelled import modelled_contacts
+from dtrepair.pipeline.repair.modelled import modelled_parts
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.sources import open_source
 from dtrepair.repair.options import RepairOptions
-from tests.meshes import Mesh, joined, tube
-
-FRAMES = 7
-# An upper arm, and a forearm that ends inside it.
-UPPER, FORE = tube(12, 24, 0.2, 2.0), tube(12, 24, 0.2, 2.0)
-
-
-def arm(bend: float, reach: float = 1.8) -> NDArray[np.float64]:
-    """Both parts; the forearm is turned about its end in the upper arm."""
-    turn = np.array(
-        [[np.cos(bend), 0.0, np.sin(bend)], [0.0, 1.0, 0.0], [-np.sin(bend), 0.0, np.cos(bend)]]
-    )
-    lower = (FORE[0] * (0.9, 0.9, 1.0) + (0.03, 0.01, 1.0)) @ turn.T + (0.0, 0.0, reach - 1.0)
-    return np.concatenate([UPPER[0], lower])
-
-
-def arm_mesh() -> Mesh:
-    return joined(UPPER, FORE)
-
-
-def arm_stage(path: Path, bends: NDArray[np.float64], *, rest: bool = True) -> Path:
-    """A stage with both parts in one mesh that bends over time; without a rest pose if wanted."""
-    from usd_io import AuthoredMesh, write_animation
-
-    mesh = AuthoredMesh(
-        path="/Root/Arm",
-        faces=arm_mesh()[1],
-        points=[arm(bend) for bend in bends],
-        rest=arm(0.0) if rest else None,
-    )
-    write_animation(path, mesh, times=1.0 + np.arange(len(bends)))
-    return path
+from tests.jointed_arm import FRAMES, arm, arm_mesh, arm_stage
 
 
 def test_an_overlap_of_the_rest_is_counted_apart(tmp_path: Path) -> None:
@@ -71,10 +39,10 @@ def test_a_stage_of_nothing_but_modelled_contacts_is_clean(tmp_path: Path) -> No
 def test_nearly_all_frames_tell_where_there_is_no_rest(tmp_path: Path) -> None:
     many = arm_stage(tmp_path / "a.usda", np.linspace(0.1, 0.5, FRAMES), rest=False)
     few = arm_stage(tmp_path / "b.usda", np.linspace(0.1, 0.5, 3), rest=False)
-    found = modelled_contacts(open_source(str(many), Selection()))
+    found = modelled_parts(open_source(str(many), Selection())).attachments
     assert found is not None and found.pairs_of_parts == [(0, 1)]
     # A pose or two tell nothing: both may just be bad.
-    assert modelled_contacts(open_source(str(few), Selection())) is None
+    assert modelled_parts(open_source(str(few), Selection())).attachments is None
 
 
 def test_what_meets_in_some_frames_only_is_no_attachment(tmp_path: Path) -> None:
@@ -84,7 +52,7 @@ def test_what_meets_in_some_frames_only_is_no_attachment(tmp_path: Path) -> None
     mesh = AuthoredMesh(path="/Root/Arm", faces=arm_mesh()[1], points=poses)
     path = tmp_path / "a.usda"
     write_animation(path, mesh, times=1.0 + np.arange(FRAMES))
-    assert modelled_contacts(open_source(str(path), Selection())) is None
+    assert modelled_parts(open_source(str(path), Selection())).attachments is None
 
 
 def test_parts_stay_where_they_are_attached(tmp_path: Path) -> None:

@@ -1,0 +1,53 @@
+"""What a terminal sees of modelled contacts: the list of `check --modelled`, and one remark."""
+
+from __future__ import annotations
+
+from dtrepair.cli.terminal.console import Console
+from dtrepair.report.modelled import AttachedRecord, ModelledRecord, place
+from dtrepair.report.record import Report
+from dtrepair.wording import counted
+
+
+def print_modelled(console: Console, report: Report) -> None:
+    """Print each pair of parts whose contacts are modelled: where, how many, in which pose.
+
+    The numbers are those of the pose that shows it, and of the frame with most pairs, where that
+    is known: each frame lists the pairs of parts with most. What meets in frames only is there too.
+    """
+    attached, most = report.attached, _most(report)
+    unlisted = "" if any(frame.modelled.others.parts for frame in report.frames) else "0"
+    rows = []
+    for record in attached.listed:
+        frame = most.pop((record.first.name, record.second.name), None)
+        number = unlisted if frame is None else str(frame.counts.pairs_before)
+        where = place(record.centre)
+        rows.append([str(record.pairs), number, record.pose, where, _names(record)])
+    for frame in most.values():
+        number = str(frame.counts.pairs_before)
+        rows.append(["", number, "", place(frame.centre), _names(frame)])
+    if not rows:
+        console.result("nothing is taken as modelled")
+        return
+    width = max(len(row[-1]) for row in rows)
+    header = ["pairs", "in a frame", "as in", "around", "modelled contacts of".ljust(width)]
+    console.table(header, [[*row[:-1], row[-1].ljust(width)] for row in rows])
+    if attached.others:
+        console.result(
+            f"and {counted(attached.others, 'more pair')} of parts, "
+            f"with {counted(attached.other_pairs, 'pair')} of triangles"
+        )
+
+
+def _names(record: ModelledRecord | AttachedRecord) -> str:
+    return f"{record.first} with {record.second}"
+
+
+def _most(report: Report) -> dict[tuple[str, str], ModelledRecord]:
+    """Return for two parts the record of the frame in which they have most pairs."""
+    most: dict[tuple[str, str], ModelledRecord] = {}
+    for frame in report.frames:
+        for record in frame.modelled.listed:
+            names = record.first.name, record.second.name
+            if names not in most or record.counts.pairs_before > most[names].counts.pairs_before:
+                most[names] = record
+    return most

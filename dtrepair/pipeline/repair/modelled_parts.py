@@ -1,0 +1,212 @@
+"""Names of the connected parts of an input, and lists of the contacts of theirs that were modelled.
+
+Attachments know parts and triangles by number; a report names them so that they are found again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.pipeline.stages.sources import Source
+from dtrepair.report.modelled import (
+    LISTED_ATTACHED,
+    AttachedList,
+    AttachedRecord,
+    ModelledCounts,
+    ModelledList,
+    ModelledRecord,
+    PartRecord,
+    Point,
+    bounded,
+)
+
+if TYPE_CHECKING:
+    from dtrepair.intersect.scene_counts import SceneCount
+    from dtrepair.numerics.attachments import Attachments, Reference
+
+# Positions are told to this part of the diagonal of all meshes.
+DIGITS = 1e-3
+
+
+class _Met(NamedTuple):
+    """Pairs of parts (N, 2) that meet, how often (N,), and the number of each contact's (K,)."""
+
+    parts: NDArray[np.int64]
+    pairs: NDArray[np.int64]
+    number: NDArray[np.int64]
+
+
+class ModelledParts:
+    """The connected parts of an input by name; lists what was modelled between them.
+
+    Args:
+        source: The meshes.
+        attachments: What was modelled, by the triangles of all meshes in a row; None: nothing.
+        references: The poses that show it, all meshes in a row.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        attachments: Attachments | None,
+        references: Sequence[Reference] = (),
+    ) -> None:
+        self.source, self.attachments, self.references = source, attachments, references
+
+    @cached_property
+    def records(self) -> list[PartRecord]:
+        """All connected parts, in the order of their numbers in the attachments."""
+        assert self.attachments is not None
+        part_of, faces = self.attachments.part_of, self._faces
+        sizes = np.bincount(part_of, minlength=self.attachments.count)
+        mesh_of = np.zeros(len(sizes), dtype=np.int64)
+        mesh_of[part_of] = np.repeat(
+            np.arange(len(self.source.meshes)), [len(mesh.faces) for mesh in self.source.meshes]
+        )
+        low, high = np.full((len(sizes), 3), np.inf), np.full((len(sizes), 3), -np.inf)
+        for corner in range(3):
+            np.minimum.at(low, part_of, self._rest[faces[:, corner]])
+            np.maximum.at(high, part_of, self._rest[faces[:, corner]])
+        rank = np.zeros(len(sizes), dtype=np.int64)
+        several = np.bincount(mesh_of, minlength=len(self.source.meshes)) > 1
+        for mesh in np.flatnonzero(several):
+            own = np.flatnonzero(mesh_of == mesh)
+            rank[own[np.argsort(-sizes[own], kind="stable")]] = 1 + np.arange(len(own))
+        return [
+            PartRecord(
+                path=self.source.meshes[mesh_of[part]].path,
+                number=int(rank[part]) or None,
+                triangles=int(sizes[part]),
+                centre=self._told(0.5 * (low[part] + high[part])),
+            )
+            for part in range(len(sizes))
+        ]
+
+    def in_frame(
+        self,
+        time: float,
+        before: SceneCount,
+        old: Sequence[NDArray[Any]],
+        after: SceneCount,
+        new: Sequence[NDArray[Any]],
+    ) -> ModelledList:
+        """List what of a frame is modelled, with most pairs first.
+
+        Its pairs sum to those of the counts, and so do its triangles. old, new: points of each mesh
+        in the space of the frames, before and after.
+        """
+        if self.attachments is None or not (len(before.modelled) or len(after.modelled)):
+            return ModelledList()
+        met = self._met(np.concatenate([before.modelled, after.modelled]))
+        first, last = np.split(met.number, [len(before.modelled)])
+        pairs = [np.bincount(each, minlength=len(met.pairs)) for each in (first, last)]
+        order = np.argsort(-np.maximum(*pairs), kind="stable")
+        rank = np.argsort(order)
+        numbers = zip((before, after), (first, last), strict=True)
+        triangles = [_triangles(count, rank[each], len(order)) for count, each in numbers]
+        records = []
+        for place, index in enumerate(order.tolist()):
+            counts = ModelledCounts(
+                pairs_before=int(pairs[0][index]),
+                pairs_after=int(pairs[1][index]),
+                triangles_before=int(triangles[0][place]),
+                triangles_after=int(triangles[1][place]),
+            )
+            there = (before, first, old) if counts.pairs_before else (after, last, new)
+            contacts = there[0].modelled[there[1] == index]
+            a, b = met.parts[index].tolist()
+            records.append(
+                ModelledRecord(
+                    first=self.records[a],
+                    second=self.records[b],
+                    counts=counts,
+                    centre=self._where(np.concatenate(there[2]), contacts, time),
+                )
+            )
+        return bounded(records)
+
+    @cached_property
+    def attached(self) -> AttachedList:
+        """The pairs of parts whose contacts are modelled, each in the pose that shows most."""
+        if self.attachments is None:
+            return AttachedList()
+        found: dict[tuple[int, int], AttachedRecord] = {}
+        time = float(self.source.all_times[0])
+        for reference in self.references:
+            contacts = reference.pairs[self.attachments.modelled(reference.pairs)]
+            met = self._met(contacts)
+            for index, (a, b) in enumerate(met.parts.tolist()):
+                number = int(met.pairs[index])
+                if (a, b) in found and found[a, b].pairs >= number:
+                    continue
+                own = contacts[met.number == index]
+                found[a, b] = AttachedRecord(
+                    first=self.records[a],
+                    second=self.records[b],
+                    pairs=number,
+                    pose=reference.name,
+                    centre=self._where(reference.points, own, time),
+                )
+        every = [found[key] for key in sorted(found, key=lambda key: (-found[key].pairs, key))]
+        rest = every[LISTED_ATTACHED:]
+        return AttachedList(
+            listed=tuple(every[:LISTED_ATTACHED]),
+            others=len(rest),
+            other_pairs=sum(record.pairs for record in rest),
+        )
+
+    def _met(self, contacts: NDArray[np.integer]) -> _Met:
+        assert self.attachments is not None
+        parts = np.sort(self.attachments.part_of[contacts], axis=1).astype(np.int64)
+        count = self.attachments.count
+        keys, number, pairs = np.unique(
+            parts[:, 0] * count + parts[:, 1], return_inverse=True, return_counts=True
+        )
+        return _Met(np.stack([keys // count, keys % count], axis=1), pairs, number.reshape(-1))
+
+    @cached_property
+    def _faces(self) -> NDArray[np.int64]:
+        """Triangles (F, 3) of all meshes in a row."""
+        starts = np.cumsum([0, *(len(mesh.rest) for mesh in self.source.meshes)])
+        shifted = zip(self.source.meshes, starts, strict=False)
+        return np.concatenate([mesh.faces + start for mesh, start in shifted])
+
+    @cached_property
+    def _rest(self) -> FloatArray:
+        """Points (V, 3) of all meshes before anything deforms them, world space."""
+        time = float(self.source.all_times[0])
+        placed = [self.source.to_world(mesh, time, mesh.rest) for mesh in self.source.meshes]
+        return np.concatenate(placed) + self.source.origin
+
+    @cached_property
+    def _decimals(self) -> int:
+        step = DIGITS * float(np.linalg.norm(np.ptp(self._rest, axis=0)))
+        return -int(np.floor(np.log10(step))) if step > 0.0 else 6
+
+    def _told(self, point: FloatArray) -> Point:
+        """Return a position with as many digits as anybody can make use of."""
+        x, y, z = (np.round(point, self._decimals) + 0.0).tolist()
+        return (x, y, z)
+
+    def _where(self, points: FloatArray, contacts: NDArray[np.integer], time: float) -> Point:
+        """Return the middle of the triangles of contacts (K, 2) of a pose (V, 3), in the world."""
+        corners = self._faces[np.unique(contacts)]
+        middle = np.asarray(points, dtype=np.float64)[corners].mean(axis=(0, 1))
+        if len(self.source.meshes) == 1:
+            middle = self.source.to_world(self.source.meshes[0], time, middle[None])[0]
+        return self._told(middle + self.source.origin)
+
+
+def _triangles(count: SceneCount, rank: NDArray[np.integer], ranks: int) -> NDArray[np.int64]:
+    """Triangles in modelled pairs only, each for the lowest rank (K,) of its pairs, (ranks,)."""
+    hit = np.concatenate(count.intersecting)
+    lowest = np.full(len(hit), ranks)
+    for side in range(2):
+        np.minimum.at(lowest, count.modelled[:, side], rank)
+    return np.bincount(lowest[~hit & (lowest < ranks)], minlength=ranks)

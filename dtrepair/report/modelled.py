@@ -1,0 +1,224 @@
+"""What a report says of modelled contacts: of which connected parts, how many, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+# So many pairs of parts are listed for a frame and for a run, and so many as attached.
+LISTED = 20
+LISTED_ATTACHED = 200
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartRecord:
+    """A connected part of a mesh.
+
+    Args:
+        path: Prim path of the mesh.
+        number: 1 for the part with most triangles, and so on; None where the mesh is one part.
+        triangles: How many triangles it has.
+        centre: Middle of its bounding box, as the mesh lies at the start of the clip before
+            anything deforms it; stage units, world space.
+    """
+
+    path: str
+    number: int | None
+    triangles: int
+    centre: Point
+
+    @property
+    def name(self) -> str:
+        """The path, with the number where the mesh has several parts."""
+        return self.path if self.number is None else f"{self.path} part {self.number}"
+
+    def __str__(self) -> str:
+        """Return the name; of one of several parts with what finds it again."""
+        if self.number is None:
+            return self.name
+        return f"{self.name} ({self.triangles} triangles, around {place(self.centre)})"
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> PartRecord:
+        """Return the part that a document was made of, read from JSON."""
+        return cls(**{**document, "centre": _point(document["centre"])})
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelledCounts:
+    """Pairs of triangles that were modelled, in the input and in the result, and triangles.
+
+    Triangles are those in modelled pairs only; one that touches several parts is counted once, with
+    the pair of parts that comes first in its list.
+    """
+
+    pairs_before: int = 0
+    pairs_after: int = 0
+    triangles_before: int = 0
+    triangles_after: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelledRecord:
+    """Modelled contacts of two connected parts; centre: of these triangles, stage units, world."""
+
+    first: PartRecord
+    second: PartRecord
+    counts: ModelledCounts
+    centre: Point
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherParts:
+    """The sum of what a list leaves out: so many pairs of parts."""
+
+    parts: int = 0
+    counts: ModelledCounts = field(default_factory=ModelledCounts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelledList:
+    """Modelled contacts by pairs of connected parts, those with most first, the rest summed."""
+
+    listed: tuple[ModelledRecord, ...] = ()
+    others: OtherParts = field(default_factory=OtherParts)
+
+    def __bool__(self) -> bool:
+        """Whether anything modelled was met."""
+        return self != ModelledList()
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> ModelledList:
+        """Return the list that a document was made of, read from JSON."""
+        others = document["others"]
+        return cls(
+            listed=tuple(
+                ModelledRecord(
+                    first=PartRecord.from_document(item["first"]),
+                    second=PartRecord.from_document(item["second"]),
+                    counts=ModelledCounts(**item["counts"]),
+                    centre=_point(item["centre"]),
+                )
+                for item in document["listed"]
+            ),
+            others=OtherParts(parts=others["parts"], counts=ModelledCounts(**others["counts"])),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttachedRecord:
+    """Two parts whose contacts are modelled, and the pose that shows it.
+
+    Args:
+        first: One part.
+        second: The other.
+        pairs: How many pairs of their triangles intersect in that pose.
+        pose: Which pose, in words: "bind pose", or a frame.
+        centre: Middle of these triangles there, stage units, world space.
+    """
+
+    first: PartRecord
+    second: PartRecord
+    pairs: int
+    pose: str
+    centre: Point
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttachedList:
+    """Pairs of parts whose contacts are modelled, those with most first, the rest summed.
+
+    others: how many more pairs of parts; other_pairs: how many pairs of triangles those have.
+    """
+
+    listed: tuple[AttachedRecord, ...] = ()
+    others: int = 0
+    other_pairs: int = 0
+
+    def __len__(self) -> int:
+        """Number of pairs of parts."""
+        return len(self.listed) + self.others
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> AttachedList:
+        """Return the list that a document was made of, read from JSON."""
+        records = (
+            AttachedRecord(
+                first=PartRecord.from_document(item["first"]),
+                second=PartRecord.from_document(item["second"]),
+                pairs=item["pairs"],
+                pose=item["pose"],
+                centre=_point(item["centre"]),
+            )
+            for item in document["listed"]
+        )
+        return cls(
+            listed=tuple(records), others=document["others"], other_pairs=document["other_pairs"]
+        )
+
+
+def summed(counts: Iterable[ModelledCounts]) -> ModelledCounts:
+    """Return the sum of counts, number by number."""
+    rows = [vars(each) for each in counts]
+    return ModelledCounts(
+        **{name: sum(row[name] for row in rows) for name in vars(ModelledCounts())}
+    )
+
+
+def bounded(records: Sequence[ModelledRecord], others: OtherParts | None = None) -> ModelledList:
+    """Return the first of the records as a list, with the rest added to `others`."""
+    rest = others or OtherParts()
+    left_out = records[LISTED:]
+    counts = summed([rest.counts, *(record.counts for record in left_out)])
+    return ModelledList(
+        listed=tuple(records[:LISTED]),
+        others=OtherParts(parts=rest.parts + len(left_out), counts=counts),
+    )
+
+
+def over_frames(lists: Iterable[ModelledList]) -> ModelledList:
+    """Return the sums over frames, each place that of the frame with most pairs.
+
+    What a frame leaves out of its list is among the others here, with the largest number of pairs
+    of parts that one frame leaves out.
+    """
+    found: dict[tuple[str, str], list[ModelledRecord]] = {}
+    others: list[OtherParts] = []
+    for each in lists:
+        others.append(each.others)
+        for record in each.listed:
+            found.setdefault((record.first.name, record.second.name), []).append(record)
+    records = []
+    for same in found.values():
+        most = max(same, key=_most)
+        records.append(
+            ModelledRecord(
+                first=most.first,
+                second=most.second,
+                counts=summed(record.counts for record in same),
+                centre=most.centre,
+            )
+        )
+    records.sort(key=lambda record: -_most(record))
+    rest = OtherParts(
+        parts=max((each.parts for each in others), default=0),
+        counts=summed([ModelledCounts(), *(each.counts for each in others)]),
+    )
+    return bounded(records, rest)
+
+
+def place(centre: Sequence[float]) -> str:
+    """Return a position in words: its coordinates."""
+    return " ".join(f"{value:.10g}" for value in centre)
+
+
+def _most(record: ModelledRecord) -> int:
+    return max(record.counts.pairs_before, record.counts.pairs_after)
+
+
+def _point(values: Sequence[float]) -> Point:
+    x, y, z = values
+    return (x, y, z)

@@ -1,0 +1,128 @@
+"""Parts have names by which they are found; lists of what was modelled sum to the exact counts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dtrepair.pipeline import check_stage, repair_keyposes, repair_stage
+from dtrepair.pipeline.repair.modelled import modelled_parts
+from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.stages.sources import open_source
+from dtrepair.report.modelled import LISTED
+from dtrepair.report.record import Report
+from tests.jointed_arm import FRAMES, arm, arm_mesh, arm_stage
+from tests.meshes import icosphere, joined
+
+# More balls than are listed, each sunk into a plate.
+BALLS = LISTED + 4
+
+
+@pytest.fixture
+def bending(tmp_path: Path) -> Path:
+    return arm_stage(tmp_path / "a.usda", np.linspace(0.0, 0.5, FRAMES))
+
+
+def studded_stage(path: Path) -> Path:
+    """A long body with balls in it, each with another radius, moved as one over three frames."""
+    from tests.meshes import tube
+    from usd_io import AuthoredMesh, write_animation
+
+    body = tube(24, 200, 0.5, 60.0)
+    balls = []
+    for number in range(BALLS):
+        points, faces = icosphere(2, 0.3 + 0.01 * number)
+        balls.append((points + np.array((0.45, 0.02, 2.0 * number - 25.0)), faces))
+    points, faces = joined(body, *balls)
+    poses = [points + np.array((0.0, 0.1 * k, 0.0)) for k in range(3)]
+    mesh = AuthoredMesh(path="/Root/Studs", faces=faces, points=poses, rest=points)
+    write_animation(path, mesh, times=[1.0, 2.0, 3.0])
+    return path
+
+
+def assert_lists_sum(report: Report) -> None:
+    """The lists of each frame and of the run have exactly what was counted."""
+    document = report.document()
+    items = [
+        (frame["before"], frame["after"], frame.get("modelled")) for frame in document["frames"]
+    ]
+    summary: dict[str, Any] = document["summary"]
+    whole = [
+        {name: summary[f"{name}_{when}"] for name in ("modelled_pairs", "modelled_triangles")}
+        for when in ("before", "after")
+    ]
+    for before, after, listed in [*items, (*whole, summary.get("modelled"))]:
+        rows = [] if listed is None else [*listed["listed"], listed["others"]]
+        for when, count in (("before", before), ("after", after)):
+            for name in ("pairs", "triangles"):
+                total = sum(row["counts"][f"{name}_{when}"] for row in rows)
+                assert total == count[f"modelled_{name}"]
+
+
+def test_a_report_lists_what_was_modelled_by_parts(bending: Path, tmp_path: Path) -> None:
+    checked = check_stage(bending)
+    repaired = repair_stage(bending, tmp_path / "b.usda")
+    keys = repair_keyposes(bending, tmp_path / "c.usda")
+    for report in (checked, repaired, keys):
+        assert_lists_sum(report)
+        (attached,) = report.attached.listed
+        assert attached.pose == "bind pose" and attached.pairs > 0
+        assert {attached.first.name, attached.second.name} == {
+            "/Root/Arm part 1",
+            "/Root/Arm part 2",
+        }
+        listed = report.frames[0].modelled.listed
+        assert [record.first for record in listed] == [attached.first]
+
+
+def test_places_are_where_the_parts_are(bending: Path) -> None:
+    parts = modelled_parts(open_source(str(bending), Selection()))
+    points, faces = arm(0.0), arm_mesh()[1]
+    assert parts.attachments is not None
+    for index, record in enumerate(parts.records):
+        own = points[np.unique(faces[parts.attachments.part_of == index])]
+        middle = 0.5 * (own.min(axis=0) + own.max(axis=0))
+        size = np.linalg.norm(np.ptp(points, axis=0))
+        assert np.abs(np.array(record.centre) - middle).max() <= 1e-3 * size
+        assert record.triangles == (parts.attachments.part_of == index).sum()
+    # They overlap where the upper arm ends and the forearm begins.
+    (attached,) = parts.attached.listed
+    low = points[len(points) // 2 :, 2].min()
+    assert low - 0.05 <= attached.centre[2] <= points[: len(points) // 2, 2].max() + 0.05
+
+
+def test_a_long_list_is_cut_and_its_rest_summed(tmp_path: Path) -> None:
+    report = check_stage(studded_stage(tmp_path / "a.usda"))
+    assert_lists_sum(report)
+    frame = report.frames[0]
+    assert len(frame.modelled.listed) == LISTED and frame.modelled.others.parts == BALLS - LISTED
+    pairs = [record.counts.pairs_before for record in frame.modelled.listed]
+    assert pairs == sorted(pairs, reverse=True)
+    assert len(report.attached) == BALLS
+    # The body has most triangles, and the balls follow in their order.
+    names = {record.first.number for record in report.attached.listed}
+    names |= {record.second.number for record in report.attached.listed}
+    assert names == set(range(1, BALLS + 2))
+
+
+def test_a_place_is_told_in_the_world(tmp_path: Path) -> None:
+    """A single mesh is counted in its own space, but a user looks for the place in the world."""
+    from pxr import Gf, Usd, UsdGeom
+
+    path = arm_stage(tmp_path / "a.usda", np.zeros(3))
+    here = check_stage(path).attached.listed[0].centre
+    stage = Usd.Stage.Open(str(path))
+    UsdGeom.Xformable(stage.GetPrimAtPath("/Root")).AddTranslateOp().Set(Gf.Vec3d(5.0, 0.0, 0.0))
+    stage.Save()
+    there = check_stage(path)
+    for centre in (there.attached.listed[0].centre, there.frames[0].modelled.listed[0].centre):
+        assert np.allclose(np.subtract(centre, here), (5.0, 0.0, 0.0), atol=2e-2)
+
+
+def test_nothing_is_listed_where_nothing_counts_as_modelled(bending: Path) -> None:
+    document = check_stage(bending, rest_contacts="repair").document()
+    assert "attached" not in document and "modelled" not in document["summary"]
+    assert not any("modelled" in frame for frame in document["frames"])

@@ -1,0 +1,73 @@
+"""Lists of modelled contacts: bounded, summed over frames without loss, read back from JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dtrepair.report.modelled import (
+    LISTED,
+    AttachedList,
+    AttachedRecord,
+    ModelledCounts,
+    ModelledList,
+    bounded,
+    over_frames,
+    summed,
+)
+from tests.report.modelled_records import part, record
+
+
+def total(every: ModelledList) -> ModelledCounts:
+    return summed([every.others.counts, *(each.counts for each in every.listed)])
+
+
+def test_a_part_is_named_so_that_it_is_found_again() -> None:
+    assert str(part(3)) == "/Hero/Body part 3 (412 triangles, around 0.1 1.5 0)"
+    assert str(part(None)) == "/Hero/Body"
+
+
+def test_a_list_is_bounded_and_its_rest_summed() -> None:
+    records = [record(number, 100 - number, 1) for number in range(LISTED + 5)]
+    every = bounded(records)
+    assert every.listed == tuple(records[:LISTED]) and every.others.parts == 5
+    assert total(every) == summed(each.counts for each in records)
+    assert not ModelledList() and every
+
+
+@given(st.lists(st.lists(st.integers(1, 50), max_size=30), max_size=5))
+def test_sums_over_frames_lose_nothing(frames: list[list[int]]) -> None:
+    lists = [
+        bounded([record(number, pairs) for number, pairs in enumerate(sorted(own, reverse=True))])
+        for own in frames
+    ]
+    every = over_frames(lists)
+    assert total(every) == summed([ModelledCounts(), *map(total, lists)])
+    assert len(every.listed) <= LISTED
+    pairs = [each.counts.pairs_before for each in every.listed]
+    assert pairs == sorted(pairs, reverse=True)
+
+
+def test_the_place_is_that_of_the_frame_with_most() -> None:
+    every = over_frames([bounded([record(1, 3)]), bounded([record(1, 9)]), bounded([record(1, 2)])])
+    (only,) = every.listed
+    assert only.counts.pairs_before == 14 and only.centre == (9.0, 0.0, 0.0)
+
+
+def test_lists_are_read_back_from_json() -> None:
+    every = bounded([record(number, 30, 2) for number in range(LISTED + 2)])
+    assert ModelledList.from_document(json.loads(json.dumps(asdict(every)))) == every
+    attached = AttachedList(
+        listed=(
+            AttachedRecord(
+                first=part(1), second=part(None, "/A"), pairs=4, pose="frame 2", centre=(0, 1, 2)
+            ),
+        ),
+        others=3,
+        other_pairs=7,
+    )
+    assert AttachedList.from_document(json.loads(json.dumps(asdict(attached)))) == attached
+    assert len(attached) == 4 and not AttachedList()

@@ -23,7 +23,7 @@ def read_vertex_weights(mesh: AnimatedMesh, name: str) -> NDArray[np.float64] | 
         StageError: another interpolation or type, a wrong count, numbers outside 0..1, or indices
             out of range.
     """
-    primvar = _find(mesh, name)
+    primvar = find_primvar(mesh, name)
     if primvar is not None:
         weights = _values(mesh, primvar, name, "number", ())
         if not ((weights >= 0.0) & (weights <= 1.0)).all():
@@ -45,7 +45,7 @@ def read_vertex_directions(mesh: AnimatedMesh, name: str) -> NDArray[np.float64]
     Raises:
         StageError: another interpolation or type, a wrong count, or NaN or infinity.
     """
-    primvar = _find(mesh, name)
+    primvar = find_primvar(mesh, name)
     if primvar is None:
         return None
     vectors = _values(mesh, primvar, name, "vector", (3,))
@@ -54,7 +54,7 @@ def read_vertex_directions(mesh: AnimatedMesh, name: str) -> NDArray[np.float64]
     return vectors
 
 
-def _find(mesh: AnimatedMesh, name: str) -> UsdGeom.Primvar | None:
+def find_primvar(mesh: AnimatedMesh, name: str) -> UsdGeom.Primvar | None:
     """Return the primvar of a name, with or without its namespace; None if there is none."""
     primvars = UsdGeom.PrimvarsAPI(mesh.prim)
     primvar = primvars.FindPrimvarWithInheritance(name.removeprefix("primvars:"))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dtrepair.numerics.geometry import FloatArray, extent
+from dtrepair.numerics.geometry import FloatArray, IntArray, extent
 
 # Poses farther from the origin than this many times their size are repaired about their centre:
 # float32 would lose too many digits there.
@@ -30,6 +30,8 @@ class Body:
         direction: Preferred direction (V, 3) of the repair, zero rows where none.
         name: What messages call it; default: its number.
         rigid: It moves as a whole only; a fixed vertex then holds all of it.
+        layer: Whole numbers (F,), one for each triangle: a higher one lies farther out; None:
+            nobody says.
     """
 
     rest: ArrayLike
@@ -40,6 +42,7 @@ class Body:
     direction: ArrayLike | None = None
     rigid: bool = False
     name: str = ""
+    layer: ArrayLike | None = None
 
 
 def mobility_of(body: Body, count: int) -> FloatArray:
@@ -67,6 +70,23 @@ def direction_of(body: Body, count: int) -> FloatArray:
     if direction.shape != (count, 3) or not np.isfinite(direction).all():
         raise ValueError(f"direction should be finite, shape ({count}, 3), got {direction.shape}")
     return direction
+
+
+def layer_of(body: Body, count: int) -> IntArray | None:
+    """Return how far out each triangle (count,) lies, None where nobody says.
+
+    Raises:
+        ValueError: another number of triangles, or numbers that are not whole.
+    """
+    if body.layer is None:
+        return None
+    layer = np.asarray(body.layer)
+    if layer.shape != (count,) or layer.dtype.kind not in "iu":
+        raise ValueError(
+            f"layer should hold a whole number for each of {count} triangles, got {layer.dtype} of "
+            f"shape {layer.shape}"
+        )
+    return layer.astype(np.int32)
 
 
 def checked_ignored(ignore: Iterable[tuple[int, int]], count: int) -> tuple[tuple[int, int], ...]:

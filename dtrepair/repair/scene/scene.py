@@ -33,6 +33,7 @@ from dtrepair.repair.scene.bodies import (
     about_centre,
     checked_ignored,
     direction_of,
+    layer_of,
     mobility_of,
 )
 from dtrepair.repair.surface.containment import Enclosures, oriented_outwards
@@ -250,6 +251,8 @@ def make_scene(
             )
     ignored = checked_ignored(ignore, len(bodies))
     meshes = [as_mesh(body.rest, body.faces) for body in bodies]
+    for body, (_, faces) in zip(bodies, meshes, strict=True):
+        layer_of(body, len(faces))
     meshes = [(points, oriented_outwards(points, faces)) for points, faces in meshes]
     rest = np.concatenate([points for points, _ in meshes])
     most = WIDEST_CLEARANCE * diagonal(rest)

@@ -51,12 +51,13 @@ class AttachmentOptions:
 class Reference(NamedTuple):
     """A pose that shows modelled contacts: points (V, 3), and its intersecting pairs (K, 2).
 
-    name: What messages call the pose.
+    name: What messages call the pose. asked: whether the user calls these parts attached.
     """
 
     points: FloatArray
     pairs: IntArray
     name: str = ""
+    asked: bool = False
 
 
 class Ties(NamedTuple):

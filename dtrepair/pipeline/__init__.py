@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from dtrepair.pipeline.keyposes.stage import plan_keyposes as plan_keyposes
     from dtrepair.pipeline.keyposes.stage import repair_keyposes as repair_keyposes
     from dtrepair.pipeline.observer import FrameDone as FrameDone
+    from dtrepair.pipeline.observer import ModelledFound as ModelledFound
     from dtrepair.pipeline.observer import Observer as Observer
     from dtrepair.pipeline.observer import ProgressKept as ProgressKept
     from dtrepair.pipeline.observer import SpansDone as SpansDone
@@ -48,6 +49,7 @@ _HOMES = {
     "FrameDone": "observer",
     "InputError": "errors",
     "KeyposeSettings": "keyposes.settings",
+    "ModelledFound": "observer",
     "ObjectOptions": "selection",
     "ObjectSettings": "selection",
     "Observer": "observer",
@@ -80,6 +82,7 @@ __all__ = [
     "FrameDone",
     "InputError",
     "KeyposeSettings",
+    "ModelledFound",
     "ObjectOptions",
     "ObjectSettings",
     "Observer",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time as clock
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
@@ -14,9 +14,16 @@ from dtrepair.intersect import MODES
 from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.observer import SILENT, Observer, Progress, warn
 from dtrepair.pipeline.repair.modelled import modelled_parts
-from dtrepair.pipeline.repair.modelled_parts import ModelledParts
+from dtrepair.pipeline.repair.modelled_parts import ModelledParts, tell_modelled
 from dtrepair.pipeline.repair.records import contact_records
-from dtrepair.pipeline.selection import Selection, object_of, refuse_unknown
+from dtrepair.pipeline.selection import (
+    ObjectSettings,
+    PrimTable,
+    Selection,
+    object_of,
+    recorded_tables,
+    refuse_unknown,
+)
 from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.devices import use_device
 from dtrepair.pipeline.stages.enclosed_parts import EnclosedParts
@@ -31,7 +38,8 @@ from dtrepair.pipeline.stages.frames import (
     side_by_side,
     unusable,
 )
-from dtrepair.pipeline.stages.matching import ignored_pairs
+from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs
+from dtrepair.pipeline.stages.object_settings import read_settings, recorded
 from dtrepair.pipeline.stages.outputs import FilePath
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.report.record import FramePrimRecord, FrameRecord, Report
@@ -51,6 +59,8 @@ class CheckSettings:
         selection: which meshes and frames take part.
         mode: pairs within a mesh ("self"), between meshes ("inter") or both.
         ignore: pairs "A,B" of path expressions whose contacts do not count.
+        attach: pairs "A,B" of path expressions whose parts are attached, as `ObjectOptions` has it.
+        tables: settings of single meshes, of which a check takes what they are attached to.
         rest_contacts: "auto" counts contacts that were modelled apart, "repair" all as one.
 
     Raises:
@@ -60,6 +70,8 @@ class CheckSettings:
     selection: Selection = field(default_factory=Selection)
     mode: str = "both"
     ignore: tuple[str, ...] = ()
+    attach: tuple[str, ...] = ()
+    tables: tuple[PrimTable, ...] = ()
     rest_contacts: str = "auto"
 
     def __post_init__(self) -> None:
@@ -78,9 +90,13 @@ class CheckSettings:
 
         Raises UsageError for a name that no setting has.
         """
-        refuse_unknown(settings, (Selection, CheckSettings))
+        refuse_unknown(settings, (Selection, CheckSettings), ("objects",))
         own = {name: value for name, value in settings.items() if name != "selection"}
-        return replace(object_of(cls, own), selection=object_of(Selection, settings))
+        return replace(
+            object_of(cls, own),
+            selection=object_of(Selection, settings),
+            tables=recorded_tables(settings),
+        )
 
 
 class CheckChoices(TypedDict, total=False):
@@ -89,6 +105,8 @@ class CheckChoices(TypedDict, total=False):
     selection: Selection
     mode: str
     ignore: tuple[str, ...]
+    attach: tuple[str, ...]
+    tables: tuple[PrimTable, ...]
     rest_contacts: str
 
 
@@ -127,9 +145,7 @@ def _check(
     warn(observer, [*source.warnings, *mode_warnings(source, settings.mode)])
     watch.lap("read")
     ignored = ignored_pairs(source, settings.ignore)
-    modelled = ModelledParts(source, None)
-    if settings.rest_contacts == "auto":
-        modelled = modelled_parts(source, ignored=ignored)
+    each, modelled = _modelled(source, settings, ignored, observer)
     counter = make_counter(
         source,
         mode=settings.mode,
@@ -145,23 +161,49 @@ def _check(
         records = tuple(progress.over(found))
     refuse_if_none_usable(source, records)
     watch.lap("detect")
-    own = {
-        "mode": settings.mode,
-        "ignore": list(settings.ignore),
-        "rest_contacts": settings.rest_contacts,
-    }
     return Report(
         command="check",
         version=__version__,
         input=stage,
         device=device,
-        settings={**own, **vars(settings.selection)},
+        settings=_recorded(source, settings, each),
         seconds=watch.total(),
         prims=prim_records(source),
         frames=records,
         warnings=source.warnings,
         attached=modelled.attached,
     )
+
+
+def _modelled(
+    source: Source,
+    settings: CheckSettings,
+    ignored: tuple[tuple[int, int], ...],
+    observer: Observer,
+) -> tuple[list[ObjectSettings], ModelledParts]:
+    """What each mesh is attached to, and what counts as modelled; both are told."""
+    tables = [table for table in settings.tables if table.settings.attach]
+    found = read_settings(source, tables=tables, keys=("attach",))
+    attached, warnings = attached_pairs(source, settings.attach, found.each)
+    warn(observer, [*found.warnings, *warnings])
+    auto = settings.rest_contacts == "auto"
+    modelled = modelled_parts(source, ignored=ignored, attached=attached, auto=auto)
+    tell_modelled(observer, modelled, attached)
+    return found.each, modelled
+
+
+def _recorded(
+    source: Source, settings: CheckSettings, each: Sequence[ObjectSettings]
+) -> dict[str, Any]:
+    """The choices of a check for its report."""
+    return {
+        "mode": settings.mode,
+        "ignore": list(settings.ignore),
+        "attach": list(settings.attach),
+        "objects": recorded(source, each),
+        "rest_contacts": settings.rest_contacts,
+        **vars(settings.selection),
+    }
 
 
 def _records(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from dtrepair.pipeline.errors import Cancelled
+from dtrepair.report.modelled import AttachedList
 from dtrepair.report.record import FrameRecord
 
 Item = TypeVar("Item")
@@ -42,7 +43,14 @@ class ProgressKept:
     entries: int
 
 
-Remark = FrameDone | SpansDone | Trouble | ProgressKept
+@dataclass(frozen=True)
+class ModelledFound:
+    """The pairs of connected parts whose contacts are taken as modelled, once for a run."""
+
+    attached: AttachedList
+
+
+Remark = ModelledFound | FrameDone | SpansDone | Trouble | ProgressKept
 
 
 class Observer:

@@ -57,6 +57,10 @@ class ObjectOptions:
         collider: path expression of meshes that take part but never move.
         rigid: path expression of meshes that move as a whole only.
         ignore: pairs "A,B" of path expressions whose contacts do not count.
+        attach: pairs "A,B" of path expressions whose parts are attached to each other: contacts as
+            they have in the bind pose, or else where they overlap least, are modelled.
+        layer: texts "A=N" of a path expression and a whole number; of two meshes with different
+            ones, that with the higher lies farther out.
         pin: name of a primvar (0 free to 1 fixed) or GeomSubset (fixed).
         direction: name of a vector primvar, or "SUBSET=x,y,z": preferred direction, in world.
     """
@@ -64,6 +68,8 @@ class ObjectOptions:
     collider: str | None = None
     rigid: str | None = None
     ignore: tuple[str, ...] = ()
+    attach: tuple[str, ...] = ()
+    layer: tuple[str, ...] = ()
     pin: str | None = None
     direction: str | None = None
 
@@ -73,7 +79,8 @@ class ObjectSettings:
     """What is asked of one object; None: the common option holds.
 
     diffusion: how far a push spreads; mobility: from 0 (never moves) to 1; rigid: moves as a whole.
-    pin and direction are names, as `ObjectOptions` takes them.
+    pin and direction are names, as `ObjectOptions` takes them. attach: path expressions of what it
+    is attached to; layer: a higher one lies farther out; a name: of a primvar with one per face.
     """
 
     diffusion: float | None = None
@@ -81,6 +88,8 @@ class ObjectSettings:
     rigid: bool | None = None
     pin: str | None = None
     direction: str | None = None
+    attach: tuple[str, ...] | None = None
+    layer: int | str | None = None
 
 
 # What can be asked of a single object.
@@ -122,8 +131,15 @@ def _parsed(table: object, origin: str) -> PrimTable:
 
 def wrong_value(name: str, value: object) -> str:
     """What is wrong with a value; empty where nothing is."""
+    if name == "attach":
+        good = all(isinstance(each, str) and each.strip() for each in _listed(value))
+        return "" if good else f"attach should be path expressions, got {value!r}"
     if isinstance(value, np.ndarray):
         return f"{name} should be one value, got {len(value)}"
+    if name == "layer":
+        good = isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**31
+        good |= isinstance(value, str) and bool(value)
+        return "" if good else f"layer should be a whole number or a primvar, got {value!r}"
     if name == "rigid":
         return "" if isinstance(value, bool) else f"rigid should be true or false, got {value!r}"
     if name in NAMES:
@@ -138,6 +154,8 @@ def wrong_value(name: str, value: object) -> str:
 
 def plain_value(name: str, value: Any) -> Any:
     """A checked value of the type that `ObjectSettings` holds."""
+    if name == "attach":
+        return tuple(str(each) for each in _listed(value))
     return float(value) if name in NUMBERS else value
 
 
@@ -147,6 +165,14 @@ def object_of(kind: type[Choices], values: Mapping[str, Any]) -> Choices:
     return kind(**{name: _as_tuple(value) for name, value in values.items() if name in names})
 
 
+def recorded_tables(settings: Mapping[str, Any]) -> tuple[PrimTable, ...]:
+    """Return tables of what a run asked of single meshes, given the `settings` of its report."""
+    return tuple(
+        PrimTable(path, object_of(ObjectSettings, own), path)
+        for path, own in settings.get("objects", {}).items()
+    )
+
+
 def refuse_unknown(
     settings: Mapping[str, Any], kinds: Iterable[type[Any]], more: Iterable[str] = ()
 ) -> None:
@@ -154,6 +180,20 @@ def refuse_unknown(
     known = {*more, *(key.name for kind in kinds for key in fields(kind))}
     if unknown := sorted(settings.keys() - known):
         raise UsageError(f"settings: nothing here is called {unknown[0]!r}; of which run are they?")
+
+
+def parse_layer(text: str) -> tuple[str, int]:
+    """Path expression and number of a text "A=N". Raises UsageError for anything else."""
+    pattern, _, number = text.rpartition("=")
+    if not pattern.strip() or not number.strip().removeprefix("-").isdecimal():
+        raise UsageError(
+            f'--layer {text}: expected a prim and a whole number, such as "/Hero/Coat=2"'
+        )
+    return pattern.strip(), int(number)
+
+
+def _listed(value: Any) -> list[Any]:
+    return list(value) if isinstance(value, list | tuple | np.ndarray) else [value]
 
 
 def _as_tuple(value: Any) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dtrepair.pipeline import ObjectSettings, PrimTable, Selection, UsageError
-from dtrepair.pipeline.selection import object_of, parse_tables, refuse_unknown
+from dtrepair.pipeline.selection import object_of, parse_layer, parse_tables, refuse_unknown
 
 
 def test_tables_become_settings() -> None:
@@ -32,11 +32,30 @@ def test_tables_become_settings() -> None:
         ({"path": "/A", "diffusion": 0}, "diffusion should be positive and finite"),
         ({"path": "/A", "rigid": 1}, "rigid should be true or false"),
         ({"path": "/A", "pin": 3}, "pin should be a name"),
+        ({"path": "/A", "layer": 1.5}, "layer should be a whole number or a primvar, got 1.5"),
+        ({"path": "/A", "layer": True}, "layer should be a whole number"),
+        ({"path": "/A", "layer": 2**31}, "layer should be a whole number"),
+        ({"path": "/A", "attach": ["/B", ""]}, "attach should be path expressions"),
+        ({"path": "/A", "attach": 1}, "attach should be path expressions"),
     ],
 )
 def test_wrong_tables_are_refused(table: object, words: str) -> None:
     with pytest.raises(UsageError, match=words):
         parse_tables([table], "c.toml")
+
+
+def test_layers_and_attachments_are_taken_as_they_are_written() -> None:
+    tables = [{"path": "/A", "layer": 2, "attach": "/B"}, {"path": "/A", "attach": ["/B", "/C//"]}]
+    first, second = parse_tables(tables, "c.toml")
+    assert first.settings == ObjectSettings(layer=2, attach=("/B",))
+    assert second.settings == ObjectSettings(attach=("/B", "/C//"))
+    assert parse_layer("//Coat{isa:Mesh} = -2") == ("//Coat{isa:Mesh}", -2)
+
+
+@pytest.mark.parametrize("text", ["/Coat", "=2", "/Coat=", "/Coat=1.5", "/Coat=--1"])
+def test_wrong_layers_are_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="expected a prim and a whole number"):
+        parse_layer(text)
 
 
 def test_objects_of_recorded_values() -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import click
 
+from dtrepair.cli.options.config import kept_tables
 from dtrepair.cli.options.fields import field_option
 from dtrepair.cli.options.shared import (
+    ATTACH,
     IGNORE,
     console_options,
     jobs_option,
@@ -33,6 +35,7 @@ from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
 @click.argument("source_path", metavar="STAGE|MESH")
 @click.option("--json", "json_path", metavar="F|-", help="Write a JSON report; - is stdout.")
 @IGNORE
+@ATTACH
 @field_option(
     CheckSettings,
     "mode",
@@ -63,6 +66,7 @@ def command(
     json_path: str | None,
     mode: str,
     ignore: tuple[str, ...],
+    attach: tuple[str, ...],
     rest_contacts: str,
     modelled: bool,
     selection: Selection,
@@ -87,7 +91,12 @@ def command(
         refuse_overwriting(json_path, source_path)
         check_writable(json_path)
     settings = CheckSettings(
-        selection=selection, mode=mode, ignore=ignore, rest_contacts=rest_contacts
+        selection=selection,
+        mode=mode,
+        ignore=ignore,
+        attach=attach,
+        tables=kept_tables(),
+        rest_contacts=rest_contacts,
     )
     observer = ConsoleObserver(console)
     report = check_stage(source_path, settings, jobs=jobs, device=device, observer=observer)

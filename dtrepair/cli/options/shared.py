@@ -33,11 +33,23 @@ _IGNORE = {
     "metavar": '"A,B"',
     "help": "Two prims whose contacts do not count; may be given several times.",
 }
+_ATTACH = {
+    "metavar": '"A,B"',
+    "help": "Two prims whose parts are attached: contacts as in the bind pose, or else as where "
+    "they overlap least, are modelled; may be given several times.",
+}
 IGNORE = field_option(ObjectOptions, "ignore", **_IGNORE)
+ATTACH = field_option(ObjectOptions, "attach", **_ATTACH)
 _OBJECTS: dict[str, dict[str, Any]] = {
     "collider": {"metavar": "EXPR", "help": "Meshes that take part but never move."},
     "rigid": {"metavar": "EXPR", "help": "Meshes that move as a whole only."},
     "ignore": _IGNORE,
+    "attach": _ATTACH,
+    "layer": {
+        "metavar": '"A=N"',
+        "help": "How far out prims lie, a whole number: of two layers the higher one is outside; "
+        "may be given several times.",
+    },
     "pin": {"metavar": "NAME", "help": "Primvar (0 free to 1 fixed) or GeomSubset (fixed)."},
     "direction": {
         "metavar": "NAME|SUBSET=x,y,z",

@@ -37,6 +37,11 @@ class Console:
         if self.verbosity and not self.quiet:
             click.echo(text, err=True)
 
+    def tell(self, text: str) -> None:
+        """Print on stderr what every user should know, unless quiet."""
+        if not self.quiet:
+            click.echo(f"dtrepair: {text}", err=True)
+
     def trace(self, error: BaseException | None) -> None:
         """Print on stderr where an error comes from, with -vv."""
         if error is not None and self.verbosity > 1:

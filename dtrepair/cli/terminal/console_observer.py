@@ -6,8 +6,17 @@ from collections.abc import Callable
 
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.interrupts import current_interrupts
+from dtrepair.cli.terminal.modelled_text import modelled_line
 from dtrepair.cli.terminal.progress_bar import ProgressBar, wanted
-from dtrepair.pipeline.observer import FrameDone, Observer, ProgressKept, Remark, SpansDone, Trouble
+from dtrepair.pipeline.observer import (
+    FrameDone,
+    ModelledFound,
+    Observer,
+    ProgressKept,
+    Remark,
+    SpansDone,
+    Trouble,
+)
 
 SayFrame = Callable[[Console, FrameDone], None]
 
@@ -49,6 +58,8 @@ class ConsoleObserver(Observer):
             self.console.trace(remark.error)
             if self._say_frame is not None:
                 self._say_frame(self.console, remark)
+        elif isinstance(remark, ModelledFound):
+            self.console.tell(modelled_line(remark.attached))
         elif isinstance(remark, SpansDone):
             self.console.remark(f"{remark.done} of {remark.total} spans done")
         elif isinstance(remark, Trouble):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dtrepair.cli.terminal.console import Console
-from dtrepair.report.modelled import AttachedRecord, ModelledRecord, place
+from dtrepair.report.modelled import AttachedList, AttachedRecord, ModelledRecord, place
 from dtrepair.report.record import Report
-from dtrepair.wording import counted
+from dtrepair.wording import NAMED, counted
 
 
 def print_modelled(console: Console, report: Report) -> None:
@@ -36,6 +36,17 @@ def print_modelled(console: Console, report: Report) -> None:
             f"and {counted(attached.others, 'more pair')} of parts, "
             f"with {counted(attached.other_pairs, 'pair')} of triangles"
         )
+
+
+def modelled_line(attached: AttachedList) -> str:
+    """Say in one line what is taken as modelled, and what changes that."""
+    names = [f"{record.first.name} with {record.second.name}" for record in attached.listed[:NAMED]]
+    more = len(attached) - len(names)
+    return (
+        f"taken as modelled: {counted(len(attached), 'pair')} of parts: {', '.join(names)}"
+        f"{f' and {more} more' if more else ''}; --rest-contacts repair treats them as faults, "
+        "--attach and --ignore override, check --modelled lists them"
+    )
 
 
 def _names(record: ModelledRecord | AttachedRecord) -> str:

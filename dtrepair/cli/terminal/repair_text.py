@@ -65,6 +65,8 @@ def described(own: ObjectSettings, *, collider: bool) -> str:
         return "collider"
     role = "rigid" if own.rigid else "repaired"
     told = [f"{name} {getattr(own, name):g}" for name in NUMBERS if getattr(own, name) is not None]
+    told += [] if own.layer is None else [f"layer {own.layer}"]
+    told += [f"attached to {' and '.join(own.attach)}"] if own.attach else []
     return ", ".join([role, *told])
 
 

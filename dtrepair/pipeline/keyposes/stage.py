@@ -26,6 +26,7 @@ from dtrepair.pipeline.observer import (
     stop_if_cancelled,
     warn,
 )
+from dtrepair.pipeline.repair.modelled_parts import tell_modelled
 from dtrepair.pipeline.repair.run import Run, make_repairer
 from dtrepair.pipeline.repair.settings import recorded_settings
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
@@ -137,7 +138,18 @@ def _prepared(
         **vars(settings.keys),
     }
     kept = recorded_settings(settings.selection, settings.objects, options, more)
-    run = Run(stage, output, there, options, jobs, True, controls.ignored, kept, clock)
+    run = Run(
+        stage,
+        output,
+        there,
+        options,
+        jobs,
+        True,
+        controls.ignored,
+        controls.attached,
+        kept,
+        clock,
+    )
     sink = None if output is None else open_sink(source, output, kept)
     try:
         clock.lap("read")
@@ -166,6 +178,7 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     bodies = make_bodies(source, prepared.rests, controls, observer, mode=mode)
     repairer, rest_counts = make_repairer(run, source, prepared.rests, bodies)
     warn(observer, rest_warnings(source, prepared.rests, rest_counts))
+    tell_modelled(observer, repairer.modelled, run.attached)
     run.clock.lap("factor")
     keys = StageKeys(source, repairer, [bool(own.rigid) for own in controls.settings])
     records = _repair_keys(keys, observer, only_count=sink is None)

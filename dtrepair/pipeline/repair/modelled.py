@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,7 +17,11 @@ from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, time_label
 
 if TYPE_CHECKING:
+    from dtrepair.intersect.detector import Detector
     from dtrepair.numerics.attachments import Reference
+
+BoolArray = NDArray[np.bool_]
+Pairs = Sequence[tuple[int, int]]
 
 # What the poses that show modelled contacts are called.
 BIND_POSE = "bind pose"
@@ -30,18 +35,30 @@ class ReferenceOptions:
         samples: Frames of the whole clip that are looked at, at most.
         least: With fewer of them nothing is told: a pose or two may just be bad.
         nearly_all: Two parts are attached where they meet in this share of them.
+        asked_samples: Frames that are looked at for meshes that the user calls attached, which
+            may meet in few of them.
     """
 
     samples: int = 9
     least: int = 5
     nearly_all: float = 0.9
+    asked_samples: int = 33
+
+
+class _Contacts(NamedTuple):
+    """Intersecting pairs (K, 2) that count, of which the bind pose speaks, which were asked for.
+
+    keys: the two connected parts of each (K,), as one number.
+    """
+
+    pairs: IntArray
+    keys: NDArray[np.int64]
+    bound: BoolArray
+    asked: BoolArray
 
 
 class _Look(NamedTuple):
-    """A pose (V, 3), its pairs (K, 2) that no bind pose speaks of, and their parts as keys (K,).
-
-    name: what messages call it.
-    """
+    """A pose (V, 3), some of its pairs (K, 2), their parts as keys (K,); what it is called."""
 
     points: FloatArray
     pairs: IntArray
@@ -53,7 +70,8 @@ def modelled_references(
     source: Source,
     rests: Sequence[Rest],
     *,
-    ignored: Sequence[tuple[int, int]] = (),
+    ignored: Pairs = (),
+    attached: Pairs = (),
     options: ReferenceOptions = ReferenceOptions(),
 ) -> list[Reference]:
     """Poses with the contacts that each of them shows as modelled, in the space of the frames.
@@ -62,62 +80,69 @@ def modelled_references(
     rests how they lie to each other. Of what is moved by transforms only, and of what has no rest
     pose, contacts of two parts in nearly all frames of the whole clip are modelled: the pose in
     which they have fewest pairs shows where. The parts of a farm agree on it.
+
+    attached: pairs (i, j) of meshes, i <= j, that the user calls attached. The bind pose shows
+    where, and for two of their parts that do not meet there, the frame with fewest of their pairs.
     """
-    from dtrepair.intersect.detector import Detector
-    from dtrepair.intersect.ignored import counted_between
     from dtrepair.numerics.attachments import Reference
 
-    meshes = _Meshes(source, rests)
-    faces, mesh_of, rest, weld = meshes.faces, meshes.mesh_of, meshes.rest, meshes.weld
-    bound = np.array([_is_bound(mesh) for mesh in source.meshes])
-    detector = Detector(rest, faces)
-
-    def pairs_of(points: FloatArray) -> tuple[IntArray, NDArray[np.bool_]]:
-        """Pairs (K, 2) that count, and which of them are of bound meshes alone (K,)."""
-        pairs = detector(points, weld=weld)
-        pairs = pairs[counted_between(mesh_of[pairs], mode="both", ignored=ignored)]
-        return pairs, np.asarray(bound[mesh_of[pairs]].all(axis=1))
-
-    pairs, known = pairs_of(rest)
-    found = [Reference(rest, pairs[known], BIND_POSE)]
-    if bound.all():
+    meshes = _Meshes(source, rests, ignored=ignored, attached=attached)
+    rest = meshes.contacts(meshes.rest)
+    own = rest.bound & ~rest.asked
+    found = [Reference(meshes.rest, rest.pairs[own], BIND_POSE)]
+    if not meshes.bound.all():
+        looks = []
+        for time, points, contacts in meshes.looks(options.samples):
+            chosen = ~contacts.bound & ~contacts.asked
+            looks.append(_look(time, points, contacts, chosen))
+        if len(looks) >= options.least:
+            found += _where_fewest(looks, options.nearly_all * len(looks))
+    if not attached:
         return found
-    part = components(weld[faces], len(rest))[weld[faces[:, 0]]].astype(np.int64)
-    count = min(options.samples, len(source.all_times))
-    chosen = np.linspace(0, len(source.all_times) - 1, count).astype(int)
+    own = rest.bound & rest.asked
+    found.append(Reference(meshes.rest, rest.pairs[own], BIND_POSE, asked=True))
     looks = []
-    for time in source.all_times[chosen].tolist():
-        poses = [source.read(mesh, time) for mesh in source.meshes]
-        if any(pose is None for pose in poses):
-            continue
-        points = _placed(source, time, [pose for pose in poses if pose is not None])
-        pairs, known = pairs_of(points)
-        sides = np.sort(part[pairs[~known]], axis=1)
-        keys = sides[:, 0] * len(rest) + sides[:, 1]
-        looks.append(_Look(points, pairs[~known], keys, f"frame {time_label(time)}"))
-    if len(looks) >= options.least:
-        found += _of_nearly_all(looks, options)
-    return found
+    for time, points, contacts in meshes.looks(options.asked_samples):
+        chosen = contacts.asked & ~np.isin(contacts.keys, rest.keys[own])
+        looks.append(_look(time, points, contacts, chosen))
+    return found + [reference._replace(asked=True) for reference in _where_fewest(looks, 1)]
 
 
-def modelled_parts(source: Source, *, ignored: Sequence[tuple[int, int]] = ()) -> ModelledParts:
+def modelled_parts(
+    source: Source, *, ignored: Pairs = (), attached: Pairs = (), auto: bool = True
+) -> ModelledParts:
     """What was modelled as overlapping, by the triangles of all meshes in a row, with its parts.
 
-    By the meshes' own rests: those that have none do not need any.
+    By the meshes' own rests: those that have none do not need any. attached: as
+    `modelled_references` takes them; without `auto` nothing else counts as modelled.
     """
     from dtrepair.numerics.attachments import find_attachments
 
+    if not (auto or attached):
+        return ModelledParts(source, None)
     rests = [Rest(mesh.rest, "") for mesh in source.meshes]
-    references = modelled_references(source, rests, ignored=ignored)
+    references = modelled_references(source, rests, ignored=ignored, attached=attached)
+    references = [reference for reference in references if auto or reference.asked]
     meshes = _Meshes(source, rests)
     attachments = find_attachments(meshes.weld[meshes.faces], len(meshes.rest), references)
     return ModelledParts(source, attachments if len(attachments.zones) else None, references)
 
 
 class _Meshes:
-    """All meshes of a source in one: rest (V, 3), faces (F, 3), weld (V,), mesh of triangles."""
+    """All meshes of a source in one: rest (V, 3), faces (F, 3), weld (V,), mesh of triangles.
 
-    def __init__(self, source: Source, rests: Sequence[Rest]) -> None:
+    bound: of which meshes (M,) the rest tells how they lie to each other.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        rests: Sequence[Rest],
+        *,
+        ignored: Pairs = (),
+        attached: Pairs = (),
+    ) -> None:
+        self.source, self.ignored = source, ignored
         starts = np.cumsum([0, *(len(rest.points) for rest in rests)])
         shifted = zip(source.meshes, starts, strict=False)
         self.faces = np.concatenate([mesh.faces + start for mesh, start in shifted]).astype(
@@ -128,15 +153,66 @@ class _Meshes:
         self.rest = _placed(source, float(source.all_times[0]), [rest.points for rest in rests])
         welded = [weld_map(self.rest[a:b]) + a for a, b in pairwise(starts)]
         self.weld = np.concatenate(welded).astype(np.int32)
+        self.bound = np.array([_is_bound(mesh) for mesh in source.meshes])
+        self._attached = np.array([i * len(sizes) + j for i, j in attached], dtype=np.int64)
+
+    @cached_property
+    def part_of(self) -> NDArray[np.int64]:
+        """The connected part of each triangle (F,)."""
+        label = components(self.weld[self.faces], len(self.rest))
+        return label[self.weld[self.faces[:, 0]]].astype(np.int64)
+
+    @cached_property
+    def _detector(self) -> Detector:
+        from dtrepair.intersect.detector import Detector
+
+        return Detector(self.rest, self.faces)
+
+    def contacts(self, points: FloatArray) -> _Contacts:
+        """Return the contacts of a pose (V, 3) between different parts that are not ignored."""
+        from dtrepair.intersect.ignored import counted_between
+
+        pairs = self._detector(points, weld=self.weld)
+        pairs = pairs[counted_between(self.mesh_of[pairs], mode="both", ignored=self.ignored)]
+        sides = np.sort(self.part_of[pairs], axis=1)
+        different = sides[:, 0] != sides[:, 1]
+        pairs, sides = pairs[different], sides[different]
+        meshes = np.sort(self.mesh_of[pairs], axis=1)
+        return _Contacts(
+            pairs,
+            sides[:, 0] * len(self.rest) + sides[:, 1],
+            np.asarray(self.bound[meshes].all(axis=1)),
+            np.isin(meshes[:, 0] * len(self.bound) + meshes[:, 1], self._attached),
+        )
+
+    def looks(self, samples: int) -> Iterator[tuple[float, FloatArray, _Contacts]]:
+        """Yield time, pose (V, 3) and contacts of some frames of the whole clip, or of all.
+
+        Frames in which a mesh has no points are left out.
+        """
+        times = self.source.all_times
+        chosen = np.linspace(0, len(times) - 1, min(samples, len(times))).astype(int)
+        for time in times[chosen].tolist():
+            poses = [self.source.read(mesh, time) for mesh in self.source.meshes]
+            if all(pose is not None for pose in poses):
+                points = _placed(self.source, time, [pose for pose in poses if pose is not None])
+                yield time, points, self.contacts(points)
 
 
-def _of_nearly_all(looks: list[_Look], options: ReferenceOptions) -> list[Reference]:
-    """For contacts of two parts in nearly all poses, the pose in which they have fewest pairs."""
+def _look(time: float, points: FloatArray, contacts: _Contacts, chosen: BoolArray) -> _Look:
+    name = f"frame {time_label(time)}"
+    return _Look(points, contacts.pairs[chosen], contacts.keys[chosen], name)
+
+
+def _where_fewest(looks: list[_Look], least: float) -> list[Reference]:
+    """For two parts that meet in enough poses, the pose in which they have fewest pairs."""
     from dtrepair.numerics.attachments import Reference
 
+    if not looks:
+        return []
     keys, counts = zip(*(np.unique(look.keys, return_counts=True) for look in looks), strict=True)
     every, seen = np.unique(np.concatenate(keys), return_counts=True)
-    every = every[seen >= options.nearly_all * len(looks)]
+    every = every[seen >= least]
     fewest = np.full(len(every), np.iinfo(np.int64).max)
     where = np.zeros(len(every), dtype=np.int64)
     for index, (own, number) in enumerate(zip(keys, counts, strict=True)):

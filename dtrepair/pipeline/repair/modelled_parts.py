@@ -5,7 +5,7 @@ Attachments know parts and triangles by number; a report names them so that they
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.pipeline.observer import ModelledFound, Observer, warn
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.modelled import (
     LISTED_ATTACHED,
@@ -161,6 +162,24 @@ class ModelledParts:
             other_pairs=sum(record.pairs for record in rest),
         )
 
+    def unmet(self, pairs: Sequence[tuple[int, int]]) -> Iterator[str]:
+        """Yield a warning for each pair of meshes that is called attached and never meets."""
+        met: set[tuple[int, int]] = set()
+        if self.attachments is not None:
+            sizes = [len(mesh.faces) for mesh in self.source.meshes]
+            mesh_of = np.repeat(np.arange(len(sizes)), sizes)
+            for reference in self.references:
+                contacts = reference.pairs[self.attachments.modelled(reference.pairs)]
+                meshes = np.unique(np.sort(mesh_of[contacts], axis=1), axis=0)
+                met |= {(int(i), int(j)) for i, j in meshes}
+        for i, j in sorted(set(pairs) - met):
+            first, second = self.source.meshes[i].path, self.source.meshes[j].path
+            what = f"{first} and {second}" if i != j else f"different parts of {first}"
+            yield (
+                f"attach: {what} meet neither in the bind pose nor in a frame that was looked "
+                "at: none of their contacts counts as modelled"
+            )
+
     def _met(self, contacts: NDArray[np.integer]) -> _Met:
         assert self.attachments is not None
         parts = np.sort(self.attachments.part_of[contacts], axis=1).astype(np.int64)
@@ -201,6 +220,18 @@ class ModelledParts:
         if len(self.source.meshes) == 1:
             middle = self.source.to_world(self.source.meshes[0], time, middle[None])[0]
         return self._told(middle + self.source.origin)
+
+
+def tell_modelled(
+    observer: Observer, parts: ModelledParts, asked: Sequence[tuple[int, int]]
+) -> None:
+    """Tell once what is taken as modelled, and which meshes that are called so never meet.
+
+    asked: pairs of meshes (i, j), i <= j, that the user calls attached.
+    """
+    warn(observer, parts.unmet(asked))
+    if parts.attached:
+        observer.remark(ModelledFound(parts.attached))
 
 
 def _triangles(count: SceneCount, rank: NDArray[np.integer], ranks: int) -> NDArray[np.int64]:

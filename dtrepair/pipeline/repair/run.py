@@ -12,6 +12,7 @@ from dtrepair.numerics.metrics import JitterMeter
 from dtrepair.pipeline.observer import FrameDone, Observer, Progress, ProgressKept, Trouble, warn
 from dtrepair.pipeline.repair.chunks import Chunk
 from dtrepair.pipeline.repair.journal import Journal, hash_of_run
+from dtrepair.pipeline.repair.modelled_parts import tell_modelled
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frames
 from dtrepair.pipeline.stages.bodies import Controls, in_units_of_frames
 from dtrepair.pipeline.stages.clock import Clock
@@ -36,7 +37,8 @@ if TYPE_CHECKING:
 class Run:
     """What a run is about: what it computes on, what it keeps of its choices, and its clock.
 
-    output: None where it only counts. ignored: pairs of meshes whose contacts do not count.
+    output: None where it only counts. ignored: pairs of meshes whose contacts do not count;
+    attached: pairs of meshes that the user calls attached.
     """
 
     input: str
@@ -46,6 +48,7 @@ class Run:
     jobs: int | None
     alone: bool
     ignored: tuple[tuple[int, int], ...]
+    attached: tuple[tuple[int, int], ...]
     settings: Mapping[str, Any]
     clock: Clock
 
@@ -87,6 +90,7 @@ def repair_here(
     repairer, rest_counts = make_repairer(run, source, rests, bodies, journal)
     run.clock.lap("factor")
     warn(observer, rest_warnings(source, rests, rest_counts))
+    tell_modelled(observer, repairer.modelled, run.attached)
     records, jitter = _repair_frames(prepared, repairer, observer)
     if "chunk" not in run.settings:  # of a farm the other chunks may be fine, and want this one
         refuse_if_none_usable(source, records)
@@ -157,7 +161,7 @@ def make_repairer(
     from dtrepair.repair.repairer import SceneRepairer
 
     options = in_units_of_frames(source, run.options)
-    references = modelled_references(source, rests, ignored=run.ignored)
+    references = modelled_references(source, rests, ignored=run.ignored, attached=run.attached)
     scene = SceneRepairer(
         bodies, options=options, device=run.device, ignore=run.ignored, references=references
     )

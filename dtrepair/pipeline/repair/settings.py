@@ -9,10 +9,10 @@ from typing import Any, TypedDict
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import (
     ObjectOptions,
-    ObjectSettings,
     PrimTable,
     Selection,
     object_of,
+    recorded_tables,
     refuse_unknown,
 )
 from dtrepair.repair.options import RepairOptions
@@ -47,8 +47,9 @@ class RepairSettings:
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
         parse_chunk(self.chunk)
-        if self.options.method == "paper" and self.objects.direction is not None:
-            raise UsageError("--direction: has no effect with --method paper; leave it out")
+        for name in ("direction", "attach", "layer") if self.options.method == "paper" else ():
+            if getattr(self.objects, name):
+                raise UsageError(f"--{name}: has no effect with --method paper; leave it out")
 
     @property
     def single(self) -> bool:
@@ -67,10 +68,7 @@ class RepairSettings:
             selection=object_of(Selection, settings),
             options=object_of(RepairOptions, settings),
             objects=object_of(ObjectOptions, settings),
-            tables=tuple(
-                PrimTable(path, object_of(ObjectSettings, own), path)
-                for path, own in settings.get("objects", {}).items()
-            ),
+            tables=recorded_tables(settings),
             rest=settings.get("rest_option"),
             alone=settings.get("alone", False),
             chunk=settings.get("chunk"),
@@ -93,9 +91,12 @@ def recorded_settings(
     selection: Selection, objects: ObjectOptions, options: RepairOptions, more: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return what an output and a report keep of the choices of a run."""
-    given = {**vars(objects), "ignore": list(objects.ignore)}
-    chosen = {**vars(selection), **asdict(options), **given, **more}
-    return {name: value for name, value in chosen.items() if value is not None}
+    chosen = {**vars(selection), **asdict(options), **vars(objects), **more}
+    return {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in chosen.items()
+        if value is not None
+    }
 
 
 def parse_chunk(text: str | None) -> tuple[int, int] | None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Unpack
 
 from dtrepair.pipeline.errors import UsageError, plain_errors
-from dtrepair.pipeline.observer import SILENT, Observer, stop_if_cancelled, warn
+from dtrepair.pipeline.observer import SILENT, ModelledFound, Observer, stop_if_cancelled, warn
 from dtrepair.pipeline.repair.chunks import choose_chunk, empty_chunk_warnings
 from dtrepair.pipeline.repair.distributed import Workers, measured_jitter, repair_distributed
 from dtrepair.pipeline.repair.run import Prepared, Run, open_journal, repair_here
@@ -126,7 +126,18 @@ def _prepared(
     warn(observer, controls.warnings)
     _refuse_without_effect(options, controls)
     kept = _recorded(source, settings, controls)
-    run = Run(stage, output, there, options, jobs, settings.single, controls.ignored, kept, clock)
+    run = Run(
+        stage,
+        output,
+        there,
+        options,
+        jobs,
+        settings.single,
+        controls.ignored,
+        controls.attached,
+        kept,
+        clock,
+    )
     sink = open_sink(source, output, kept)
     try:
         clock.lap("read")
@@ -176,5 +187,7 @@ def _distributed(
     report = repair_distributed(repair_stage, source, output, settings, workers, observer)
     result = open_source(output, settings.selection, collider=settings.objects.collider)
     jitter = measured_jitter(source, result)
+    if report.attached:
+        observer.remark(ModelledFound(report.attached))
     seconds = {**report.seconds, "total": clock.total()["total"]}
     return replace(report, output=output, seconds=seconds, jitter=jitter)

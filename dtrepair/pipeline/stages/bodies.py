@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.observer import Observer, warn
 from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
-from dtrepair.pipeline.stages.matching import ignored_pairs
+from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, StageSource
@@ -34,12 +34,16 @@ class Controls:
     """For each mesh its settings, weights (V,) from 0 free to 1 fixed, world directions (V, 3).
 
     ignored: pairs of meshes (i, j), i <= j, whose contacts do not count.
+    attached: pairs of meshes (i, j), i <= j, that the user calls attached.
+    layers: for each mesh how far out its triangles (F,) lie, None where nobody says.
     """
 
     settings: list[ObjectSettings]
     pins: PerMesh
     directions: PerMesh
     ignored: tuple[tuple[int, int], ...] = ()
+    attached: tuple[tuple[int, int], ...] = ()
+    layers: tuple[NDArray[np.int32] | None, ...] = ()
     warnings: tuple[str, ...] = ()
 
 
@@ -51,7 +55,7 @@ def read_controls(
     It is a usage error if no mesh has anything of a name.
     """
     pin, direction = objects.pin, objects.direction
-    found = read_settings(source, rigid=objects.rigid, tables=tables)
+    found = read_settings(source, rigid=objects.rigid, layers=objects.layer, tables=tables)
     nothing: PerMesh = [None] * len(source.meshes)
     pins = nothing.copy() if pin is None else read_pins(source, pin)
     directions = nothing if direction is None else _read_directions(source, direction)
@@ -64,7 +68,16 @@ def read_controls(
     colliders = [index for index, mesh in enumerate(source.meshes) if mesh.collider]
     among = {(i, j) for i in colliders for j in colliders if i <= j}
     ignored = tuple(sorted({*ignored_pairs(source, objects.ignore), *among}))
-    return Controls(found.each, pins, directions, ignored, tuple(found.warnings))
+    attached, warnings = attached_pairs(source, objects.attach, found.each)
+    return Controls(
+        found.each,
+        pins,
+        directions,
+        ignored,
+        attached=attached,
+        layers=tuple(_layers(source, found.each)),
+        warnings=(*found.warnings, *warnings),
+    )
 
 
 def read_pins(source: Source, name: str, *, only: int | None = None) -> PerMesh:
@@ -97,6 +110,22 @@ def _read_directions(source: Source, text: str, *, only: int | None = None) -> P
     weights = [read_vertex_weights(handle, name) for handle in handles]
     chosen = _found(weights, f"--direction {text}", "primvar or GeomSubset")
     return [None if part is None else (part > 0)[:, None] * vector for part in chosen]
+
+
+def _layers(source: Source, each: Sequence[ObjectSettings]) -> Iterator[NDArray[np.int32] | None]:
+    """Yield of each mesh how far out its triangles (F,) lie; None where nobody says."""
+    from usd_io.read.face_numbers import read_face_numbers
+
+    for mesh, own in zip(source.meshes, each, strict=True):
+        if own.layer is None:
+            yield None
+        elif isinstance(own.layer, int):
+            yield np.full(len(mesh.faces), own.layer, dtype=np.int32)
+        else:
+            numbers = read_face_numbers(mesh.handle, own.layer)
+            if numbers is None:
+                raise UsageError(f"{mesh.path}: layer {own.layer}: has no primvar of that name")
+            yield numbers
 
 
 def _handles(source: Source, option: str, only: int | None) -> list[AnimatedMesh]:
@@ -144,6 +173,7 @@ def make_bodies(
                 pin=controls.pins[index],
                 direction=direction,
                 rigid=bool(own.rigid),
+                layer=controls.layers[index],
                 name=mesh.path,
             )
         )

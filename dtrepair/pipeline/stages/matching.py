@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dtrepair.pipeline.errors import UsageError
+from dtrepair.pipeline.selection import ObjectSettings
 from dtrepair.pipeline.stages.sources import Source, StageSource
 
 
@@ -12,6 +13,24 @@ def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
     """Indices of the selected meshes that a path expression matches, or a prim above them.
 
     A usage error that names `option` if there is none.
+    """
+    found = meshes_matched(source, expression, option)
+    if not found:
+        raise UsageError(f"{option}: {no_match(source)}")
+    return found
+
+
+def no_match(source: Source) -> str:
+    """Say that a path expression matches no mesh of a source."""
+    known = ", ".join(mesh.path for mesh in source.meshes[:3])
+    more = " ..." if len(source.meshes) > 3 else ""
+    return f"matches none of the selected meshes ({known}{more})"
+
+
+def meshes_matched(source: Source, expression: str, option: str) -> list[int]:
+    """Indices of the selected meshes that a path expression matches, or a prim above them.
+
+    A usage error that names `option` for a malformed expression.
     """
     if not isinstance(source, StageSource):
         raise UsageError(f"{option}: only for USD stages; leave it out")
@@ -23,32 +42,52 @@ def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
     except SelectionError as error:
         raise UsageError(f"{option}: {error}") from None
     matched = {str(path) for path in paths}
-    found = [
+    return [
         index
         for index, mesh in enumerate(source.meshes)
         if any(above in matched for above in _with_parents(mesh.path))
     ]
-    if not found:
-        known = ", ".join(mesh.path for mesh in source.meshes[:3])
-        more = " ..." if len(source.meshes) > 3 else ""
-        raise UsageError(f"{option}: matches none of the selected meshes ({known}{more})")
-    return found
 
 
 def ignored_pairs(source: Source, texts: Sequence[str]) -> tuple[tuple[int, int], ...]:
+    """Pairs of meshes (i, j), i <= j, that texts "A,B" of --ignore name."""
+    return named_pairs(source, texts, "--ignore")
+
+
+def named_pairs(source: Source, texts: Sequence[str], name: str) -> tuple[tuple[int, int], ...]:
     """Pairs of meshes (i, j), i <= j, that texts "A,B" name; each side may match several.
 
-    "A,A" are the contacts of each mesh of A with itself and the others of A.
+    "A,A" are the contacts of each mesh of A with itself and the others of A. A usage error that
+    calls the option by its name for a text that is no pair.
     """
     pairs = set()
     for text in texts:
         sides = _split(text)
-        option = f"--ignore {text}"
+        option = f"{name} {text}"
         if len(sides) != 2 or not all(side.strip() for side in sides):
             raise UsageError(f'{option}: expected two prims, such as "/Hero/Hair,/Hero/Body"')
         first, second = (matching_meshes(source, side, option) for side in sides)
         pairs |= {(min(i, j), max(i, j)) for i in first for j in second}
     return tuple(sorted(pairs))
+
+
+def attached_pairs(
+    source: Source, texts: Sequence[str], each: Sequence[ObjectSettings]
+) -> tuple[tuple[tuple[int, int], ...], list[str]]:
+    """Pairs of meshes (i, j), i <= j, that are called attached, and warnings.
+
+    texts: pairs "A,B" of --attach; each: the settings of each mesh, which name what it is attached
+    to. What of those is not among the selected meshes is warned of.
+    """
+    pairs, warnings = set(named_pairs(source, texts, "--attach")), []
+    for index, own in enumerate(each):
+        for expression in own.attach or ():
+            where = f"{source.meshes[index].path}: attach {expression}"
+            found = meshes_matched(source, expression, where)
+            pairs |= {(min(index, other), max(index, other)) for other in found}
+            if not found:
+                warnings.append(f"{where}: {no_match(source)}")
+    return tuple(sorted(pairs)), warnings
 
 
 def _split(text: str) -> list[str]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from dtrepair.pipeline.errors import InputError
 from dtrepair.pipeline.selection import (
@@ -12,6 +14,7 @@ from dtrepair.pipeline.selection import (
     NAMES,
     ObjectSettings,
     PrimTable,
+    parse_layer,
     plain_value,
     wrong_value,
 )
@@ -31,38 +34,51 @@ class SettingsOfMeshes:
 
 
 def read_settings(
-    source: Source, *, rigid: str | None = None, tables: Sequence[PrimTable] = ()
+    source: Source,
+    *,
+    rigid: str | None = None,
+    layers: Sequence[str] = (),
+    tables: Sequence[PrimTable] = (),
+    keys: Collection[str] = KEYS,
 ) -> SettingsOfMeshes:
-    """Settings of each mesh: a table wins, then a primvar of the stage, then `rigid`.
+    """Settings of each mesh: a table wins, then a primvar of the stage, then `rigid` and `layers`.
 
-    Of several tables that match a mesh the last one counts, key by key.
+    Of several tables, or texts of `layers`, that match a mesh the last one counts, key by key.
+    keys: what is read; of the others nothing is looked at, or refused.
     """
     result = SettingsOfMeshes([ObjectSettings() for _ in source.meshes])
+
+    def add(meshes: Iterable[int], given: Mapping[str, Any]) -> None:
+        for index in meshes:
+            result.each[index] = replace(result.each[index], **given)
+
     if rigid is not None:
-        for index in matching_meshes(source, rigid, f"--rigid {rigid}"):
-            result.each[index] = ObjectSettings(rigid=True)
+        add(matching_meshes(source, rigid, f"--rigid {rigid}"), {"rigid": True})
+    for text in layers:
+        pattern, number = parse_layer(text)
+        add(matching_meshes(source, pattern, f"--layer {text}"), {"layer": number})
     if isinstance(source, StageSource):
         for index, mesh in enumerate(source.meshes):
-            values = _of_stage(mesh.path, mesh.handle, result.warnings)
-            result.each[index] = replace(result.each[index], **values)
+            add([index], _of_stage(mesh.path, mesh.handle, keys, result.warnings))
     for table in tables:
-        given = {key: value for key, value in vars(table.settings).items() if value is not None}
-        for index in matching_meshes(source, table.path, table.origin):
-            result.each[index] = replace(result.each[index], **given)
+        given = {key: value for key in keys if (value := getattr(table.settings, key)) is not None}
+        add(matching_meshes(source, table.path, table.origin), given)
     return result
 
 
-def _of_stage(path: str, handle: Any, warnings: list[str]) -> dict[str, Any]:
+def _of_stage(path: str, handle: Any, keys: Collection[str], warnings: list[str]) -> dict[str, Any]:
     """Settings in the primvars of a mesh. Raises InputError; unknown ones are warned."""
     from usd_io.read.prim_settings import read_constants
 
-    values = {}
+    values: dict[str, Any] = {}
     for name, value in read_constants(handle, NAMESPACE).items():
         where = f"{path}: {NAMESPACE}:{name}"
         if name not in KEYS:
             warnings.append(f"{where}: unknown; known are {', '.join(KEYS)}")
-        elif name in NAMES:
-            # The weights or vectors themselves, one for the mesh or one for each vertex.
+        elif name not in keys:
+            continue
+        elif name in NAMES or (name == "layer" and isinstance(value, np.ndarray)):
+            # The weights, vectors or numbers themselves, one for each vertex or face.
             values[name] = f"{NAMESPACE}:{name}"
         else:
             if name == "rigid" and value in (0, 1):
@@ -78,6 +94,8 @@ def recorded(source: Source, each: Sequence[ObjectSettings]) -> dict[str, dict[s
     told = {}
     for mesh, own in zip(source.meshes, each, strict=True):
         values = {key: value for key, value in vars(own).items() if value is not None}
+        if own.attach is not None:
+            values["attach"] = list(own.attach)
         if values:
             told[mesh.path] = values
     return told

@@ -14,6 +14,7 @@ from dtrepair.pipeline.errors import InputError, UsageError
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.frames import make_counter, read_frames
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, open_source, time_label
+from dtrepair.wording import counted, listed
 
 
 @dataclass(frozen=True)
@@ -52,20 +53,28 @@ def choose_rests(source: Source, option: str | None, *, device: str) -> list[Res
 def rest_warnings(
     source: Source, rests: Sequence[Rest], counts: Sequence[int | None]
 ) -> Iterator[str]:
-    """Say which rest poses intersect themselves, as `counts` of triangles tell."""
+    """Say in a line or two which rest poses intersect themselves, as `counts` of triangles tell.
+
+    What was modelled is not in these counts.
+    """
+    still, faulty = [], []
     for mesh, rest, count in zip(source.meshes, rests, counts, strict=True):
         # A mesh file, or points at the default time only, is its own rest pose: nothing to say.
         own = len(source.times) == 1 and mesh.has_rest
         if count and mesh.collider:
-            yield (
-                f"{mesh.path}: intersects itself; as a collider never moves, that is neither "
-                "repaired nor counted"
-            )
+            still.append(mesh.path)
         elif count and not own:
-            yield (
-                f"{mesh.path}: the rest pose ({rest.origin}) has {count} intersecting triangles; "
-                "name a better one with --rest"
-            )
+            faulty.append(f"{mesh.path} ({counted(count, 'triangle')}, {rest.origin})")
+    if still:
+        yield (
+            f"colliders that intersect themselves: {listed(still)}; a collider never moves, so "
+            "that is neither repaired nor counted"
+        )
+    if faulty:
+        yield (
+            f"rest poses that intersect themselves: {listed(faulty)}; they are what is repaired "
+            "towards: name better ones with --rest"
+        )
 
 
 def _default_rests(source: Source, device: str) -> list[Rest]:

@@ -125,10 +125,16 @@ class Scene:
 
     @cached_property
     def attachments(self) -> Attachments | None:
-        """What was modelled as overlapping; None where the options ask for nothing such."""
-        if self.options.rest_contacts != "auto" or self.options.method == "paper":
+        """What was modelled as overlapping; None where nothing was.
+
+        Unless the options take modelled contacts as such, only what the user calls attached.
+        """
+        if self.options.method == "paper":
             return None
-        references = self.references
+        auto = self.options.rest_contacts == "auto"
+        references = [reference for reference in self.references if auto or reference.asked]
+        if not references:
+            return None
         attachments = find_attachments(self.rest_weld[self.faces], len(self.rest), references)
         return attachments if len(attachments.zones) else None
 

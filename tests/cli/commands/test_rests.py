@@ -72,4 +72,29 @@ def test_intersecting_rest_is_a_warning(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED), rest=CLOSED)
     done = run("repair", path, "-o", tmp_path / "b.usdc", "-q", "--report", tmp_path / "r.json")
     assert done.err == "" and done.out == ""
-    assert "rest pose (default time) has" in run("repair", path, "-o", tmp_path / "b.usdc").err
+    told = run("repair", path, "-o", tmp_path / "b.usdc").err
+    assert "rest poses that intersect themselves: /Root/Tube (" in told
+    assert " triangles, default time); " in told and "--rest" in told
+
+
+def test_one_line_tells_of_all_rests_that_are_at_fault(tmp_path: Path) -> None:
+    """Five meshes that intersect themselves are one warning; a collider among them another."""
+    from usd_io import AuthoredMesh, write_animation
+
+    meshes = [
+        AuthoredMesh(
+            path=f"/Root/Tube{number}",
+            faces=tube_polygons(),
+            points=[tube_pose(OPEN), tube_pose(OPEN)],
+            rest=tube_pose(CLOSED),
+        )
+        for number in range(5)
+    ]
+    path = tmp_path / "a.usda"
+    write_animation(path, meshes, times=[1.0, 2.0])
+    out = ["repair", path, "-o", tmp_path / "b.usda", "--ignore", "/Root,/Root"]
+    lines = run(*out, "--collider", "/Root/Tube4").err.splitlines()
+    (rests,) = (line for line in lines if "rest poses" in line)
+    assert "/Root/Tube0 (" in rests and "/Root/Tube2 (" in rests and "and 1 more; " in rests
+    (still,) = (line for line in lines if "colliders that intersect" in line)
+    assert "/Root/Tube4; a collider never moves" in still and "/Root/Tube3" not in still

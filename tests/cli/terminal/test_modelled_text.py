@@ -6,8 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from dtrepair.cli.terminal.modelled_text import modelled_line
+from dtrepair.report.modelled import AttachedList, AttachedRecord
 from tests.command_line import OPEN, run, tube_obj
 from tests.jointed_arm import FRAMES, arm_stage
+from tests.report.modelled_records import part
 
 
 def test_check_lists_the_pairs_of_parts_that_are_modelled(tmp_path: Path) -> None:
@@ -27,3 +30,36 @@ def test_it_is_said_where_nothing_is_modelled(tmp_path: Path) -> None:
     found = run("check", tube_obj(tmp_path / "a.obj", OPEN), "--modelled")
     assert found.out.splitlines()[0] == "nothing is taken as modelled"
     assert found.code == 0
+
+
+def attached(number: int) -> AttachedRecord:
+    centre = (0.0, 0.0, 0.0)
+    return AttachedRecord(
+        first=part(1), second=part(number), pairs=9, pose="bind pose", centre=centre
+    )
+
+
+def test_one_line_says_what_is_taken_as_modelled() -> None:
+    line = modelled_line(AttachedList(listed=tuple(map(attached, range(2, 8))), others=3))
+    assert line == (
+        "taken as modelled: 9 pairs of parts: /Hero/Body part 1 with /Hero/Body part 2, "
+        "/Hero/Body part 1 with /Hero/Body part 3, /Hero/Body part 1 with /Hero/Body part 4 "
+        "and 6 more; --rest-contacts repair treats them as faults, --attach and --ignore "
+        "override, check --modelled lists them"
+    )
+    assert modelled_line(AttachedList(listed=(attached(2),))).startswith(
+        "taken as modelled: 1 pair of parts: /Hero/Body part 1 with /Hero/Body part 2; "
+    )
+
+
+def test_it_is_said_once_for_a_run_and_not_as_a_warning(tmp_path: Path) -> None:
+    path = arm_stage(tmp_path / "a.usda", np.zeros(3))
+    for arguments in (
+        ("check", path),
+        ("repair", path, "-o", tmp_path / "b.usda"),
+        ("keyposes", path, "--verify-only"),
+    ):
+        (line,) = run(*arguments).err.splitlines()
+        assert line.startswith("dtrepair: taken as modelled: 1 pair of parts: /Root/Arm part 1")
+        assert run(*arguments, "-q").err == ""
+    assert run("check", path, "--rest-contacts", "repair").err == ""

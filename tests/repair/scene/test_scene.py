@@ -10,6 +10,7 @@ import pytest
 
 from dtrepair import Body, RepairOptions
 from dtrepair.intersect.ignored import counted_between
+from dtrepair.numerics.attachments import Reference
 from dtrepair.repair.scene.scene import Scene, make_scene
 from tests.meshes import icosphere, joined, with_seam
 
@@ -102,6 +103,22 @@ def test_the_rest_knows_its_own_contacts() -> None:
     assert scene("both").rest_intersections > 0 == scene("inter").rest_intersections
     of = scene("both")
     assert len(of.rest_keys) == len(of.rest_pairs)
+
+
+@pytest.mark.parametrize("asked", [False, True])
+def test_what_is_asked_for_is_modelled_whatever_the_options_say(asked: bool) -> None:
+    """The two parts of the first body overlap in the reference."""
+    every = np.concatenate([TWICE, BALL + AWAY])
+    pairs = scene().rest_pairs
+    for rest_contacts in ("auto", "repair", "leave"):
+        options = RepairOptions(rest_contacts=rest_contacts)
+        references = [Reference(every, pairs, asked=asked)]
+        found = make_scene(BODIES, options, references=references)
+        modelled = asked or rest_contacts == "auto"
+        assert (found.attachments is not None) == modelled
+        assert (len(found.rest_pairs) == 0) == modelled
+    paper = make_scene(BODIES, RepairOptions(method="paper"), references=references)
+    assert paper.attachments is None
 
 
 def test_wrong_scenes_and_poses_are_refused() -> None:

@@ -37,9 +37,10 @@ class EnclosedParts:
         rests, faces, owners, start = [], [], [], 0
         for index, mesh in enumerate(source.meshes):
             own = outward_faces(mesh, time) if several else mesh.faces
-            own = oriented_outwards(np.asarray(mesh.rest, dtype=np.float64), own)
+            rest = source.to_world(mesh, time, mesh.rest) if several else mesh.rest
+            own = oriented_outwards(np.asarray(rest, dtype=np.float64), own)
             faces.append(weld_map(mesh.rest)[own] + start)
-            rests.append(source.to_world(mesh, time, mesh.rest) if several else mesh.rest)
+            rests.append(rest)
             owners.append(np.full(len(mesh.rest), index))
             start += len(mesh.rest)
         self._enclosures = Enclosures(np.concatenate(rests), np.concatenate(faces).astype(np.int32))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, components, weld_map
 from dtrepair.pipeline.repair.modelled_parts import ModelledParts
+from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, time_label
 
@@ -124,7 +125,8 @@ def modelled_parts(
     references = modelled_references(source, rests, ignored=ignored, attached=attached)
     references = [reference for reference in references if auto or reference.asked]
     meshes = _Meshes(source, rests)
-    attachments = find_attachments(meshes.weld[meshes.faces], len(meshes.rest), references)
+    faces = meshes.weld[meshes.faces_outwards()]
+    attachments = find_attachments(faces, len(meshes.rest), references)
     return ModelledParts(source, attachments if len(attachments.zones) else None, references)
 
 
@@ -144,6 +146,7 @@ class _Meshes:
     ) -> None:
         self.source, self.ignored = source, ignored
         starts = np.cumsum([0, *(len(rest.points) for rest in rests)])
+        self._ends = starts[:-1].tolist(), starts[1:].tolist()
         shifted = zip(source.meshes, starts, strict=False)
         self.faces = np.concatenate([mesh.faces + start for mesh, start in shifted]).astype(
             np.int32
@@ -155,6 +158,17 @@ class _Meshes:
         self.weld = np.concatenate(welded).astype(np.int32)
         self.bound = np.array([_is_bound(mesh) for mesh in source.meshes])
         self._attached = np.array([i * len(sizes) + j for i, j in attached], dtype=np.int64)
+
+    def faces_outwards(self) -> IntArray:
+        """Return the triangles (F, 3) as a repair has them: facing out of closed parts."""
+        from dtrepair.repair.surface.containment import oriented_outwards
+
+        time, several = float(self.source.all_times[0]), len(self.source.meshes) > 1
+        faces = []
+        for mesh, start, end in zip(self.source.meshes, *self._ends, strict=True):
+            own = outward_faces(mesh, time) if several else mesh.faces
+            faces.append(oriented_outwards(self.rest[start:end], own) + start)
+        return np.concatenate(faces).astype(np.int32)
 
     @cached_property
     def part_of(self) -> NDArray[np.int64]:

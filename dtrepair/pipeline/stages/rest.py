@@ -67,7 +67,7 @@ def rest_warnings(
             faulty.append(f"{mesh.path} ({counted(count, 'triangle')}, {rest.origin})")
     if still:
         yield (
-            f"colliders that intersect themselves: {listed(still)}; a collider never moves, so "
+            f"colliders that intersect themselves: {listed(still)}; as a collider never moves, "
             "that is neither repaired nor counted"
         )
     if faulty:

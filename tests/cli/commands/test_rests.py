@@ -97,4 +97,4 @@ def test_one_line_tells_of_all_rests_that_are_at_fault(tmp_path: Path) -> None:
     (rests,) = (line for line in lines if "rest poses" in line)
     assert "/Root/Tube0 (" in rests and "/Root/Tube2 (" in rests and "and 1 more; " in rests
     (still,) = (line for line in lines if "colliders that intersect" in line)
-    assert "/Root/Tube4; a collider never moves" in still and "/Root/Tube3" not in still
+    assert "/Root/Tube4; as a collider never moves" in still and "/Root/Tube3" not in still

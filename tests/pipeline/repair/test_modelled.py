@@ -66,3 +66,27 @@ def test_parts_stay_where_they_are_attached(tmp_path: Path) -> None:
     assert moved[0] < 0.2 * moved[1]
     with pytest.raises(UsageError, match="rest-contacts"):
         check_stage(str(path), rest_contacts="leave")
+
+
+@pytest.mark.parametrize("how", ["as made", "inside out", "mirrored"])
+def test_a_check_takes_for_modelled_what_a_repair_does(tmp_path: Path, how: str) -> None:
+    """Also where triangles face inwards or a transform turns them: zones are what lies behind."""
+    from usd_io import AuthoredMesh, write_animation
+
+    points, faces = [arm(bend) for bend in np.linspace(0.0, 0.6, 3)], arm_mesh()[1]
+    mirror = np.diag([-1.0, 1.0, 1.0, 1.0]) if how == "mirrored" else np.eye(4)
+    meshes = [
+        AuthoredMesh(
+            path="/Root/Arm",
+            faces=faces[:, ::-1] if how == "inside out" else faces,
+            points=points,
+            rest=arm(0.0),
+            transforms=np.tile(mirror, (3, 1, 1)),
+        ),
+        AuthoredMesh(path="/Root/Far", faces=faces, rest=arm(0.0) + np.array((9.0, 0.0, 0.0))),
+    ]
+    path = tmp_path / "a.usda"
+    write_animation(path, meshes, times=[1.0, 2.0, 3.0])
+    counted, repaired = check_stage(path).frames, repair_stage(path, tmp_path / "b.usda").frames
+    assert counted[-1].before is not None and counted[-1].before.modelled_pairs
+    assert [frame.before for frame in counted] == [frame.before for frame in repaired]

@@ -188,7 +188,7 @@ def _modelled(
     warn(observer, [*found.warnings, *warnings])
     auto = settings.rest_contacts == "auto"
     modelled = modelled_parts(source, ignored=ignored, attached=attached, auto=auto)
-    tell_modelled(observer, modelled, attached)
+    tell_modelled(observer, modelled, asked=attached)
     return found.each, modelled
 
 

@@ -175,10 +175,10 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     """Repair the keys, then the in-betweens; write; return the report."""
     run, source, sink = prepared.run, prepared.source, prepared.sink
     controls, mode = prepared.controls, prepared.settings.options.mode
-    bodies = make_bodies(source, prepared.rests, controls, observer, mode=mode)
-    repairer, rest_counts = make_repairer(run, source, prepared.rests, bodies)
+    placed = make_bodies(source, prepared.rests, controls, mode=mode)
+    repairer, rest_counts = make_repairer(run, source, prepared.rests, placed.bodies)
     warn(observer, rest_warnings(source, prepared.rests, rest_counts))
-    tell_modelled(observer, repairer.modelled, run.attached)
+    tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
     run.clock.lap("factor")
     keys = StageKeys(source, repairer, [bool(own.rigid) for own in controls.settings])
     records = _repair_keys(keys, observer, only_count=sink is None)

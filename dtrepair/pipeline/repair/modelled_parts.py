@@ -5,7 +5,7 @@ Attachments know parts and triangles by number; a report names them so that they
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.pipeline.observer import ModelledFound, Observer, warn
+from dtrepair.pipeline.stages.bodies import unclear_sides
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.modelled import (
     LISTED_ATTACHED,
@@ -162,23 +163,19 @@ class ModelledParts:
             other_pairs=sum(record.pairs for record in rest),
         )
 
-    def unmet(self, pairs: Sequence[tuple[int, int]]) -> Iterator[str]:
-        """Yield a warning for each pair of meshes that is called attached and never meets."""
-        met: set[tuple[int, int]] = set()
-        if self.attachments is not None:
-            sizes = [len(mesh.faces) for mesh in self.source.meshes]
-            mesh_of = np.repeat(np.arange(len(sizes)), sizes)
-            for reference in self.references:
-                contacts = reference.pairs[self.attachments.modelled(reference.pairs)]
-                meshes = np.unique(np.sort(mesh_of[contacts], axis=1), axis=0)
-                met |= {(int(i), int(j)) for i, j in meshes}
-        for i, j in sorted(set(pairs) - met):
-            first, second = self.source.meshes[i].path, self.source.meshes[j].path
-            what = f"{first} and {second}" if i != j else f"different parts of {first}"
-            yield (
-                f"attach: {what} meet neither in the bind pose nor in a frame that was looked "
-                "at: none of their contacts counts as modelled"
-            )
+    @cached_property
+    def meshes(self) -> set[tuple[int, int]]:
+        """The pairs of meshes (i, j), i <= j, between which contacts are modelled."""
+        found: set[tuple[int, int]] = set()
+        if self.attachments is None:
+            return found
+        sizes = [len(mesh.faces) for mesh in self.source.meshes]
+        mesh_of = np.repeat(np.arange(len(sizes)), sizes)
+        for reference in self.references:
+            contacts = reference.pairs[self.attachments.modelled(reference.pairs)]
+            pairs = np.unique(np.sort(mesh_of[contacts], axis=1), axis=0)
+            found |= {(int(i), int(j)) for i, j in pairs}
+        return found
 
     def _met(self, contacts: NDArray[np.integer]) -> _Met:
         assert self.attachments is not None
@@ -223,13 +220,30 @@ class ModelledParts:
 
 
 def tell_modelled(
-    observer: Observer, parts: ModelledParts, asked: Sequence[tuple[int, int]]
+    observer: Observer,
+    parts: ModelledParts,
+    *,
+    asked: Sequence[tuple[int, int]],
+    unclear: Sequence[tuple[int, int]] = (),
 ) -> None:
-    """Tell once what is taken as modelled, and which meshes that are called so never meet.
+    """Tell once what is taken as modelled, and of which meshes that leaves something open.
 
-    asked: pairs of meshes (i, j), i <= j, that the user calls attached.
+    Args:
+        observer: Hears of it.
+        parts: What was modelled.
+        asked: Pairs of meshes (i, j), i <= j, that the user calls attached.
+        unclear: Pairs of meshes whose rest poses meet wherever they lie.
     """
-    warn(observer, parts.unmet(asked))
+    meshes = parts.source.meshes
+    for i, j in sorted(set(asked) - parts.meshes):
+        first, second = meshes[i].path, meshes[j].path
+        what = f"{first} and {second}" if i != j else f"different parts of {first}"
+        observer.warning(
+            f"attach: {what} meet neither in the bind pose nor in a frame that was looked at: none "
+            "of their contacts counts as modelled"
+        )
+    left = [pair for pair in unclear if pair not in parts.meshes]
+    warn(observer, unclear_sides(parts.source, left))
     if parts.attached:
         observer.remark(ModelledFound(parts.attached))
 

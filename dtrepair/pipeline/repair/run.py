@@ -14,7 +14,7 @@ from dtrepair.pipeline.repair.chunks import Chunk
 from dtrepair.pipeline.repair.journal import Journal, hash_of_run
 from dtrepair.pipeline.repair.modelled_parts import tell_modelled
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frames
-from dtrepair.pipeline.stages.bodies import Controls, in_units_of_frames
+from dtrepair.pipeline.stages.bodies import Controls, PlacedBodies, in_units_of_frames
 from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.frames import (
     make_counter,
@@ -83,14 +83,14 @@ def open_journal(
 
 
 def repair_here(
-    prepared: Prepared, bodies: list[Body], observer: Observer, journal: Journal | None
+    prepared: Prepared, placed: PlacedBodies, observer: Observer, journal: Journal | None
 ) -> Report:
     """Repair all frames into the sink, commit it, and return the report."""
     run, source, rests = prepared.run, prepared.source, prepared.rests
-    repairer, rest_counts = make_repairer(run, source, rests, bodies, journal)
+    repairer, rest_counts = make_repairer(run, source, rests, placed.bodies, journal)
     run.clock.lap("factor")
     warn(observer, rest_warnings(source, rests, rest_counts))
-    tell_modelled(observer, repairer.modelled, run.attached)
+    tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
     records, jitter = _repair_frames(prepared, repairer, observer)
     if "chunk" not in run.settings:  # of a farm the other chunks may be fine, and want this one
         refuse_if_none_usable(source, records)

@@ -19,7 +19,13 @@ from dtrepair.pipeline.repair.settings import (
     parse_chunk,
     recorded_settings,
 )
-from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
+from dtrepair.pipeline.stages.bodies import (
+    Controls,
+    PlacedBodies,
+    make_bodies,
+    read_controls,
+    unclear_sides,
+)
 from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import mode_warnings
@@ -68,15 +74,15 @@ def repair_stage(
         plain_errors(),
         _prepared(os.fspath(stage), os.fspath(output), chosen, device, jobs, observer) as prepared,
     ):
-        bodies = make_bodies(
-            prepared.source, prepared.rests, prepared.controls, observer, mode=chosen.options.mode
+        placed = make_bodies(
+            prepared.source, prepared.rests, prepared.controls, mode=chosen.options.mode
         )
         if distributed is not None and len(prepared.source.times) > 1:
             workers = Workers(distributed, jobs, device)
-            return _distributed(prepared, chosen, workers, observer)
-        journal = open_journal(prepared, bodies, observer, resume=resume)
+            return _distributed(prepared, placed, chosen, workers, observer)
+        journal = open_journal(prepared, placed.bodies, observer, resume=resume)
         warn(observer, journal.warnings if journal is not None else ())
-        return repair_here(prepared, bodies, observer, journal)
+        return repair_here(prepared, placed, observer, journal)
 
 
 def plan_repair(
@@ -179,7 +185,11 @@ def _recorded(source: Source, settings: RepairSettings, controls: Controls) -> d
 
 
 def _distributed(
-    prepared: Prepared, settings: RepairSettings, workers: Workers, observer: Observer
+    prepared: Prepared,
+    placed: PlacedBodies,
+    settings: RepairSettings,
+    workers: Workers,
+    observer: Observer,
 ) -> Report:
     """Repair on several workers; the report is of the whole run."""
     source, output, clock = prepared.source, prepared.output, prepared.run.clock
@@ -187,6 +197,11 @@ def _distributed(
     report = repair_distributed(repair_stage, source, output, settings, workers, observer)
     result = open_source(output, settings.selection, collider=settings.objects.collider)
     jitter = measured_jitter(source, result)
+    known = {(found.first.path, found.second.path) for found in report.attached.listed}
+    known |= {(second, first) for first, second in known}
+    paths = [mesh.path for mesh in source.meshes]
+    left = [(i, j) for i, j in placed.met if (paths[i], paths[j]) not in known]
+    warn(observer, unclear_sides(source, left))
     if report.attached:
         observer.remark(ModelledFound(report.attached))
     seconds = {**report.seconds, "total": clock.total()["total"]}

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import UsageError
-from dtrepair.pipeline.observer import Observer, warn
 from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
 from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs
 from dtrepair.pipeline.stages.object_settings import read_settings
@@ -141,21 +140,27 @@ def _found(values: PerMesh, option: str, what: str) -> PerMesh:
     return values
 
 
-def make_bodies(
-    source: Source, rests: list[Rest], controls: Controls, observer: Observer, *, mode: str = "both"
-) -> list[Body]:
-    """Return the bodies in the space of the frames: local for one mesh, else world.
+class PlacedBodies(NamedTuple):
+    """Bodies in one space, and the pairs (i, j), i < j, of them that meet wherever the rests lie.
 
-    A warning names meshes of which no frame tells which one is outside.
+    Only pairs whose contacts count.
     """
+
+    bodies: list[Body]
+    met: list[tuple[int, int]]
+
+
+def make_bodies(
+    source: Source, rests: list[Rest], controls: Controls, *, mode: str = "both"
+) -> PlacedBodies:
+    """Return the bodies in the space of the frames: local for one mesh, else world."""
     from dtrepair.repair.scene.bodies import Body
 
     several = len(source.meshes) > 1
-    time = float(source.times[0])
+    time, met = float(source.times[0]), list[tuple[int, int]]()
     if several:
         time, met = _time_of_rest(source, rests)
-        if mode != "self":
-            warn(observer, _unclear_sides(source, met, controls.ignored))
+        met = [pair for pair in met if mode != "self" and pair not in controls.ignored]
     bodies = []
     for index, (mesh, rest) in enumerate(zip(source.meshes, rests, strict=True)):
         points = source.to_world(mesh, time, rest.points) if several else rest.points
@@ -177,7 +182,7 @@ def make_bodies(
                 name=mesh.path,
             )
         )
-    return bodies
+    return PlacedBodies(bodies, met)
 
 
 def _time_of_rest(source: Source, rests: list[Rest]) -> tuple[float, list[tuple[int, int]]]:
@@ -208,11 +213,8 @@ def _time_of_rest(source: Source, rests: list[Rest]) -> tuple[float, list[tuple[
     return best, met
 
 
-def _unclear_sides(
-    source: Source, met: list[tuple[int, int]], ignored: tuple[tuple[int, int], ...]
-) -> list[str]:
-    """A warning about meshes whose rest poses meet at best, if their contacts count."""
-    pairs = [pair for pair in met if pair not in ignored]
+def unclear_sides(source: Source, pairs: Sequence[tuple[int, int]]) -> list[str]:
+    """Return a warning about pairs of meshes of which no frame tells which one is outside."""
     if not pairs:
         return []
     first, second = (source.meshes[index].path for index in pairs[0])

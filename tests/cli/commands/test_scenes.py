@@ -136,6 +136,9 @@ def test_meshes_that_never_lie_clear_of_each_other_are_named(
     assert f"/Ball/Mesh and /Rod/Mesh {told}" in run("repair", still, *out).err
     assert told not in run("repair", still, *out, "--mode", "self").err
     assert told not in run("repair", still, *out, "--ignore", "/Ball,/Rod").err
+    # What the user calls attached is no layer over the other, and is told as such.
+    attached = run("repair", still, *out, "--attach", "/Ball,/Rod").err
+    assert told not in attached and "taken as modelled: 1 pair of parts" in attached
 
 
 def sink(path: Path, folder: Path) -> Path:

@@ -25,7 +25,6 @@ from dtrepair.pipeline.stages.rest import choose_rests
 from dtrepair.pipeline.stages.sources import open_source
 from tests.command_line import assert_fails, run, tube_obj
 from tests.meshes import icosphere
-from tests.pipeline.hosts import Listener
 
 NOTHING = ObjectOptions()
 BALL, FACES = icosphere(1)
@@ -64,7 +63,7 @@ def layers(
     source = open_source(str(path), Selection())
     controls = read_controls(source, objects, tables)
     rests = choose_rests(source, None, device="cpu")
-    bodies = make_bodies(source, rests, controls, Listener())
+    bodies = make_bodies(source, rests, controls).bodies
     return [None if body.layer is None else np.asarray(body.layer) for body in bodies]
 
 

@@ -90,8 +90,8 @@ def command(
     the bounding-box diagonal of its mesh.
 
     Single objects may have settings of their own: tables [[prim]] in the file of --config with a
-    path and any of diffusion, mobility (0 to 1), rigid, pin and direction, or constant primvars
-    such as primvars:dtrepair:diffusion on the prim or above it. A table wins over a primvar, and
+    path and any of diffusion, mobility (0 to 1), rigid, pin, direction, attach and layer, or
+    constant primvars such as primvars:dtrepair:diffusion on the prim or above it. A table wins over a primvar, and
     both over the options.
 
     \b

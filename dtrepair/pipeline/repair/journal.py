@@ -137,7 +137,7 @@ def hash_of_run(
     digest.update(json.dumps([facts, dict(settings)], sort_keys=True, default=str).encode())
     for body in bodies:
         digest.update(f"{body.diffusion} {body.mobility} {body.rigid}".encode())
-        for array in (body.rest, body.faces, body.pin, body.direction):
+        for array in (body.rest, body.faces, body.pin, body.direction, body.layer):
             values = np.zeros(0) if array is None else np.ascontiguousarray(array)
             digest.update(f"{values.dtype.str}{values.shape}".encode())
             digest.update(values.tobytes())

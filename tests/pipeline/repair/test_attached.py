@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,8 +27,9 @@ from dtrepair.pipeline import (
 from dtrepair.pipeline.errors import InputError
 from dtrepair.pipeline.repair.modelled import modelled_parts
 from dtrepair.pipeline.selection import Selection
-from dtrepair.pipeline.stages.sources import open_source
+from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.repair.options import RepairOptions
+from dtrepair.report.joining import join_reports
 from dtrepair.report.record import Report
 from tests.command_line import assert_fails, run
 from tests.jointed_arm import FORE, UPPER, arm, arm_stage
@@ -193,6 +195,31 @@ def test_repair_leaves_what_is_attached_and_its_report_says_it_again(
     every = RepairOptions(rest_contacts="repair")
     kept = repair_stage(apart, tmp_path / "c.usda", settings, options=every)
     assert kept.frames[0].after == frame.after
+
+
+def test_a_distributed_run_tells_it_too(
+    apart: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The workers say nothing; what they found is in the report of the whole."""
+
+    def repaired(
+        repair: Any, source: Source, output: str, settings: RepairSettings, *others: Any
+    ) -> Report:
+        return join_reports([repair(source.name, output, settings).document()])
+
+    monkeypatch.setattr("dtrepair.pipeline.repair.stage.repair_distributed", repaired)
+    host, objects = Listener(), ObjectOptions(attach=(BOTH,))
+    selection = Selection(frames="6:7")
+    report = repair_stage(
+        apart,
+        tmp_path / "b.usda",
+        selection=selection,
+        objects=objects,
+        distributed="local",
+        observer=host,
+    )
+    (told,) = (remark for remark in host.remarks if isinstance(remark, ModelledFound))
+    assert told.attached == report.attached and len(report.attached) == 1
 
 
 def test_key_poses_know_what_is_attached(apart: Path, tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from dtrepair.pipeline import (
     plan_repair,
     repair_stage,
 )
+from dtrepair.pipeline.repair.journal import hash_of_run
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.bodies import make_bodies, read_controls
 from dtrepair.pipeline.stages.rest import choose_rests
@@ -119,6 +120,19 @@ def test_a_report_says_it_again(stage: Path, tmp_path: Path) -> None:
     body, coat = layers(stage, again.objects, *again.tables)
     assert body is not None and body.tolist() == numbers
     assert coat is not None and coat.tolist() == [2] * COUNT
+
+
+def test_a_run_with_other_layers_does_not_go_on_with_an_old_one(stage: Path) -> None:
+    """The numbers of faces are no part of the settings, which name their primvar only."""
+    source = open_source(str(stage), Selection())
+    rests = choose_rests(source, None, device="cpu")
+    hashes = []
+    for number in (1, 1, 2):
+        add_layer(stage, "/Hero/Coat", [number] * COUNT, "uniform")
+        source = open_source(str(stage), Selection())
+        bodies = make_bodies(source, rests, read_controls(source, NOTHING)).bodies
+        hashes.append(hash_of_run({}, "cpu", bodies, source.times))
+    assert hashes[0] == hashes[1] != hashes[2]
 
 
 def test_the_command_line_and_the_config_file(stage: Path, tmp_path: Path) -> None:

@@ -91,8 +91,8 @@ def command(
 
     Single objects may have settings of their own: tables [[prim]] in the file of --config with a
     path and any of diffusion, mobility (0 to 1), rigid, pin, direction, attach and layer, or
-    constant primvars such as primvars:dtrepair:diffusion on the prim or above it. A table wins over a primvar, and
-    both over the options.
+    constant primvars such as primvars:dtrepair:diffusion on the prim or above it. A table wins over
+    a primvar, and both over the options.
 
     \b
     Example:

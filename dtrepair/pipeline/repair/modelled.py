@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dtrepair.numerics.geometry import FloatArray, IntArray, components, weld_map
 from dtrepair.pipeline.repair.modelled_parts import ModelledParts
 from dtrepair.pipeline.stages.bodies import outward_faces
+from dtrepair.pipeline.stages.frames import read_frame
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, time_label
 
@@ -46,18 +47,6 @@ class ReferenceOptions:
     asked_samples: int = 33
 
 
-class _Contacts(NamedTuple):
-    """Intersecting pairs (K, 2) that count, of which the bind pose speaks, which were asked for.
-
-    keys: the two connected parts of each (K,), as one number.
-    """
-
-    pairs: IntArray
-    keys: NDArray[np.int64]
-    bound: BoolArray
-    asked: BoolArray
-
-
 class _Look(NamedTuple):
     """A pose (V, 3), some of its pairs (K, 2), their parts as keys (K,); what it is called."""
 
@@ -65,6 +54,17 @@ class _Look(NamedTuple):
     pairs: IntArray
     keys: NDArray[np.int64]
     name: str
+
+    def of(self, chosen: BoolArray) -> _Look:
+        """Return the same with some of the pairs (K,) only."""
+        return self._replace(pairs=self.pairs[chosen], keys=self.keys[chosen])
+
+    def reference(self, chosen: BoolArray | None = None, *, asked: bool = False) -> Reference:
+        """Return a pose that shows some of the pairs (K,) as modelled; None: all of them."""
+        from dtrepair.numerics.attachments import Reference
+
+        pairs = self.pairs if chosen is None else self.pairs[chosen]
+        return Reference(self.points, pairs, self.name, asked)
 
 
 def modelled_references(
@@ -82,31 +82,28 @@ def modelled_references(
     pose, contacts of two parts in nearly all frames of the whole clip are modelled: the pose in
     which they have fewest pairs shows where. The parts of a farm agree on it.
 
-    attached: pairs (i, j) of meshes, i <= j, that the user calls attached. The bind pose shows
-    where, and for two of their parts that do not meet there, the frame with fewest of their pairs.
+    attached: pairs (i, j) of meshes, i <= j, that the user calls attached. For two of their parts
+    of which nothing of that tells, the frame with fewest of their pairs shows where.
     """
-    from dtrepair.numerics.attachments import Reference
-
     meshes = _Meshes(source, rests, ignored=ignored, attached=attached)
-    rest = meshes.contacts(meshes.rest)
-    own = rest.bound & ~rest.asked
-    found = [Reference(meshes.rest, rest.pairs[own], BIND_POSE)]
+    rest = meshes.look(meshes.rest, BIND_POSE)
+    known = [rest.of(meshes.tell_by_rests(rest.pairs))]
     if not meshes.bound.all():
-        looks = []
-        for time, points, contacts in meshes.looks(options.samples):
-            chosen = ~contacts.bound & ~contacts.asked
-            looks.append(_look(time, points, contacts, chosen))
+        looks = list(meshes.looks(options.samples))
+        looks = [look.of(~meshes.tell_by_rests(look.pairs)) for look in looks]
         if len(looks) >= options.least:
-            found += _where_fewest(looks, options.nearly_all * len(looks))
+            known += _where_fewest(looks, options.nearly_all * len(looks))
+    found = [look.reference(~meshes.asked(look.pairs)) for look in known]
     if not attached:
         return found
-    own = rest.bound & rest.asked
-    found.append(Reference(meshes.rest, rest.pairs[own], BIND_POSE, asked=True))
-    looks = []
-    for time, points, contacts in meshes.looks(options.asked_samples):
-        chosen = contacts.asked & ~np.isin(contacts.keys, rest.keys[own])
-        looks.append(_look(time, points, contacts, chosen))
-    return found + [reference._replace(asked=True) for reference in _where_fewest(looks, 1)]
+    found += [look.reference(meshes.asked(look.pairs), asked=True) for look in known]
+    told = np.concatenate([look.keys for look in known])
+    looks = [
+        look.of(meshes.asked(look.pairs) & ~np.isin(look.keys, told))
+        for look in meshes.looks(options.asked_samples)
+    ]
+    every = (look.reference(asked=True) for look in _where_fewest(looks, 1))
+    return [*found, *every]
 
 
 def modelled_parts(
@@ -144,7 +141,7 @@ class _Meshes:
         ignored: Pairs = (),
         attached: Pairs = (),
     ) -> None:
-        self.source, self.ignored = source, ignored
+        self.source, self.ignored, self.attached = source, ignored, attached
         starts = np.cumsum([0, *(len(rest.points) for rest in rests)])
         self._ends = starts[:-1].tolist(), starts[1:].tolist()
         shifted = zip(source.meshes, starts, strict=False)
@@ -157,7 +154,6 @@ class _Meshes:
         welded = [weld_map(self.rest[a:b]) + a for a, b in pairwise(starts)]
         self.weld = np.concatenate(welded).astype(np.int32)
         self.bound = np.array([_is_bound(mesh) for mesh in source.meshes])
-        self._attached = np.array([i * len(sizes) + j for i, j in attached], dtype=np.int64)
 
     def faces_outwards(self) -> IntArray:
         """Return the triangles (F, 3) as a repair has them: facing out of closed parts."""
@@ -182,46 +178,42 @@ class _Meshes:
 
         return Detector(self.rest, self.faces)
 
-    def contacts(self, points: FloatArray) -> _Contacts:
-        """Return the contacts of a pose (V, 3) between different parts that are not ignored."""
+    def look(self, points: FloatArray, name: str) -> _Look:
+        """Return a pose (V, 3) with its contacts of different parts that are not ignored."""
         from dtrepair.intersect.ignored import counted_between
 
         pairs = self._detector(points, weld=self.weld)
         pairs = pairs[counted_between(self.mesh_of[pairs], mode="both", ignored=self.ignored)]
         sides = np.sort(self.part_of[pairs], axis=1)
-        different = sides[:, 0] != sides[:, 1]
-        pairs, sides = pairs[different], sides[different]
-        meshes = np.sort(self.mesh_of[pairs], axis=1)
-        return _Contacts(
-            pairs,
-            sides[:, 0] * len(self.rest) + sides[:, 1],
-            np.asarray(self.bound[meshes].all(axis=1)),
-            np.isin(meshes[:, 0] * len(self.bound) + meshes[:, 1], self._attached),
-        )
+        keys = sides[:, 0] * len(self.rest) + sides[:, 1]
+        return _Look(points, pairs, keys, name).of(sides[:, 0] != sides[:, 1])
 
-    def looks(self, samples: int) -> Iterator[tuple[float, FloatArray, _Contacts]]:
-        """Yield time, pose (V, 3) and contacts of some frames of the whole clip, or of all.
+    def looks(self, samples: int) -> Iterator[_Look]:
+        """Yield so many frames of the whole clip, or all of them.
 
-        Frames in which a mesh has no points are left out.
+        Frames that cannot be used are left out.
         """
         times = self.source.all_times
         chosen = np.linspace(0, len(times) - 1, min(samples, len(times))).astype(int)
         for time in times[chosen].tolist():
-            poses = [self.source.read(mesh, time) for mesh in self.source.meshes]
-            if all(pose is not None for pose in poses):
-                points = _placed(self.source, time, [pose for pose in poses if pose is not None])
-                yield time, points, self.contacts(points)
+            frame = read_frame(self.source, time)
+            if frame.usable:
+                points = np.concatenate([np.asarray(own, np.float64) for own in frame.spaces])
+                yield self.look(points, f"frame {time_label(time)}")
+
+    def tell_by_rests(self, pairs: IntArray) -> BoolArray:
+        """Return which pairs (K, 2) of triangles are of meshes of which the rests tell, (K,)."""
+        return np.asarray(self.bound[self.mesh_of[pairs]].all(axis=1))
+
+    def asked(self, pairs: IntArray) -> BoolArray:
+        """Return which pairs (K, 2) of triangles are of meshes that are called attached, (K,)."""
+        from dtrepair.intersect.ignored import of_ignored_bodies
+
+        return of_ignored_bodies(self.mesh_of[pairs], self.attached)
 
 
-def _look(time: float, points: FloatArray, contacts: _Contacts, chosen: BoolArray) -> _Look:
-    name = f"frame {time_label(time)}"
-    return _Look(points, contacts.pairs[chosen], contacts.keys[chosen], name)
-
-
-def _where_fewest(looks: list[_Look], least: float) -> list[Reference]:
+def _where_fewest(looks: list[_Look], least: float) -> list[_Look]:
     """For two parts that meet in enough poses, the pose in which they have fewest pairs."""
-    from dtrepair.numerics.attachments import Reference
-
     if not looks:
         return []
     keys, counts = zip(*(np.unique(look.keys, return_counts=True) for look in looks), strict=True)
@@ -238,7 +230,7 @@ def _where_fewest(looks: list[_Look], least: float) -> list[Reference]:
         fewer[there] = number[place[there]] < fewest[there]
         fewest[fewer], where[fewer] = number[place[fewer]], index
     return [
-        Reference(look.points, look.pairs[np.isin(look.keys, every[where == index])], look.name)
+        look.of(np.isin(look.keys, every[where == index]))
         for index, look in enumerate(looks)
         if (where == index).any()
     ]

@@ -120,6 +120,15 @@ def test_attached_as_in_the_bind_pose(tmp_path: Path) -> None:
     assert pairs(both) == pairs(check_stage(path))
 
 
+def test_what_is_modelled_anyway_stays_so(tmp_path: Path) -> None:
+    """Asked for or not, the same frame shows where: asking takes nothing away."""
+    bends = np.linspace(0.1, 0.5, 40)
+    path = arm_stage(tmp_path / "a.usda", bends[np.argsort(np.sin(7.0 * bends))], rest=False)
+    by_itself, asked = check_stage(path), check_stage(path, attach=("/Root/Arm,/Root/Arm",))
+    assert by_itself.attached == asked.attached and len(asked.attached) == 1
+    assert pairs(by_itself) == pairs(asked)
+
+
 def test_attached_parts_of_one_mesh(tmp_path: Path) -> None:
     """A single clip of few frames tells nothing; the user knows that its parts belong together."""
     path = arm_stage(tmp_path / "a.usda", np.array([0.1, 0.2]), rest=False)

@@ -45,6 +45,18 @@ def test_nearly_all_frames_tell_where_there_is_no_rest(tmp_path: Path) -> None:
     assert modelled_parts(open_source(str(few), Selection())).attachments is None
 
 
+def test_a_frame_that_cannot_be_used_is_left_out(tmp_path: Path) -> None:
+    from usd_io import AuthoredMesh, write_animation
+
+    poses = [arm(bend) for bend in np.linspace(0.1, 0.5, FRAMES)]
+    poses[3] = np.full_like(poses[3], np.nan)
+    mesh = AuthoredMesh(path="/Root/Arm", faces=arm_mesh()[1], points=poses)
+    path = tmp_path / "a.usda"
+    write_animation(path, mesh, times=1.0 + np.arange(FRAMES))
+    report = check_stage(path)
+    assert report.frames[3].status == "failed" and len(report.attached) == 1
+
+
 def test_what_meets_in_some_frames_only_is_no_attachment(tmp_path: Path) -> None:
     from usd_io import AuthoredMesh, write_animation
 

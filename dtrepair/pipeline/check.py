@@ -182,7 +182,7 @@ def _modelled(
     observer: Observer,
 ) -> tuple[list[ObjectSettings], ModelledParts]:
     """What each mesh is attached to, and what counts as modelled; both are told."""
-    tables = [table for table in settings.tables if table.settings.attach]
+    tables = [table for table in settings.tables if table.settings.attach is not None]
     found = read_settings(source, tables=tables, keys=("attach",))
     attached, warnings = attached_pairs(source, settings.attach, found.each)
     warn(observer, [*found.warnings, *warnings])

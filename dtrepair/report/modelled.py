@@ -47,7 +47,7 @@ class PartRecord:
         return cls(**{**document, "centre": _point(document["centre"])})
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class ModelledCounts:
     """Pairs of triangles that were modelled, in the input and in the result, and triangles.
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from dtrepair.report.modelled import bounded
 from dtrepair.report.record import (
     SCHEMA,
     CountRecord,
@@ -24,6 +25,7 @@ from dtrepair.report.record import (
     write_report,
 )
 from dtrepair.report.schema import SCHEMA_NAME, STATUSES, ReportError, validate
+from tests.report.modelled_records import record
 
 Document = dict[str, Any]
 
@@ -40,6 +42,7 @@ def make_report(**changes: Any) -> Report:
             displacement_max=0.03,
             displacement_mean=0.002,
             prims=(FramePrimRecord(path="/A", before=CountRecord(triangles=4), after=None),),
+            modelled=bounded([record(1, 7)]),
         ),
         FrameRecord(time=None, status="failed", message="points are not finite"),
         FrameRecord(
@@ -115,6 +118,11 @@ def broken_documents(document: Document) -> Iterator[Any]:
     yield change(lambda d: d["prims"][0].pop("path"))
     yield change(lambda d: d["seconds"].update(total=-1.0))
     yield change(lambda d: d.update(frames={}))
+    yield change(lambda d: d.update(attached={}))
+    yield change(lambda d: d["frames"][0].update(modelled={"listed": []}))
+    yield change(lambda d: d["frames"][0]["modelled"]["others"].update(parts=-1))
+    yield change(lambda d: d["frames"][0]["modelled"]["listed"][0]["first"].update(number=0))
+    yield change(lambda d: d["summary"]["modelled"]["listed"][0].pop("centre"))
     yield []
 
 

@@ -106,29 +106,27 @@ class ModelledParts:
         if self.attachments is None or not (len(before.modelled) or len(after.modelled)):
             return ModelledList()
         met = self._met(np.concatenate([before.modelled, after.modelled]))
-        first, last = np.split(met.number, [len(before.modelled)])
-        pairs = [np.bincount(each, minlength=len(met.pairs)) for each in (first, last)]
+        numbers = np.split(met.number, [len(before.modelled)])
+        pairs = [np.bincount(each, minlength=len(met.pairs)) for each in numbers]
         order = np.argsort(-np.maximum(*pairs), kind="stable")
         rank = np.argsort(order)
-        numbers = zip((before, after), (first, last), strict=True)
-        triangles = [_triangles(count, rank[each], len(order)) for count, each in numbers]
+        both = zip((before, after), numbers, strict=True)
+        triangles = [_triangles(count, rank[each], len(order)) for count, each in both]
+        sides = (before, np.concatenate(old)), (after, np.concatenate(new))
         records = []
         for place, index in enumerate(order.tolist()):
-            counts = ModelledCounts(
-                pairs_before=int(pairs[0][index]),
-                pairs_after=int(pairs[1][index]),
-                triangles_before=int(triangles[0][place]),
-                triangles_after=int(triangles[1][place]),
-            )
-            there = (before, first, old) if counts.pairs_before else (after, last, new)
-            contacts = there[0].modelled[there[1] == index]
+            side = 0 if pairs[0][index] else 1
+            count, points = sides[side]
             a, b = met.parts[index].tolist()
             records.append(
                 ModelledRecord(
                     first=self.records[a],
                     second=self.records[b],
-                    counts=counts,
-                    centre=self._where(np.concatenate(there[2]), contacts, time),
+                    counts=ModelledCounts(
+                        *(int(each[index]) for each in pairs),
+                        *(int(each[place]) for each in triangles),
+                    ),
+                    centre=self._where(points, count.modelled[numbers[side] == index], time),
                 )
             )
         return bounded(records)
@@ -210,10 +208,10 @@ class ModelledParts:
         x, y, z = (np.round(point, self._decimals) + 0.0).tolist()
         return (x, y, z)
 
-    def _where(self, points: FloatArray, contacts: NDArray[np.integer], time: float) -> Point:
+    def _where(self, points: NDArray[Any], contacts: NDArray[np.integer], time: float) -> Point:
         """Return the middle of the triangles of contacts (K, 2) of a pose (V, 3), in the world."""
         corners = self._faces[np.unique(contacts)]
-        middle = np.asarray(points, dtype=np.float64)[corners].mean(axis=(0, 1))
+        middle = points[corners].astype(np.float64).mean(axis=(0, 1))
         if len(self.source.meshes) == 1:
             middle = self.source.to_world(self.source.meshes[0], time, middle[None])[0]
         return self._told(middle + self.source.origin)

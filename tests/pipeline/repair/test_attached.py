@@ -148,6 +148,16 @@ def test_a_primvar_says_what_a_prim_is_attached_to(apart: Path, kind: str) -> No
     assert again.tables[0].settings == ObjectSettings(attach=("/Root/Upper",))
 
 
+def test_a_table_takes_a_primvar_back(apart: Path) -> None:
+    add_primvar(apart, "/Root/Fore", "Token", "/Root/Upper")
+    assert check_stage(apart).attached
+    table = PrimTable("/Root/Fore", ObjectSettings(attach=()))
+    report = check_stage(apart, tables=(table,))
+    assert not report.attached
+    again = CheckSettings.from_report(report.document()["settings"])
+    assert not check_stage(apart, again).attached
+
+
 def test_several_patterns_of_a_primvar(apart: Path) -> None:
     add_primvar(apart, "/Root/Fore", "TokenArray", ["/Root/Upp*", "/Root/Missing"])
     host = Listener()

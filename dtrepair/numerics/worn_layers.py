@@ -155,18 +155,19 @@ def find_layer(
 def layer_over(
     parts: Parts, top: int, under: int, pose: int, *, options: LayerOptions = LayerOptions()
 ) -> WornLayer:
-    """Return a layer of which is known that it lies over another part in a pose.
+    """Return a layer of which is known that it lies over another part, whatever a pose shows.
 
-    All vertices of an open layer are held outside: what hangs free may meet it later.
+    All vertices of an open layer are held outside: what hangs free may meet it later. Of a closed
+    one those that are near in the pose, and outside if any is.
     """
     found = _beside(parts, top, under, pose, options)
-    own = found.known & (found.heights > 0)
-    sides, heights = found.sides.copy(), found.heights.copy()
+    outside = found.known & (found.heights > 0)
+    own = outside if outside.any() else found.known
+    sides, heights = found.sides.copy(), np.where(outside, found.heights, np.inf)
     if not parts.closed[top] and own.any():
         weights = parts.area_shares(top)[own]
         sides[~own] = 1.0 if (weights * sides[own]).sum() >= 0.0 else -1.0
-        heights[~own] = np.inf
-        own[:] = True
+        own = np.ones(len(own), dtype=bool)
     return WornLayer(top, under, parts.vertices[top][own], sides[own], heights[own])
 
 
@@ -202,6 +203,8 @@ class Layers:
     Args:
         parts: The parts and the poses that tell.
         pairs: Of each pose the intersecting pairs (K, 2) of triangles.
+        numbers: How far out each part lies, as the user says: of two the higher one is outside,
+            whatever the poses tell; None, or two that are equal: the poses tell.
         options: What counts as a layer.
     """
 
@@ -210,9 +213,11 @@ class Layers:
         parts: Parts,
         pairs: Sequence[IntArray],
         *,
+        numbers: IntArray | None = None,
         options: LayerOptions = LayerOptions(),
     ) -> None:
         self.parts, self.options = parts, options
+        self._numbers = np.zeros(len(parts.closed), dtype=np.int32) if numbers is None else numbers
         part_of_face = parts.part[parts.faces[:, 0]]
         self._met = [_counts(part_of_face[found]) for found in pairs]
         self._known: dict[tuple[int, int], WornLayer | None] = {}
@@ -228,8 +233,25 @@ class Layers:
             poses = np.argsort(counts, kind="stable")[: self.options.poses]
             if counts[poses[0]] == 0:
                 poses = poses[counts[poses] == 0]
-            self._known[key] = find_layer(self.parts, *key, poses.tolist(), options=self.options)
+            self._known[key] = self._found(*key, poses.tolist())
         return self._known[key]
+
+    def _found(self, first: int, second: int, poses: list[int]) -> WornLayer | None:
+        """Return the layer of two parts, as the user or else the poses tell; None where neither."""
+        over = int(self._numbers[first]) - int(self._numbers[second])
+        if over == 0:
+            return find_layer(self.parts, first, second, poses, options=self.options)
+        top, under = (first, second) if over > 0 else (second, first)
+        layer = layer_over(self.parts, top, under, poses[0], options=self.options)
+        return layer if len(layer.vertices) else None
+
+
+def median_of_parts(numbers: IntArray, part_of_face: IntArray, count: int) -> IntArray:
+    """Return the median (count,) of the numbers (F,) of each part's triangles, the higher one."""
+    order = np.lexsort((numbers, part_of_face))
+    sizes = np.bincount(part_of_face, minlength=count)
+    middle = np.cumsum(sizes) - sizes + sizes // 2
+    return np.asarray(numbers[order][middle], dtype=np.int32)
 
 
 def _counts(parts: NDArray[np.integer]) -> dict[tuple[int, int], int]:

@@ -37,6 +37,8 @@ class SceneRepairer:
         ignore: Pairs of bodies, by index, whose contacts are neither repaired nor counted; (k, k)
             are those of a body with itself.
         clip: Numbers of the stages of clips and single poses, and the sizes of windows.
+        references: Poses that show which contacts were modelled; see `Scene`.
+        layer_poses: Poses that show which part lies over which; default: the rest.
 
     Raises:
         ValueError: bodies, options or devices that cannot be used.
@@ -51,8 +53,10 @@ class SceneRepairer:
         ignore: Sequence[tuple[int, int]] = (),
         clip: ClipOptions | None = None,
         references: Sequence[Reference] = (),
+        layer_poses: Sequence[Reference] = (),
     ) -> None:
-        self.scene = make_scene(bodies, options or RepairOptions(), ignore, references)
+        choices = options or RepairOptions()
+        self.scene = make_scene(bodies, choices, ignore, references, layer_poses)
         self.device = resolve_device(device)
         queue = None if self.device == "cpu" else DeviceQueue(self.device)
         self._clip = clip or ClipOptions()

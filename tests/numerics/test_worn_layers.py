@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.numerics.worn_layers import LayerOptions, Layers, Parts, WornLayer
+from dtrepair.numerics.worn_layers import (
+    LayerOptions,
+    Layers,
+    Parts,
+    WornLayer,
+    median_of_parts,
+)
 from tests.meshes import Mesh, icosphere, joined, torus, tube
 
 ARM = tube(24, 40, 0.2, 4.0)
@@ -71,6 +77,20 @@ def test_poses_without_contact_tell_before_all_others() -> None:
     assert found is not None and found.top == 1
     other = Layers(parts, [NO_PAIRS, meeting]).between(0, 1)
     assert other is not None and other.top == 0
+
+
+@pytest.mark.parametrize("numbers, top", [((0, 0), 1), ((0, 2), 1), ((3, 2), 0), ((0, -1), 0)])
+def test_numbers_of_the_user_win(numbers: tuple[int, int], top: int) -> None:
+    parts = parts_of(ARM, SLEEVE, closed=(True, False))
+    layers = Layers(parts, [NO_PAIRS], numbers=np.array(numbers, dtype=np.int32))
+    found = layers.between(0, 1)
+    assert found is not None and found.top == top
+
+
+def test_the_number_of_a_part_is_the_median_of_its_triangles() -> None:
+    part = np.array([0, 1, 0, 1, 0, 1, 1], dtype=np.int32)
+    numbers = np.array([5, 1, 5, 2, 0, 7, 2], dtype=np.int32)
+    assert median_of_parts(numbers, part, 2).tolist() == [5, 2]
 
 
 def test_stricter_options_see_no_layer() -> None:

@@ -106,6 +106,26 @@ def modelled_references(
     return [*found, *every]
 
 
+def layer_poses(
+    source: Source,
+    rests: Sequence[Rest],
+    *,
+    options: ReferenceOptions = ReferenceOptions(),
+) -> list[Reference]:
+    """Poses that show which part lies over which, in the space of the frames, with all their pairs.
+
+    The rests, unless some are frames of the clip, which need not be the same one. Where parts meet
+    in them, frames of the whole clip tell as well: the parts of a farm agree on them.
+    """
+    meshes = _Meshes(source, rests)
+    rest = meshes.look(meshes.rest, BIND_POSE)
+    shared = not any(rest.of_frame for rest in rests) or len(rests) == 1
+    if shared and len(rest.pairs) == 0:
+        return [rest.reference()]
+    looks = [look.reference() for look in meshes.looks(options.samples)]
+    return [rest.reference(), *looks] if shared or not looks else looks
+
+
 def modelled_parts(
     source: Source, *, ignored: Pairs = (), attached: Pairs = (), auto: bool = True
 ) -> ModelledParts:

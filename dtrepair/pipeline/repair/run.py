@@ -157,13 +157,18 @@ def make_repairer(
 ) -> tuple[FrameRepairer, list[int | None]]:
     """Build the solver and the counter, once for all frames; count the rests' own intersections."""
     from dtrepair.intersect.scene_counts import SceneCounter
-    from dtrepair.pipeline.repair.modelled import modelled_references
+    from dtrepair.pipeline.repair.modelled import layer_poses, modelled_references
     from dtrepair.repair.repairer import SceneRepairer
 
     options = in_units_of_frames(source, run.options)
     references = modelled_references(source, rests, ignored=run.ignored, attached=run.attached)
     scene = SceneRepairer(
-        bodies, options=options, device=run.device, ignore=run.ignored, references=references
+        bodies,
+        options=options,
+        device=run.device,
+        ignore=run.ignored,
+        references=references,
+        layer_poses=layer_poses(source, rests),
     )
     mode = run.options.mode
     counter = make_counter(

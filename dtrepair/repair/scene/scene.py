@@ -25,7 +25,7 @@ from dtrepair.numerics.geometry import (
     unique_edges,
     weld_map,
 )
-from dtrepair.numerics.worn_layers import Layers, Parts
+from dtrepair.numerics.worn_layers import Layers, Parts, median_of_parts
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene.bodies import (
     STIFF,
@@ -59,6 +59,8 @@ class Scene:
         direction: Preferred direction (V, 3) of the repair, zero rows where none.
         references: Poses (V, 3) that show which contacts were modelled, each with the pairs (K, 2)
             that it may speak of.
+        layer_poses: Poses (V, 3) that show which part lies over which, with all their pairs (K, 2);
+            default: the rest.
     """
 
     bodies: tuple[Body, ...]
@@ -71,6 +73,7 @@ class Scene:
     mobility: FloatArray
     direction: FloatArray
     references: tuple[Reference, ...] = ()
+    layer_poses: tuple[Reference, ...] = ()
 
     @cached_property
     def body_of(self) -> NDArray[np.int64]:
@@ -148,11 +151,22 @@ class Scene:
 
     @cached_property
     def layers(self) -> Layers:
-        """Which connected parts of the rest lie over which, numbered as in `enclosures`."""
-        parts = self.enclosures
-        every = self.detector(self.centred_rest, weld=self.rest_weld)
-        shapes = Parts(parts.faces, parts.part, parts.closed, [self.rest])
-        return Layers(shapes, [every])
+        """Which connected parts lie over which, numbered as in `enclosures`."""
+        known, own = self.layer_poses, self.enclosures
+        if not known:
+            every = self.detector(self.centred_rest, weld=self.rest_weld)
+            known = (Reference(self.rest, every),)
+        parts = Parts(own.faces, own.part, own.closed, [pose.points for pose in known])
+        return Layers(parts, [pose.pairs for pose in known], numbers=self._layer_numbers())
+
+    def _layer_numbers(self) -> IntArray:
+        """How far out each part lies: the median of what its triangles are told, 0 if nothing."""
+        counts = np.diff(self.triangle_starts).tolist()
+        told = [layer_of(*both) for both in zip(self.bodies, counts, strict=True)]
+        both = zip(told, counts, strict=True)
+        filled = [np.zeros(n, dtype=np.int32) if own is None else own for own, n in both]
+        own = self.enclosures
+        return median_of_parts(np.concatenate(filled), own.part_of_face, own.count)
 
     @cached_property
     def rest_pairs(self) -> IntArray:
@@ -239,10 +253,11 @@ def make_scene(
     options: RepairOptions,
     ignore: Sequence[tuple[int, int]] = (),
     references: Sequence[Reference] = (),
+    layer_poses: Sequence[Reference] = (),
 ) -> Scene:
     """Return the scene of some bodies, whose contacts between pairs in `ignore` do not count.
 
-    references: see `Scene`.
+    references, layer_poses: see `Scene`.
 
     Raises:
         ValueError: bodies, options or pairs that cannot be used.
@@ -281,4 +296,5 @@ def make_scene(
         mobility=np.concatenate([mobility_of(body, count) for body, count in sized]),
         direction=np.concatenate([direction_of(body, count) for body, count in sized]),
         references=tuple(references),
+        layer_poses=tuple(layer_poses),
     )

@@ -110,6 +110,18 @@ def test_an_outer_layer_follows_the_inner_one() -> None:
     assert (sleeve > 0.28).all() and outer.mean() > sleeve.mean()
 
 
+def test_a_layer_that_the_user_numbers_is_lifted_whatever_the_rest_tells() -> None:
+    # In the rest the sleeve lies inside the arm.
+    inside = SLEEVE[0] * [0.8, 0.8, 1.0]
+    deep = np.concatenate([ARM[0], inside])
+    plain = scene_of((inside, SLEEVE[1]))
+    assert plain.layers.between(0, 1).top == 0  # type: ignore[union-attr]
+    told = scene_of((inside, SLEEVE[1]), layer=np.ones(len(SLEEVE[1]), dtype=np.int32))
+    after = lifted(told, deep)[0]
+    assert (after[: len(ARM[0])] == ARM[0]).all()
+    assert (radius(after[len(ARM[0]) :]) > 0.2).all()
+
+
 def test_parts_of_one_mesh_meet_too() -> None:
     points, faces = joined(ARM, SLEEVE)
     scene = make_scene([Body(points, faces)], RepairOptions())

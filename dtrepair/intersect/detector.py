@@ -88,7 +88,8 @@ class Detector:
         triangle is active.
         """
         rounded = self._rounded(points)
-        add_work(len(rounded) * (1.0 if active is None else float(active.mean())))
+        looked_at = len(self.faces) if active is None else int(active.sum())
+        add_work(len(rounded) * looked_at)
         pairs = self.candidates(rounded, weld=weld, active=active)
         if callable(exact):
             pairs = pairs[exact(rounded, pairs)]

@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, unique_edges, vertex_areas
+from dtrepair.numerics.work import add_work
+
+# A factorisation takes so many units of work (see `work`) for a row of its matrix.
+WORK_A_ROW = 3
 
 
 def cotangent_laplacian(
@@ -107,6 +111,7 @@ class Factor:
             raise ValueError("matrix should be finite: check the mesh for points that are not")
         Factor.count += 1
         self.size = int(entries.shape[0])
+        add_work(WORK_A_ROW * self.size)
         self._solver = CholeskySolverD(
             self.size,
             entries.indptr.astype(np.int32),

@@ -7,7 +7,7 @@ what is near lies on one side, that part is a layer over the other.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -205,6 +205,8 @@ class Layers:
         pairs: Of each pose the intersecting pairs (K, 2) of triangles.
         numbers: How far out each part lies, as the user says: of two the higher one is outside,
             whatever the poses tell; None, or two that are equal: the poses tell.
+        attached: Which two parts are attached to each other: only numbers tell of these. An arm
+            lies beside its body from the shoulder on, and is no layer of it.
         options: What counts as a layer.
     """
 
@@ -214,9 +216,10 @@ class Layers:
         pairs: Sequence[IntArray],
         *,
         numbers: IntArray | None = None,
+        attached: Callable[[int, int], bool] = lambda first, second: False,
         options: LayerOptions = LayerOptions(),
     ) -> None:
-        self.parts, self.options = parts, options
+        self.parts, self.options, self._attached = parts, options, attached
         self._numbers = np.zeros(len(parts.closed), dtype=np.int32) if numbers is None else numbers
         part_of_face = parts.part[parts.faces[:, 0]]
         self._met = [_counts(part_of_face[found]) for found in pairs]
@@ -239,6 +242,8 @@ class Layers:
     def _found(self, first: int, second: int, poses: list[int]) -> WornLayer | None:
         """Return the layer of two parts, as the user or else the poses tell; None where neither."""
         over = int(self._numbers[first]) - int(self._numbers[second])
+        if over == 0 and self._attached(first, second):
+            return None
         if over == 0:
             return find_layer(self.parts, first, second, poses, options=self.options)
         top, under = (first, second) if over > 0 else (second, first)

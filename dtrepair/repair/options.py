@@ -53,6 +53,8 @@ class RepairOptions:
         rest_contacts: What to do with intersections that the rest pose has as well: "auto" takes
             those of different connected parts as modelled, leaves and holds them together; "repair"
             or "leave" them all.
+        effort: Factor of the work that is spent on a pose before what is left is told; the work is
+            counted, so that results are the same on any machine.
 
     Raises:
         OptionError: a ValueError; an unknown name or a number out of range.
@@ -69,6 +71,7 @@ class RepairOptions:
     maximum_displacement: float | None = None
     clearance: float = 0.0
     rest_contacts: str = "auto"
+    effort: float = 1.0
     skip: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -91,15 +94,22 @@ class RepairOptions:
         for name in ("iterations", "tighten"):
             if not isinstance(getattr(self, name), Integral):
                 raise OptionError(name, f"should be a whole number, got {getattr(self, name)}")
-        for name in ("diffusion", "regularization", "clearance", "maximum_displacement"):
+        for name in (
+            "diffusion",
+            "regularization",
+            "clearance",
+            "maximum_displacement",
+            "effort",
+        ):
             if isinf(getattr(self, name) or 0.0):
                 raise OptionError(name, f"should be finite, got {getattr(self, name)}")
         least = {"iterations": 1, "tighten": 0, "regularization": 0.0, "clearance": 0.0}
         for name, lowest in least.items():
             if not getattr(self, name) >= lowest:
                 raise OptionError(name, f"should be at least {lowest}, got {getattr(self, name)}")
-        if not self.diffusion > 0:
-            raise OptionError("diffusion", f"should be positive, got {self.diffusion}")
+        for name in ("diffusion", "effort"):
+            if not getattr(self, name) > 0:
+                raise OptionError(name, f"should be positive, got {getattr(self, name)}")
         limit = self.maximum_displacement
         if limit is not None and not limit >= 0:
             raise OptionError("maximum_displacement", f"should be at least 0, got {limit}")

@@ -105,7 +105,7 @@ def window_method(choices: RepairOptions, options: ClipOptions, mesh: WeldedMesh
     rounds = choices.tighten if mesh.surface.ties is not None else 0
     return WindowMethod(
         mesh.surface,
-        partial(solve_alone, rounds=rounds, options=options.alone),
+        partial(solve_alone, rounds=rounds, effort=choices.effort, options=options.alone),
         tighten=min(choices.tighten, options.tighten),
         farthest=mesh.farthest,
         clearance=mesh.clearance,

@@ -54,6 +54,10 @@ class FrameOptions:
         push: The push of one frame.
         mend: The mending of one frame.
         relax: A cycle of the relaxing of one frame.
+        borrow: A frame takes a neighbour's displacement where that is less than this part of its
+            own, in the mean over the vertices.
+        alone_shares: Shares of the way from where a frame was solved alone to its place among its
+            neighbours that are tried in turn.
         relax_smoothed: Shares of the increment smoothed in time that are tried in turn.
     """
 
@@ -75,6 +79,8 @@ class FrameOptions:
     push: RegionalPushOptions = field(default_factory=RegionalPushOptions)
     mend: MendOptions = field(default_factory=MendOptions)
     relax: RelaxOptions = field(default_factory=RelaxOptions)
+    borrow: float = 0.8
+    alone_shares: tuple[float, ...] = (0.75, 0.5, 0.25)
     relax_smoothed: tuple[float, ...] = (1.0, 0.5, 0.25)
 
 
@@ -114,9 +120,8 @@ class WindowFrames:
             pool.array(original.shape) for _ in range(4)
         )
         self.poses[:] = original
-        # Poses of frames that were solved alone, once they are known.
+        # Poses of frames that were solved alone, where frames begin so.
         self.cold = pool.array(original.shape if surface.ties is not None else (0,))
-        self.solved_alone = pool.array((len(original),), np.bool_)
         self._detected: dict[int, FloatArray] = {}
         self._pairs: dict[int, IntArray] = {}
         self._relaxations: dict[int, Relaxation] = {}
@@ -168,15 +173,51 @@ class WindowFrames:
     def solved(self, surface: Surface, frame: int) -> None:
         """Solve a frame alone, from its input; what it has to move by is in `added`."""
         self.cold[frame] = self.alone(surface, self.original[frame])
-        self.solved_alone[frame] = True
         self.added[frame] = self.cold[frame] - self.poses[frame]
+
+    def borrowed(self, surface: Surface, frame: int, step: float) -> None:
+        """Take a neighbour's displacement instead, mended, where that moves the frame much less.
+
+        Two frames that are nearly alike may be solved in unlike ways.
+        """
+        before, least = self.original[frame], self.options.borrow
+        moved = np.linalg.norm(self.cold - self.original, axis=2).mean(axis=1)
+        pairs = len(surface.contacts.pairs(self.cold[frame]))
+        for other in (frame - 1, frame + 1):
+            if not 0 <= other < len(self.cold) or moved[other] >= least * moved[frame]:
+                continue
+            start = surface.rigid.fitted(before, before + self.cold[other] - self.original[other])
+            pose = mend(surface, before, [start], step=step, options=self.options.mend)
+            length = float(np.linalg.norm(pose - before, axis=1).mean())
+            if length < least * moved[frame] and len(surface.contacts.pairs(pose)) <= pairs:
+                self.cold[frame], moved[frame] = pose, length
+        self.added[frame] = self.cold[frame] - self.poses[frame]
+
+    def returned(self, surface: Surface, frame: int, step: float) -> None:
+        """Clean a frame near its place among its neighbours, or go back to where it was alone.
+
+        As far back as there are as few pairs; what it has to move by is in `added`.
+        """
+        cold, now, before = self.cold[frame], self.poses[frame], self.original[frame]
+        least = len(surface.contacts.pairs(cold))
+        mended = mend(surface, before, [now], step=step, options=self.options.mend)
+        near = np.linalg.norm(mended - now) < np.linalg.norm(cold - now)
+        if near and len(surface.contacts.pairs(mended)) <= least:
+            self.added[frame] = mended - now
+            return
+        pose = cold
+        for share in self.options.alone_shares:
+            trial = surface.rigid.fitted(before, cold + share * (now - cold))
+            if len(surface.contacts.pairs(trial)) <= least:
+                pose = trial
+                break
+        self.added[frame] = pose - now
 
     def mended(self, surface: Surface, chain: Chain, step: float, last: bool) -> None:
         """Solve neighbouring frames one by one; what they have to move by is in `added`.
 
         Each starts from where it is, then from the last one's correction, then from the
-        displacements of the clean frames around the chain, then from where it was solved alone;
-        `last`: then from its input.
+        displacements of the clean frames around the chain; `last`: then from its input.
         """
         options = self.options
         warm: FloatArray | None = None
@@ -184,9 +225,7 @@ class WindowFrames:
             before, now = self.original[frame], self.poses[frame]
             starts = [now] if warm is None else [now, now + options.warm * warm]
             starts += [before + self.poses[k] - self.original[k] for k in chain.lenders]
-            if self.solved_alone[frame]:
-                starts.append(self.cold[frame])
-            alone = self.alone if last and not self.solved_alone[frame] else None
+            alone = self.alone if last else None
             mended = mend(surface, before, starts, step=step, alone=alone, options=options.mend)
             warm = mended - now
             self.added[frame] = warm

@@ -95,14 +95,12 @@ class AttachedOptions:
     A push of all frames together swings limbs: both sides of a contact hang on one host.
 
     Args:
-        width: Standard deviation, in frames, over which corrections of single frames are spread.
-        mend: Numbers of the mending of frames that then are dirty.
+        width: Standard deviation, in frames, over which corrections of single frames are smoothed.
+        step: Largest motion in an iteration that cleans a frame again, units of the size.
     """
 
     width: float = 1.5
-    mend: MendFramesOptions = field(
-        default_factory=lambda: MendFramesOptions(widths=(1.0, 0.6, 0.0, 0.0), lending=4)
-    )
+    step: float = 0.002
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,13 +177,15 @@ class WindowMethod:
             return original
         tied = self.surface.ties is not None
         if tied:
-            state.solve_alone(gaussian_kernel(state.frames, options.attached.width))
+            kernel = gaussian_kernel(state.frames, options.attached.width)
+            state.solve_alone(kernel, options.attached.step)
         else:
             push_frames(state, options=options.push)
         if state.dirty and unless is not None and unless(state.pairs):
             return None
         state.forget_clearance()
-        mend_frames(state, options=options.attached.mend if tied else options.mend)
+        if not tied:
+            mend_frames(state, options=options.mend)
         state.given_up = frozenset(state.dirty)
         # Tightening would close a clearance again.
         if self.clearance == 0.0:

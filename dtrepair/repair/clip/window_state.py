@@ -119,11 +119,23 @@ class WindowState:
         self._update()
         return self.work.added
 
-    def solve_alone(self, kernel: FloatArray) -> None:
-        """Solve the dirty frames each for itself, and spread their corrections in time."""
+    def solve_alone(self, kernel: FloatArray, step: float) -> None:
+        """Solve the dirty frames each for itself, and smooth that in time as far as it is clean.
+
+        step: largest motion in an iteration where they are cleaned again, units of the size.
+        """
+        self.work.added[:], self.work.cold[:] = 0.0, self.original
+        dirty, step = self.dirty, self.scale * step
+        self.pool.map("solved", dirty)
+        # Neighbours in turn, so that none looks at a frame that is being changed.
+        for parity in (0, 1):
+            self.pool.map("borrowed", [frame for frame in dirty if frame % 2 == parity], step)
+        self.pool.map("evened", self._blocks, kernel)
+        self.work.extra += self.work.added
+        self.evaluate()
         self.work.added[:] = 0.0
-        self.pool.map("solved", self.dirty)
-        self.pool.map("corrected", self._blocks, kernel)
+        self.pool.map("returned", self.dirty, step)
+        self.work.extra += self.work.added
         self.evaluate()
 
     def mend(

@@ -268,7 +268,9 @@ class WindowStream:
             unit,
             [start],
             step=self.options.mend_step,
-            alone=partial(solve_alone, options=self.options.alone),
+            alone=partial(
+                solve_alone, effort=self.scene.options.effort, options=self.options.alone
+            ),
             options=self.options.mend,
         )
         near = allowed(mesh.surface.rigid, unit, near, mesh.farthest)
@@ -282,7 +284,8 @@ def solve_alone(
     original: FloatArray,
     *,
     rounds: int = 0,
+    effort: float = 1.0,
     options: FullOptions = FullOptions(),
 ) -> FloatArray:
     """Return a pose repaired alone; untightened by default: it is blended with its neighbours'."""
-    return FullMethod(surface, rounds=rounds, options=options)(original).points
+    return FullMethod(surface, rounds=rounds, effort=effort, options=options)(original).points

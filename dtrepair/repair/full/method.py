@@ -57,17 +57,19 @@ class FullMethod:
         farthest: float | None = None,
         clearance: float = 0.0,
         skip: tuple[str, ...] = (),
+        effort: float = 1.0,
         options: FullOptions = FullOptions(),
     ) -> None:
         """Repair poses of `surface`; `rounds` of tightening at most, stages in `skip` left out.
 
-        farthest: no vertex moves farther; clearance: what contacts keep; units of the size.
+        farthest: no vertex moves farther; clearance: what contacts keep; units of the size. effort:
+        factor of the work on a pose after which no other attempt begins.
         """
         self.surface, self.options = surface, options
         self.rounds = rounds
         self.farthest = farthest
         self.clearance = clearance
-        self.skip = skip
+        self.skip, self.effort = skip, effort
 
     def __call__(self, original: FloatArray) -> Solved:
         """Repair a pose (V, 3) in units of the surface's size."""
@@ -79,6 +81,7 @@ class FullMethod:
             farthest=self.farthest,
             skip=self.skip,
             tightened=self.rounds > 0,
+            effort=self.effort,
             options=self.options.phases,
         )
         best = phases.best()

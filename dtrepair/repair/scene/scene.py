@@ -157,7 +157,12 @@ class Scene:
             every = self.detector(self.centred_rest, weld=self.rest_weld)
             known = (Reference(self.rest, every),)
         parts = Parts(own.faces, own.part, own.closed, [pose.points for pose in known])
-        return Layers(parts, [pose.pairs for pose in known], numbers=self._layer_numbers())
+        return Layers(
+            parts,
+            [pose.pairs for pose in known],
+            numbers=self._layer_numbers(),
+            attached=lambda a, b: bool(self._attached(np.array([[a, b]], dtype=np.int32))[0]),
+        )
 
     def _layer_numbers(self) -> IntArray:
         """How far out each part lies: the median of what its triangles are told, 0 if nothing."""
@@ -232,11 +237,12 @@ class Scene:
         found = self.enclosures(points, pairs)
         parts = found.parts[~found.meant]
         parts = parts[self.counted(self.body_of_part[parts])]
-        return parts if self.attachments is None else parts[~self._attached(parts)]
+        return parts[~self._attached(parts)]
 
     def _attached(self, parts: IntArray) -> NDArray[np.bool_]:
         """Return which parts (K, 2) of `enclosures` are attached to each other, (K,)."""
-        assert self.attachments is not None
+        if self.attachments is None:
+            return np.zeros(len(parts), dtype=bool)
         corners = self.rest_weld[self.faces]
         name = np.zeros(self.enclosures.count, dtype=np.int64)
         name[self.enclosures.part[corners[:, 0]]] = self.attachments.part_of

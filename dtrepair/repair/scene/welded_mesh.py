@@ -68,6 +68,7 @@ class WeldedMesh:
             farthest=self.farthest,
             clearance=self.clearance,
             skip=options.skip,
+            effort=options.effort,
             options=full,
         )
         return lambda poses: [method(pose) for pose in poses]

@@ -36,6 +36,8 @@ from dtrepair.repair.scene.bodies import (
     layer_of,
     mobility_of,
 )
+from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
+from dtrepair.repair.strain.parts import ConnectedParts
 from dtrepair.repair.surface.containment import Enclosures, oriented_outwards
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
 
@@ -61,6 +63,7 @@ class Scene:
             that it may speak of.
         layer_poses: Poses (V, 3) that show which part lies over which, with all their pairs (K, 2);
             default: the rest.
+        strain: What a correction may do to a shape.
     """
 
     bodies: tuple[Body, ...]
@@ -74,6 +77,7 @@ class Scene:
     direction: FloatArray
     references: tuple[Reference, ...] = ()
     layer_poses: tuple[Reference, ...] = ()
+    strain: StrainOptions = StrainOptions()
 
     @cached_property
     def body_of(self) -> NDArray[np.int64]:
@@ -140,6 +144,13 @@ class Scene:
             return None
         attachments = find_attachments(self.rest_weld[self.faces], len(self.rest), references)
         return attachments if len(attachments.zones) else None
+
+    @cached_property
+    def strain_meter(self) -> StrainMeter:
+        """Measures what a correction does to the shapes of the bodies."""
+        faces = self.rest_weld[self.faces]
+        parts = ConnectedParts(faces, self.body_of_vertex, self.attachments)
+        return StrainMeter(parts, options=self.strain)
 
     def attachments_of(self, body: int) -> Attachments | None:
         """Return what was modelled within one body, by its own triangles and vertices."""
@@ -254,10 +265,12 @@ def make_scene(
     ignore: Sequence[tuple[int, int]] = (),
     references: Sequence[Reference] = (),
     layer_poses: Sequence[Reference] = (),
+    *,
+    strain: StrainOptions = StrainOptions(),
 ) -> Scene:
     """Return the scene of some bodies, whose contacts between pairs in `ignore` do not count.
 
-    references, layer_poses: see `Scene`.
+    references, layer_poses, strain: see `Scene`.
 
     Raises:
         ValueError: bodies, options or pairs that cannot be used.
@@ -297,4 +310,5 @@ def make_scene(
         direction=np.concatenate([direction_of(body, count) for body, count in sized]),
         references=tuple(references),
         layer_poses=tuple(layer_poses),
+        strain=strain,
     )

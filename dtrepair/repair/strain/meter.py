@@ -21,8 +21,8 @@ from dtrepair.numerics.geometry import (
     lengths,
     vector_areas,
 )
-from dtrepair.repair.strain.parts import Parts
-from dtrepair.repair.strain.turning import turned_over
+from dtrepair.repair.strain.parts import ConnectedParts
+from dtrepair.repair.strain.turning import folded_more, turned_over
 
 Places = NDArray[np.integer]
 
@@ -45,8 +45,8 @@ class StrainOptions:
         volume: Change of the volume of a closed part: flesh that swells or shrivels more is seen.
         sheet: A closed part of less volume, over its area to the power 3/2, is a sheet, which has
             none to keep. A ball has 0.094, a plate of 1 x 1 x 0.01 0.003.
-        patch: Width of a connected patch of triangles that turned over: creases of good results
-            have some up to 0.022, and a thumb that is inside out is 0.03 wide.
+        patch: Width of a connected patch of triangles that turned over: creases of good results of
+            deep contacts have some up to 0.026, and half a hand is 0.04 wide.
         patch_share: Or this share of the area of the part, if that is less: an eye is small.
         patch_triangles: A patch of so few triangles is a crease of a coarse mesh.
     """
@@ -60,7 +60,7 @@ class StrainOptions:
     joint: float = 0.01
     volume: float = 0.2
     sheet: float = 0.002
-    patch: float = 0.03
+    patch: float = 0.035
     patch_share: float = 0.25
     patch_triangles: int = 5
 
@@ -84,7 +84,7 @@ class StrainMeter:
         options: The bounds.
     """
 
-    def __init__(self, parts: Parts, *, options: StrainOptions = StrainOptions()) -> None:
+    def __init__(self, parts: ConnectedParts, *, options: StrainOptions = StrainOptions()) -> None:
         self.parts, self.options = parts, options
 
     def __call__(self, before: FloatArray, after: FloatArray) -> list[Excess]:
@@ -240,6 +240,8 @@ class StrainMeter:
         result = []
         for index in np.unique(label):
             own = turned[label == index]
+            if not folded_more(self.parts.rim(own), old, new):
+                continue  # it was folded over in the input, and is so no longer
             part = int(self.parts.of_face[own[0]])
             worst = int(faces[own[np.argmax(area[own])], 0])
             value = float(np.sqrt(area[own].sum())) / size

@@ -23,7 +23,7 @@ BoolArray = NDArray[np.bool_]
 Places = NDArray[np.integer]
 
 
-class Parts:
+class ConnectedParts:
     """The connected parts of all bodies of a scene together; nothing of it changes.
 
     Args:
@@ -93,6 +93,13 @@ class Parts:
         mask[triangles] = True
         joined = self._sides[mask[self._sides].all(axis=1)]
         return np.asarray(link_labels(joined, len(self.faces))[triangles])
+
+    def rim(self, triangles: Places) -> IntArray:
+        """Return the pairs (H, 2) of triangles with an edge between one of some and another."""
+        mask = np.zeros(len(self.faces), dtype=bool)
+        mask[triangles] = True
+        inside = mask[self._sides]
+        return np.asarray(self._sides[inside[:, 0] != inside[:, 1]])
 
     def tie_offsets(self, points: FloatArray) -> FloatArray:
         """Return the offset (N, 3) of each tied vertex from its point on the other part."""

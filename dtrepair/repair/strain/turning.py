@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, dots
+from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths
 
 # Rings around a patch that tell how its surroundings turned: the first may be drawn in with it.
 SURROUNDINGS = 3
@@ -36,6 +36,22 @@ def turned_over(
     around = own[~inner[own].all(axis=1)]
     rotation = best_rotation(before, after, around if len(around) else own)
     return np.asarray(dots(old @ rotation.T, new) < 0.0)
+
+
+def folded_more(rim: IntArray, old: FloatArray, new: FloatArray) -> bool:
+    """Return whether a patch is folded more against what is around it than it was.
+
+    rim: pairs (H, 2) of triangles, one of the patch, that share an edge; old, new: vector areas
+    (F, 3). A patch without a rim has nothing to be compared with: it is.
+    """
+    if not len(rim):
+        return True
+    was, became = (
+        dots(areas[rim[:, 0]], areas[rim[:, 1]])
+        / np.maximum(lengths(areas[rim[:, 0]]) * lengths(areas[rim[:, 1]]), 1e-300)
+        for areas in (old, new)
+    )
+    return bool(became.mean() < was.mean())
 
 
 def best_rotation(before: FloatArray, after: FloatArray, edges: IntArray) -> FloatArray:

@@ -14,7 +14,7 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Attachments, Reference, find_attachments
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from dtrepair.repair.strain.meter import Excess, StrainMeter, StrainOptions
-from dtrepair.repair.strain.parts import Parts
+from dtrepair.repair.strain.parts import ConnectedParts
 from tests.meshes import Mesh, icosphere, joined, tube
 
 BALL, FACES = icosphere(3)
@@ -26,7 +26,7 @@ TURN *= np.sign(np.linalg.det(TURN))
 def meter(mesh: Mesh, attachments: Attachments | None = None, **values: Any) -> StrainMeter:
     points, faces = mesh
     owner = np.zeros(len(points), dtype=np.int32)
-    return StrainMeter(Parts(faces, owner, attachments), options=StrainOptions(**values))
+    return StrainMeter(ConnectedParts(faces, owner, attachments), options=StrainOptions(**values))
 
 
 def kinds(found: list[Excess]) -> set[StrainKind]:
@@ -131,7 +131,7 @@ def plain_cap(height: float) -> FloatArray:
 def test_patches_that_turned_over() -> None:
     loose: dict[str, Any] = {"edges_share": 1.0, "volume": 9.0}
     (found,) = meter((BALL, FACES), **loose)(BALL, plain_cap(0.8))
-    assert found.kind == StrainKind.FLIPS and found.value > found.bound == pytest.approx(0.03)
+    assert found.kind == StrainKind.FLIPS and found.value > found.bound == pytest.approx(0.035)
     assert (BALL[found.vertices, 2] > 0.7).all()
     # A few triangles are a crease, and what is small to the eye is no patch.
     assert meter((BALL, FACES), patch_triangles=200, **loose)(BALL, plain_cap(0.8)) == []

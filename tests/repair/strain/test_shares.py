@@ -14,12 +14,12 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Reference, find_attachments
 from dtrepair.numerics.geometry import FloatArray, diagonal
 from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
-from dtrepair.repair.strain.parts import Parts
+from dtrepair.repair.strain.parts import ConnectedParts
 from dtrepair.repair.strain.shares import ShareOptions, ShareSearch, eased_shares
 from tests.meshes import icosphere, joined, tube
 
 POINTS, FACES = tube(12, 60, 0.2, 6.0)
-PARTS = Parts(FACES, np.zeros(len(POINTS), dtype=np.int32))
+PARTS = ConnectedParts(FACES, np.zeros(len(POINTS), dtype=np.int32))
 METER = StrainMeter(PARTS)
 Z = POINTS[:, 2] - POINTS[:, 2].min()
 
@@ -93,7 +93,7 @@ def test_what_is_attached_is_lowered_along() -> None:
     points, faces = mesh
     reference = Reference(points, Detector(points, faces)(points))
     attachments = find_attachments(faces, len(points), [reference])
-    parts = Parts(faces, np.zeros(len(points), dtype=np.int32), attachments)
+    parts = ConnectedParts(faces, np.zeros(len(points), dtype=np.int32), attachments)
     meter = StrainMeter(parts)
     after = points.copy()
     eye = parts.of_vertex == 1

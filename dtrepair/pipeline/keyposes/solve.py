@@ -17,6 +17,7 @@ from dtrepair.pipeline.stages.sources import StageSource
 from dtrepair.report.record import FrameRecord
 
 if TYPE_CHECKING:
+    from dtrepair.diagnosis import Diagnosis, Strain
     from dtrepair.intersect.scene_counts import SceneCount
 
 
@@ -161,13 +162,18 @@ class StageKeys:
             displacements(a.astype(np.float64), b.astype(np.float64))
             for a, b in zip(old, new, strict=True)
         ]
+        spaces = (self.frame(time, poses).spaces for poses in (old, new))
+        left = _with_strains(record, self.repairer.repairer.strains(*spaces), after.total.pairs)
         status = "clean" if not after.total.pairs else "improved"
-        if after.total.pairs >= max(before.total.pairs, 1):
+        if left.strains:
+            status = "strained"
+        elif after.total.pairs >= max(before.total.pairs, 1):
             status = "unchanged"
         prims = zip(self.source.meshes, before.each, after.each, strict=True)
         return replace(
             record or FrameRecord(time=time, status=status, message="added key"),
             status=status,
+            left=left,
             before=before.total,
             after=after.total,
             displacement_max=max(float(part.max()) for part in moved),
@@ -175,6 +181,16 @@ class StageKeys:
             prims=tuple(FramePrimRecord(path=m.path, before=b, after=a) for m, b, a in prims),
             modelled=self.repairer.modelled.in_frame(time, before, spaces[0], after, spaces[1]),
         )
+
+
+def _with_strains(record: FrameRecord | None, strains: Sequence[Strain], pairs: int) -> Diagnosis:
+    """Return what is left of a key: strains as it ends; what was left out, where pairs are left."""
+    from dtrepair.diagnosis import Diagnosis
+
+    left = record.left if record is not None else Diagnosis()
+    if strains or not (left.left_out and pairs):
+        left = replace(left, strains=tuple(strains))
+    return left
 
 
 def _filled(frame: Frame, repaired: Repaired) -> tuple[Pose, ...]:

@@ -46,8 +46,7 @@ class IndependentOptions:
             ratios.
         sides: What is pressed by so many other bodies has no way out, and is left as it is.
         pressed: Distance of a body that presses, as a fraction of the size of the torn one.
-        mend_step: Largest motion in an iteration of the mending of a share, units of the size.
-        mend: Numbers of this mending.
+        mend_step, mend: Largest motion, units of the size, and numbers of the mending of a share.
         strain: What a correction may do to a shape.
         share: How the share of a correction is found that does not do more.
         release: How enclosed parts are led out.

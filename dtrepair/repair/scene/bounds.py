@@ -54,19 +54,23 @@ def bounded_pose(
     the options take it at any cost.
     """
     excess = strain_of(scene, pose.centred, judged.points)
-    if not excess or scene.options.at_any_cost or 0 < len(pairs) >= pose.wrong:
+    if not excess or scene.options.at_any_cost:
         return judged._replace(excess=(*judged.excess, *excess)), pairs
+    wrong = _wrong(scene, pose, judged.points, pairs)
+    if 0 < wrong >= pose.wrong:
+        return judged, pairs  # no better than the input, which is kept
     search = share_search(scene, pose.centred, judged.points, options)
-    best: tuple[Judged, IntArray] | None = None
+    best: list[tuple[int, FloatArray, IntArray]] = []
     for share in search.shares():
         points = search.blend(share)
         found = pairs_of(points)
-        if best is None or len(found) < len(best[1]):
-            best = Judged(points, (*judged.excess, *excess), lowered=True), found
-        if len(found) <= len(pairs):
+        left = _wrong(scene, pose, points, found)
+        if left <= wrong:
             return Judged(points), found  # nothing is lost, and there is nothing to tell
-    assert best is not None
-    return best
+        if not best or left < best[0][0]:
+            best = [(left, points, found)]
+    _, points, found = best[0]
+    return Judged(points, (*judged.excess, *excess), lowered=True), found
 
 
 def bounded_frames(
@@ -123,13 +127,21 @@ def _fails(scene: Scene, frame: OpenedPose, points: FloatArray) -> bool:
     """Return whether a pose (V, 3) is strained, or has more pairs than its input."""
     if strain_of(scene, frame.centred, points):
         return True
-    return len(scene.pairs(points, frame.weld)) > len(frame.pairs)
+    return _wrong(scene, frame, points, scene.pairs(points, frame.weld)) > frame.wrong
 
 
 def _loses(scene: Scene, frame: OpenedPose, whole: FloatArray, points: FloatArray) -> bool:
-    """Return whether a pose (V, 3) has more pairs than the whole correction."""
-    left = len(scene.pairs(points, frame.weld))
-    return left > 0 and left > len(scene.pairs(whole, frame.weld))
+    """Return whether more is wrong with a pose (V, 3) than with the whole correction."""
+    left, least = (
+        _wrong(scene, frame, pose, scene.pairs(pose, frame.weld)) for pose in (points, whole)
+    )
+    return left > least
+
+
+def _wrong(scene: Scene, pose: OpenedPose, points: FloatArray, pairs: IntArray) -> int:
+    """Return how many `pairs` (K, 2), and parts inside others, a correction (V, 3) has."""
+    enclosed = scene.enclosed_parts(points, pairs) if len(pose.enclosed) else ()
+    return len(pairs) + len(enclosed)
 
 
 def share_search(

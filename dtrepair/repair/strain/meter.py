@@ -43,6 +43,8 @@ class StrainOptions:
         slide: 95 % of all attached vertices move less: what slides more looks loose all over.
         joint: 95 % of those between the same two parts: one joint is few of all vertices.
         volume: Change of the volume of a closed part: flesh that swells or shrivels more is seen.
+        thicker: Of what has more volume, growth of the volume over the area: a ring that is widened
+            to go round an arm has more of both, and did not swell.
         sheet: A closed part of less volume, over its area to the power 3/2, is a sheet, which has
             none to keep. A ball has 0.094, a plate of 1 x 1 x 0.01 0.003.
         patch: Width of a connected patch of triangles that turned over: creases of good results of
@@ -59,6 +61,7 @@ class StrainOptions:
     slide: float = 0.004
     joint: float = 0.01
     volume: float = 0.2
+    thicker: float = 0.02
     sheet: float = 0.002
     patch: float = 0.035
     patch_share: float = 0.25
@@ -200,9 +203,11 @@ class StrainMeter:
             for points, areas in ((before, old), (after, new))
         ]
         had, has = thirds[0] / 3.0, thirds[1] / 3.0
-        area = np.bincount(part, lengths(old), self.parts.count)
+        area, wide = (np.bincount(part, lengths(a), self.parts.count) for a in (old, new))
         solid = self.parts.closed & (np.abs(had) > self.options.sheet * area**1.5)
-        change = np.where(solid, np.abs(has / np.where(solid, had, 1.0) - 1.0), 0.0)
+        ratio = np.where(solid, has / np.where(solid, had, 1.0), 1.0)
+        swollen = ratio * area > (1.0 + self.options.thicker) * wide
+        change = np.where((ratio < 1.0) | swollen, np.abs(ratio - 1.0), 0.0)
         result = []
         for index in np.flatnonzero(change > self.options.volume):
             own = np.flatnonzero(self.parts.of_vertex == index).astype(np.int32)

@@ -130,6 +130,19 @@ def test_no_better_than_the_input_is_not_looked_at() -> None:
     assert kept(PLAIN, pose, judged.points, pairs).points is pose.centred
 
 
+def test_what_is_inside_stays_told_where_leading_it_out_would_ruin_it() -> None:
+    bodies = [Body(BALL, FACES, name="head"), Body(0.2 * BALL + AWAY, FACES, name="pea")]
+    scene = make_scene(bodies, RepairOptions())
+    pose = detected(scene, gathered(scene, [BALL, 0.2 * BALL]))
+    flat = np.concatenate([BALL, 0.2 * BALL * [1.0, 1.0, 0.01] + 2.0 * AWAY])
+    judged, pairs = bounded(scene, flat, pose)
+    found = kept(scene, pose, judged.points, pairs)
+    head, pea = results_of(scene, pose, found, Solved(found.points), {}, judged)
+    assert strain_of(scene, pose.centred, found.points) == ()
+    assert pea.status is Status.STRAINED and pea.diagnosis.enclosures and pea.diagnosis.strains
+    assert head.status is not Status.CLEAN and not head.diagnosis.strains
+
+
 def test_a_share_keeps_bits_seams_and_rigid_bodies() -> None:
     rigid = make_scene([BODIES[0], replace(BODIES[1], rigid=True)], RepairOptions())
     before, after = CROSSING.centred, CROSSING.centred + 0.1

@@ -15,7 +15,7 @@ from dtrepair.numerics.attachments import Attachments, Reference, find_attachmen
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from dtrepair.repair.strain.meter import Excess, StrainMeter, StrainOptions
 from dtrepair.repair.strain.parts import ConnectedParts
-from tests.meshes import Mesh, icosphere, joined, tube
+from tests.meshes import Mesh, icosphere, joined, torus, tube
 
 BALL, FACES = icosphere(3)
 AWAY = np.array([2.0, 0.0, 0.0])
@@ -119,6 +119,14 @@ def test_closed_parts_keep_their_volume_and_sheets_have_none() -> None:
     assert meter((BALL, FACES))(plate, plate * [1.0, 1.0, 1.3]) == []
     opened = (BALL, FACES[1:])
     assert meter(opened)(BALL, swollen) == []
+
+
+def test_a_ring_that_is_widened_does_not_swell() -> None:
+    points, faces = torus(24, 8, 1.0, 0.1)
+    wide = points + 0.4 * points * [1.0, 1.0, 0.0] / np.linalg.norm(points[:, :2], axis=1)[:, None]
+    assert meter((points, faces))(points, wide) == []
+    assert kinds(meter((points, faces))(points, 1.4 * points)) == {StrainKind.VOLUME}
+    assert kinds(meter((points, faces))(wide, points)) == {StrainKind.VOLUME}
 
 
 def plain_cap(height: float) -> FloatArray:

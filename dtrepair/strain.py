@@ -34,7 +34,8 @@ class Strain:
 
     Args:
         body: Name of the body.
-        part: Which of its connected parts, from 1; of the measure's region the worst one.
+        part: Which of its connected parts, 1 being that with most triangles; of what is measured
+            over several parts the worst one.
         parts: How many parts the body has.
         kind: What was measured.
         value: Number that was measured; lengths over the diagonal, volumes as fractions.

@@ -162,7 +162,6 @@ class StageKeys:
             displacements(a.astype(np.float64), b.astype(np.float64))
             for a, b in zip(old, new, strict=True)
         ]
-        spaces = (self.frame(time, poses).spaces for poses in (old, new))
         left = _with_strains(record, self.repairer.repairer.strains(*spaces), after.total.pairs)
         status = "clean" if not after.total.pairs else "improved"
         if left.strains:

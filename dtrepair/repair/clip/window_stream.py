@@ -14,7 +14,7 @@ import numpy as np
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import frame_units
 from dtrepair.numerics.threads import one_thread
-from dtrepair.repair.clip.frames import Frame, cross_fade, read_frames
+from dtrepair.repair.clip.frames import Frame, faded, read_frames
 from dtrepair.repair.clip.layout import LayoutOptions
 from dtrepair.repair.clip.window_method import WindowOptions
 from dtrepair.repair.full.mend import MendOptions
@@ -159,7 +159,7 @@ class WindowStream:
             poses, share = self._solve(mesh(), frames), self.options.independent.share
             judged = bounded_frames(self.scene, frames, poses, times, options=share)
         if len(tail) < len(frames):
-            judged = self._faded(frames, tail, judged)
+            judged = faded(frames, tail, judged, self.scene.rigid)
         done = len(frames) - keep
         left = self._verified(frames[:done], [found.points for found in judged[:done]])
         seconds = (clock.perf_counter() - start) / len(frames)
@@ -168,16 +168,6 @@ class WindowStream:
             for frame, found, pairs in zip(frames[:done], judged[:done], left, strict=True)
         ]
         return results, judged[done:]
-
-    def _faded(self, frames: list[Frame], tail: list[Judged], judged: list[Judged]) -> list[Judged]:
-        """Return the poses of a window, those of the window before fading into its first ones."""
-        poses = [found.points for found in judged]
-        cross_fade(frames, [found.points for found in tail], poses, self.scene.rigid)
-        both = [
-            Judged(pose, found.excess or before.excess, found.lowered or before.lowered)
-            for before, found, pose in zip(tail, judged, poses, strict=False)
-        ]
-        return [*both, *judged[len(tail) :]]
 
     def _verified(self, frames: list[Frame], poses: list[FloatArray]) -> list[IntArray]:
         """Return the pairs of the poses, exactly, on the float32 coordinates of the results."""

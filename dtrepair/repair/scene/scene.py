@@ -17,10 +17,8 @@ from dtrepair.numerics.attachments import Attachments, Reference, find_attachmen
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
-    as_mesh,
     as_numpy,
     as_points,
-    diagonal,
     pair_keys,
     unique_edges,
     weld_map,
@@ -31,7 +29,9 @@ from dtrepair.repair.scene.bodies import (
     STIFF,
     Body,
     about_centre,
+    check_clearance,
     checked_ignored,
+    checked_meshes,
     direction_of,
     layer_of,
     mobility_of,
@@ -40,9 +40,6 @@ from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
 from dtrepair.repair.strain.parts import ConnectedParts
 from dtrepair.repair.surface.containment import Enclosures, oriented_outwards
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
-
-# Largest clearance, part of the diagonal: with a larger one everything is close to everything.
-WIDEST_CLEARANCE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,26 +272,10 @@ def make_scene(
     Raises:
         ValueError: bodies, options or pairs that cannot be used.
     """
-    if not bodies:
-        raise ValueError("bodies should hold at least one body, got none")
-    for body in bodies:
-        if body.diffusion is not None and not 0.0 < body.diffusion < np.inf:
-            raise ValueError(
-                f"diffusion should be positive and finite, got {body.diffusion}: "
-                "None takes that of the options"
-            )
-    ignored = checked_ignored(ignore, len(bodies))
-    meshes = [as_mesh(body.rest, body.faces) for body in bodies]
-    for body, (_, faces) in zip(bodies, meshes, strict=True):
-        layer_of(body, len(faces))
+    ignored, meshes = checked_ignored(ignore, len(bodies)), checked_meshes(bodies)
     meshes = [(points, oriented_outwards(points, faces)) for points, faces in meshes]
     rest = np.concatenate([points for points, _ in meshes])
-    most = WIDEST_CLEARANCE * diagonal(rest)
-    if options.clearance > most > 0.0:
-        raise ValueError(
-            f"clearance should be at most {most:.4g}, {WIDEST_CLEARANCE:.0%} of the diagonal of "
-            f"the rest poses, got {options.clearance:.4g}"
-        )
+    check_clearance(options.clearance, rest)
     vertex_starts = np.cumsum([0, *(len(points) for points, _ in meshes)])
     shifted = [faces + start for (_, faces), start in zip(meshes, vertex_starts, strict=False)]
     sized = [(body, len(points)) for body, (points, _) in zip(bodies, meshes, strict=True)]

@@ -83,9 +83,14 @@ class ConnectedParts:
         return np.concatenate([self.edges, tied.astype(np.int32)])
 
     def number_of(self, part: int) -> tuple[int, int]:
-        """Return which part of its body a part is, from 1, and how many the body has."""
+        """Return which part of its body a part is, and how many the body has.
+
+        1 is the part with most triangles, of equal ones that with the first vertex.
+        """
         own = np.flatnonzero(self.body == self.body[part])
-        return int(np.searchsorted(own, part)) + 1, len(own)
+        sizes = np.bincount(self.of_face, minlength=self.count)[own]
+        ordered = own[np.argsort(-sizes, kind="stable")]
+        return int(np.flatnonzero(ordered == part)[0]) + 1, len(own)
 
     def patches(self, triangles: Places) -> IntArray:
         """Return the patch (N,) of each of some triangles: connected by edges they are one."""

@@ -35,6 +35,9 @@ class StageKeys:
         self.selected = [time for time in times if time in source.times]
         self.frames = {time: read_frame(source, time) for time in times}
         self._usable = [time for time in times if self.frames[time].usable]
+        # Of in-betweens: what is interpolated has no shape that it should keep, so they are judged
+        # where they are repaired, and keys as they end.
+        self._strains: dict[float, tuple[Strain, ...]] = {}
         self.tracks = self.given
         chosen = [pair for pair in pairwise(times) if set(pair) <= set(self.selected)]
         self.spans = [pair for pair in chosen if set(pair) <= set(self._usable)]
@@ -87,6 +90,8 @@ class StageKeys:
         repaired = self._repaired(frame)
         if all(points is None for points in repaired.points):
             return None
+        if not repaired.record.left.left_out:
+            self._strains[time] = repaired.record.left.strains
         return _filled(frame, repaired)
 
     def allowed(self, index: int, time: float, given: Pose, pose: Pose) -> Pose:
@@ -162,7 +167,10 @@ class StageKeys:
             displacements(a.astype(np.float64), b.astype(np.float64))
             for a, b in zip(old, new, strict=True)
         ]
-        left = _with_strains(record, self.repairer.repairer.strains(*spaces), after.total.pairs)
+        strains = self._strains.get(time, ())
+        if record is not None:
+            strains = self.repairer.repairer.strains(*spaces)
+        left = _with_strains(record, strains, after.total.pairs)
         status = "clean" if not after.total.pairs else "improved"
         if left.strains:
             status = "strained"

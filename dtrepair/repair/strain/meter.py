@@ -225,41 +225,34 @@ class StrainMeter:
         size: float,
     ) -> list[Excess]:
         """Return patches of triangles that turned over; old, new: vector areas (F, 3)."""
-        options = self.options
+        faces, edges = self.parts.faces, self.parts.edges
         had, has = lengths(old), lengths(new)
-        # Only what turned by 60 degrees can have turned over against its surroundings.
-        turned: Places = np.flatnonzero(dots(old, new) < 0.5 * had * has)
-        if len(turned) <= options.patch_triangles:
-            return []
         area = np.minimum(had, has)
         whole = np.bincount(self.parts.of_face, had, self.parts.count)
-        bounds = np.minimum((options.patch * size) ** 2, options.patch_share * whole)
-        turned = self._patches(turned, area, bounds)
-        label, faces = self.parts.patches(turned), self.parts.faces
-        over = np.zeros(len(turned), dtype=bool)
-        for index in np.unique(label):
-            own, edges = turned[label == index], self.parts.edges
-            over[label == index] = turned_over(faces[own], edges, before, after, old[own], new[own])
-        turned = self._patches(turned[over], area, bounds)
-        label = self.parts.patches(turned)
+        bounds = np.minimum((self.options.patch * size) ** 2, self.options.patch_share * whole)
+        # Only what turned by 60 degrees can have turned over against its surroundings.
+        turned: Places = np.flatnonzero(dots(old, new) < 0.5 * had * has)
+        over = [
+            own[turned_over(faces[own], edges, before, after, old[own], new[own])]
+            for own in self._patches(turned, area, bounds)
+        ]
         result = []
-        for index in np.unique(label):
-            own = turned[label == index]
+        for own in self._patches(np.concatenate([turned[:0], *over]), area, bounds):
             if not folded_more(self.parts.rim(own), old, new):
                 continue  # it was folded over in the input, and is so no longer
             part = int(self.parts.of_face[own[0]])
             worst = int(faces[own[np.argmax(area[own])], 0])
-            value = float(np.sqrt(area[own].sum())) / size
-            bound = float(np.sqrt(bounds[part])) / size
+            value, bound = (float(np.sqrt(a)) / size for a in (area[own].sum(), bounds[part]))
             vertices = np.unique(faces[own].ravel())
             result.append(Excess(StrainKind.FLIPS, part, value, bound, worst, vertices))
         return result
 
-    def _patches(self, chosen: Places, area: FloatArray, bounds: FloatArray) -> Places:
-        """Return those of some triangles that are in patches beyond the bounds of their parts."""
+    def _patches(self, chosen: Places, area: FloatArray, bounds: FloatArray) -> list[Places]:
+        """Return the patches of some triangles that are beyond the bounds of their parts (P,)."""
+        part = self.parts.of_face[chosen]
+        if not (np.bincount(part, area[chosen], self.parts.count) > bounds).any():
+            return []
         label = self.parts.patches(chosen)
-        sums = np.bincount(label, area[chosen]) if len(label) else area[:0]
-        counts = np.bincount(label)
-        large = sums[label] > bounds[self.parts.of_face[chosen]]
-        large &= counts[label] > self.options.patch_triangles
-        return np.asarray(chosen[large])
+        sums, counts = np.bincount(label, area[chosen]), np.bincount(label)
+        large = (sums[label] > bounds[part]) & (counts[label] > self.options.patch_triangles)
+        return [chosen[label == index] for index in np.unique(label[large])]

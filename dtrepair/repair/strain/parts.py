@@ -96,7 +96,8 @@ class ConnectedParts:
         """Return the patch (N,) of each of some triangles: connected by edges they are one."""
         mask = np.zeros(len(self.faces), dtype=bool)
         mask[triangles] = True
-        joined = self._sides[mask[self._sides].all(axis=1)]
+        first, second = self._sides.T
+        joined = self._sides[mask[first] & mask[second]]
         return np.asarray(link_labels(joined, len(self.faces))[triangles])
 
     def rim(self, triangles: Places) -> IntArray:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
+from dtrepair.strain import Strain as Strain
+from dtrepair.strain import StrainKind as StrainKind
 from dtrepair.wording import counted
 
 # So many contacts, or parts inside others, are named in a sentence.
@@ -17,6 +19,7 @@ class Status(StrEnum):
     """Outcome of one pose."""
 
     CLEAN = "clean"
+    STRAINED = "strained"
     IMPROVED = "improved"
     UNCHANGED = "unchanged"
     FAILED = "failed"
@@ -30,6 +33,7 @@ class Status(StrEnum):
 
 _MEANING = {
     Status.CLEAN: "",
+    Status.STRAINED: "not resolved within the bounds of deformation",
     Status.IMPROVED: "fewer intersections, but not none",
     Status.UNCHANGED: "no pose with fewer intersections was found; the input is kept",
     Status.FAILED: "the pose could not be used; the input is kept",
@@ -56,6 +60,7 @@ class Advice(StrEnum):
 
     RAISE_MAXIMUM_DISPLACEMENT = "raise maximum displacement"
     TAKE_FULL_METHOD = "take full method"
+    TAKE_AT_ANY_COST = "take at any cost"
     RAISE_DIFFUSION = "raise diffusion"
     FREE_PINS = "free pins"
     GIVE_CLEAN_REST = "give clean rest"
@@ -67,6 +72,7 @@ class Advice(StrEnum):
 REMEDIES: Mapping[Advice, str] = {
     Advice.RAISE_MAXIMUM_DISPLACEMENT: "raise maximum_displacement",
     Advice.TAKE_FULL_METHOD: "take the method full",
+    Advice.TAKE_AT_ANY_COST: "take what is strained with at_any_cost",
     Advice.RAISE_DIFFUSION: "raise the diffusion",
     Advice.FREE_PINS: "free pinned vertices",
     Advice.GIVE_CLEAN_REST: "give a rest pose that does not intersect itself",
@@ -129,7 +135,7 @@ class RemainingEnclosure:
 
 @dataclass(frozen=True)
 class Deformation:
-    """A body that is clean but much deformed.
+    """A body that is much deformed.
 
     Args:
         body: Its name.
@@ -144,7 +150,7 @@ class Deformation:
     @property
     def bodies(self) -> str:
         """Say what is deformed, without numbers."""
-        return f"{self.body} is clean but much deformed"
+        return f"{self.body} is much deformed"
 
     def __str__(self) -> str:
         """Say what is deformed, and by how much."""
@@ -155,6 +161,9 @@ class Deformation:
 # What is said of pairs that were to be left alone, and what to do about a deformation.
 OF_REST = "what is left intersects in the rest pose as well"
 EASE = "look at it, and ease the pose where it is deepest"
+# What became of strains.
+LEFT_OUT = "only the share of the correction within the bounds is kept"
+KEPT = "beyond the bounds, and kept at any cost"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,7 +177,9 @@ class Diagnosis:
             were to be left alone.
         enclosures: What lies wholly inside what.
         too_close: How many pairs of a clean result are closer than the clearance.
-        deformations: What is clean but much deformed.
+        deformations: What is much deformed.
+        strains: What is deformed beyond the bounds; what would have been, if it is advised to take
+            it at any cost.
     """
 
     contacts: tuple[RemainingContact, ...] = ()
@@ -177,6 +188,7 @@ class Diagnosis:
     enclosures: tuple[RemainingEnclosure, ...] = ()
     too_close: int = 0
     deformations: tuple[Deformation, ...] = ()
+    strains: tuple[Strain, ...] = ()
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> Diagnosis:
@@ -188,7 +200,13 @@ class Diagnosis:
             enclosures=tuple(RemainingEnclosure(**inside) for inside in document["enclosures"]),
             too_close=document["too_close"],
             deformations=tuple(Deformation(**part) for part in document["deformations"]),
+            strains=tuple(Strain.from_document(part) for part in document.get("strains", ())),
         )
+
+    @property
+    def left_out(self) -> bool:
+        """Whether strains were left out, and only a share of the correction is kept."""
+        return Advice.TAKE_AT_ANY_COST in self.advice
 
     def __bool__(self) -> bool:
         """Whether there is anything to tell."""
@@ -208,6 +226,7 @@ def merged(diagnoses: Iterable[Diagnosis]) -> Diagnosis:
         enclosures=tuple(enclosures),
         too_close=max((each.too_close for each in found), default=0),
         deformations=tuple(part for each in found for part in each.deformations),
+        strains=tuple(part for each in found for part in each.strains),
     )
 
 
@@ -228,6 +247,8 @@ def sentence(found: Diagnosis, status: Status, *, remedies: Mapping[Advice, str]
         parts.append(f"{what}: {status.meaning}: {advice_words(found.advice, remedies)}")
     if found.deformations:
         parts.append(f"{_listed(found.deformations)}: {EASE}")
+    if found.strains:
+        parts.append(f"{_listed(found.strains)}: {LEFT_OUT if found.left_out else KEPT}")
     return "; ".join(parts) or status.meaning
 
 

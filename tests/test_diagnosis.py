@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 from dtrepair.diagnosis import (
     EASE,
+    KEPT,
+    LEFT_OUT,
     Advice,
     Deformation,
     Diagnosis,
     RemainingContact,
     RemainingEnclosure,
     Status,
+    Strain,
+    StrainKind,
     concerns,
     merged,
     sentence,
@@ -24,6 +28,16 @@ RIGID = RemainingContact("B", "B", 2, held=2, rigid=True)
 INSIDE, EYE = RemainingEnclosure("pea", "head"), RemainingEnclosure("head", "head")
 FLAT = Deformation("pea", 1.3, 0.4)
 LEFT = Status.IMPROVED
+CRUSHED = Strain(
+    body="hero",
+    part=3,
+    parts=60,
+    kind=StrainKind.EDGES,
+    value=120.0,
+    bound=7.0,
+    vertex=41,
+    place=(0.5, -1.25, 3.0),
+)
 
 
 def test_contacts_are_named_with_their_numbers_and_what_holds_them() -> None:
@@ -57,7 +71,7 @@ def test_other_things_that_are_left() -> None:
         "pea lies wholly inside head; a part of head lies wholly inside another part of it"
     )
     assert sentence(Diagnosis(deformations=(FLAT,)), Status.CLEAN) == (
-        f"pea is clean but much deformed (lengths by a factor of 1.30, volume to 40%): {EASE}"
+        f"pea is much deformed (lengths by a factor of 1.30, volume to 40%): {EASE}"
     )
 
 
@@ -98,14 +112,48 @@ def test_concerns_of_poses_that_differ_by_numbers_are_the_same() -> None:
     found = Diagnosis(enclosures=(INSIDE,), deformations=(FLAT,), rest_pairs=4)
     assert concerns(found, Status.CLEAN) == {
         "": ("pea lies wholly inside head", "what is left intersects in the rest pose as well"),
-        EASE: ("pea is clean but much deformed",),
+        EASE: ("pea is much deformed",),
     }
     assert concerns(Diagnosis(too_close=3), Status.CLEAN) == {}
 
 
+def test_strains_are_told_with_part_place_number_and_bound() -> None:
+    words = (
+        "hero, part 3 of 60, at (0.5, -1.25, 3), vertex 41: "
+        "120 edges four times longer or shorter, at most 7 may be"
+    )
+    assert str(CRUSHED) == words
+    assert sentence(Diagnosis(strains=(CRUSHED,)), Status.STRAINED) == f"{words}: {KEPT}"
+    told = [str(replace(CRUSHED, kind=kind, value=0.5, bound=0.02)) for kind in StrainKind]
+    assert len(set(told)) == len(StrainKind) and all("at most" in each for each in told)
+    assert replace(CRUSHED, parts=1).where == "hero"
+
+
+def test_a_contact_that_is_left_hides_no_other_message() -> None:
+    found = Diagnosis(
+        contacts=(OWN,),
+        advice=(Advice.TAKE_AT_ANY_COST, Advice.RAISE_DIFFUSION),
+        enclosures=(INSIDE,),
+        too_close=2,
+        deformations=(FLAT,),
+        strains=(CRUSHED,),
+    )
+    told = sentence(found, Status.STRAINED)
+    for part in (str(OWN), str(INSIDE), "2 pairs closer", str(FLAT), f"{CRUSHED}: {LEFT_OUT}"):
+        assert part in told
+    assert f"{Status.STRAINED.meaning}: take what is strained with at_any_cost, or raise" in told
+    assert merged([found, Diagnosis()]).strains == (CRUSHED,) and found.left_out
+
+
 def test_a_diagnosis_comes_back_from_a_document() -> None:
     found = Diagnosis(
-        contacts=(RIGID,), advice=(Advice.RIGID,), enclosures=(EYE,), deformations=(FLAT,)
+        contacts=(RIGID,),
+        advice=(Advice.RIGID,),
+        enclosures=(EYE,),
+        deformations=(FLAT,),
+        strains=(CRUSHED,),
     )
     document = json.loads(json.dumps(asdict(found)))
     assert Diagnosis.from_document(document) == found
+    del document["strains"]  # as older reports are
+    assert Diagnosis.from_document(document) == replace(found, strains=())

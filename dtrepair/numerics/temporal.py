@@ -55,14 +55,14 @@ def apply_in_time(kernel: Floats, field: Floats) -> Any:
 
 
 def eased_in_time(needed: FloatArray, frames: FloatArray, width: float) -> FloatArray:
-    """Return lengths (T,) that are smooth in time and nowhere below `needed` (T,).
+    """Return values (T, ...) >= 0 that are smooth in time and nowhere below `needed` (T, ...).
 
     They come and go within some frames. frames: times (T,) in frame units; width: in frames.
     """
     if len(frames) == 1:
         return needed
     distance = np.abs(frames[:, None] - frames[None, :]) / width
-    spread = (needed[None] * (distance <= 2.0)).max(axis=1)
+    spread = np.stack([needed[near].max(axis=0) for near in distance <= 2.0])
     eased: FloatArray = np.maximum(gaussian_kernel(frames, width) @ spread, needed)
     return eased
 

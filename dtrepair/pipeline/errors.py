@@ -93,5 +93,6 @@ def exit_code(report: Report) -> int:
     left = any(record.after is not None and record.after.pairs for record in report.frames)
     if report.command == "repair":  # which knows of parts wholly inside others, too
         left = any(record.status in ("improved", "unchanged") for record in report.frames)
+    left = left or any(record.status == "strained" for record in report.frames)
     spans = report.keyposes.spans if report.keyposes is not None else ()
     return REMAINING if left or any(span.left for span in spans) else CLEAN

@@ -13,9 +13,12 @@ import numpy as np
 from dtrepair.intersect.proximity import close_pairs
 from dtrepair.numerics.geometry import FloatArray, IntArray, extent
 from dtrepair.numerics.metrics import displacements, edge_log_ratio
+from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import RepairResult, Solved
+from dtrepair.repair.scene.bounds import Judged, bounded_pose
+from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
@@ -25,6 +28,8 @@ from dtrepair.repair.separation.penetration import BodyShape, find_inside
 from dtrepair.repair.separation.release import ReleaseOptions, released
 from dtrepair.repair.separation.separation import SeparationOptions, separated_frames
 from dtrepair.repair.separation.untangling import contact_counts, tangled_contacts
+from dtrepair.repair.strain.meter import StrainOptions
+from dtrepair.repair.strain.shares import ShareOptions
 from dtrepair.repair.surface.surface import BoolArray
 
 if TYPE_CHECKING:
@@ -41,6 +46,9 @@ class IndependentOptions:
             ratios.
         sides: What is pressed by so many other bodies has no way out, and is left as it is.
         pressed: Distance of a body that presses, as a fraction of the size of the torn one.
+        mend_step, mend: Largest motion, units of the size, and numbers of the mending of a share.
+        strain: What a correction may do to a shape.
+        share: How the share of a correction is found that does not do more.
         release: How enclosed parts are led out.
         lift: How layers are led back over what came through them.
         separation: How bodies that penetrate each other are led apart.
@@ -51,6 +59,10 @@ class IndependentOptions:
     torn: float = 0.1
     sides: int = 3
     pressed: float = 0.01
+    mend_step: float = 0.002
+    mend: MendOptions = field(default_factory=MendOptions)
+    strain: StrainOptions = field(default_factory=StrainOptions)
+    share: ShareOptions = field(default_factory=ShareOptions)
     release: ReleaseOptions = field(default_factory=ReleaseOptions)
     lift: LiftOptions = field(default_factory=LiftOptions)
     separation: SeparationOptions = field(default_factory=SeparationOptions)
@@ -87,7 +99,9 @@ def repair_poses(
     seconds = (time.perf_counter() - start) / max(len(wanted), 1)
     unsolved = [(pose.centred, Solved(pose.centred)) for pose in opened]
     return [
-        _closed(scene, pose, *found.get(k, unsolved[k]), seconds if k in found else 0.0)
+        _closed(
+            scene, meshes, pose, *found.get(k, unsolved[k]), seconds if k in found else 0.0, options
+        )
         for k, pose in enumerate(opened)
     ]
 
@@ -252,13 +266,34 @@ def squeezed(
 
 
 def _closed(
-    scene: Scene, pose: OpenedPose, final: FloatArray, solved: Solved, seconds: float
+    scene: Scene,
+    meshes: WeldedMeshes,
+    pose: OpenedPose,
+    final: FloatArray,
+    solved: Solved,
+    seconds: float,
+    options: IndependentOptions,
 ) -> list[RepairResult]:
     """Return the results of each body; what is no better than the input leaves it as it was."""
     start = time.perf_counter()
-    # Vertices that only happened to coincide in the input are two in the result.
-    same = final is pose.centred
-    pairs = pose.pairs if same else scene.pairs(final, scene.weld(final))
-    found = kept(scene, pose, final, pairs)
+
+    def pairs_of(points: FloatArray) -> IntArray:
+        # Vertices that only happened to coincide in the input are two in the result.
+        return scene.pairs(points, scene.weld(points))
+
+    pairs = pose.pairs if final is pose.centred else pairs_of(final)
+    judged, pairs = bounded_pose(scene, pose, Judged(final), pairs, pairs_of, options=options.share)
+    if judged.lowered:
+        judged, pairs = mended(
+            scene,
+            meshes([pose.weld]),
+            pose.centred,
+            judged,
+            pairs,
+            pairs_of,
+            step=options.mend_step,
+            options=options.mend,
+        )
+    found = kept(scene, pose, judged.points, pairs)
     spent = {"detect": pose.seconds, "solve": seconds + time.perf_counter() - start}
-    return results_of(scene, pose, found, solved, spent)
+    return results_of(scene, pose, found, solved, spent, judged)

@@ -49,6 +49,8 @@ class RepairOptions:
         tighten: Rounds that pull a clean result back towards the input; 0 switches it off.
         maximum_displacement: No vertex moves farther, in length units; None: no limit.
         clearance: Distance that triangles of a result keep that are not neighbours, length units.
+        at_any_cost: Keep the whole correction where it strains a shape beyond the bounds; else the
+            best pose within them is kept, and what is left is told.
         skip: Stages of the full method to leave out, of STAGES.
         rest_contacts: What to do with intersections that the rest pose has as well: "auto" takes
             those of different connected parts as modelled, leaves and holds them together; "repair"
@@ -72,6 +74,7 @@ class RepairOptions:
     clearance: float = 0.0
     rest_contacts: str = "auto"
     effort: float = 1.0
+    at_any_cost: bool = False
     skip: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

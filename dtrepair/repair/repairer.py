@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dtrepair.device import DeviceQueue, resolve_device
+from dtrepair.diagnosis import Strain
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import as_numpy
 from dtrepair.numerics.threads import one_thread
@@ -18,7 +19,9 @@ from dtrepair.repair.clip.window_stream import ClipOptions, MakeMethod
 from dtrepair.repair.independent import poses_at_once, repair_poses
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import RepairResult
-from dtrepair.repair.scene.bodies import Body
+from dtrepair.repair.scene.bodies import Body, about_centre
+from dtrepair.repair.scene.bounds import strain_of
+from dtrepair.repair.scene.diagnosis import strains_of
 from dtrepair.repair.scene.scene import make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.solution_cache import Memory, remembering
@@ -55,12 +58,14 @@ class SceneRepairer:
         references: Sequence[Reference] = (),
         layer_poses: Sequence[Reference] = (),
     ) -> None:
-        choices = options or RepairOptions()
-        self.scene = make_scene(bodies, choices, ignore, references, layer_poses)
-        self.device = resolve_device(device)
-        queue = None if self.device == "cpu" else DeviceQueue(self.device)
         self._clip = clip or ClipOptions()
         numbers = self._clip.independent
+        choices = options or RepairOptions()
+        self.scene = make_scene(
+            bodies, choices, ignore, references, layer_poses, strain=numbers.strain
+        )
+        self.device = resolve_device(device)
+        queue = None if self.device == "cpu" else DeviceQueue(self.device)
         self.meshes = WeldedMeshes(self.scene, queue, full=numbers.full, paper=numbers.paper)
         # How many poses are best given to `batch`.
         self.poses_at_once = poses_at_once(self.scene.options, self.device, paper=numbers.paper)
@@ -109,6 +114,14 @@ class SceneRepairer:
         ValueError: wrong shapes, numbers that are not finite.
         """
         return self.batch([points])[0]
+
+    def strains(self, before: Sequence[Any], after: Sequence[Any]) -> tuple[Strain, ...]:
+        """Return what a correction of poses (V, 3) of each body strains beyond the bounds."""
+        given = self.scene.gather(before)
+        centred, centre = about_centre(given)
+        excess = strain_of(self.scene, centred, self.scene.gather(after) - centre)
+        bodies = range(len(self.bodies))
+        return tuple(s for body in bodies for s in strains_of(self.scene, body, given, excess))
 
     @one_thread()
     def batch(self, poses: Sequence[Sequence[Any]]) -> list[list[RepairResult]]:

@@ -54,6 +54,7 @@ def make_page(report: Mapping[str, Any], pictures: Sequence[Picture] = ()) -> st
         _bars(report["frames"]),
         "<h2>Largest displacement per frame, of the bounding-box diagonal</h2>",
         _line(report["frames"]),
+        _strains(report["frames"]),
         _objects(report),
         _modelled(report["summary"].get("modelled")),
         _transfer(report.get("transfer")),
@@ -85,6 +86,8 @@ def _totals(summary: Mapping[str, Any]) -> str:
         ("triangles after", f"{summary['triangles_after']}"),
         ("largest displacement", f"{summary['displacement_max']:.2%}"),
     ]
+    if summary.get("strained"):
+        values.append(("frames strained", str(summary["strained"])))
     if summary["failed"]:
         values.append(("frames failed", str(summary["failed"])))
     if summary["jitter"] is not None:
@@ -224,6 +227,24 @@ def _modelled(section: Mapping[str, Any] | None) -> str:
         rows.append([*numbers, "", "others"])
     header = ["pairs before", "after", "triangles before", "after", "around", "between"]
     return f"<h2>Modelled contacts, which stay</h2>{_html_table(header, rows)}"
+
+
+def _strains(frames: Sequence[Mapping[str, Any]]) -> str:
+    """What is beyond the bounds, or would have been, frame by frame."""
+    rows = []
+    for frame in frames:
+        for strain in frame.get("left", {}).get("strains", ()):
+            place = ", ".join(f"{number:.4g}" for number in strain["place"])
+            numbers = [f"{strain[name]:.4g}" for name in ("value", "bound")]
+            part = f"{strain['part']} of {strain['parts']}"
+            vertex = str(strain["vertex"])
+            rows.append(
+                [_label(frame), strain["kind"], *numbers, part, vertex, place, strain["body"]]
+            )
+    if not rows:
+        return ""
+    header = ["frame", "measure", "value", "bound", "part", "vertex", "place", "object"]
+    return "<h2>Strained beyond the bounds</h2>" + _html_table(header, rows)
 
 
 def _rounded(value: float | None) -> str:

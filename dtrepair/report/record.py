@@ -23,7 +23,7 @@ from dtrepair.report.schema import SCHEMA as SCHEMA
 from dtrepair.report.schema import SCHEMA_NAME, STATUSES, ReportError, validate
 from dtrepair.report.sections import KeyposesRecord, TransferRecord
 
-_COUNTED = ("clean", "improved", "unchanged")
+_COUNTED = ("clean", "strained", "improved", "unchanged")
 
 
 @dataclass(frozen=True, kw_only=True)

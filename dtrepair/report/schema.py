@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from dtrepair.diagnosis import Advice, Status
+from dtrepair.diagnosis import Advice, Status, StrainKind
 from dtrepair.keyposes.options import INTERPOLATIONS
 
 SCHEMA_NAME = "dtrepair.report/1"
@@ -57,8 +57,22 @@ _MOTION = {
 _CONTACT = _object(first=_TEXT, second=_TEXT, before=_COUNT, after=_COUNT)
 # Connected parts wholly inside closed ones, which intersect nothing; None where nobody looked.
 _ENCLOSED = _object(inner=_TEXT, outer=_TEXT, parts=_COUNT)
+# A measure of a part of an object beyond its bound, worst at `place` of the input, in the space
+# that counts: the vertex and the part, from 1, are numbers within the object. Lengths are fractions
+# of the diagonal, volumes of that of the part.
+_STRAIN = _object(
+    body=_TEXT,
+    part=_COUNT,
+    parts=_COUNT,
+    kind={"type": "string", "enum": [str(kind) for kind in StrainKind]},
+    value=_AMOUNT,
+    bound=_AMOUNT,
+    vertex=_COUNT,
+    place={"type": "array", "items": {"type": "number"}},
+)
 # What a repair left of all objects, and what may be done about it: see `dtrepair.diagnosis`.
 _LEFT = _object(
+    "strains",
     contacts={
         "type": "array",
         "items": _object(
@@ -73,6 +87,7 @@ _LEFT = _object(
         "type": "array",
         "items": _object(body=_TEXT, lengths=_AMOUNT, volume={"type": ["number", "null"]}),
     },
+    strains={"type": "array", "items": _STRAIN},
 )
 _POINT = {"type": "array", "items": {"type": "number"}}
 # A connected part of a mesh, and modelled contacts by pairs of parts: `dtrepair.report.modelled`.
@@ -137,6 +152,7 @@ _FRAME = _object(
 _SUMMARY = _object(
     "contacts",
     "modelled",
+    str(Status.STRAINED),
     *(f"{name}_{when}" for when in ("before", "after") for name in _MODELLED),
     frames=_COUNT,
     **{status: _COUNT for status in STATUSES},

@@ -61,6 +61,9 @@ def test_an_error_travels_between_processes_with_its_code() -> None:
         ("repair", "clean", 0, CLEAN),
         ("repair", "improved", 1, REMAINING),
         ("repair", "unchanged", 0, REMAINING),  # something lies wholly inside something else
+        ("repair", "strained", 0, REMAINING),
+        ("keyposes", "strained", 0, REMAINING),
+        ("transfer", "strained", 0, REMAINING),
         ("check", "clean", 0, CLEAN),
         ("check", "unchanged", 3, REMAINING),
         ("repair", "failed", 0, FRAMES),

@@ -14,6 +14,7 @@ from dtrepair.repair.result import Count, RepairResult, Solved, Stage
 def test_every_outcome_that_leaves_something_to_do_says_what() -> None:
     assert [status.value for status in Status] == [
         "clean",
+        "strained",
         "improved",
         "unchanged",
         "failed",

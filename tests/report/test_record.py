@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from dtrepair.diagnosis import Diagnosis, Strain, StrainKind
 from dtrepair.report.modelled import bounded
 from dtrepair.report.record import (
     SCHEMA,
@@ -77,6 +78,29 @@ def test_document_carries_the_schema_name_and_the_totals() -> None:
     assert summary["displacement_max"] == 0.05
     assert summary["displacement_mean"] == pytest.approx(0.003)
     assert summary["jitter"] is None
+
+
+def test_strains_are_written_and_counted_and_older_reports_have_none() -> None:
+    strain = Strain(
+        body="/A",
+        part=1,
+        parts=2,
+        kind=StrainKind.DRIFT,
+        value=0.03,
+        bound=0.02,
+        vertex=5,
+        place=(1.0, 2.0, 3.0),
+    )
+    frame = FrameRecord(time=1.0, status="strained", left=Diagnosis(strains=(strain,)))
+    document = make_report(frames=(frame,)).document()
+    assert document["summary"]["strained"] == 1
+    written = document["frames"][0]["left"]["strains"]
+    assert Strain.from_document(written[0]) == strain
+    written[0]["kind"] = "charm"
+    with pytest.raises(ReportError, match=r"strains\[0\]\.kind: expected one of edges"):
+        validate(document)
+    del document["summary"]["strained"], document["frames"][0]["left"]["strains"]
+    validate(document)
 
 
 def test_failed_frames_have_a_null_time_and_no_counts() -> None:

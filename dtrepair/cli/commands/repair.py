@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 @click.command(
     "repair",
-    epilog="Exit code 0: every frame is clean; 1: intersections remain; 2: usage; 3: input "
+    epilog="Exit code 0: every frame is clean; 1: intersections remain, or "
+    "frames are strained; 2: usage; 3: input "
     "unusable; 4: some frames failed, the rest is written; 5: output cannot be written.",
 )
 @click.argument("source_path", metavar="STAGE|MESH")

@@ -53,6 +53,9 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "help": "Intersections that the rest pose has as well: those of different connected parts "
         "were modelled, and stay (auto); or repair, or leave, all of them.",
     },
+    "at_any_cost": {
+        "help": "Keep what strains a shape beyond the bounds, else the best pose within them.",
+    },
     "skip": {
         "flag": "--skip-stage",
         "type": click.Choice(STAGES),
@@ -72,7 +75,14 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "energy": {"type": click.Choice(ENERGIES), "help": "--method paper."},
 }
 # Options of the full method alone.
-_FULL_ONLY = ("tighten", "clearance", "maximum_displacement", "rest_contacts", "skip")
+_FULL_ONLY = (
+    "tighten",
+    "clearance",
+    "maximum_displacement",
+    "rest_contacts",
+    "at_any_cost",
+    "skip",
+)
 METHOD_NAMES = tuple(_OPTIONS)
 
 

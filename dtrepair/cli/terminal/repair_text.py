@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.strain_text import strain_lines
 from dtrepair.diagnosis import Status, concerns
 from dtrepair.pipeline.observer import FrameDone
 from dtrepair.pipeline.repair.records import REMEDIES
@@ -124,11 +125,13 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
             f"modelled, and left: {totals['modelled_pairs_before']} -> {counted(modelled, 'pair')} "
             "of different parts that overlap in the rest pose as well"
         )
-    close = sum(record.status == "clean" and record.left.too_close > 0 for record in records)
+    if totals["strained"]:
+        console.result(f"{counted(totals['strained'], 'frame')} strained: see the lines below")
+    close = sum(record.left.too_close > 0 for record in records)
     if close:
         where = f"in {counted(close, 'frame')}"
         console.result(f"{where} pairs stay closer than --clearance: the report has their numbers")
-    for line in advice_lines(records):
+    for line in (*strain_lines(records), *advice_lines(records)):
         console.result(line)
     console.result(f"written: {output}")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.strain_text import strain_lines
 from dtrepair.pipeline.observer import FrameDone
 from dtrepair.pipeline.stages.plan import Plan
 from dtrepair.pipeline.stages.sources import time_label
@@ -58,10 +59,13 @@ def print_report(console: Console, report: Report, *, repaired: bool) -> None:
         console.result(
             f"residual: median {section.residual_median:.3f}, 95 % below {section.residual_p95:.3f}"
         )
-    after = [record.after for record in report.frames if record.after is not None]
-    clean, left = sum(c.pairs == 0 for c in after), sum(c.triangles for c in after)
+    known = [(record, record.after) for record in report.frames if record.after is not None]
+    clean = sum(not c.pairs and record.status != "strained" for record, c in known)
+    left = sum(c.triangles for _, c in known)
     console.result(
         f"{clean} of {len(report.frames)} frames clean; {left} intersecting triangles"
         + ("" if repaired or not left else ": --repair removes them")
     )
+    for line in strain_lines(report.frames):
+        console.result(line)
     console.result(f"written: {report.output}")

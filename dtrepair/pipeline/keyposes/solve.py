@@ -17,6 +17,7 @@ from dtrepair.pipeline.stages.sources import StageSource
 from dtrepair.report.record import FrameRecord
 
 if TYPE_CHECKING:
+    from dtrepair.diagnosis import Diagnosis, Strain
     from dtrepair.intersect.scene_counts import SceneCount
 
 
@@ -34,6 +35,9 @@ class StageKeys:
         self.selected = [time for time in times if time in source.times]
         self.frames = {time: read_frame(source, time) for time in times}
         self._usable = [time for time in times if self.frames[time].usable]
+        # Of in-betweens: what is interpolated has no shape that it should keep, so they are judged
+        # where they are repaired, and keys as they end.
+        self._strains: dict[float, tuple[Strain, ...]] = {}
         self.tracks = self.given
         chosen = [pair for pair in pairwise(times) if set(pair) <= set(self.selected)]
         self.spans = [pair for pair in chosen if set(pair) <= set(self._usable)]
@@ -86,6 +90,8 @@ class StageKeys:
         repaired = self._repaired(frame)
         if all(points is None for points in repaired.points):
             return None
+        if not repaired.record.left.left_out:
+            self._strains[time] = repaired.record.left.strains
         return _filled(frame, repaired)
 
     def allowed(self, index: int, time: float, given: Pose, pose: Pose) -> Pose:
@@ -161,13 +167,20 @@ class StageKeys:
             displacements(a.astype(np.float64), b.astype(np.float64))
             for a, b in zip(old, new, strict=True)
         ]
+        strains = self._strains.get(time, ())
+        if record is not None:
+            strains = self.repairer.repairer.strains(*spaces)
+        left = _with_strains(record, strains, after.total.pairs)
         status = "clean" if not after.total.pairs else "improved"
-        if after.total.pairs >= max(before.total.pairs, 1):
+        if left.strains:
+            status = "strained"
+        elif after.total.pairs >= max(before.total.pairs, 1):
             status = "unchanged"
         prims = zip(self.source.meshes, before.each, after.each, strict=True)
         return replace(
             record or FrameRecord(time=time, status=status, message="added key"),
             status=status,
+            left=left,
             before=before.total,
             after=after.total,
             displacement_max=max(float(part.max()) for part in moved),
@@ -175,6 +188,16 @@ class StageKeys:
             prims=tuple(FramePrimRecord(path=m.path, before=b, after=a) for m, b, a in prims),
             modelled=self.repairer.modelled.in_frame(time, before, spaces[0], after, spaces[1]),
         )
+
+
+def _with_strains(record: FrameRecord | None, strains: Sequence[Strain], pairs: int) -> Diagnosis:
+    """Return what is left of a key: strains as it ends; what was left out, where pairs are left."""
+    from dtrepair.diagnosis import Diagnosis
+
+    left = record.left if record is not None else Diagnosis()
+    if strains or not (left.left_out and pairs):
+        left = replace(left, strains=tuple(strains))
+    return left
 
 
 def _filled(frame: Frame, repaired: Repaired) -> tuple[Pose, ...]:

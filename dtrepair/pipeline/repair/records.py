@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 REMEDIES = {
     **diagnosis.REMEDIES,
     Advice.RAISE_MAXIMUM_DISPLACEMENT: "raise --maximum-displacement",
+    Advice.TAKE_AT_ANY_COST: "take what is strained with --at-any-cost",
 }
 
 
@@ -128,6 +129,8 @@ def contact_records(
 
 def _status(before: SceneCount, after: SceneCount, results: Sequence[RepairResult]) -> Status:
     first, last = before.total.pairs, after.total.pairs
+    if any(result.status is Status.STRAINED for result in results):
+        return Status.STRAINED
     if last:
         return Status.IMPROVED if last < first else Status.UNCHANGED
     # Nothing intersects, but something may lie wholly inside something else.

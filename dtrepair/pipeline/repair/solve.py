@@ -144,8 +144,11 @@ class FrameRepairer:
         points: tuple[NDArray[np.float32] | None, ...] = (None,) * len(frame.points)
         spaces, iterations = frame.spaces, 0
         seconds = {"detect": 0.0, "solve": 0.0}
+        strained: list[RepairResult] = []
         for repetition in range(_ROUNDS):
             if repetition:
+                # What is only rounded again is judged by what it was: strained at any cost.
+                strained += [result for result in results if result.diagnosis.strains]
                 with self._again:
                     results = self.repairer(spaces)
             iterations += results[0].iterations
@@ -160,7 +163,7 @@ class FrameRepairer:
             points, spaces, after = written, placed, count
             if after.total.pairs == 0 or any(result.after.pairs for result in results):
                 break
-        record = self.record(frame, spaces, before, after, results, seconds)
+        record = self.record(frame, spaces, before, after, [*results, *strained], seconds)
         record = replace(record, iterations=iterations)
         return Repaired(frame, points, spaces, record, seconds)
 

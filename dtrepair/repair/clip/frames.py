@@ -8,6 +8,7 @@ from typing import Any
 
 from dtrepair.numerics.geometry import FloatArray, extent
 from dtrepair.repair.clip.cuts import CutOptions, is_cut, motion_between
+from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import OpenedPose, gathered
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
@@ -73,3 +74,16 @@ def cross_fade(
         original = frames[index].centred
         moved = (1.0 - weight) * (before - original) + weight * (poses[index] - original)
         poses[index] = rigid.fitted(original, original + moved)
+
+
+def faded(
+    frames: list[Frame], tail: list[Judged], judged: list[Judged], rigid: RigidBodies
+) -> list[Judged]:
+    """Return the poses of a window, those of the window before fading into its first ones."""
+    poses = [found.points for found in judged]
+    cross_fade(frames, [found.points for found in tail], poses, rigid)
+    both = [
+        Judged(pose, found.excess or before.excess, found.lowered or before.lowered)
+        for before, found, pose in zip(tail, judged, poses, strict=False)
+    ]
+    return [*both, *judged[len(tail) :]]

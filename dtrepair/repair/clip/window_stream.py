@@ -14,10 +14,10 @@ import numpy as np
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import frame_units
 from dtrepair.numerics.threads import one_thread
-from dtrepair.repair.clip.frames import Frame, cross_fade, read_frames
+from dtrepair.repair.clip.frames import Frame, faded, read_frames
 from dtrepair.repair.clip.layout import LayoutOptions
 from dtrepair.repair.clip.window_method import WindowOptions
-from dtrepair.repair.full.mend import MendOptions, mend
+from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.independent import IndependentOptions
 from dtrepair.repair.parallel.worker_pool import (
@@ -27,6 +27,8 @@ from dtrepair.repair.parallel.worker_pool import (
     worthwhile_jobs,
 )
 from dtrepair.repair.result import RepairResult, Solved, Stage
+from dtrepair.repair.scene.bounds import Judged, bounded_frames, bounded_pose
+from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import detected
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
@@ -35,7 +37,6 @@ from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_th
 from dtrepair.repair.separation.release import released_frames
 from dtrepair.repair.separation.separation import separated_frames
 from dtrepair.repair.separation.untangling import contact_counts, tangled_contacts
-from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import Surface
 
 Item = TypeVar("Item")
@@ -51,6 +52,8 @@ class ClipOptions(LayoutOptions):
         tighten: Most cycles of tightening, even if the user's options allow more: later ones gain
             little.
         mend_step: Step, in units of the size, of a frame whose correction misses by rounding only.
+        mend_share: A frame that keeps only a share of its correction is mended by motions up to
+            this, units of the size: it must not stand out from its neighbours.
         windows: Numbers of the stages of a window.
         mend: Numbers of the mending of that frame.
         alone: Numbers of the full method, for frames that no window could clean.
@@ -60,6 +63,7 @@ class ClipOptions(LayoutOptions):
 
     tighten: int = 3
     mend_step: float = 0.002
+    mend_share: float = 0.005
     windows: WindowOptions = field(default_factory=WindowOptions)
     mend: MendOptions = field(default_factory=MendOptions)
     alone: FullOptions = field(default_factory=FullOptions)
@@ -119,7 +123,7 @@ class WindowStream:
     def run(self, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Repaired]:
         """Yield results in order; windows end at cuts and overlap elsewhere."""
         waiting: list[Frame] = []
-        tail: list[FloatArray] = []
+        tail: list[Judged] = []
         overlap = self.options.overlap
         for frame in read_frames(self.scene, frames, cuts=self.options.cuts):
             if frame.starts and waiting:
@@ -136,8 +140,8 @@ class WindowStream:
 
     @one_thread()
     def _window(
-        self, frames: list[Frame], tail: list[FloatArray], *, keep: int
-    ) -> tuple[list[Repaired], list[FloatArray]]:
+        self, frames: list[Frame], tail: list[Judged], *, keep: int
+    ) -> tuple[list[Repaired], list[Judged]]:
         """Return the results of all but the last `keep` frames, and the poses found for those.
 
         tail: poses found for the first frames by the window before.
@@ -147,21 +151,23 @@ class WindowStream:
         frames[:] = self._side_by_side(partial(detected, self.scene), frames)
         # Clean windows need none.
         mesh = cache(partial(self.meshes, [frame.weld for frame in frames]))
-        poses = [frame.centred for frame in frames]
+        judged = [Judged(frame.centred) for frame in frames]
         if len(tail) == len(frames):
-            poses = tail
+            judged = tail
         elif self.scene.options.clearance > 0.0 or any(frame.wrong for frame in frames):
-            poses = self._solve(mesh(), frames)
+            times = np.array([frame.time for frame in frames])
+            poses, share = self._solve(mesh(), frames), self.options.independent.share
+            judged = bounded_frames(self.scene, frames, poses, times, options=share)
         if len(tail) < len(frames):
-            cross_fade(frames, tail, poses, self.scene.rigid)
+            judged = faded(frames, tail, judged, self.scene.rigid)
         done = len(frames) - keep
-        left = self._verified(frames[:done], poses[:done])
+        left = self._verified(frames[:done], [found.points for found in judged[:done]])
         seconds = (clock.perf_counter() - start) / len(frames)
         results = [
-            self._finish(mesh, frame, pose, pairs, seconds)
-            for frame, pose, pairs in zip(frames[:done], poses[:done], left, strict=True)
+            self._finish(mesh, frame, found, pairs, seconds)
+            for frame, found, pairs in zip(frames[:done], judged[:done], left, strict=True)
         ]
-        return results, poses[done:]
+        return results, judged[done:]
 
     def _verified(self, frames: list[Frame], poses: list[FloatArray]) -> list[IntArray]:
         """Return the pairs of the poses, exactly, on the float32 coordinates of the results."""
@@ -237,46 +243,42 @@ class WindowStream:
         self,
         mesh: Callable[[], WeldedMesh],
         frame: Frame,
-        pose: FloatArray,
+        judged: Judged,
         left: IntArray,
         seconds: float,
     ) -> Repaired:
         """Return the results of a pose; what is not clean falls back to single-frame solvers."""
         start = clock.perf_counter()
+        pairs_of = partial(self.scene.pairs, weld=frame.weld)
+        options = self.options
         if len(left):
-            pose, left = self._fallback(mesh(), frame, pose, left)
-        found = kept(self.scene, frame, pose, left)
+            judged, left = mended(
+                self.scene,
+                mesh(),
+                frame.centred,
+                judged,
+                left,
+                pairs_of,
+                step=options.mend_step,
+                farthest=options.mend_share,
+                alone=partial(solve_alone, effort=self.scene.options.effort, options=options.alone),
+                options=options.mend,
+            )
+        judged, left = bounded_pose(
+            self.scene, frame, judged, left, pairs_of, options=options.independent.share
+        )
+        found = kept(self.scene, frame, judged.points, left)
         spent = seconds + clock.perf_counter() - start
         moved = bool((found.points != frame.centred).any())
         stages = [Stage("space-time", len(found.pairs), 0, 0.0, 0, spent)] if moved else []
         close = self._too_close(mesh(), found.points) if self.scene.options.clearance else 0
         solved = Solved(found.points, stages, close)
         times = {"detect": frame.seconds, "solve": spent}
-        return Repaired(frame.time, results_of(self.scene, frame, found, solved, times))
+        return Repaired(frame.time, results_of(self.scene, frame, found, solved, times, judged))
 
     def _too_close(self, mesh: WeldedMesh, pose: FloatArray) -> int:
         """Return how many pairs are closer than the clearance."""
         return len(mesh.surface.contacts.close_pairs(mesh.reduced(pose), mesh.clearance))
-
-    def _fallback(
-        self, mesh: WeldedMesh, frame: Frame, pose: FloatArray, left: IntArray
-    ) -> tuple[FloatArray, IntArray]:
-        """Return the pose with the fewest pairs: mended from here, or repaired alone."""
-        unit, start = mesh.reduced(frame.centred), mesh.reduced(pose)
-        near = mend(
-            mesh.surface,
-            unit,
-            [start],
-            step=self.options.mend_step,
-            alone=partial(
-                solve_alone, effort=self.scene.options.effort, options=self.options.alone
-            ),
-            options=self.options.mend,
-        )
-        near = allowed(mesh.surface.rigid, unit, near, mesh.farthest)
-        mended = mesh.expanded(frame.centred, unit, near)
-        found = self.scene.pairs(mended, frame.weld)
-        return (mended, found) if len(found) < len(left) else (pose, left)
 
 
 def solve_alone(

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, extent
+from dtrepair.numerics.geometry import FloatArray, IntArray, as_mesh, diagonal, extent
 
 # Poses farther from the origin than this many times their size are repaired about their centre:
 # float32 would lose too many digits there.
 FAR_FROM_ORIGIN = 16.0
 # From this diffusion on a body of a scene is stiff: it is led as a whole, and keeps its shape.
 STIFF = 300.0
+# Largest clearance, part of the diagonal: with a larger one everything is close to everything.
+WIDEST_CLEARANCE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +89,36 @@ def layer_of(body: Body, count: int) -> IntArray | None:
             f"shape {layer.shape}"
         )
     return layer.astype(np.int32)
+
+
+def checked_meshes(bodies: Sequence[Body]) -> list[tuple[FloatArray, IntArray]]:
+    """Return the rest positions (V, 3) and triangles (F, 3) of each body.
+
+    Raises:
+        ValueError: no bodies, or one that cannot be used.
+    """
+    if not bodies:
+        raise ValueError("bodies should hold at least one body, got none")
+    for body in bodies:
+        if body.diffusion is not None and not 0.0 < body.diffusion < np.inf:
+            raise ValueError(
+                f"diffusion should be positive and finite, got {body.diffusion}: "
+                "None takes that of the options"
+            )
+    meshes = [as_mesh(body.rest, body.faces) for body in bodies]
+    for body, (_, faces) in zip(bodies, meshes, strict=True):
+        layer_of(body, len(faces))
+    return meshes
+
+
+def check_clearance(clearance: float, rest: FloatArray) -> None:
+    """Refuse a clearance that is too wide for rest positions (V, 3) of all bodies: ValueError."""
+    most = WIDEST_CLEARANCE * diagonal(rest)
+    if clearance > most > 0.0:
+        raise ValueError(
+            f"clearance should be at most {most:.4g}, {WIDEST_CLEARANCE:.0%} of the diagonal of "
+            f"the rest poses, got {clearance:.4g}"
+        )
 
 
 def checked_ignored(ignore: Iterable[tuple[int, int]], count: int) -> tuple[tuple[int, int], ...]:

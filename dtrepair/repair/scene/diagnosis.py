@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.diagnosis import Advice, Deformation, RemainingContact, RemainingEnclosure
+from dtrepair.diagnosis import (
+    Advice,
+    Deformation,
+    RemainingContact,
+    RemainingEnclosure,
+    Strain,
+)
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, vector_areas
 from dtrepair.numerics.metrics import edge_log_ratio, volume
 from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.strain.meter import Excess
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,3 +126,30 @@ def deformation_of(
     if change < options.edges and not lost:
         return None
     return Deformation(name_of(scene, body), float(np.exp(change)), kept if lost else None)
+
+
+def strains_of(
+    scene: Scene, body: int, original: FloatArray, excess: Iterable[Excess]
+) -> tuple[Strain, ...]:
+    """Return what is beyond its bound in a body, in the pose (V, 3) of the input."""
+    parts = scene.strain_meter.parts
+    found = []
+    for kind, part, value, bound, worst, _ in excess:
+        if parts.body[part] != body:
+            continue
+        number, count = parts.number_of(part)
+        x, y, z = original[worst].tolist()
+        vertex = worst - int(scene.vertex_starts[body])
+        found.append(
+            Strain(
+                body=name_of(scene, body),
+                part=number,
+                parts=count,
+                kind=kind,
+                value=value,
+                bound=bound,
+                vertex=vertex,
+                place=(x, y, z),
+            )
+        )
+    return tuple(found)

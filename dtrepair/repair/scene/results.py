@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.diagnosis import Diagnosis, Status
+from dtrepair.diagnosis import Advice, Diagnosis, Status
 from dtrepair.numerics.geometry import FloatArray, IntArray, as_given, differing, pair_keys
 from dtrepair.numerics.metrics import displacements
 from dtrepair.repair.result import Count, RepairResult, Solved
+from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.diagnosis import (
     advice_for,
     contacts_left,
     deformation_of,
     enclosures_left,
+    strains_of,
 )
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
@@ -37,14 +40,22 @@ def kept(scene: Scene, pose: OpenedPose, points: FloatArray, pairs: IntArray) ->
 
 
 def results_of(
-    scene: Scene, pose: OpenedPose, found: Kept, solved: Solved, seconds: dict[str, float]
+    scene: Scene,
+    pose: OpenedPose,
+    found: Kept,
+    solved: Solved,
+    seconds: dict[str, float],
+    judged: Judged | None = None,
 ) -> list[RepairResult]:
-    """Return the results of each body; vertices that did not move keep every bit of the input."""
+    """Return the results of each body; vertices that did not move keep every bit of the input.
+
+    judged: what was strained, or would have been.
+    """
     moved = differing(found.points, pose.centred)
     rounded = found.points.astype(np.float32) + pose.centre
     repaired = np.where(moved[:, None], rounded, pose.original)
     return [
-        _result(scene, index, pose, found, repaired, solved, seconds)
+        _result(scene, index, pose, found, repaired, solved, seconds, judged)
         for index in range(len(scene.bodies))
     ]
 
@@ -57,6 +68,7 @@ def _result(
     repaired: FloatArray,
     solved: Solved,
     seconds: dict[str, float],
+    judged: Judged | None,
 ) -> RepairResult:
     own = scene.vertices_of(index)
     before, after = (_count(scene, pairs, index) for pairs in (pose.pairs, found.pairs))
@@ -65,11 +77,13 @@ def _result(
     left = _left(scene, index, found)
     if left.enclosures and status is Status.CLEAN:
         status = Status.IMPROVED if before.pairs else Status.UNCHANGED
-    if status is Status.CLEAN and solved.left:
-        left = Diagnosis(too_close=solved.left)
-    elif status is Status.CLEAN and not left:
+    if status is not Status.UNCHANGED:
         deformation = deformation_of(scene, index, pose.original[own], repaired[own])
-        left = Diagnosis(deformations=(deformation,) if deformation else ())
+        deformations = (deformation,) if deformation else ()
+        left = replace(left, too_close=solved.left, deformations=deformations)
+    if judged is not None and (judged.excess or judged.lowered):
+        left = _with_strains(scene, index, pose, found, judged, left)
+        status = Status.STRAINED if left.strains else status
     return RepairResult(
         points=as_given(repaired[own], pose.given[index]),
         before=before,
@@ -98,6 +112,19 @@ def _left(scene: Scene, index: int, found: Kept) -> Diagnosis:
     return Diagnosis(
         contacts=contacts_left(scene, own), advice=advice_for(scene, own), enclosures=enclosures
     )
+
+
+def _with_strains(
+    scene: Scene, index: int, pose: OpenedPose, found: Kept, judged: Judged, left: Diagnosis
+) -> Diagnosis:
+    """Return what is left with what strains a body, or would do so if nothing were left."""
+    strains = strains_of(scene, index, pose.original, judged.excess)
+    if scene.options.at_any_cost:
+        return left if found.points is pose.centred else replace(left, strains=strains)
+    if not (left.contacts or left.enclosures):
+        return left
+    advice = {*left.advice, Advice.TAKE_AT_ANY_COST} if judged.lowered else {*left.advice}
+    return replace(left, strains=strains, advice=tuple(a for a in Advice if a in advice))
 
 
 def _count(scene: Scene, pairs: IntArray, index: int) -> Count:

@@ -17,10 +17,8 @@ from dtrepair.numerics.attachments import Attachments, Reference, find_attachmen
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
-    as_mesh,
     as_numpy,
     as_points,
-    diagonal,
     pair_keys,
     unique_edges,
     weld_map,
@@ -31,16 +29,17 @@ from dtrepair.repair.scene.bodies import (
     STIFF,
     Body,
     about_centre,
+    check_clearance,
     checked_ignored,
+    checked_meshes,
     direction_of,
     layer_of,
     mobility_of,
 )
+from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
+from dtrepair.repair.strain.parts import ConnectedParts
 from dtrepair.repair.surface.containment import Enclosures, oriented_outwards
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
-
-# Largest clearance, part of the diagonal: with a larger one everything is close to everything.
-WIDEST_CLEARANCE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +60,7 @@ class Scene:
             that it may speak of.
         layer_poses: Poses (V, 3) that show which part lies over which, with all their pairs (K, 2);
             default: the rest.
+        strain: What a correction may do to a shape.
     """
 
     bodies: tuple[Body, ...]
@@ -74,6 +74,7 @@ class Scene:
     direction: FloatArray
     references: tuple[Reference, ...] = ()
     layer_poses: tuple[Reference, ...] = ()
+    strain: StrainOptions = StrainOptions()
 
     @cached_property
     def body_of(self) -> NDArray[np.int64]:
@@ -140,6 +141,13 @@ class Scene:
             return None
         attachments = find_attachments(self.rest_weld[self.faces], len(self.rest), references)
         return attachments if len(attachments.zones) else None
+
+    @cached_property
+    def strain_meter(self) -> StrainMeter:
+        """Measures what a correction does to the shapes of the bodies."""
+        faces = self.rest_weld[self.faces]
+        parts = ConnectedParts(faces, self.body_of_vertex, self.attachments)
+        return StrainMeter(parts, options=self.strain)
 
     def attachments_of(self, body: int) -> Attachments | None:
         """Return what was modelled within one body, by its own triangles and vertices."""
@@ -260,34 +268,20 @@ def make_scene(
     ignore: Sequence[tuple[int, int]] = (),
     references: Sequence[Reference] = (),
     layer_poses: Sequence[Reference] = (),
+    *,
+    strain: StrainOptions = StrainOptions(),
 ) -> Scene:
     """Return the scene of some bodies, whose contacts between pairs in `ignore` do not count.
 
-    references, layer_poses: see `Scene`.
+    references, layer_poses, strain: see `Scene`.
 
     Raises:
         ValueError: bodies, options or pairs that cannot be used.
     """
-    if not bodies:
-        raise ValueError("bodies should hold at least one body, got none")
-    for body in bodies:
-        if body.diffusion is not None and not 0.0 < body.diffusion < np.inf:
-            raise ValueError(
-                f"diffusion should be positive and finite, got {body.diffusion}: "
-                "None takes that of the options"
-            )
-    ignored = checked_ignored(ignore, len(bodies))
-    meshes = [as_mesh(body.rest, body.faces) for body in bodies]
-    for body, (_, faces) in zip(bodies, meshes, strict=True):
-        layer_of(body, len(faces))
+    ignored, meshes = checked_ignored(ignore, len(bodies)), checked_meshes(bodies)
     meshes = [(points, oriented_outwards(points, faces)) for points, faces in meshes]
     rest = np.concatenate([points for points, _ in meshes])
-    most = WIDEST_CLEARANCE * diagonal(rest)
-    if options.clearance > most > 0.0:
-        raise ValueError(
-            f"clearance should be at most {most:.4g}, {WIDEST_CLEARANCE:.0%} of the diagonal of "
-            f"the rest poses, got {options.clearance:.4g}"
-        )
+    check_clearance(options.clearance, rest)
     vertex_starts = np.cumsum([0, *(len(points) for points, _ in meshes)])
     shifted = [faces + start for (_, faces), start in zip(meshes, vertex_starts, strict=False)]
     sized = [(body, len(points)) for body, (points, _) in zip(bodies, meshes, strict=True)]
@@ -303,4 +297,5 @@ def make_scene(
         direction=np.concatenate([direction_of(body, count) for body, count in sized]),
         references=tuple(references),
         layer_poses=tuple(layer_poses),
+        strain=strain,
     )

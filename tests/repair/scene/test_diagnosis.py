@@ -87,7 +87,7 @@ def test_what_is_much_deformed_is_told() -> None:
     scene = make_scene(bodies, RepairOptions())
     assert deformation_of(scene, 0, BALL, BALL) is deformation_of(scene, 0, BALL, fine) is None
     told = str(deformation_of(scene, 1, BALL + AWAY, flat + AWAY))
-    assert told.startswith("pea is clean but much deformed (lengths by a factor of 1.")
+    assert told.startswith("pea is much deformed (lengths by a factor of 1.")
     assert "volume to 40%)" in told
     # Turned and moved nothing is deformed.
     assert deformation_of(scene, 0, BALL, BALL[:, [1, 2, 0]] + AWAY) is None

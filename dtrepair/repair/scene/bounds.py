@@ -1,0 +1,168 @@
+"""No harm: of a correction that strains a shape, the share within the bounds is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.temporal import frame_units
+from dtrepair.repair.scene.opened_pose import OpenedPose
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.strain.meter import Excess
+from dtrepair.repair.strain.shares import ShareOptions, ShareSearch, eased_shares
+
+# Finds the intersecting pairs (K, 2) of a pose (V, 3).
+PairsOf = Callable[[FloatArray], IntArray]
+# Clips: lower regions, put back those that it did not help, then whole frames.
+ATTEMPTS = 3
+
+
+class Judged(NamedTuple):
+    """A pose (V, 3) that was judged.
+
+    excess: what is strained, or would be without the bounds. lowered: whether only a share of the
+    correction is left, for the bounds of this frame or of its neighbours.
+    """
+
+    points: FloatArray
+    excess: tuple[Excess, ...] = ()
+    lowered: bool = False
+
+
+def strain_of(scene: Scene, before: FloatArray, after: FloatArray) -> tuple[Excess, ...]:
+    """Return what a correction strains beyond the bounds; the published method has none."""
+    if scene.options.method != "full":
+        return ()
+    return tuple(scene.strain_meter(before, after))
+
+
+def bounded_pose(
+    scene: Scene,
+    pose: OpenedPose,
+    judged: Judged,
+    pairs: IntArray,
+    pairs_of: PairsOf,
+    *,
+    options: ShareOptions = ShareOptions(),
+) -> tuple[Judged, IntArray]:
+    """Return the best pose within the bounds, with its pairs (K, 2): that which has fewest.
+
+    judged: what was found, with `pairs` (K, 2); kept as it is where it is within the bounds, or
+    the options take it at any cost.
+    """
+    excess = strain_of(scene, pose.centred, judged.points)
+    if not excess or scene.options.at_any_cost:
+        return judged._replace(excess=(*judged.excess, *excess)), pairs
+    wrong = _wrong(scene, pose, judged.points, pairs)
+    if 0 < wrong >= pose.wrong:
+        return judged, pairs  # no better than the input, which is kept
+    search = share_search(scene, pose.centred, judged.points, options)
+    best: list[tuple[int, FloatArray, IntArray]] = []
+    for share in search.shares():
+        points = search.blend(share)
+        found = pairs_of(points)
+        left = _wrong(scene, pose, points, found)
+        if left <= wrong:
+            return Judged(points), found  # nothing is lost, and there is nothing to tell
+        if not best or left < best[0][0]:
+            best = [(left, points, found)]
+    _, points, found = best[0]
+    return Judged(points, (*judged.excess, *excess), lowered=True), found
+
+
+def bounded_frames(
+    scene: Scene,
+    frames: Sequence[OpenedPose],
+    poses: list[FloatArray],
+    times: FloatArray,
+    *,
+    options: ShareOptions = ShareOptions(),
+) -> list[Judged]:
+    """Return poses (V, 3) of frames within the bounds; their shares are smooth in time.
+
+    times: of the frames (T,). No frame gets more pairs than its input has.
+    """
+    if scene.options.at_any_cost:
+        return [Judged(points) for points in poses]
+    excess = [
+        strain_of(scene, frame.centred, points) for frame, points in zip(frames, poses, strict=True)
+    ]
+    failing = [index for index, found in enumerate(excess) if found]
+    if not failing:
+        return [Judged(points) for points in poses]
+    needed = np.ones((len(frames), len(scene.rest)))
+    eased, bounded = needed, list(poses)
+    for attempt in range(ATTEMPTS):
+        for index in failing:
+            share = _share(scene, frames[index].centred, bounded[index], attempt, options)
+            needed[index] = eased[index] * share
+        eased = eased_shares(needed, frame_units(times), options.time)
+        lowered = np.flatnonzero((eased < 1.0).any(axis=1)).tolist()
+        for index in lowered:
+            bounded[index] = blended(scene, frames[index].centred, poses[index], eased[index])
+        failing = [k for k in lowered if _fails(scene, frames[k], bounded[k])]
+        if not failing:
+            break
+    judged = []
+    for index, points in enumerate(bounded):
+        lost = index in lowered and _loses(scene, frames[index], poses[index], points)
+        judged.append(Judged(points, excess[index] if lost else (), lost))
+    return judged
+
+
+def _share(
+    scene: Scene, before: FloatArray, after: FloatArray, attempt: int, options: ShareOptions
+) -> FloatArray:
+    """Return the share (V,) of a correction that an attempt keeps."""
+    if attempt == ATTEMPTS - 1:
+        return np.zeros(len(before))
+    search = share_search(scene, before, after, options)
+    return search.put_back() if attempt else search.most()
+
+
+def _fails(scene: Scene, frame: OpenedPose, points: FloatArray) -> bool:
+    """Return whether a pose (V, 3) is strained, or has more pairs than its input."""
+    if strain_of(scene, frame.centred, points):
+        return True
+    return _wrong(scene, frame, points, scene.pairs(points, frame.weld)) > frame.wrong
+
+
+def _loses(scene: Scene, frame: OpenedPose, whole: FloatArray, points: FloatArray) -> bool:
+    """Return whether more is wrong with a pose (V, 3) than with the whole correction."""
+    left, least = (
+        _wrong(scene, frame, pose, scene.pairs(pose, frame.weld)) for pose in (points, whole)
+    )
+    return left > least
+
+
+def _wrong(scene: Scene, pose: OpenedPose, points: FloatArray, pairs: IntArray) -> int:
+    """Return how many `pairs` (K, 2), and parts inside others, a correction (V, 3) has."""
+    enclosed = scene.enclosed_parts(points, pairs) if len(pose.enclosed) else ()
+    return len(pairs) + len(enclosed)
+
+
+def share_search(
+    scene: Scene, before: FloatArray, after: FloatArray, options: ShareOptions
+) -> ShareSearch:
+    """Return the search for shares of a correction of the scene, poses (V, 3)."""
+
+    def blend(share: FloatArray) -> FloatArray:
+        return blended(scene, before, after, share)
+
+    return ShareSearch(scene.strain_meter, before, after, blend, options=options)
+
+
+def blended(scene: Scene, before: FloatArray, after: FloatArray, share: FloatArray) -> FloatArray:
+    """Return a pose (V, 3) with a share (V,) of a correction; rigid bodies take their least.
+
+    Vertices with all of it keep every bit of `after`, those with nothing those of `before`.
+    """
+    own = share[scene.rest_weld]
+    for body in scene.rigid.slices:
+        own[body] = own[body].min()
+    mixed = before + own[:, None] * (after - before)
+    mixed = np.where(own[:, None] < 1.0, mixed, after)
+    return scene.rigid.fitted(before, np.where(own[:, None] > 0.0, mixed, before))

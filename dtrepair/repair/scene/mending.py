@@ -1,0 +1,50 @@
+"""A pose of a scene that still has a few pairs: mended from where it is, by small motions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.repair.full.mend import MendOptions, mend
+from dtrepair.repair.scene.bounds import Judged, PairsOf, strain_of
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.welded_mesh import WeldedMesh
+from dtrepair.repair.surface.rigid_bodies import allowed
+from dtrepair.repair.surface.surface import Surface
+
+# Solves a pose (V, 3) of a surface from the input.
+Alone = Callable[[Surface, FloatArray], FloatArray]
+
+
+def mended(
+    scene: Scene,
+    mesh: WeldedMesh,
+    before: FloatArray,
+    judged: Judged,
+    pairs: IntArray,
+    pairs_of: PairsOf,
+    *,
+    step: float,
+    options: MendOptions,
+    farthest: float = np.inf,
+    alone: Alone | None = None,
+) -> tuple[Judged, IntArray]:
+    """Return a pose with `pairs` (K, 2) mended, or solved `alone`, if it gets fewer; its pairs.
+
+    Of what keeps only a share of the correction, nothing is taken that is solved alone, which is
+    all of the correction, is strained or moves farther than `farthest`. step: largest motion in an
+    iteration; both in units of the surface's size.
+    """
+    unit, start = mesh.reduced(before), mesh.reduced(judged.points)
+    last = None if judged.lowered else alone
+    near = mend(mesh.surface, unit, [start], step=step, alone=last, options=options)
+    near = allowed(mesh.surface.rigid, unit, near, mesh.farthest)
+    points = mesh.expanded(before, unit, near)
+    found = pairs_of(points)
+    taken = len(found) < len(pairs)
+    if judged.lowered:
+        taken &= float(np.abs(near - start).max()) <= farthest
+        taken = taken and not strain_of(scene, before, points)
+    return (judged._replace(points=points), found) if taken else (judged, pairs)

@@ -1,0 +1,258 @@
+"""What a repair did to a shape, part by part and region by region, and whether it is too much.
+
+A mean over a mesh hides a ruined finger. So edges, attachments, volumes and turned triangles are
+each measured where they are, against the pose of the input, and each has a bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.diagnosis import StrainKind
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    diagonal,
+    dots,
+    lengths,
+    vector_areas,
+)
+from dtrepair.repair.strain.parts import ConnectedParts
+from dtrepair.repair.strain.turning import folded_more, turned_over
+
+Places = NDArray[np.integer]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrainOptions:
+    """From when on a result is strained; lengths are fractions of the diagonal of the input.
+
+    Args:
+        factor: An edge is spoilt if it got longer or shorter by more: texture and skin are smeared
+            or crushed there.
+        edges: So many spoilt edges may be in a part, and in a body: a crease has a few, and nobody
+            sees them.
+        edges_share: Or this share of the edges, if that is more.
+        point: Edges shorter than this before and after are points: rounding changes their length.
+        drift: An attached vertex may move so far off its place on the other part: an eye or a cuff
+            seen from near comes off.
+        slide: 95 % of all attached vertices move less: what slides more looks loose all over.
+        joint: 95 % of those between the same two parts: one joint is few of all vertices.
+        volume: Change of the volume of a closed part: flesh that swells or shrivels more is seen.
+        thicker: Of what has more volume, growth of the volume over the area: a ring that is widened
+            to go round an arm has more of both, and did not swell.
+        sheet: A closed part of less volume, over its area to the power 3/2, is a sheet, which has
+            none to keep. A ball has 0.094, a plate of 1 x 1 x 0.01 0.003.
+        patch: Width of a connected patch of triangles that turned over: creases of good results of
+            deep contacts have some up to 0.026, and half a hand is 0.04 wide.
+        patch_share: Or this share of the area of the part, if that is less: an eye is small.
+        patch_triangles: A patch of so few triangles is a crease of a coarse mesh.
+    """
+
+    factor: float = 4.0
+    edges: int = 5
+    edges_share: float = 0.0005
+    point: float = 1e-5
+    drift: float = 0.02
+    slide: float = 0.004
+    joint: float = 0.01
+    volume: float = 0.2
+    thicker: float = 0.02
+    sheet: float = 0.002
+    patch: float = 0.035
+    patch_share: float = 0.25
+    patch_triangles: int = 5
+
+
+class Excess(NamedTuple):
+    """A measure beyond its bound, of a part; the vertex where it is worst, and all concerned."""
+
+    kind: StrainKind
+    part: int
+    value: float
+    bound: float
+    worst: int
+    vertices: IntArray
+
+
+class StrainMeter:
+    """Measures what became of the parts of a mesh.
+
+    Args:
+        parts: The parts.
+        options: The bounds.
+    """
+
+    def __init__(self, parts: ConnectedParts, *, options: StrainOptions = StrainOptions()) -> None:
+        self.parts, self.options = parts, options
+
+    def __call__(self, before: FloatArray, after: FloatArray) -> list[Excess]:
+        """Return what is beyond its bound in a pose (V, 3), against that of the input."""
+        if np.array_equal(before, after):
+            return []
+        size = diagonal(before) or 1.0
+        old, new = (vector_areas(points, self.parts.faces) for points in (before, after))
+        return [
+            *self._spoilt_edges(before, after, size),
+            *self._drifts(before, after, size),
+            *self._volumes(before, after, old, new),
+            *self._flips(before, after, old, new, size),
+        ]
+
+    def _spoilt_edges(self, before: FloatArray, after: FloatArray, size: float) -> list[Excess]:
+        """Return parts, or else bodies, with too many edges that changed by the factor."""
+        options = self.options
+        first, second = self.parts.edges.T
+        ends = [
+            points.take(first, axis=0) - points.take(second, axis=0) for points in (before, after)
+        ]
+        old, new = (dots(vectors, vectors) for vectors in ends)
+        square = options.factor**2
+        spoilt = (new > square * old) | (square * new < old)
+        spoilt &= (np.maximum(old, new) > (options.point * size) ** 2) & (old > 0.0)
+        found = np.flatnonzero(spoilt)
+        if len(found) <= options.edges:
+            return []
+        floor = (1e-12 * size) ** 2
+        change = np.abs(np.log(np.maximum(new[found], floor) / old[found]))
+        own = self.parts.of_edge[found]
+        result = self._crowded(own, self.parts.of_edge, found, change)
+        if not result:
+            bodies = self.parts.body
+            result = self._crowded(bodies[own], bodies[self.parts.of_edge], found, change)
+        return result
+
+    def _crowded(
+        self, group: Places, group_of_edge: Places, found: Places, change: FloatArray
+    ) -> list[Excess]:
+        """Return the groups with more of the edges `found` than allowed; `change` of each."""
+        every = np.bincount(group_of_edge)
+        bounds = np.maximum(self.options.edges, self.options.edges_share * every)
+        counts = np.bincount(group, minlength=len(every))
+        result = []
+        for index in np.flatnonzero(counts > bounds):
+            own = group == index
+            edges = self.parts.edges[found[own]]
+            worst = int(edges[np.argmax(change[own]), 0])
+            part = int(self.parts.of_vertex[worst])
+            value, bound = float(counts[index]), float(np.floor(bounds[index]))
+            result.append(
+                Excess(StrainKind.EDGES, part, value, bound, worst, np.unique(edges.ravel()))
+            )
+        return result
+
+    def _drifts(self, before: FloatArray, after: FloatArray, size: float) -> list[Excess]:
+        """Return where attached parts came off each other, or slid."""
+        if self.parts.ties is None:
+            return []
+        options = self.options
+        moved = self.parts.tie_offsets(after) - self.parts.tie_offsets(before)
+        drift = lengths(moved) / size
+        if drift.max() <= min(options.drift, options.joint, options.slide):
+            return []
+        result = []
+        for index in np.unique(self.parts.joint[drift > min(options.drift, options.joint)]):
+            own = np.flatnonzero(self.parts.joint == index)
+            far = float(np.quantile(drift[own], 0.95))
+            if drift[own].max() > options.drift:
+                value, bound, kind = drift[own].max(), options.drift, StrainKind.DRIFT
+            elif far > options.joint:
+                value, bound, kind = far, options.joint, StrainKind.SLIDE
+            else:
+                continue
+            result.append(self._slid(kind, value, bound, own, drift, min(bound, options.joint)))
+        every = float(np.quantile(drift, 0.95))
+        if every > options.slide and not result:
+            own = np.arange(len(drift))
+            kind, bound = StrainKind.SLIDE, options.slide
+            result.append(self._slid(kind, every, bound, own, drift, bound))
+        return result
+
+    def _slid(
+        self,
+        kind: StrainKind,
+        value: float,
+        bound: float,
+        own: Places,
+        drift: FloatArray,
+        least: float,
+    ) -> Excess:
+        """Return the excess of some ties, those of more drift than `least` being concerned."""
+        assert self.parts.ties is not None
+        worst = int(self.parts.ties.vertices[own[np.argmax(drift[own])]])
+        concerned = own[drift[own] > least]
+        corners = self.parts.corners[self.parts.ties.triangles[concerned]].ravel()
+        vertices = np.unique(np.concatenate([self.parts.ties.vertices[concerned], corners]))
+        part = int(self.parts.of_vertex[worst])
+        return Excess(kind, part, float(value), bound, worst, vertices)
+
+    def _volumes(
+        self, before: FloatArray, after: FloatArray, old: FloatArray, new: FloatArray
+    ) -> list[Excess]:
+        """Return closed parts whose volume changed; old, new: vector areas (F, 3)."""
+        if not self.parts.closed.any():
+            return []
+        centre = before.mean(axis=0)
+        first, part = self.parts.faces[:, 0], self.parts.of_face
+        thirds = [
+            np.bincount(part, dots(points.take(first, axis=0) - centre, areas), self.parts.count)
+            for points, areas in ((before, old), (after, new))
+        ]
+        had, has = thirds[0] / 3.0, thirds[1] / 3.0
+        area, wide = (np.bincount(part, lengths(a), self.parts.count) for a in (old, new))
+        solid = self.parts.closed & (np.abs(had) > self.options.sheet * area**1.5)
+        ratio = np.where(solid, has / np.where(solid, had, 1.0), 1.0)
+        swollen = ratio * area > (1.0 + self.options.thicker) * wide
+        change = np.where((ratio < 1.0) | swollen, np.abs(ratio - 1.0), 0.0)
+        result = []
+        for index in np.flatnonzero(change > self.options.volume):
+            own = np.flatnonzero(self.parts.of_vertex == index).astype(np.int32)
+            worst = int(own[np.argmax(lengths(after[own] - before[own]))])
+            kind, bound = StrainKind.VOLUME, self.options.volume
+            result.append(Excess(kind, int(index), float(change[index]), bound, worst, own))
+        return result
+
+    def _flips(
+        self,
+        before: FloatArray,
+        after: FloatArray,
+        old: FloatArray,
+        new: FloatArray,
+        size: float,
+    ) -> list[Excess]:
+        """Return patches of triangles that turned over; old, new: vector areas (F, 3)."""
+        faces, edges = self.parts.faces, self.parts.edges
+        had, has = lengths(old), lengths(new)
+        area = np.minimum(had, has)
+        whole = np.bincount(self.parts.of_face, had, self.parts.count)
+        bounds = np.minimum((self.options.patch * size) ** 2, self.options.patch_share * whole)
+        # Only what turned by 60 degrees can have turned over against its surroundings.
+        turned: Places = np.flatnonzero(dots(old, new) < 0.5 * had * has)
+        over = [
+            own[turned_over(faces[own], edges, before, after, old[own], new[own])]
+            for own in self._patches(turned, area, bounds)
+        ]
+        result = []
+        for own in self._patches(np.concatenate([turned[:0], *over]), area, bounds):
+            if not folded_more(self.parts.rim(own), old, new):
+                continue  # it was folded over in the input, and is so no longer
+            part = int(self.parts.of_face[own[0]])
+            worst = int(faces[own[np.argmax(area[own])], 0])
+            value, bound = (float(np.sqrt(a)) / size for a in (area[own].sum(), bounds[part]))
+            vertices = np.unique(faces[own].ravel())
+            result.append(Excess(StrainKind.FLIPS, part, value, bound, worst, vertices))
+        return result
+
+    def _patches(self, chosen: Places, area: FloatArray, bounds: FloatArray) -> list[Places]:
+        """Return the patches of some triangles that are beyond the bounds of their parts (P,)."""
+        part = self.parts.of_face[chosen]
+        if not (np.bincount(part, area[chosen], self.parts.count) > bounds).any():
+            return []
+        label = self.parts.patches(chosen)
+        sums, counts = np.bincount(label, area[chosen]), np.bincount(label)
+        large = (sums[label] > bounds[part]) & (counts[label] > self.options.patch_triangles)
+        return [chosen[label == index] for index in np.unique(label[large])]

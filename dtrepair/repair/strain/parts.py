@@ -1,0 +1,126 @@
+"""The connected parts of a mesh: edges, which are closed, what is tied to what."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from dtrepair.intersect.queries import link_labels
+from dtrepair.numerics.attachments import Attachments
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    components,
+    lengths,
+    shared_edges,
+    unique_edges,
+)
+
+BoolArray = NDArray[np.bool_]
+Places = NDArray[np.integer]
+
+
+class ConnectedParts:
+    """The connected parts of all bodies of a scene together; nothing of it changes.
+
+    Args:
+        faces: Triangles (F, 3), vertices at one position of the rest being one.
+        body_of_vertex: The body (V,) of each vertex.
+        attachments: What holds parts together, by these triangles; None where nothing does.
+    """
+
+    def __init__(
+        self, faces: IntArray, body_of_vertex: IntArray, attachments: Attachments | None = None
+    ) -> None:
+        solid = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+        self.corners, self.faces = faces, faces[solid]
+        self.vertices = len(body_of_vertex)
+        self.edges = unique_edges(self.faces)
+        label = components(self.faces, self.vertices)
+        used, own = np.unique(label[self.faces[:, 0]], return_inverse=True)
+        self.of_face = own.reshape(-1)
+        self.count = len(used)
+        self.of_vertex = np.full(self.vertices, -1, dtype=np.int64)
+        self.of_vertex[self.faces] = self.of_face[:, None]
+        self.of_edge = self.of_vertex[self.edges[:, 0]]
+        self.body = np.zeros(self.count, dtype=np.int64)
+        self.body[self.of_face] = body_of_vertex[self.faces[:, 0]]
+        self.ties = None
+        if attachments is not None and len(attachments.ties.vertices):
+            self.ties = attachments.ties
+            host = self.of_vertex[faces[self.ties.triangles, 0]]
+            sides = np.sort(np.stack([self.of_vertex[self.ties.vertices], host]), axis=0)
+            # Ties between the same two parts are a joint, one number (N,) each.
+            self.joint = sides[0] * self.count + sides[1]
+
+    @cached_property
+    def closed(self) -> BoolArray:
+        """Which parts (P,) have every edge run through as often one way as the other."""
+        directed = np.concatenate([self.faces[:, [k, (k + 1) % 3]] for k in range(3)])
+        sign = np.where(directed[:, 0] < directed[:, 1], 1, -1)
+        index = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+        closed = np.ones(self.count, dtype=bool)
+        if len(index):
+            excess = np.bincount(index, sign)
+            closed[np.tile(self.of_face, 3)[excess[index] != 0]] = False
+        return closed
+
+    @cached_property
+    def _sides(self) -> IntArray:
+        """The pairs (H, 2) of triangles that share an edge."""
+        return shared_edges(self.faces).astype(np.int32)
+
+    @cached_property
+    def links(self) -> IntArray:
+        """The edges, and three more for each tie: to the corners that it rests on (L, 2)."""
+        if self.ties is None:
+            return self.edges
+        hosts = self.corners[self.ties.triangles].ravel()
+        tied = np.stack([np.repeat(self.ties.vertices, 3), hosts], axis=1)
+        return np.concatenate([self.edges, tied.astype(np.int32)])
+
+    def number_of(self, part: int) -> tuple[int, int]:
+        """Return which part of its body a part is, and how many the body has.
+
+        1 is the part with most triangles, of equal ones that with the first vertex.
+        """
+        own = np.flatnonzero(self.body == self.body[part])
+        sizes = np.bincount(self.of_face, minlength=self.count)[own]
+        ordered = own[np.argsort(-sizes, kind="stable")]
+        return int(np.flatnonzero(ordered == part)[0]) + 1, len(own)
+
+    def patches(self, triangles: Places) -> IntArray:
+        """Return the patch (N,) of each of some triangles: connected by edges they are one."""
+        mask = np.zeros(len(self.faces), dtype=bool)
+        mask[triangles] = True
+        first, second = self._sides.T
+        joined = self._sides[mask[first] & mask[second]]
+        return np.asarray(link_labels(joined, len(self.faces))[triangles])
+
+    def rim(self, triangles: Places) -> IntArray:
+        """Return the pairs (H, 2) of triangles with an edge between one of some and another."""
+        mask = np.zeros(len(self.faces), dtype=bool)
+        mask[triangles] = True
+        inside = mask[self._sides]
+        return np.asarray(self._sides[inside[:, 0] != inside[:, 1]])
+
+    def tie_offsets(self, points: FloatArray) -> FloatArray:
+        """Return the offset (N, 3) of each tied vertex from its point on the other part."""
+        assert self.ties is not None
+        corners = points[self.corners[self.ties.triangles]]
+        host = np.einsum("ik,ikj->ij", self.ties.weights, corners)
+        return np.asarray(points[self.ties.vertices] - host)
+
+    def distances(self, points: FloatArray) -> sparse.csr_matrix:
+        """Return the lengths (V, V) of edges and ties in a pose (V, 3)."""
+        first, second = self.links.T
+        length = lengths(points[first] - points[second]) + np.finfo(np.float32).tiny
+        ends = np.concatenate([first, second]), np.concatenate([second, first])
+        # The same two vertices may be tied more than once; sums would be too long.
+        keys = ends[0].astype(np.int64) * self.vertices + ends[1]
+        once = np.unique(keys, return_index=True)[1]
+        entries = np.tile(length, 2)[once], (ends[0][once], ends[1][once])
+        return sparse.csr_matrix(entries, shape=(self.vertices, self.vertices))

@@ -1,0 +1,163 @@
+"""The largest share of a correction that keeps the bounds, region by region, eased in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from dtrepair.numerics.geometry import FloatArray, lengths
+from dtrepair.numerics.temporal import eased_in_time
+from dtrepair.repair.strain.meter import Excess, StrainMeter
+
+# Makes the pose (V, 3) of a share (V,) of the correction.
+Blend = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShareOptions:
+    """How much of a correction is given up, and where.
+
+    Args:
+        step: A region gives up this share of its correction at a time.
+        rings: A region is what is strained and so many rings of edges and ties around it.
+        widths: The share comes back to 1 over so many times the longest motion of the region: over
+            a shorter way it would be strained there. Tried in turn.
+        rounds: Times that regions are measured again, until they keep the bounds.
+        time: Frames over which shares of neighbouring frames go over into each other, the standard
+            deviation of a Gaussian: nothing may pop.
+    """
+
+    step: float = 0.25
+    rings: int = 2
+    widths: tuple[float, ...] = (3.0, 8.0)
+    rounds: int = 12
+    time: float = 1.5
+
+
+class ShareSearch:
+    """Finds shares of one correction within the bounds.
+
+    Args:
+        meter: Measures what is beyond its bound.
+        before: The pose (V, 3) of the input.
+        after: That of the correction.
+        blend: Makes the pose of a share; 1 gives `after`, and 0 `before`.
+        options: The numbers.
+    """
+
+    def __init__(
+        self,
+        meter: StrainMeter,
+        before: FloatArray,
+        after: FloatArray,
+        blend: Blend,
+        *,
+        options: ShareOptions = ShareOptions(),
+    ) -> None:
+        self.meter, self.before, self.blend, self.options = meter, before, blend, options
+        self.motion = lengths(after - before)
+        self.graph = meter.parts.distances(before)
+
+    def shares(self) -> Iterator[FloatArray]:
+        """Yield shares (V,) within the bounds: most of the correction first, the input last."""
+        for width in self.options.widths:
+            if (share := self.lowered(width)) is not None:
+                yield share
+        yield self.put_back()
+        yield self.uniform()
+
+    def most(self) -> FloatArray:
+        """Return the first of `shares`."""
+        return next(self.shares())
+
+    def put_back(self) -> FloatArray:
+        """Return shares (V,) where what is strained is as in the input."""
+        for width in self.options.widths:
+            if (share := self.lowered(width, at_once=True)) is not None:
+                return share
+        return self.uniform()
+
+    def uniform(self) -> FloatArray:
+        """Return the largest share (V,), the same everywhere."""
+        count = round(1.0 / self.options.step)
+        for step in range(1, count):
+            share = np.full(len(self.before), 1.0 - step * self.options.step)
+            if not self.meter(self.before, self.blend(share)):
+                return share
+        return np.zeros(len(self.before))
+
+    def lowered(self, width: float, *, at_once: bool = False) -> FloatArray | None:
+        """Return shares (V,) lowered step by step, or at once to 0, where it is strained.
+
+        width: of the way back to 1, in longest motions; None where no share keeps the bounds.
+        """
+        level = np.ones(len(self.before))
+        core = np.zeros(len(self.before), dtype=bool)
+        for _ in range(self.options.rounds):
+            share = self._field(level, core, width)
+            found = self.meter(self.before, self.blend(share))
+            if not found:
+                return share
+            hit = _vertices(found, len(core))
+            core |= self._grown(hit)
+            region = self._regions(core)
+            lowest = np.full(len(core), np.inf)
+            np.minimum.at(lowest, region[core], level[core])
+            struck = np.unique(region[hit])
+            lowest[struck] = 0.0 if at_once else np.maximum(lowest[struck] - self.options.step, 0.0)
+            level[core] = lowest[region[core]]
+        return None
+
+    def _field(self, level: FloatArray, core: NDArray[np.bool_], width: float) -> FloatArray:
+        """Return shares (V,): the level (V,) in the core, smoothly up to 1 beyond it."""
+        share = np.ones(len(level))
+        for value in np.unique(level[core]):
+            inner = np.flatnonzero(core & (level == value))
+            reach = width * float(self.motion[inner].max())
+            if reach == 0.0:
+                continue
+            away = csgraph.dijkstra(self.graph, indices=inner, min_only=True, limit=reach) / reach
+            part = np.minimum(away, 1.0)
+            share = np.minimum(share, value + (1.0 - value) * part * part * (3.0 - 2.0 * part))
+        return share
+
+    def _grown(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return a mask (V,) grown by rings of edges and ties."""
+        links, grown = self.meter.parts.links, mask.copy()
+        for _ in range(self.options.rings):
+            touched = links[grown[links].any(axis=1)]
+            grown[touched] = True
+        return grown
+
+    def _regions(self, core: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """Return the connected region (V,) of each vertex of the core."""
+        links = self.meter.parts.links
+        own = links[core[links].all(axis=1)]
+        shape = (len(core), len(core))
+        joined = sparse.coo_matrix((np.ones(len(own), np.int8), (own[:, 0], own[:, 1])), shape)
+        label: NDArray[np.int32] = csgraph.connected_components(joined, directed=False)[1]
+        return label
+
+
+def _vertices(found: list[Excess], count: int) -> NDArray[np.bool_]:
+    """Return the vertices (V,) that what is beyond its bound concerns."""
+    mask = np.zeros(count, dtype=bool)
+    for excess in found:
+        mask[excess.vertices] = True
+    return mask
+
+
+def eased_shares(shares: FloatArray, frames: FloatArray, width: float) -> FloatArray:
+    """Return shares (T, V) that are smooth in time and nowhere above those that are given.
+
+    frames: times (T,) in frame units; width: in frames. What is 1 throughout stays 1.
+    """
+    result = shares.copy()
+    lowered = np.flatnonzero((shares < 1.0).any(axis=0))
+    result[:, lowered] = 1.0 - eased_in_time(1.0 - shares[:, lowered], frames, width)
+    return np.clip(result, 0.0, 1.0)

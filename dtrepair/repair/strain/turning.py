@@ -1,0 +1,66 @@
+"""Triangles that turned over against the rotation of what is around them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths
+
+# Rings around a patch that tell how its surroundings turned: the first may be drawn in with it.
+SURROUNDINGS = 3
+
+
+def turned_over(
+    triangles: IntArray,
+    edges: IntArray,
+    before: FloatArray,
+    after: FloatArray,
+    old: FloatArray,
+    new: FloatArray,
+    *,
+    rings: int = SURROUNDINGS,
+) -> NDArray[np.bool_]:
+    """Return which triangles (N, 3) of a patch face away from where they should, (N,).
+
+    Where a triangle should face is its vector area `old` (N, 3) turned by the rotation that leads
+    the edges around the patch best from the pose `before` (V, 3) to `after`; `new` (N, 3): where
+    it does. A patch without surroundings is compared with its own rotation.
+    """
+    inner = np.zeros(len(before), dtype=bool)
+    inner[triangles] = True
+    near = inner.copy()
+    for _ in range(rings):
+        near[edges[near[edges].any(axis=1)]] = True
+    own = edges[near[edges].all(axis=1)]
+    around = own[~inner[own].all(axis=1)]
+    rotation = best_rotation(before, after, around if len(around) else own)
+    return np.asarray(dots(old @ rotation.T, new) < 0.0)
+
+
+def folded_more(rim: IntArray, old: FloatArray, new: FloatArray) -> bool:
+    """Return whether a patch is folded more against what is around it than it was.
+
+    rim: pairs (H, 2) of triangles, one of the patch, that share an edge; old, new: vector areas
+    (F, 3). A patch without a rim has nothing to be compared with: it is.
+    """
+    if not len(rim):
+        return True
+    was, became = (
+        dots(areas[rim[:, 0]], areas[rim[:, 1]])
+        / np.maximum(lengths(areas[rim[:, 0]]) * lengths(areas[rim[:, 1]]), 1e-300)
+        for areas in (old, new)
+    )
+    return bool(became.mean() < was.mean())
+
+
+def best_rotation(before: FloatArray, after: FloatArray, edges: IntArray) -> FloatArray:
+    """Return the rotation (3, 3) that leads edges best from one pose (V, 3) to another.
+
+    The least sum of squares (Kabsch 1976).
+    """
+    was, became = (points[edges[:, 1]] - points[edges[:, 0]] for points in (before, after))
+    left, _, right = np.linalg.svd(became.T @ was)
+    left[:, 2] *= np.sign(np.linalg.det(left @ right))
+    rotation: FloatArray = left @ right
+    return rotation

@@ -1,0 +1,128 @@
+"""Shares of a correction: within the bounds, most of it, smooth over the surface and in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attachments import Reference, find_attachments
+from dtrepair.numerics.geometry import FloatArray, diagonal
+from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
+from dtrepair.repair.strain.parts import ConnectedParts
+from dtrepair.repair.strain.shares import ShareOptions, ShareSearch, eased_shares
+from tests.meshes import icosphere, joined, tube
+
+POINTS, FACES = tube(12, 60, 0.2, 6.0)
+PARTS = ConnectedParts(FACES, np.zeros(len(POINTS), dtype=np.int32))
+METER = StrainMeter(PARTS)
+Z = POINTS[:, 2] - POINTS[:, 2].min()
+
+
+def blend(before: FloatArray, after: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    def pose(share: FloatArray) -> FloatArray:
+        mixed: FloatArray = before + share[:, None] * (after - before)
+        return mixed
+
+    return pose
+
+
+def search(after: FloatArray, **values: Any) -> ShareSearch:
+    options = ShareOptions(**values)
+    return ShareSearch(METER, POINTS, after, blend(POINTS, after), options=options)
+
+
+def spoilt(side: float = 0.0) -> FloatArray:
+    """The tube bent a little along all its length, and crushed in the middle."""
+    after: FloatArray = POINTS + 0.05 * np.sin(Z)[:, None] * [1.0, 0.0, 0.0]
+    crushed = np.abs(Z - 3.0) < 0.4
+    after[crushed] *= [0.02, 0.02, 1.0]
+    after[crushed, 0] += side
+    return after
+
+
+def test_shares_keep_the_bounds_and_what_is_fine_keeps_all() -> None:
+    after = spoilt()
+    assert METER(POINTS, after)
+    share = search(after).most()
+    assert METER(POINTS, blend(POINTS, after)(share)) == []
+    assert (share[(Z < 1.5) | (Z > 4.5)] == 1.0).all()
+    assert 0.0 < share.min() < 1.0 and share[np.abs(Z - 3.0) < 0.4].max() < 1.0
+
+
+def test_a_share_is_smooth_over_the_surface() -> None:
+    share = search(spoilt(side=0.3)).most()
+    steps = np.abs(share[PARTS.edges[:, 0]] - share[PARTS.edges[:, 1]])
+    # It comes back over three times the longest motion, 0.5, and edges are 0.1 long.
+    assert steps.max() < 0.3 and len(np.unique(share)) > 5
+
+
+def test_everything_that_can_be_yielded_keeps_the_bounds() -> None:
+    after = spoilt(side=0.3)
+    shares = list(search(after).shares())
+    assert len(shares) >= 3
+    for share in shares:
+        assert METER(POINTS, blend(POINTS, after)(share)) == []
+        assert share.shape == Z.shape and (share >= 0.0).all() and (share <= 1.0).all()
+    put_back, uniform = shares[-2:]
+    assert (put_back[np.abs(Z - 3.0) < 0.3] == 0.0).all() and put_back.max() == 1.0
+    assert len(np.unique(uniform)) == 1
+
+
+def test_where_no_round_is_left_all_of_it_is_given_up_alike() -> None:
+    share = search(spoilt(), rounds=1).most()
+    assert len(np.unique(share)) == 1 and share[0] < 1.0
+    never = StrainMeter(PARTS, options=StrainOptions(factor=1.0 + 1e-9, edges=0))
+    after = spoilt()
+    found = ShareSearch(never, POINTS, after, blend(POINTS, after)).uniform()
+    assert (found == 0.0).all()
+
+
+def test_a_finer_step_gives_up_less() -> None:
+    coarse, fine = (search(spoilt(), step=step, rounds=30).most().min() for step in (0.5, 0.05))
+    assert coarse <= fine
+
+
+def test_what_is_attached_is_lowered_along() -> None:
+    mesh = joined(icosphere(3), (0.2 * icosphere(2)[0] + [0.0, 0.0, 1.05], icosphere(2)[1]))
+    points, faces = mesh
+    reference = Reference(points, Detector(points, faces)(points))
+    attachments = find_attachments(faces, len(points), [reference])
+    parts = ConnectedParts(faces, np.zeros(len(points), dtype=np.int32), attachments)
+    meter = StrainMeter(parts)
+    after = points.copy()
+    eye = parts.of_vertex == 1
+    after[eye, 0] += 0.04 * diagonal(points)
+    after[~eye, 1] += 0.01 * np.cos(points[~eye, 1])
+    assert meter(points, after)
+    share = ShareSearch(meter, points, after, blend(points, after)).most()
+    assert meter(points, blend(points, after)(share)) == []
+    near = ~eye & (points[:, 2] > 0.95)
+    assert share[eye].max() < 1.0 and share[near].max() < 1.0
+    assert (share[points[:, 2] < 0.0] == 1.0).all()
+
+
+FRAMES = np.arange(30.0)
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=30, max_size=30), st.floats(0.5, 3.0))
+def test_eased_shares_are_never_above_those_that_are_needed(
+    values: list[float], width: float
+) -> None:
+    shares = np.stack([np.array(values), np.ones(30)], axis=1)
+    eased = eased_shares(shares, FRAMES, width)
+    assert (eased <= shares + 1e-12).all() and (eased >= 0.0).all() and (eased[:, 1] == 1.0).all()
+
+
+def test_a_lone_frame_comes_and_goes_within_some_frames() -> None:
+    shares = np.ones((30, 1))
+    shares[15] = 0.0
+    eased = eased_shares(shares, FRAMES, 1.5)[:, 0]
+    assert eased[15] == 0.0 and (np.delete(eased, np.arange(7, 24)) == 1.0).all()
+    assert np.abs(np.diff(eased)).max() < 0.4 and (np.diff(eased[15:]) >= 0.0).all()
+    assert eased[1:15] == pytest.approx(eased[29:15:-1])

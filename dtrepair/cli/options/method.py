@@ -56,6 +56,12 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "at_any_cost": {
         "help": "Keep what strains a shape beyond the bounds, else the best pose within them.",
     },
+    "effort": {
+        "type": float,
+        "metavar": "FACTOR",
+        "help": "Work on a pose, times what is usual, after which no other attempt begins: what is "
+        "left then is told. Counted, not timed: the same results on any machine.",
+    },
     "skip": {
         "flag": "--skip-stage",
         "type": click.Choice(STAGES),
@@ -81,6 +87,7 @@ _FULL_ONLY = (
     "maximum_displacement",
     "rest_contacts",
     "at_any_cost",
+    "effort",
     "skip",
 )
 METHOD_NAMES = tuple(_OPTIONS)

@@ -1,0 +1,46 @@
+"""The search for a clean pose ends after so much work, and always with the best that it has."""
+
+from __future__ import annotations
+
+import pytest
+
+from dtrepair.repair.full.phases import PhaseOptions, Phases
+from dtrepair.repair.options import OptionError, RepairOptions
+from dtrepair.repair.repairer import Repairer
+from dtrepair.repair.surface.surface import Surface
+from tests.meshes import armed_body, crossing_tubes
+
+# A hard pose: tubes deep in each other, of which the first step leaves something.
+HARD = PhaseOptions(near=(20, 12), insist_steps=(0.005, 0.002))
+
+
+def attempts(effort: float) -> tuple[int, int]:
+    """How many poses the search has made, and how many crossings its best one has."""
+    points, faces = crossing_tubes(24, 32, 0.0)
+    surface = Surface(points, faces)
+    phases = Phases(surface, points / surface.size, effort=effort, options=HARD)
+    best = phases.best()
+    return len(phases.candidates), len(best.defects.crossings)
+
+
+def test_less_effort_makes_fewer_attempts_and_ends_with_the_best() -> None:
+    few, left_of_few = attempts(1e-9)
+    many, left_of_many = attempts(1.0)
+    assert few == 1 and many > few
+    assert left_of_many <= left_of_few
+
+
+def test_effort_changes_nothing_where_it_suffices() -> None:
+    points, faces = armed_body(0.0)
+    posed, _ = armed_body(1.2)
+    one, ten = (
+        Repairer(points, faces, options=RepairOptions(effort=effort))(posed)
+        for effort in (1.0, 10.0)
+    )
+    assert (one.points == ten.points).all()
+
+
+@pytest.mark.parametrize("effort", [0.0, -1.0, float("inf"), float("nan")])
+def test_effort_is_positive_and_finite(effort: float) -> None:
+    with pytest.raises(OptionError, match="effort"):
+        RepairOptions(effort=effort)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from dtrepair.numerics.geometry import FloatArray, extent
-from dtrepair.repair.clip.cuts import CutOptions, is_cut, motion_between
+from dtrepair.repair.clip.layout import CutOptions, is_cut, motion_between
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import OpenedPose, gathered
 from dtrepair.repair.scene.scene import Scene

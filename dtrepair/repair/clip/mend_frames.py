@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dtrepair.numerics.temporal import gaussian_kernel
-from dtrepair.repair.clip.frame_steps import Chain
+from dtrepair.repair.clip.frame_options import Chain
 from dtrepair.repair.clip.window_state import WindowState
 
 

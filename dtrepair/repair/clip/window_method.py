@@ -15,7 +15,7 @@ from dtrepair.numerics.temporal import (
     second_differences,
     steady_weights,
 )
-from dtrepair.repair.clip.frame_steps import Alone, FrameOptions
+from dtrepair.repair.clip.frame_options import Alone, FrameOptions
 from dtrepair.repair.clip.mend_frames import MendFramesOptions, mend_frames
 from dtrepair.repair.clip.restore_shape import (
     RelaxFramesOptions,

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.clip.frame_steps import Alone, Chain, FrameOptions, Springs, WindowFrames
+from dtrepair.repair.clip.frame_options import Alone, Chain, FrameOptions, Springs
+from dtrepair.repair.clip.frame_steps import WindowFrames
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.defects import contact_scale
 from dtrepair.repair.surface.surface import Surface

@@ -1,0 +1,81 @@
+"""Windows of attached parts begin with frames solved alone: alike in time, and still clean."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attachments import Reference, find_attachments
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.temporal import gaussian_kernel
+from dtrepair.repair.clip.window_state import WindowState
+from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.surface.surface import Surface
+from tests.meshes import icosphere, joined, tube
+
+FRAMES = 7
+NEEDED = 0.12
+
+
+def scene() -> tuple[Surface, FloatArray, slice]:
+    """Two attached tubes and a ball beside them; frames with the ball in the tube; the ball."""
+    first = tube(12, 20, 0.2, 2.0)
+    second = (1.1 * first[0] * (1.0, 1.0, 1.0 / 1.1) + (0.04, 0.01, 1.7), first[1])
+    ball = icosphere(2, 0.15)
+    beside = (ball[0] + [0.5, 0.0, 0.0], ball[1])
+    points, faces = joined(first, second, beside)
+    pairs = Detector(points, faces)(points)
+    surface = Surface(
+        points, faces, attachments=find_attachments(faces, len(points), [Reference(points, pairs)])
+    )
+    own = slice(len(points) - len(ball[0]), len(points))
+    frames = np.repeat(surface.rest[None], FRAMES, axis=0)
+    frames[:, own, 0] -= 0.2 / surface.size
+    frames[:, own, 2] += 0.05 * np.arange(FRAMES)[:, None] / surface.size
+    return surface, frames, own
+
+
+def solved(ways: Sequence[float]) -> tuple[FloatArray, WindowState]:
+    """How far along x the ball goes in each frame (T,) if `ways` (T,) is found for them alone."""
+    surface, frames, own = scene()
+    kernel = gaussian_kernel(np.arange(FRAMES, dtype=float), 1.5)
+
+    def alone(_: Surface, pose: FloatArray) -> FloatArray:
+        frame = int(np.abs(frames - pose).max(axis=(1, 2)).argmin())
+        result = pose.copy()
+        result[own, 0] += ways[frame]
+        return result
+
+    state = WindowState(surface, frames, np.arange(FRAMES, dtype=float), WorkerPool(), alone=alone)
+    assert state.dirty == list(range(FRAMES))
+    state.solve_alone(kernel, 0.002)
+    return (state.poses - frames)[:, own, 0].mean(axis=1), state
+
+
+def test_frames_that_are_alike_keep_what_was_found() -> None:
+    way, state = solved([NEEDED] * FRAMES)
+    assert not state.dirty
+    assert way == pytest.approx(NEEDED, rel=1e-6)
+
+
+def test_a_frame_that_went_far_takes_what_its_neighbours_found() -> None:
+    way, state = solved([NEEDED, NEEDED, NEEDED, 4.0 * NEEDED, NEEDED, NEEDED, NEEDED])
+    assert not state.dirty
+    assert way.max() < 1.3 * NEEDED
+
+
+def test_unlike_ways_go_over_into_each_other() -> None:
+    ways = np.array([1.0, 1.0, 1.0, 1.0, 1.2, 1.2, 1.2]) * NEEDED
+    way, state = solved(list(ways))
+    assert not state.dirty
+    assert np.abs(np.diff(way)).max() < 0.75 * np.abs(np.diff(ways)).max()
+
+
+def test_what_smoothing_closes_goes_back_to_what_was_found_alone() -> None:
+    # Every other frame has found too little, and keeps its pairs: no frame gets more of them.
+    ways = [NEEDED, 0.0, NEEDED, 0.0, NEEDED, 0.0, NEEDED]
+    _, state = solved(ways)
+    assert not {0, 2, 4, 6} & set(state.dirty)

@@ -132,9 +132,10 @@ class RelaxFramesOptions:
         faint: Vertices that would take part by less are left out.
         collapse: Edges shorter than this part of what they were, or longer than its inverse, are
             collapsed.
-        collapsed: So many such edges in a frame have it relaxed around them; 0 leaves single skins
-            as they are. With 10 a walking human moved by .0065 of the diagonal instead of .0071,
-            but its jitter rose from 1.0e-3 to 1.3e-3.
+        collapsed, collapsed_share: More such edges in a frame, and more than this share of all, have
+            it relaxed around them: it would be told as strained. Single skins with fewer are left
+            as they are: relaxed from 10 on, a walking human moved by .0065 of the diagonal instead
+            of .0071, but its jitter rose from 1.0e-3 to 1.3e-3.
         rings: Edge rings around collapsed edges that are relaxed; they fade over as many more.
     """
 
@@ -144,7 +145,8 @@ class RelaxFramesOptions:
     spread: float = 2.0
     faint: float = 0.05
     collapse: float = 0.25
-    collapsed: int = 0
+    collapsed: int = 5
+    collapsed_share: float = 5e-4
     rings: int = 10
 
 
@@ -174,7 +176,7 @@ def _reach(
     if surface.ties is not None:
         return reach_of(surface, after - before, rings=options.rings).astype(np.float32)
     collapsed, count = collapsed_vertices(surface, before, after, options.collapse)
-    if not 0 < options.collapsed <= count:
+    if count <= max(options.collapsed, options.collapsed_share * len(surface.edges)):
         return np.zeros(surface.count, dtype=np.float32)
     away = surface.rings_from(collapsed, 2 * options.rings) / options.rings
     return np.clip(2.0 - away, 0.0, 1.0).astype(np.float32)

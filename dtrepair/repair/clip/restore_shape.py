@@ -132,8 +132,8 @@ class RelaxFramesOptions:
         faint: Vertices that would take part by less are left out.
         collapse: Edges shorter than this part of what they were, or longer than its inverse, are
             collapsed.
-        collapsed, collapsed_share: More such edges in a frame, and more than this share of all, have
-            it relaxed around them: it would be told as strained. Single skins with fewer are left
+        collapsed, collapsed_share: More such edges in a frame, and more than this share of all,
+            have it relaxed around them: it would be strained. Single skins with fewer are left
             as they are: relaxed from 10 on, a walking human moved by .0065 of the diagonal instead
             of .0071, but its jitter rose from 1.0e-3 to 1.3e-3.
         rings: Edge rings around collapsed edges that are relaxed; they fade over as many more.

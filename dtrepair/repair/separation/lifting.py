@@ -64,6 +64,8 @@ def lifted_frames(
 ) -> FloatArray:
     """Return poses (T, V, 3) with all layers lifted off the parts that they lie over.
 
+    With a largest displacement all is left to the repair of contacts, which keeps to it.
+
     Args:
         scene: The bodies.
         poses: Poses (T, V, 3).
@@ -71,6 +73,8 @@ def lifted_frames(
         frames: Times (T,) in frame units.
         options: Numbers of this stage.
     """
+    if scene.options.maximum_displacement is not None:
+        return poses
     keys = {tuple(sorted(both)) for found in met for both in found.tolist()}
     found = [scene.layers.between(first, second) for first, second in sorted(keys)]
     layers = [layer for layer in found if layer is not None and _may_move(scene, layer)]

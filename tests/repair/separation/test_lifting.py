@@ -80,6 +80,13 @@ def test_what_may_not_move_freely_stays(choices: dict[str, object]) -> None:
     assert (lifted(scene_of(SLEEVE, **choices), deep)[0] == deep).all()
 
 
+def test_nothing_is_lifted_where_displacements_are_limited() -> None:
+    options = RepairOptions(maximum_displacement=0.01)
+    scene = make_scene([Body(*ARM), Body(*SLEEVE)], options)
+    deep = np.concatenate([swollen(ARM[0], 0.4), SLEEVE[0]])
+    assert (lifted(scene, deep)[0] == deep).all()
+
+
 def test_fixed_vertices_of_a_layer_stay() -> None:
     pin = (SLEEVE[0][:, 2] > 0.3).astype(float)
     deep = np.concatenate([swollen(ARM[0], 0.4), SLEEVE[0]])

@@ -86,6 +86,8 @@ def modelled_references(
     of which nothing of that tells, the frame with fewest of their pairs shows where.
     """
     meshes = _Meshes(source, rests, ignored=ignored, attached=attached)
+    if meshes.one_part:
+        return []
     rest = meshes.look(meshes.rest, BIND_POSE)
     known = [rest.of(meshes.tell_by_rests(rest.pairs))]
     if not meshes.bound.all():
@@ -118,6 +120,8 @@ def layer_poses(
     in them, frames of the whole clip tell as well: the parts of a farm agree on them.
     """
     meshes = _Meshes(source, rests)
+    if meshes.one_part:
+        return []
     rest = meshes.look(meshes.rest, BIND_POSE)
     shared = not any(rest.of_frame for rest in rests) or len(rests) == 1
     if shared and len(rest.pairs) == 0:
@@ -191,6 +195,11 @@ class _Meshes:
         """The connected part of each triangle (F,)."""
         label = components(self.weld[self.faces], len(self.rest))
         return label[self.weld[self.faces[:, 0]]].astype(np.int64)
+
+    @property
+    def one_part(self) -> bool:
+        """Whether there is but one connected part, which is attached to nothing."""
+        return len(np.unique(self.part_of)) < 2
 
     @cached_property
     def _detector(self) -> Detector:

@@ -127,8 +127,6 @@ def _start(scene: Scene, pose: OpenedPose, options: IndependentOptions) -> Float
     start = pose.centred
     if len(pose.enclosed):
         start = released(scene, start, not_worn(scene, pose.enclosed), options=options.release)
-    if scene.options.method == "paper":
-        return start
     met = parts_that_meet(scene, pose.pairs, pose.enclosed)
     frames = lifted_frames(scene, start[None], [met], np.zeros(1), options=options.lift)
     lifted: FloatArray = frames[0]

@@ -110,23 +110,32 @@ class WindowFrames:
         self.cold[frame] = self.alone(surface, self.original[frame])
         self.added[frame] = self.cold[frame] - self.poses[frame]
 
+    def left(self, surface: Surface, pose: FloatArray) -> int:
+        """Return how many pairs of a pose (V, 3) count: intersecting, or closer than asked for."""
+        if self.clearance > 0.0:
+            return len(surface.contacts.close_pairs(pose, self.clearance))
+        return len(surface.contacts.pairs(pose))
+
     def borrowed(self, surface: Surface, frame: int, step: float) -> None:
         """Take a neighbour's displacement instead, mended, where that moves the frame much less.
 
         Two frames that are nearly alike may be solved in unlike ways.
         """
-        before, least = self.original[frame], self.options.borrow
-        moved = np.linalg.norm(self.cold - self.original, axis=2).mean(axis=1)
-        pairs = len(surface.contacts.pairs(self.cold[frame]))
+        before, share = self.original[frame], self.options.borrow
+        pairs, length = self.left(surface, self.cold[frame]), self._moved(frame)
         for other in (frame - 1, frame + 1):
-            if not 0 <= other < len(self.cold) or moved[other] >= least * moved[frame]:
+            if not 0 <= other < len(self.cold) or self._moved(other) >= share * length:
                 continue
             start = surface.rigid.fitted(before, before + self.cold[other] - self.original[other])
             pose = mend(surface, before, [start], step=step, options=self.options.mend)
-            length = float(np.linalg.norm(pose - before, axis=1).mean())
-            if length < least * moved[frame] and len(surface.contacts.pairs(pose)) <= pairs:
-                self.cold[frame], moved[frame] = pose, length
+            found, moved = self.left(surface, pose), float(lengths(pose - before).mean())
+            if moved < share * length and found <= pairs:
+                self.cold[frame], length, pairs = pose, moved, found
         self.added[frame] = self.cold[frame] - self.poses[frame]
+
+    def _moved(self, frame: int) -> float:
+        """Return how far a frame moved where it was solved alone, in the mean over the vertices."""
+        return float(lengths(self.cold[frame] - self.original[frame]).mean())
 
     def returned(self, surface: Surface, frame: int, step: float) -> None:
         """Clean a frame near its place among its neighbours, or go back to where it was alone.
@@ -134,16 +143,16 @@ class WindowFrames:
         As far back as there are as few pairs; what it has to move by is in `added`.
         """
         cold, now, before = self.cold[frame], self.poses[frame], self.original[frame]
-        least = len(surface.contacts.pairs(cold))
+        least = self.left(surface, cold)
         mended = mend(surface, before, [now], step=step, options=self.options.mend)
         near = np.linalg.norm(mended - now) < np.linalg.norm(cold - now)
-        if near and len(surface.contacts.pairs(mended)) <= least:
+        if near and self.left(surface, mended) <= least:
             self.added[frame] = mended - now
             return
         pose = cold
-        for share in self.options.alone_shares:
-            trial = surface.rigid.fitted(before, cold + share * (now - cold))
-            if len(surface.contacts.pairs(trial)) <= least:
+        for way in self.options.alone_shares:
+            trial = surface.rigid.fitted(before, cold + way * (now - cold))
+            if self.left(surface, trial) <= least:
                 pose = trial
                 break
         self.added[frame] = pose - now

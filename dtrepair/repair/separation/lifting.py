@@ -73,7 +73,7 @@ def lifted_frames(
         frames: Times (T,) in frame units.
         options: Numbers of this stage.
     """
-    if scene.options.maximum_displacement is not None:
+    if not _lifts(scene):
         return poses
     keys = {tuple(sorted(both)) for found in met for both in found.tolist()}
     found = [scene.layers.between(first, second) for first, second in sorted(keys)]
@@ -96,10 +96,17 @@ def parts_that_meet(scene: Scene, pairs: IntArray, enclosed: IntArray) -> IntArr
 
 def not_worn(scene: Scene, enclosed: IntArray) -> IntArray:
     """Return which parts (K, 2) inside others are no layers of these, which are lifted instead."""
+    if not _lifts(scene):
+        return enclosed
     layers = (scene.layers.between(inner, outer) for inner, outer in enclosed.tolist())
     loose = [layer is None or not _may_move(scene, layer) for layer in layers]
     parts: IntArray = enclosed[np.array(loose, dtype=bool)]
     return parts
+
+
+def _lifts(scene: Scene) -> bool:
+    """Return whether layers are lifted at all: by the full method, and without a limit."""
+    return scene.options.method == "full" and scene.options.maximum_displacement is None
 
 
 def _may_move(scene: Scene, layer: WornLayer) -> bool:
@@ -120,7 +127,7 @@ def _from_inside(layers: list[WornLayer]) -> list[WornLayer]:
 
 
 class _Lift:
-    """Lifts one layer off what it lies over, in any pose; returns displacements (n, 3)."""
+    """Lifts one layer off what it lies over, in any pose."""
 
     def __init__(self, scene: Scene, layer: WornLayer, options: LiftOptions) -> None:
         self.options, parts = options, scene.layers.parts

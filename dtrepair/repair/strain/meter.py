@@ -150,8 +150,7 @@ class StrainMeter:
         if self.parts.ties is None:
             return []
         options = self.options
-        moved = self.parts.tie_offsets(after) - self.parts.tie_offsets(before)
-        drift = lengths(moved) / size
+        drift = self.parts.tie_changes(before, after) / size
         if drift.max() <= min(options.drift, options.joint, options.slide):
             return []
         result = []

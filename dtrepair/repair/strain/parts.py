@@ -107,12 +107,35 @@ class ConnectedParts:
         inside = mask[self._sides]
         return np.asarray(self._sides[inside[:, 0] != inside[:, 1]])
 
-    def tie_offsets(self, points: FloatArray) -> FloatArray:
+    def tie_changes(self, before: FloatArray, after: FloatArray) -> FloatArray:
+        """Return how far (N,) each tied vertex went from its point on the other part.
+
+        Seen from the world or from the triangle that it rests on, whichever is less: what swings
+        together has not come apart.
+        """
+        offsets = [self._offsets(points) for points in (before, after)]
+        frames = [self._frames(points) for points in (before, after)]
+        local = [np.einsum("nij,nj->ni", *both) for both in zip(frames, offsets, strict=True)]
+        changes = [lengths(new - old) for old, new in (offsets, local)]
+        return np.asarray(np.fmin(*changes))
+
+    def _offsets(self, points: FloatArray) -> FloatArray:
         """Return the offset (N, 3) of each tied vertex from its point on the other part."""
         assert self.ties is not None
         corners = points[self.corners[self.ties.triangles]]
         host = np.einsum("ik,ikj->ij", self.ties.weights, corners)
         return np.asarray(points[self.ties.vertices] - host)
+
+    def _frames(self, points: FloatArray) -> FloatArray:
+        """Return the axes (N, 3, 3), as rows, of the triangle that each tied vertex rests on."""
+        assert self.ties is not None
+        corners = points[self.corners[self.ties.triangles]]
+        first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        normal = np.cross(first, second)
+        axes = np.stack([first, np.cross(normal, first), normal], axis=1)
+        length = np.linalg.norm(axes, axis=2, keepdims=True)
+        # A triangle without area has no axes: nothing is seen from it.
+        return np.asarray(np.divide(axes, length, out=np.full_like(axes, np.nan), where=length > 0))
 
     def distances(self, points: FloatArray) -> sparse.csr_matrix:
         """Return the lengths (V, V) of edges and ties in a pose (V, 3)."""

@@ -79,3 +79,19 @@ def test_what_smoothing_closes_goes_back_to_what_was_found_alone() -> None:
     ways = [NEEDED, 0.0, NEEDED, 0.0, NEEDED, 0.0, NEEDED]
     _, state = solved(ways)
     assert not {0, 2, 4, 6} & set(state.dirty)
+
+
+def test_a_clearance_counts_until_it_is_forgotten() -> None:
+    surface, frames, own = scene()
+    times = np.arange(FRAMES, dtype=float)
+    state = WindowState(
+        surface, frames, times, WorkerPool(), alone=lambda _, pose: pose, clearance=0.01
+    )
+    close = frames[0].copy()
+    # The surfaces are .05 deep in each other; then .02 apart, less than .01 of the size.
+    close[own, 0] += 0.07 / surface.size
+    assert state.work.left(surface, frames[0]) > 0
+    assert state.work.left(surface, close) > 0
+    state.forget_clearance()
+    assert state.work.left(surface, frames[0]) > 0
+    assert state.work.left(surface, close) == 0

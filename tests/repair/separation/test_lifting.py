@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.scene import Scene, make_scene
-from dtrepair.repair.separation.lifting import lifted_frames, parts_that_meet
+from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_that_meet
 from tests.meshes import icosphere, joined, torus, tube
 
 ARM = tube(24, 40, 0.2, 4.0)
@@ -85,6 +87,17 @@ def test_nothing_is_lifted_where_displacements_are_limited() -> None:
     scene = make_scene([Body(*ARM), Body(*SLEEVE)], options)
     deep = np.concatenate([swollen(ARM[0], 0.4), SLEEVE[0]])
     assert (lifted(scene, deep)[0] == deep).all()
+
+
+@pytest.mark.parametrize("choices", [{"maximum_displacement": 0.5}, {"method": "paper"}])
+def test_what_is_not_lifted_is_led_out_as_before(choices: dict[str, Any]) -> None:
+    enclosed = BOTH[:, ::-1]
+    lifts, leads = (
+        make_scene([Body(*ARM), Body(*SLEEVE)], options)
+        for options in (RepairOptions(), RepairOptions(**choices))
+    )
+    assert len(not_worn(lifts, enclosed)) == 0
+    assert not_worn(leads, enclosed).tolist() == enclosed.tolist()
 
 
 def test_fixed_vertices_of_a_layer_stay() -> None:

@@ -90,6 +90,14 @@ def arm_in_sleeve() -> tuple[Mesh, Attachments, int]:
     return mesh, find_attachments(faces, len(points), [reference]), len(first[0])
 
 
+@pytest.mark.parametrize("degrees", [10.0, 25.0, 90.0])
+def test_what_swings_together_has_not_come_apart(degrees: float) -> None:
+    mesh, attachments, _ = arm_in_sleeve()
+    a = np.radians(degrees)
+    turn = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
+    assert meter(mesh, attachments)(mesh[0], mesh[0] @ turn.T) == []
+
+
 def test_parts_that_came_off_each_other() -> None:
     mesh, attachments, count = arm_in_sleeve()
     points, size = mesh[0], diagonal(mesh[0])

@@ -13,8 +13,9 @@ from dtrepair import __version__
 from dtrepair.cli.terminal.interrupts import Interrupts, exit_code, watched
 from dtrepair.pipeline.errors import PipelineError
 
-EPILOG = """Exit codes: 0 done and clean; 1 intersections remain (or found, by check); 2 usage;
-3 input unusable; 4 some frames failed (the rest is written); 5 output cannot be written."""
+EPILOG = """Exit codes: 0 done and clean; 1 intersections remain (or found, by check), or frames are
+strained; 2 usage; 3 input unusable; 4 some frames failed (the rest is written); 5 output cannot be
+written; 70 internal error; 130 and 143 interrupted."""
 
 # Name: summary. The module has the name of the command and holds a function `command`.
 COMMANDS = {

@@ -15,7 +15,7 @@ def print_modelled(console: Console, report: Report) -> None:
     is known: each frame lists the pairs of parts with most. What meets in frames only is there too.
     """
     attached, most = report.attached, _most(report)
-    unlisted = "" if any(frame.modelled.others.parts for frame in report.frames) else "0"
+    unlisted = "?" if any(frame.modelled.others.parts for frame in report.frames) else "0"
     rows = []
     for record in attached.listed:
         frame = most.pop((record.first.name, record.second.name), None)
@@ -24,12 +24,12 @@ def print_modelled(console: Console, report: Report) -> None:
         rows.append([str(record.pairs), number, record.pose, where, _names(record)])
     for frame in most.values():
         number = str(frame.counts.pairs_before)
-        rows.append(["", number, "", place(frame.centre), _names(frame)])
+        rows.append(["0", number, "", place(frame.centre), _names(frame)])
     if not rows:
         console.result("nothing is taken as modelled")
         return
     width = max(len(row[-1]) for row in rows)
-    header = ["pairs", "in a frame", "as in", "around", "modelled contacts of".ljust(width)]
+    header = ["pairs", "most in a frame", "as in", "around", "modelled contacts of".ljust(width)]
     console.table(header, [[*row[:-1], row[-1].ljust(width)] for row in rows])
     if attached.others:
         console.result(

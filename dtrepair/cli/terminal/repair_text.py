@@ -122,8 +122,8 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
     )
     if modelled:
         console.result(
-            f"modelled, and left: {totals['modelled_pairs_before']} -> {counted(modelled, 'pair')} "
-            "of different parts that overlap in the rest pose as well"
+            f"taken as modelled: {totals['modelled_pairs_before']} -> {counted(modelled, 'pair')} "
+            "of different parts that overlap on purpose"
         )
     if totals["strained"]:
         console.result(f"{counted(totals['strained'], 'frame')} strained: see the lines below")

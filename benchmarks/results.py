@@ -118,7 +118,7 @@ def _markdown(block: Block) -> list[str]:
 
 
 def run(name: str, arguments: list[str], title: str | None) -> Result:
-    """Run a benchmark; SystemExit with its code if it fails, which 1 does not say: a bar is missed."""
+    """Run a benchmark; SystemExit with its code if it fails: 1 says that a bar is missed only."""
     command = [sys.executable, "-m", f"benchmarks.{name}", *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None

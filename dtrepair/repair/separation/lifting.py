@@ -16,7 +16,15 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from dtrepair.numerics.closest_point import closest_on_triangles
-from dtrepair.numerics.geometry import FloatArray, IntArray, dots, extent, lengths, vertex_areas
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    dots,
+    extent,
+    lengths,
+    triangle_normals,
+    vertex_areas,
+)
 from dtrepair.numerics.operators import Factor, cotangent_laplacian
 from dtrepair.numerics.temporal import gaussian_kernel, undamped
 from dtrepair.numerics.worn_layers import WornLayer, vertex_normals
@@ -131,7 +139,7 @@ class _Lift:
 
     def __init__(self, scene: Scene, layer: WornLayer, options: LiftOptions) -> None:
         self.options, parts = options, scene.layers.parts
-        self.own, self.others = parts.vertices[layer.top], parts.vertices[layer.under]
+        self.own = parts.vertices[layer.top]
         self.faces, self.other_faces = parts.triangles[layer.top], parts.triangles[layer.under]
         self.closed = bool(parts.closed[layer.under])
         # All vertices at one place of the rest move along.
@@ -143,11 +151,11 @@ class _Lift:
         self.mass = np.maximum(vertex_areas(rest, local), 1e-12 * extent(rest) ** 2)
         spacing = parts.spacing[self.own]
         self.edge = float(spacing.mean())
-        self.inside = np.searchsorted(self.own, layer.vertices)
+        inside = np.searchsorted(self.own, layer.vertices)
         self.sides = np.zeros(len(self.own))
-        self.sides[self.inside] = layer.sides
+        self.sides[inside] = layer.sides
         heights = np.full(len(self.own), np.inf)
-        heights[self.inside] = layer.heights
+        heights[inside] = layer.heights
         self.gap = np.minimum(heights, options.gap * spacing)
         self.led = self.sides != 0.0
         laplacian = cotangent_laplacian(rest, local, clamp=(1e-3, 1e3))
@@ -158,7 +166,9 @@ class _Lift:
             self.led &= facing
         self.stiffness = laplacian @ sparse.diags(1.0 / self.mass) @ laplacian
         self.fixed = scene.mobility[self.own] == 0.0
-        self.turn = options.turn * min(extent(rest), extent(scene.rest[self.others]))
+        self.turn = options.turn * min(
+            extent(rest), extent(scene.rest[parts.vertices[layer.under]])
+        )
 
     def __call__(self, pose: FloatArray) -> FloatArray:
         """Return displacements (n, 3) that lead what went under of a pose (V, 3) back."""
@@ -166,7 +176,7 @@ class _Lift:
         shift, target = np.zeros_like(own), np.zeros_like(own)
         held = np.zeros(len(own), dtype=bool)
         for _ in range(options.rounds):
-            under, needed = self._under(own + shift, pose[self.others], pose)
+            under, needed = self._under(own + shift, pose)
             if not under.any():
                 break
             target[under] = shift[under] + needed[under]
@@ -202,16 +212,14 @@ class _Lift:
         smooth[self.fixed] = 0.0
         return smooth
 
-    def _under(
-        self, points: FloatArray, others: FloatArray, pose: FloatArray
-    ) -> tuple[NDArray[np.bool_], FloatArray]:
+    def _under(self, points: FloatArray, pose: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
         """Return which vertices (n,) went under the inner part, and the way back (n, 3)."""
         options = self.options
         moved = pose.copy()
         moved[self.own] = points
         outward = self.sides[:, None] * vertex_normals(moved, self.faces, self.own)
         corners = pose[self.other_faces]
-        normals = _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        normals = triangle_normals(pose, self.other_faces)
         tree = cKDTree(np.hstack([corners.mean(axis=1), self.turn * normals]))
         led = np.flatnonzero(self.led)
         count = min(options.neighbours, len(corners))
@@ -253,8 +261,3 @@ class _Lift:
         half = sparse.coo_matrix((weight, (free, nearest)), shape=(len(rest), len(rest)))
         links = (half + half.T).tocsr()
         return (sparse.diags(np.asarray(links.sum(axis=1)).ravel()) - links).tocsr()
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    length = lengths(vectors)[:, None]
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

@@ -64,11 +64,12 @@ class ShareSearch:
         self.graph = meter.parts.distances(before)
 
     def shares(self) -> Iterator[FloatArray]:
-        """Yield shares (V,) within the bounds: most of the correction first, the input last."""
+        """Yield shares (V,) within the bounds: step by step in regions, at once to 0 there, even."""
         for width in self.options.widths:
             if (share := self.lowered(width)) is not None:
                 yield share
-        yield self.put_back()
+        if (share := self._put_back()) is not None:
+            yield share
         yield self.uniform()
 
     def most(self) -> FloatArray:
@@ -77,10 +78,12 @@ class ShareSearch:
 
     def put_back(self) -> FloatArray:
         """Return shares (V,) where what is strained is as in the input."""
-        for width in self.options.widths:
-            if (share := self.lowered(width, at_once=True)) is not None:
-                return share
-        return self.uniform()
+        share = self._put_back()
+        return self.uniform() if share is None else share
+
+    def _put_back(self) -> FloatArray | None:
+        tried = (self.lowered(width, at_once=True) for width in self.options.widths)
+        return next((share for share in tried if share is not None), None)
 
     def uniform(self) -> FloatArray:
         """Return the largest share (V,), the same everywhere."""

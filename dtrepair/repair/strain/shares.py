@@ -64,7 +64,7 @@ class ShareSearch:
         self.graph = meter.parts.distances(before)
 
     def shares(self) -> Iterator[FloatArray]:
-        """Yield shares (V,) within the bounds: step by step in regions, at once to 0 there, even."""
+        """Yield shares (V,) within the bounds: lowered in regions, at once to 0 there, even."""
         for width in self.options.widths:
             if (share := self.lowered(width)) is not None:
                 yield share

@@ -130,12 +130,25 @@ def components(faces: IntArray, count: int) -> IntArray:
 
     A vertex that no face uses is a component of its own.
     """
-    edges = unique_edges(faces)
-    graph = sparse.coo_matrix(
-        (np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(count, count)
-    )
+    # Two sides of each triangle connect its corners.
+    ends = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    graph = sparse.coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), (count, count))
     labels: IntArray = csgraph.connected_components(graph, directed=False)[1].astype(np.int32)
     return labels
+
+
+def closed_parts(faces: IntArray, part: NDArray[np.integer], count: int) -> NDArray[np.bool_]:
+    """Return which parts (count,) are closed: edges have as many triangles one way as the other.
+
+    part: the part (F,) of each triangle.
+    """
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    _, edge = np.unique(low << 32 | high, return_inverse=True)
+    balance = np.bincount(edge, np.where(ends[:, 0] < ends[:, 1], 1, -1))
+    closed = np.ones(count, dtype=bool)
+    closed[np.tile(part, 3)[(balance != 0)[edge] & (low != high)]] = False
+    return closed
 
 
 def weld_map(points: ArrayLike) -> IntArray:

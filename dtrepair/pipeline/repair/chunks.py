@@ -30,12 +30,12 @@ def choose_chunk(source: Source, chunk: tuple[int, int] | None, *, alone: bool) 
     """
     if chunk is not None and not isinstance(source, StageSource):
         raise UsageError("--chunk: only for USD stages; leave it out")
-    from dtrepair.repair.clip import window_stream
-    from dtrepair.repair.clip.layout import frames_to_solve, motions_of, window_layout
-
     every = source.times
     if chunk is None:
         return Chunk(every, np.ones(len(every), dtype=bool))
+    from dtrepair.repair.clip import window_stream
+    from dtrepair.repair.clip.layout import frames_to_solve, motions_of, window_layout
+
     if alone or len(every) == 1:
         first, stop = _share(len(every), *chunk)
         return Chunk(every[first:stop], np.ones(stop - first, dtype=bool))

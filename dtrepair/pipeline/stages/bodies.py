@@ -113,14 +113,14 @@ def _read_directions(source: Source, text: str, *, only: int | None = None) -> P
 
 def _layers(source: Source, each: Sequence[ObjectSettings]) -> Iterator[NDArray[np.int32] | None]:
     """Yield of each mesh how far out its triangles (F,) lie; None where nobody says."""
-    from usd_io.read.face_numbers import read_face_numbers
-
     for mesh, own in zip(source.meshes, each, strict=True):
         if own.layer is None:
             yield None
         elif isinstance(own.layer, int):
             yield np.full(len(mesh.faces), own.layer, dtype=np.int32)
         else:
+            from usd_io.read.face_numbers import read_face_numbers
+
             numbers = read_face_numbers(mesh.handle, own.layer)
             if numbers is None:
                 raise UsageError(f"{mesh.path}: layer {own.layer}: has no primvar of that name")

@@ -13,6 +13,7 @@ from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
+    closed_parts,
     components,
     lengths,
     shared_edges,
@@ -59,14 +60,7 @@ class ConnectedParts:
     @cached_property
     def closed(self) -> BoolArray:
         """Which parts (P,) have every edge run through as often one way as the other."""
-        directed = np.concatenate([self.faces[:, [k, (k + 1) % 3]] for k in range(3)])
-        sign = np.where(directed[:, 0] < directed[:, 1], 1, -1)
-        index = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
-        closed = np.ones(self.count, dtype=bool)
-        if len(index):
-            excess = np.bincount(index, sign)
-            closed[np.tile(self.of_face, 3)[excess[index] != 0]] = False
-        return closed
+        return closed_parts(self.faces, self.of_face, self.count)
 
     @cached_property
     def _sides(self) -> IntArray:

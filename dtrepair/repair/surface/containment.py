@@ -12,7 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, components, weld_map
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    closed_parts,
+    components,
+    weld_map,
+)
 from dtrepair.repair.surface.rays import exits_along, windings
 from dtrepair.repair.surface.surface import BoolArray
 
@@ -71,7 +77,7 @@ class Enclosures:
         self._face_order, self._face_starts = _grouped(self.part_of_face, self.count)
         order, self._starts = _grouped(label, self.count)
         self._vertices = used[order]
-        self.closed = _closed(faces, self.part_of_face, self.count)
+        self.closed = closed_parts(faces, self.part_of_face, self.count)
         self._meant: dict[tuple[int, int], bool] = {}
 
     def __call__(self, points: FloatArray, pairs: IntArray) -> Enclosed:
@@ -199,17 +205,6 @@ def _grouped(
     """Return the items sorted by label, and where each label starts (count + 1,)."""
     order = np.argsort(labels, kind="stable")
     return order, np.searchsorted(labels[order], np.arange(count + 1))
-
-
-def _closed(faces: IntArray, part: IntArray, count: int) -> BoolArray:
-    """Return which parts (count,) are closed: edges have as many triangles one way as the other."""
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-    low, high = ends.min(axis=1), ends.max(axis=1)
-    _, edge = np.unique(low << 32 | high, return_inverse=True)
-    balance = np.bincount(edge, np.where(ends[:, 0] < ends[:, 1], 1, -1))
-    closed = np.ones(count, dtype=bool)
-    closed[np.tile(part, 3)[(balance != 0)[edge] & (low != high)]] = False
-    return closed
 
 
 def _picked(vertices: NDArray[np.integer], count: int) -> NDArray[np.integer]:

@@ -12,7 +12,7 @@ METHODS = ("full", "paper")
 OPTIMIZERS = ("momentum-brake", "uniform-adam", "gradient-descent")
 ENERGIES = ("signed-tpe", "tpe", "point-to-plane", "conical")
 # Stages of the full method that can be left out.
-STAGES = ("volume", "fill", "insist", "pull-back", "relax", "unbend")
+STAGES = ("volume", "fill", "insist", "pull-back", "relax", "edges", "unbend")
 REST_CONTACTS = ("auto", "repair", "leave")
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.window_stream import ClipOptions
+from dtrepair.repair.full.cure import CureOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.full.phases import PhaseOptions
-from dtrepair.repair.full.unbend import UnbendOptions
 from dtrepair.repair.independent import IndependentOptions, poses_at_once
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.paper import method as paper
@@ -104,7 +104,7 @@ def test_numbers_of_both_methods_reach_them() -> None:
     # One push and nothing after it; no step at all, as every pose counts as run away.
     phases = PhaseOptions(near=(0,), first_steps=(0.01,), insist_steps=())
     numbers = IndependentOptions(
-        full=FullOptions(phases=phases, low_enough=np.inf, unbend=UnbendOptions(rounds=0)),
+        full=FullOptions(phases=phases, low_enough=np.inf, cure=CureOptions(rounds=0)),
         paper=paper.PaperOptions(runaway=-1.0),
     )
     results = {

@@ -13,6 +13,8 @@ from scipy import sparse
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.clip.adaptive_fairing import FairingOptions
 from dtrepair.repair.clip.regional_push import RegionalPushOptions
+from dtrepair.repair.elastic.edge_lengths import EdgeLengthOptions
+from dtrepair.repair.full.cure import CureOptions
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.relax import RelaxOptions
 from dtrepair.repair.surface.surface import Surface
@@ -49,6 +51,7 @@ class FrameOptions:
         push: The push of one frame.
         mend: The mending of one frame.
         relax: A cycle of the relaxing of one frame.
+        edges, cure: Edges that are crushed or drawn out, and their cure.
         borrow: A frame takes a neighbour's displacement where that is less than this part of its
             own, in the mean over the vertices.
         alone_shares: Shares of the way from where a frame was solved alone to its place among its
@@ -74,6 +77,8 @@ class FrameOptions:
     push: RegionalPushOptions = field(default_factory=RegionalPushOptions)
     mend: MendOptions = field(default_factory=MendOptions)
     relax: RelaxOptions = field(default_factory=RelaxOptions)
+    edges: EdgeLengthOptions = field(default_factory=EdgeLengthOptions)
+    cure: CureOptions = field(default_factory=lambda: CureOptions(rounds=2))
     borrow: float = 0.8
     alone_shares: tuple[float, ...] = (0.75, 0.5, 0.25)
     relax_smoothed: tuple[float, ...] = (1.0, 0.5, 0.25)

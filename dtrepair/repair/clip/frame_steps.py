@@ -17,7 +17,9 @@ from dtrepair.repair.clip.frame_options import (
     springs_between,
 )
 from dtrepair.repair.clip.regional_push import regional_push
+from dtrepair.repair.elastic.edge_lengths import EdgeLengths
 from dtrepair.repair.full.acceptance import acceptable, changed_defects
+from dtrepair.repair.full.cure import cure
 from dtrepair.repair.full.mend import mend
 from dtrepair.repair.full.relax import Relaxation
 from dtrepair.repair.parallel.worker_pool import WorkerPool
@@ -239,6 +241,14 @@ class WindowFrames:
         """Put into `added` what relaxing moved a frame by, and forget how it got there."""
         self.added[frame] = self._relaxations.pop(frame).points - self.poses[frame]
         del self._before[frame]
+
+    def cured(self, surface: Surface, frame: int) -> None:
+        """Bring edges of a clean frame back that are crushed or drawn out, into `added`."""
+        before, pose = self.original[frame], self.poses[frame]
+        lengths = EdgeLengths(surface, before, options=self.options.edges)
+        folds = len(surface.contacts.folds(pose))
+        points, _ = cure(lengths, before, pose, folds=folds, options=self.options.cure)
+        self.added[frame] = allowed(surface.rigid, before, points, self.farthest) - pose
 
     def smoothed(self, surface: Surface, block: int, kernel: FloatArray) -> None:
         """Smooth `added` in time for a block of vertices, and add it to `smooth`."""

@@ -169,6 +169,18 @@ def relax_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFrame
     state.relax(frames, reach, kernel, cycles=options.cycles, still=options.still)
 
 
+def cure_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFramesOptions()) -> None:
+    """Bring crushed edges back in the clean frames of a window that have too many of them."""
+    surface, frames = state.surface, []
+    for frame, (before, after) in enumerate(zip(state.original, state.poses, strict=True)):
+        if len(state.pairs[frame]) == 0:
+            count = collapsed_vertices(surface, before, after, options.collapse)[1]
+            if count > options.collapsed:
+                frames.append(frame)
+    if frames:
+        state.cure(frames, gaussian_kernel(state.frames, options.width))
+
+
 def _reach(
     surface: Surface, before: FloatArray, after: FloatArray, options: RelaxFramesOptions
 ) -> NDArray[np.float32]:

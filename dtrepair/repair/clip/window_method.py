@@ -20,6 +20,7 @@ from dtrepair.repair.clip.mend_frames import MendFramesOptions, mend_frames
 from dtrepair.repair.clip.restore_shape import (
     RelaxFramesOptions,
     RestoreShapeOptions,
+    cure_frames,
     relax_frames,
     restore_shapes,
 )
@@ -195,6 +196,7 @@ class WindowMethod:
         if not tied:
             steady_frames(state, options=options.steady)
         if self.clearance == 0.0:
+            cure_frames(state, options=options.relax)
             restore_shapes(state, options=options.restore)
         return eased(state, options=options.ease)
 

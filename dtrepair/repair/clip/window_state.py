@@ -188,6 +188,17 @@ class WindowState:
         self.work.extra += self.work.added
         self.evaluate()
 
+    def cure(self, frames: list[int], kernel: FloatArray) -> None:
+        """Cure crushed edges of clean frames; what that moves is smoothed in time where it can."""
+        self.work.added[:] = 0.0
+        self.pool.map("cured", frames)
+        own, before = self.work.added.copy(), self.work.extra.copy()
+        self.pool.map("corrected", self._blocks, kernel)
+        self.evaluate()
+        if failed := self.dirty:
+            self.work.extra[failed] = before[failed] + own[failed]
+            self.evaluate()
+
     def restore(self, state: Snapshot) -> None:
         """Go on from another state."""
         self.work.smooth[:], self.work.extra[:] = state.smooth, state.extra

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse import linalg
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, triangle_normals
+from dtrepair.repair.elastic.least_motion import LeastMotion
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
 
@@ -28,8 +26,6 @@ class DihedralOptions:
         largest_motion: Of a vertex in a step, mean edge lengths.
         most_edges: Edges opened in a step, the sharpest ones: the dense system is of their number.
         beyond: How much farther than needed a step aims, radians, so that the last one arrives.
-        regularization: Of the dense system, next to its mean diagonal: edges of one triangle ask
-            for nearly the same motion.
     """
 
     sharp: float = -0.5
@@ -39,7 +35,6 @@ class DihedralOptions:
     largest_motion: float = 0.5
     most_edges: int = 64
     beyond: float = 0.02
-    regularization: float = 1e-6
 
 
 class DihedralAngles:
@@ -60,7 +55,7 @@ class DihedralAngles:
         self.allowed = int(self.given.sum())
         self._limits = np.maximum(options.open_angle, np.arccos(np.clip(cosines, -1.0, 1.0)))
 
-    def sharpness(self, points: FloatArray) -> tuple[int, float]:
+    def excess(self, points: FloatArray) -> tuple[int, float]:
         """Return how many edges are bent, and by how much too far: smaller is better."""
         cosines = _cosines(self.surface, points)
         excess = self.options.sharp - cosines[cosines < self.options.sharp]
@@ -74,11 +69,14 @@ class DihedralAngles:
         surface = self.surface
         new = np.flatnonzero(bent_edges(surface, points, sharp=self.options.sharp) & ~self.given)
         new = new[~surface.stiff[self.corners[new]].all(axis=1)]
-        touched = surface.vertices_of(surface.edge_pairs[new])
-        labels = surface.components(touched)[self.corners[new, 0]]
+        labels = surface.components(self.vertices(new))[self.corners[new, 0]]
         return sorted((new[labels == label] for label in np.unique(labels)), key=len)
 
-    def opened(self, points: FloatArray, chosen: NDArray[np.integer], rings: int) -> FloatArray:
+    def vertices(self, chosen: NDArray[np.integer]) -> BoolArray:
+        """Return the vertices (V,) of the triangles of some edges."""
+        return self.surface.vertices_of(self.surface.edge_pairs[chosen])
+
+    def cured(self, points: FloatArray, chosen: NDArray[np.integer], rings: int) -> FloatArray:
         """Return the pose (V, 3) with the `chosen` edges opened, contacts ignored.
 
         Only what is within so many rings of them moves. Each step is the motion x of least
@@ -86,15 +84,12 @@ class DihedralAngles:
         original has them, which are bent beyond that and were not bent edges: Gauss-Newton on
         their angles.
         """
-        surface, options = self.surface, self.options
-        seeds = surface.vertices_of(surface.edge_pairs[chosen])
-        inner = np.flatnonzero(surface.dilate(seeds, rings) & ~surface.stiff)
-        place = np.full(surface.count, -1)
-        place[inner] = np.arange(len(inner))
-        nearby = (place >= 0)[self.corners].any(axis=1) & ~self.given
+        options = self.options
+        region = LeastMotion(
+            self.surface, self.vertices(chosen), rings, largest=options.largest_motion
+        )
+        nearby = region.meets(self.corners) & ~self.given
         limits, near = self._limits[nearby], self.corners[nearby]
-        anchor = sparse.diags(surface.options.anchor * surface.mass[inner])
-        solve = linalg.splu((surface.laplacian[inner][:, inner] + anchor).tocsc()).solve
         for _ in range(options.steps):
             angles, gradients = angles_and_gradients(points, near)
             excess = np.abs(angles) - limits
@@ -105,18 +100,7 @@ class DihedralAngles:
             turns = np.sign(angles[bent]) * -np.minimum(
                 excess[bent] + options.beyond, options.largest_turn
             )
-            motion = _least_motion(
-                solve,
-                place[near[bent]],
-                gradients[bent],
-                turns,
-                count=len(inner),
-                regularization=options.regularization,
-            )
-            largest = options.largest_motion * surface.edge_length
-            motion *= min(1.0, largest / max(lengths(motion).max(), 1e-300))
-            points = points.copy()
-            points[inner] += motion
+            points = region.step(points, near[bent], gradients[bent], turns)
         return points
 
 
@@ -149,28 +133,6 @@ def angles_and_gradients(points: FloatArray, corners: IntArray) -> tuple[FloatAr
         gradients[:, 1] += (dots(corner - start, edge) / length)[:, None] * slope
         gradients[:, 2 + number] = -length[:, None] * slope
     return angles, gradients
-
-
-def _least_motion(
-    solve: Callable[[FloatArray], FloatArray],
-    place: NDArray[np.integer],
-    gradients: FloatArray,
-    turns: FloatArray,
-    *,
-    count: int,
-    regularization: float,
-) -> FloatArray:
-    """Return the motion (count, 3) of least energy that turns edges; `place` -1 is fixed."""
-    columns = np.zeros((count + 1, len(turns), 3))
-    numbers = np.arange(len(turns))
-    for corner in range(4):
-        columns[place[:, corner], numbers] += gradients[:, corner]
-    columns = columns[:count]
-    answers = solve(columns.reshape(count, -1)).reshape(columns.shape)
-    system = np.einsum("vid,vjd->ij", columns, answers)
-    system += (regularization * np.trace(system) / len(turns) + 1e-30) * np.eye(len(turns))
-    motion: FloatArray = np.einsum("vid,i->vd", answers, np.linalg.solve(system, turns))
-    return motion
 
 
 def _corners(faces: IntArray, hinges: NDArray[np.int64]) -> IntArray:

@@ -8,13 +8,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.elastic.dihedral_angles import DihedralAngles, DihedralOptions
+from dtrepair.repair.elastic.edge_lengths import EdgeLengthOptions, EdgeLengths
 from dtrepair.repair.full.acceptance import reach_of
 from dtrepair.repair.full.clearance import ClearanceOptions, open_contacts
+from dtrepair.repair.full.cure import CureOptions, Flaws, cure
 from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
 from dtrepair.repair.full.pull_back import PullBackOptions, pull_back
 from dtrepair.repair.full.relax import RelaxOptions, relax
 from dtrepair.repair.full.stage_log import StageLog
-from dtrepair.repair.full.unbend import UnbendOptions, unbend
 from dtrepair.repair.result import Solved
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface
@@ -30,7 +32,9 @@ class FullOptions:
         cycles: Of relaxing, in a round of tightening.
         pull_back: Rigid bodies back towards the input.
         relax: All others back towards the input.
+        edges: Edges that are crushed or drawn out, brought back.
         unbend: Zipped creases opened.
+        cure: How both are cured.
         clearance: Contacts opened to a distance.
         at_rest: A pose nearer to the rest than this, units of the size, is the rest pose itself:
             rounding apart they are one.
@@ -41,7 +45,9 @@ class FullOptions:
     cycles: int = 3
     pull_back: PullBackOptions = field(default_factory=PullBackOptions)
     relax: RelaxOptions = field(default_factory=RelaxOptions)
-    unbend: UnbendOptions = field(default_factory=UnbendOptions)
+    edges: EdgeLengthOptions = field(default_factory=EdgeLengthOptions)
+    unbend: DihedralOptions = field(default_factory=DihedralOptions)
+    cure: CureOptions = field(default_factory=CureOptions)
     clearance: ClearanceOptions = field(default_factory=ClearanceOptions)
     at_rest: float = 1e-7
 
@@ -88,8 +94,8 @@ class FullMethod:
         points = best.points
         if best.clean:
             points = self._tightened(best, phases)
-            if self.rounds and "unbend" not in self.skip:
-                points = self._unbent(points, len(best.defects.folds), phases)
+            if self.rounds:
+                points = self._cured(points, len(best.defects.folds), phases)
         left = 0
         if self.clearance > 0.0:
             points, left = self._opened(points, phases)
@@ -131,21 +137,27 @@ class FullMethod:
             log.add("relax", points, start, folds=folds, iterations=cycles)
         return best.points if (phases.limited(points) != points).any() else points
 
-    def _unbent(self, points: FloatArray, folds: int, phases: Phases) -> FloatArray:
-        """Return the tightened pose with its zipped creases opened, where that is allowed."""
-        start = time.perf_counter()
-        unbent, done = unbend(
-            self.surface,
-            phases.original,
-            points,
-            folds=folds,
-            scale=phases.scale,
-            options=self.options.unbend,
-        )
-        if done == 0 or (phases.limited(unbent) != unbent).any():
+    def _cured(self, points: FloatArray, folds: int, phases: Phases) -> FloatArray:
+        """Return the tightened pose with its flaws cured, where that is allowed."""
+        options, original, skip = self.options, phases.original, self.skip
+        if "edges" not in skip:
+            lengths = EdgeLengths(self.surface, original, options=options.edges)
+            points = self._without(lengths, points, folds, phases, "edges")
+        if "unbend" not in skip:
+            angles = DihedralAngles(self.surface, original, options=options.unbend)
+            points = self._without(angles, points, folds, phases, "unbend")
+        return points
+
+    def _without(
+        self, flaws: Flaws, points: FloatArray, folds: int, phases: Phases, name: str
+    ) -> FloatArray:
+        start, original = time.perf_counter(), phases.original
+        options, scale = self.options.cure, phases.scale
+        cured, done = cure(flaws, original, points, folds=folds, scale=scale, options=options)
+        if done == 0 or (phases.limited(cured) != cured).any():
             return points
-        phases.log.add("unbend", unbent, start, folds=folds, iterations=done)
-        return unbent
+        phases.log.add(name, cured, start, folds=folds, iterations=done)
+        return cured
 
     def _opened(self, points: FloatArray, phases: Phases) -> tuple[FloatArray, int]:
         """Return the pose with its contacts apart by the clearance, and the pairs still closer."""

@@ -36,7 +36,7 @@ class ShareOptions:
     rings: int = 2
     widths: tuple[float, ...] = (3.0, 8.0)
     rounds: int = 12
-    time: float = 1.5
+    time: float = 0.75
 
 
 class ShareSearch:

@@ -68,20 +68,20 @@ def test_opening_moves_little_and_only_what_is_near() -> None:
     surface, pose = folded(2.4)
     dihedral = DihedralAngles(surface, surface.rest)
     (cluster,) = dihedral.clusters(pose)
-    assert len(cluster) == dihedral.sharpness(pose)[0] == 20
-    opened = dihedral.opened(pose, cluster, 2)
-    assert dihedral.sharpness(opened)[0] == 0
+    assert len(cluster) == dihedral.excess(pose)[0] == 20
+    opened = dihedral.cured(pose, cluster, 2)
+    assert dihedral.excess(opened)[0] == 0
     far = np.abs(surface.rest[:, 0] - surface.rest[:, 0].mean()) > 3.5 / 20
     assert np.array_equal(opened[far], pose[far])
     assert np.abs(opened - pose).max() < 2.0 * surface.edge_length
-    assert dihedral.opened(opened, cluster, 2) is opened
+    assert dihedral.cured(opened, cluster, 2) is opened
 
 
 def test_what_the_original_bends_is_left_alone() -> None:
     surface, pose = folded(2.4)
     dihedral = DihedralAngles(surface, pose)
     assert dihedral.allowed == 20 and dihedral.clusters(pose) == []
-    assert dihedral.opened(pose, np.flatnonzero(dihedral.given), 2) is pose
+    assert dihedral.cured(pose, np.flatnonzero(dihedral.given), 2) is pose
 
 
 def test_triangles_without_area_are_no_trouble() -> None:
@@ -89,7 +89,7 @@ def test_triangles_without_area_are_no_trouble() -> None:
     dihedral = DihedralAngles(surface, surface.rest)
     (cluster,) = dihedral.clusters(pose)
     pose[dihedral.corners[cluster[0]]] = pose[dihedral.corners[cluster[0], 0]]
-    assert np.isfinite(dihedral.opened(pose, cluster, 2)).all()
+    assert np.isfinite(dihedral.cured(pose, cluster, 2)).all()
 
 
 def test_edges_that_the_original_bends_less_keep_their_angle() -> None:
@@ -97,6 +97,6 @@ def test_edges_that_the_original_bends_less_keep_their_angle() -> None:
     dihedral = DihedralAngles(surface, original)
     assert dihedral.allowed == 0
     (cluster,) = dihedral.clusters(folded(2.4)[1])
-    opened = dihedral.opened(folded(2.4)[1], cluster, 2)
+    opened = dihedral.cured(folded(2.4)[1], cluster, 2)
     angles, _ = angles_and_gradients(opened, dihedral.corners[cluster])
     assert np.all((np.abs(angles) <= 1.9) & (np.abs(angles) > 1.6))

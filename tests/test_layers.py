@@ -100,8 +100,9 @@ WALLS = {
     "usd_io": {
         "__init__": "write read times errors",
         "write": "read times polygons normals values paths errors",
-        "read": "times polygons values paths errors",
+        "read": "times frame_grid polygons values paths errors",
         "times": "errors",
+        "frame_grid": "",
         "polygons": "errors",
         "normals": "errors",
         "values": "",

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from usd_io.read.matrices import inverse_matrix, transform_points
     from usd_io.read.mesh import AnimatedMesh, MeshSelection
     from usd_io.read.reader import read_frame, read_meshes, read_points
+    from usd_io.read.stage_times import StageTimes, stage_times
     from usd_io.read.stages import OpenedStage, open_stage
     from usd_io.read.transforms import local_points, transform_times, world_faces, world_matrix
     from usd_io.read.vertex_weights import read_vertex_weights
@@ -49,6 +50,7 @@ __all__ = [
     "OverrideWriter",
     "SelectionError",
     "StageError",
+    "StageTimes",
     "UsageError",
     "UsdIoError",
     "inverse_matrix",
@@ -60,6 +62,7 @@ __all__ = [
     "read_meshes",
     "read_points",
     "read_vertex_weights",
+    "stage_times",
     "transform_points",
     "transform_times",
     "world_faces",
@@ -82,6 +85,7 @@ _MODULES = {
     "read.matrices": ("inverse_matrix", "transform_points"),
     "read.mesh": ("AnimatedMesh", "MeshSelection"),
     "read.reader": ("read_frame", "read_meshes", "read_points"),
+    "read.stage_times": ("StageTimes", "stage_times"),
     "read.stages": ("OpenedStage", "open_stage"),
     "times": ("FrameSpec", "parse_frames"),
     "read.transforms": ("local_points", "transform_times", "world_faces", "world_matrix"),

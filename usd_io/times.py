@@ -42,6 +42,12 @@ class FrameRange:
         """The number of frames."""
         return math.floor((self.stop - self.start) / self.step + 1e-6) + 1
 
+    def numbers(self, first: float, last: float) -> range:
+        """Return the numbers, from 0 on, of the frames from `first` to `last`."""
+        low = max((first - self.start) / self.step, 0.0)
+        high = min((last - self.start) / self.step, self.count - 1.0)
+        return range(math.ceil(low - 1e-6), math.floor(high + 1e-6) + 1)
+
     def select(self, times: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which of the time codes (T,) are frames of this range, (T,)."""
         steps = np.round((times - self.start) / self.step)
@@ -80,10 +86,19 @@ class FrameSpec:
 
     def values(self) -> NDArray[np.float64]:
         """Return all frames, sorted and without repetition, (N,)."""
-        if sum(part.count for part in self.ranges) > MOST_FRAMES:
+        found = self.between(-math.inf, math.inf, most=MOST_FRAMES)
+        if found is None:
             raise FrameSpecError(f"frames {self.text!r}: more than {MOST_FRAMES} frames")
-        parts = [part.start + np.arange(part.count) * part.step for part in self.ranges]
-        return np.unique(np.concatenate(parts))
+        return found
+
+    def between(self, first: float, last: float, *, most: int) -> NDArray[np.float64] | None:
+        """Return the frames from `first` to `last`, sorted, (N,); None for more than `most`."""
+        parts = [part.numbers(first, last) for part in self.ranges]
+        if sum(len(part) for part in parts) > most:
+            return None
+        both = zip(self.ranges, parts, strict=True)
+        frames = [part.start + np.array(numbers) * part.step for part, numbers in both]
+        return np.unique(np.concatenate(frames))
 
 
 def parse_frames(spec: str) -> FrameSpec:
@@ -125,9 +140,9 @@ def _parse_part(spec: str, part: str) -> FrameRange:
 
 
 def _none_in_range(text: str, times: NDArray[np.float64]) -> str:
-    """Return the message for a specification that names none of the samples."""
+    """Return the message for a specification that names none of the frames."""
     if not len(times):
         none = "the selected meshes have no time samples of their own; leave the frames out"
         return f"frames {text!r}: {none}"
     first, last = times.min(), times.max()
-    return f"frames {text!r}: none of the samples, {first:.15g} to {last:.15g}, is among them"
+    return f"frames {text!r}: none of the frames, {first:.15g} to {last:.15g}, is among them"

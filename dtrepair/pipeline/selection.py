@@ -25,7 +25,9 @@ class Selection:
     """Which meshes and frames of the input take part.
 
     Args:
-        frames: time codes, such as "7", "-5:10" or "1:100x2,200"; None: all.
+        frames: time codes, such as "7", "-5:10" or "1:100x2,200"; None: all whole frames of the
+            range in which anything selected is animated, and samples between them.
+        samples_only: take authored samples only, not the whole frames between them.
         prim: path expression of the meshes to take, such as "/Hero//"; None: all.
         exclude: path expression of meshes to leave out.
         include_invisible: take invisible meshes too.
@@ -36,6 +38,7 @@ class Selection:
     """
 
     frames: str | None = None
+    samples_only: bool = False
     prim: str | None = None
     exclude: str | None = None
     include_invisible: bool = False

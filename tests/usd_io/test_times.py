@@ -78,7 +78,7 @@ def test_select_needs_no_list_of_frames() -> None:
 def test_nothing_in_range_is_an_error_on_request() -> None:
     spec = parse_frames("20:30")
     assert not spec.select([1.0, 2.0]).any()
-    with pytest.raises(FrameSpecError, match="none of the samples, 1 to 2, is among them"):
+    with pytest.raises(FrameSpecError, match="none of the frames, 1 to 2, is among them"):
         spec.select([1.0, 2.0], require=True)
     with pytest.raises(FrameSpecError, match="the selected meshes have no time samples of"):
         spec.select([np.nan], require=True)

@@ -33,15 +33,30 @@ def prim_matrix(prim: Usd.Prim, time: float) -> NDArray[np.float64]:
 
 
 def chain_times(prim: Usd.Prim, *, below: Sdf.Path = Sdf.Path.absoluteRootPath) -> set[float]:
-    """Return the time codes of the transforms of a prim and its ancestors below `below`."""
+    """Return the time codes of the transforms of a prim and its ancestors below `below`.
+
+    Those of samples, and of the knots of splines.
+    """
     times: set[float] = set()
     while prim and prim.GetPath() != below and not prim.IsPseudoRoot():
         xformable = UsdGeom.Xformable(prim)
         if xformable:
             times.update(xformable.GetTimeSamples())
+            times.update(_knots(xformable))
             if xformable.GetResetXformStack():
                 break
         prim = prim.GetParent()
+    return times
+
+
+def _knots(xformable: UsdGeom.Xformable) -> set[float]:
+    """Return the time codes of the knots of transforms that are splines."""
+    times: set[float] = set()
+    for operation in xformable.GetOrderedXformOps():
+        attribute = operation.GetAttr()
+        # OpenUSD before 25.5 has no splines.
+        if hasattr(attribute, "HasSpline") and attribute.HasSpline():
+            times.update(attribute.GetSpline().GetKnots().keys())
     return times
 
 

@@ -24,7 +24,8 @@ class AnimatedMesh:
             sides; winding flipped for left-handed meshes; holes and degenerate polygons left out.
         polygons: source polygon of each triangle (F,) int32.
         times: time codes of the points (T,) float64, exactly as composed; [nan] for points that
-            exist at the default time only. Skinned: the keys and every whole frame between them.
+            exist at the default time only. Skinned: the samples of the skin, and every whole frame
+            between them, unless that were too many (see `usd_io.frame_grid`).
         up: up axis of the stage (3,).
         meters_per_unit: metres per stage unit.
         warnings: one line each.
@@ -59,6 +60,11 @@ class AnimatedMesh:
     def skinned(self) -> bool:
         """Whether a skeleton or blend shapes deform the points."""
         return self.skin is not None
+
+    @property
+    def samples(self) -> NDArray[np.float64]:
+        """Authored time codes (T,) of what moves the points; [nan] if nothing does."""
+        return self.times if self.skin is None else self.skin.samples()
 
     @property
     def coordinate_step(self) -> float:

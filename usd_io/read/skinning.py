@@ -7,6 +7,7 @@ in the middle of keys 30 frames apart). So the queries are used directly, at eve
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from pxr import Tf, Usd, UsdGeom, UsdSkel, Vt
 
 from usd_io.errors import FrameError, StageError, one_line
+from usd_io.frame_grid import frame_grid
 from usd_io.read.matrices import chain_times, inverse_matrix, prim_matrix, transform_points
 from usd_io.times import time_code
 from usd_io.values import vec3f_array
@@ -40,8 +42,19 @@ class Skin:
     def times(self) -> NDArray[np.float64]:
         """Return the time codes to skin at (T,); [nan] if nothing moves.
 
-        All authored samples of joints, blend shapes, base points and transforms between mesh and
-        skeleton, and every whole frame from the first to the last of them.
+        All samples, and every whole frame from the first to the last of them. Only the samples
+        where these are too many, see `FrameGrid.filled`.
+        """
+        samples = self.samples()
+        if np.isnan(samples).any():
+            return samples
+        filled = frame_grid(self.prim.GetStage()).filled(samples)
+        return samples if filled is None else filled
+
+    def samples(self) -> NDArray[np.float64]:
+        """Return the authored time codes (T,) of what moves the points; [nan] if nothing moves.
+
+        Those of joints, blend shapes, base points and transforms between mesh and skeleton.
         """
         times = set(UsdGeom.PointBased(self.prim).GetPointsAttr().GetTimeSamples())
         animation = self.skeleton_query.GetAnimQuery()
@@ -53,10 +66,7 @@ class Skin:
             shared = self.prim.GetPath().GetCommonPrefix(self.skeleton.GetPath())
             for prim in (self.prim, self.skeleton):
                 times.update(chain_times(prim, below=shared))
-        if not times:
-            return np.array([np.nan])
-        whole = np.arange(np.ceil(min(times)), np.floor(max(times)) + 1.0)
-        return np.union1d(np.array(sorted(times)), whole)
+        return np.array(sorted(times)) if times else np.array([np.nan])
 
     def _influence_times(self) -> set[float]:
         """Return the samples of influences and bind transform.
@@ -77,17 +87,42 @@ class Skin:
         Raises:
             FrameError: influences or blend shapes do not fit the points.
         """
+        points = self.unposed(time)
+        return None if points is None else self.posed(points, time)
+
+    def unposed(self, time: float) -> NDArray[np.float32] | None:
+        """Return base points with blend shapes (V, 3), before joints move them; None if blocked.
+
+        Raises:
+            FrameError: blend shapes do not fit the points.
+        """
         value = UsdGeom.PointBased(self.prim).GetPointsAttr().Get(time_code(time))
         if value is None:
             return None
         points = Vt.Vec3fArray(vec3f_array(value))
+        self._change(self._blend, points, time)
+        return np.asarray(points)
+
+    def posed(self, points: NDArray[np.floating], time: float) -> NDArray[np.float32]:
+        """Return points (V, 3) where the joints move them, local space of the mesh.
+
+        Raises:
+            FrameError: influences do not fit the points.
+        """
+        moved = Vt.Vec3fArray(vec3f_array(points))
+        self._change(self._skin, moved, time)
+        return self._to_mesh(moved, time)
+
+    def _change(
+        self, change: Callable[[Vt.Vec3fArray, float], bool], points: Vt.Vec3fArray, time: float
+    ) -> None:
+        """Change points in place. Raises FrameError where that fails."""
         try:
-            done = self._blend(points, time) and self._skin(points, time)
+            done = change(points, time)
         except Tf.ErrorException as error:
             raise self._failed(time, one_line(error)) from None
         if not done:
             raise self._failed(time, "influences or blend shapes do not fit the points")
-        return self._to_mesh(points, time)
 
     def rest(self, time: float) -> NDArray[np.float64]:
         """Return undeformed points (V, 3) where the skeleton binds them, in the mesh's space."""

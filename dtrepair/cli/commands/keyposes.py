@@ -13,9 +13,9 @@ from dtrepair.cli.options.method import method_options
 from dtrepair.cli.options.shared import (
     console_options,
     jobs_option,
+    key_selection_options,
     object_options,
     run_options,
-    selection_options,
 )
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 @click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
-@selection_options
+@key_selection_options
 @method_options
 @run_options
 @jobs_option

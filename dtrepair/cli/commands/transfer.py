@@ -9,7 +9,12 @@ import click
 from click.core import ParameterSource
 
 from dtrepair.cli.options.method import METHOD_NAMES, method_options
-from dtrepair.cli.options.shared import console_options, jobs_option, run_options, selection_options
+from dtrepair.cli.options.shared import (
+    console_options,
+    jobs_option,
+    key_selection_options,
+    run_options,
+)
 from dtrepair.cli.options.transfer import transfer_options
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
@@ -70,7 +75,7 @@ class GreedyPoses(click.Command):
 @click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
-@selection_options
+@key_selection_options
 @method_options
 @run_options
 @jobs_option

@@ -17,7 +17,7 @@ Function = Callable[..., Any]
 def field_option(kind: type, name: str, flag: str = "", **attributes: Any) -> Function:
     """Return an option for a field of a dataclass, with its default.
 
-    flag: its name on the command line, where that is not --NAME; attributes: as `click.option` has
+    flag: its names on the command line, where that is not --NAME; attributes: as `click.option` has
     them. A field that is true or false is a flag; one of a tuple may be given several times.
     """
     default = default_of(kind, name)
@@ -27,7 +27,7 @@ def field_option(kind: type, name: str, flag: str = "", **attributes: Any) -> Fu
         attributes = {"multiple": True, **attributes}
     elif default is not None:
         attributes = {"show_default": True, **attributes}
-    return click.option(flag or flag_of(name), name, default=default, **attributes)
+    return click.option(*(flag or flag_of(name)).split(), name, default=default, **attributes)
 
 
 def default_of(kind: type, name: str) -> Any:

@@ -13,7 +13,15 @@ from dtrepair.cli.terminal.console import Console
 from dtrepair.pipeline.selection import KEYS, ObjectOptions, Selection
 
 _SELECTION: dict[str, dict[str, Any]] = {
-    "frames": {"metavar": "SPEC", "help": "Frames, such as 7, -5:10 or 1:100x2,200."},
+    "frames": {
+        "metavar": "SPEC",
+        "help": "Frames, such as 7, -5:10 or 1:100x2,200; default: all whole frames from the first "
+        "sample to the last, and samples between them.",
+    },
+    "samples_only": {
+        "flag": "--samples --samples-only",
+        "help": "Take authored samples only, not the whole frames between them.",
+    },
     "prim": {"metavar": "EXPR", "help": "Meshes to take: a path expression, /Hero//."},
     "exclude": {"metavar": "EXPR", "help": "Meshes to leave out: a path expression."},
     "include_invisible": {"help": "Take invisible meshes too."},
@@ -27,6 +35,13 @@ _SELECTION: dict[str, dict[str, Any]] = {
 def selection_options(function: Function) -> Function:
     """Add the options that choose meshes and frames; the command gets `selection`."""
     return as_object(Selection, "selection", _SELECTION)(function)
+
+
+def key_selection_options(function: Function) -> Function:
+    """Add those that choose meshes and keys: samples, so that nothing lies between them."""
+    own = {name: option for name, option in _SELECTION.items() if name != "samples_only"}
+    own["frames"] = {**own["frames"], "help": "Keys, such as 7, -5:10 or 1:100x2,200."}
+    return as_object(Selection, "selection", own)(function)
 
 
 _IGNORE = {

@@ -164,7 +164,7 @@ def _open(stage: str, settings: KeyposeSettings) -> StageSource:
     """Return the stage, which must have time samples."""
     if not is_stage(stage):
         raise UsageError(f"{stage}: is not a USD stage: only stages have keys")
-    source = open_source(stage, settings.selection, collider=settings.objects.collider)
+    source = open_source(stage, settings.selection, collider=settings.objects.collider, keys=True)
     assert isinstance(source, StageSource)
     if math.isnan(source.times[0]):
         raise UsageError(f"{stage}: no mesh has time samples; use dtrepair repair")

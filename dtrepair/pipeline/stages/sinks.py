@@ -47,7 +47,7 @@ class StageSink:
                 "name a .usd, .usdc or .usda file"
             )
         self._meshes = [mesh.handle for mesh in source.meshes]
-        self._all_times = source.all_times
+        self._clock = source.clock
         self._own = [set(mesh.times.tolist()) for mesh in self._meshes]
         self._put: list[set[float]] = [set() for _ in self._meshes]
         self._written: set[int] = set()
@@ -71,13 +71,14 @@ class StageSink:
     def _kept_times(self, index: int) -> list[float]:
         """Times at which a written mesh must be held as it was.
 
-        Frames that were not repaired or not selected are at sample times of any mesh; a mesh that
-        has no sample there would else follow the repaired pose of the nearest frame.
+        Keys that were not repaired or not selected may be keys of other meshes; a mesh that has no
+        sample there would else follow the repaired pose of the nearest frame. So it would in frames
+        between two keys: it is held in those just before and after each that is written.
         """
-        if np.isnan(self._all_times).any():
+        if np.isnan(self._clock.keys).any():
             return []
-        done = self._put[index] | self._own[index]
-        return [float(time) for time in self._all_times if float(time) not in done]
+        kept = {*self._clock.keys.tolist(), *self._clock.beside(self._put[index])}
+        return sorted(kept - self._put[index] - self._own[index])
 
     def abort(self) -> None:
         """Remove the temporary layer."""

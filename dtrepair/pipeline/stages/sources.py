@@ -74,13 +74,16 @@ def time_label(time: float | None) -> str:
     return "default" if time is None or math.isnan(time) else f"{time:.10g}"
 
 
-def open_source(path: str, selection: Selection, *, collider: str | None = None) -> Source:
+def open_source(
+    path: str, selection: Selection, *, collider: str | None = None, keys: bool = False
+) -> Source:
     """Open a STAGE or MESH; `times` are those of the selected frames.
 
-    `collider` is an expression of meshes that take part and never move, in addition.
+    `collider` is an expression of meshes that take part and never move, in addition. `keys`: only
+    the keys of a stage are frames.
     """
     if is_stage(path):
-        return StageSource(path, selection, collider=collider)
+        return StageSource(path, selection, collider=collider, keys=keys)
     given = [*selection.given(), *(["--collider"] if collider else [])]
     if given:
         raise UsageError(
@@ -90,9 +93,20 @@ def open_source(path: str, selection: Selection, *, collider: str | None = None)
 
 
 class StageSource:
-    """A USD stage: one or several meshes over time."""
+    """A USD stage: one or several meshes over time.
 
-    def __init__(self, path: str, selection: Selection, *, collider: str | None = None) -> None:
+    times: the selected frames, of all whole ones from the first key to the last, and all keys.
+    clock: these and all other time codes.
+    """
+
+    def __init__(
+        self,
+        path: str,
+        selection: Selection,
+        *,
+        collider: str | None = None,
+        keys: bool = False,
+    ) -> None:
         import usd_io
 
         spec = usd_io.parse_frames(selection.frames) if selection.frames is not None else None
@@ -122,9 +136,14 @@ class StageSource:
             )
         up = next(iter(found.values())).up
         self.up = (float(up[0]), float(up[1]), float(up[2]))
-        self.times = self.all_times = self._times()
-        if spec is not None:
-            self.times = self.times[spec.select(self.times, require=True)]
+        self.clock = usd_io.stage_times(
+            [mesh.handle for mesh in self.meshes],
+            spec,
+            whole=not keys,
+            authored=selection.samples_only,
+        )
+        self.times, self.all_times = self.clock.chosen, self.clock.every
+        self.warnings += tuple(f"{path}: {warning}" for warning in self.clock.warnings)
         self.origin = np.zeros(3)
         if len(self.meshes) > 1:
             self._leave_coarse_coordinates()
@@ -141,17 +160,6 @@ class StageSource:
             skip_varying=selection.skip_varying,
             uninstance=selection.uninstance,
         )
-
-    def _times(self) -> NDArray[np.float64]:
-        """The union of the sample times; transforms matter only between several meshes."""
-        import usd_io
-
-        times = [mesh.handle.times for mesh in self.meshes]
-        if len(self.meshes) > 1:
-            times += [usd_io.transform_times(mesh.handle) for mesh in self.meshes]
-        together = np.unique(np.concatenate([np.zeros(0), *times]))
-        known = together[~np.isnan(together)]
-        return known if len(known) else together[:1]
 
     def _leave_coarse_coordinates(self) -> None:
         """Take world points from the middle of a scene that lies far from the world's origin.

@@ -97,13 +97,13 @@ def open_poses(path: str, poses: Sequence[str], selection: Selection) -> Source:
                 f"{path}: is a mesh file, which holds one pose; name its poses with --poses, or "
                 "give an animated stage"
             )
-        return _single(open_source(path, selection), "--prim")
+        return _single(open_source(path, selection, keys=True), "--prim")
     if any(is_stage(pose) for pose in poses):
         if len(poses) > 1:
             raise UsageError(f"--poses: expected one stage or mesh files, got {len(poses)}")
-        return _single(open_source(poses[0], selection), "--prim")
+        return _single(open_source(poses[0], selection, keys=True), "--prim")
     of_rest = replace(selection, frames=None)
-    rest = _single(open_source(path, of_rest), "--prim")
+    rest = _single(open_source(path, of_rest, keys=True), "--prim")
     return PoseFiles(rest, poses, selection.frames)
 
 
@@ -111,7 +111,7 @@ def open_target(path: str, prim: str | None) -> StageSource | MeshSource:
     """Open the target: one mesh of a stage, or a mesh file."""
     if prim is not None and not is_stage(path):
         raise UsageError(f"--target-prim: only for USD stages, and {path} is a mesh file")
-    source = _single(open_source(path, Selection(prim=prim)), "--target-prim")
+    source = _single(open_source(path, Selection(prim=prim), keys=True), "--target-prim")
     assert isinstance(source, StageSource | MeshSource)
     return source
 

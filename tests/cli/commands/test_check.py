@@ -53,7 +53,7 @@ def test_counts_agree_with_the_library(tmp_path: Path) -> None:
 
 def test_stage_counts_each_frame(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN), times=(-2, 0.5, 7))
-    found = run("check", path, "--json", tmp_path / "r.json")
+    found = run("check", path, "--samples", "--json", tmp_path / "r.json")
     assert found.code == 1
     rows = [line.split() for line in found.out.splitlines()[1:-1]]
     assert [row[0] for row in rows] == ["-2", "0.5", "7"]
@@ -193,7 +193,7 @@ def test_unusable_frames_end_with_4(tmp_path: Path) -> None:
     [
         (["{obj}", "--frames", "1:10"], 2, ["--frames", "only for USD stages"]),
         (["{usd}", "--frames", "1:inf"], 2, ["1:inf"]),
-        (["{usd}", "--frames", "50:60"], 2, ["50:60", "none of the samples"]),
+        (["{usd}", "--frames", "50:60"], 2, ["50:60", "none of the frames"]),
         (["{usd}", "--prim", "/Nobody"], 2, ["/Nobody"]),
         (["{dir}/none.usd"], 3, ["none.usd", "no such file"]),
         (["{dir}/none.obj"], 3, ["none.obj", "No such file"]),

@@ -1,0 +1,95 @@
+"""The frames of a selection of meshes: samples, and the whole frames between them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usd_io.frame_grid import MOST_ADDED_FRAMES, FrameGrid, frame_grid
+from usd_io.read.mesh import AnimatedMesh
+from usd_io.read.transforms import transform_times
+from usd_io.times import FrameSpec
+
+Times = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StageTimes:
+    """The time codes of several meshes; [nan] where nothing of them is animated.
+
+    Attributes:
+        keys: that say how the meshes move; between them points are linear in time (K,).
+        every: all that can be looked at (N,).
+        chosen: those of `every` that were asked for (T,).
+        warnings: one line each.
+    """
+
+    keys: Times
+    every: Times
+    chosen: Times
+    warnings: tuple[str, ...] = ()
+
+    def beside(self, times: Iterable[float]) -> set[float]:
+        """Return the members of `every` just before and just after each of some members."""
+        rows = np.searchsorted(self.every, np.array(sorted(times), dtype=np.float64))
+        near = np.concatenate([rows - 1, rows + 1])
+        return set(self.every[near[(near >= 0) & (near < len(self.every))]].tolist())
+
+
+def stage_times(
+    meshes: Sequence[AnimatedMesh],
+    spec: FrameSpec | None = None,
+    *,
+    whole: bool = True,
+    authored: bool = False,
+) -> StageTimes:
+    """Return the time codes of meshes of one stage.
+
+    Transforms count where there are several meshes, which move against each other then.
+
+    Args:
+        meshes: of one stage.
+        spec: which of the frames to choose; None: all.
+        whole: whether all whole frames between the first and the last key count, too.
+        authored: only authored samples count; of a skin the samples of its joints and the like.
+
+    Raises:
+        FrameSpecError: no frame is chosen.
+    """
+    keys = _together(meshes, [mesh.times for mesh in meshes])
+    every, warnings = keys, list[str]()
+    if authored:
+        every = _together(meshes, [mesh.samples for mesh in meshes])
+    elif whole and not np.isnan(keys).any():
+        every, warnings = _filled(keys, spec, frame_grid(meshes[0].stage))
+    chosen = every if spec is None else every[spec.select(every, require=True)]
+    return StageTimes(keys, every, chosen, tuple(warnings))
+
+
+def _together(meshes: Sequence[AnimatedMesh], times: list[Times]) -> Times:
+    """Return the union of times of meshes, and of their transforms where there are several."""
+    if len(meshes) > 1:
+        times = times + [transform_times(mesh) for mesh in meshes]
+    union = np.unique(np.concatenate([np.zeros(0), *times]))
+    known = union[~np.isnan(union)]
+    return known if len(known) else union[:1]
+
+
+def _filled(keys: Times, spec: FrameSpec | None, grid: FrameGrid) -> tuple[Times, list[str]]:
+    """Return keys and whole frames; where these are too many, those that the user names."""
+    filled = grid.filled(keys)
+    if filled is not None:
+        return filled, []
+    named = None if spec is None else spec.between(keys[0], keys[-1], most=MOST_ADDED_FRAMES)
+    if named is not None:
+        # What is changed at a frame is held at the frames beside it.
+        near = np.concatenate([keys, named, named - grid.step, named + grid.step])
+        return np.unique(near[(near >= keys[0]) & (near <= keys[-1])]), []
+    return keys, [
+        f"keys lie from {keys[0]:.10g} to {keys[-1]:.10g}: more than {MOST_ADDED_FRAMES} whole "
+        f"frames have none, so that only the {len(keys)} keys are looked at; mend the key that is "
+        "far off, or name frames with --frames"
+    ]

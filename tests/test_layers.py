@@ -99,13 +99,14 @@ WALLS = {
     },
     "usd_io": {
         "__init__": "write read times errors",
-        "write": "read times polygons normals values paths errors",
-        "read": "times polygons values paths errors",
+        "write": "read times polygons normals values paths diagnostics errors",
+        "read": "times polygons values paths diagnostics errors",
         "times": "errors",
         "polygons": "errors",
         "normals": "errors",
         "values": "",
         "paths": "errors",
+        "diagnostics": "errors",
         "errors": "",
     },
 }

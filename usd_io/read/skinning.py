@@ -83,7 +83,7 @@ class Skin:
         points = Vt.Vec3fArray(vec3f_array(value))
         try:
             done = self._blend(points, time) and self._skin(points, time)
-        except Tf.ErrorException as error:
+        except (Tf.ErrorException, UnicodeError) as error:
             raise self._failed(time, one_line(error)) from None
         if not done:
             raise self._failed(time, "influences or blend shapes do not fit the points")

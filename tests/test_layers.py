@@ -99,14 +99,15 @@ WALLS = {
     },
     "usd_io": {
         "__init__": "write read times errors",
-        "write": "read times polygons normals values paths errors",
-        "read": "times frame_grid polygons values paths errors",
+        "write": "read times polygons normals values paths diagnostics errors",
+        "read": "times frame_grid polygons values paths diagnostics errors",
         "times": "errors",
         "frame_grid": "",
         "polygons": "errors",
         "normals": "errors",
         "values": "",
         "paths": "errors",
+        "diagnostics": "errors",
         "errors": "",
     },
 }

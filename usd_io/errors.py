@@ -65,7 +65,11 @@ def time_text(time: float) -> str:
 
 def one_line(error: BaseException, limit: int = 300) -> str:
     """Return the message of an exception of pxr as one line, without its source locations."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    try:
+        text = str(error)
+    except UnicodeError:  # the text of pxr may hold a part of a character
+        text = ""
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
     messages = [line.split(" : ", 1)[-1] for line in lines]
     messages = [text[1:-1] if text[:1] == text[-1:] == "'" else text for text in messages]
     text = "; ".join(dict.fromkeys(message for message in messages if message))

@@ -38,6 +38,40 @@ def vec3f_array(values: Any) -> Vt.Vec3fArray:
     return Vt.Vec3fArray.FromNumpy(array)
 
 
+def point_rows(value: object) -> NDArray[np.floating]:
+    """Return the value of points as numpy has it, (N, 3). Raises ValueError for another type."""
+    try:
+        points = np.asarray(value)
+    except (TypeError, ValueError):
+        points = np.zeros(())
+    if points.size == 0 and points.ndim:
+        return np.zeros((0, 3), dtype=np.float32)
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
+        raise ValueError(f"points should be of type point3f[], got {_type_text(value)}")
+    return points
+
+
+def index_row(value: object, name: str) -> NDArray[np.int64]:
+    """Return the value of an attribute of whole numbers, (N,). None counts as no numbers.
+
+    Raises ValueError for another type.
+    """
+    if value is None:
+        return np.zeros(0, dtype=np.int64)
+    try:
+        numbers = np.asarray(value)
+    except (TypeError, ValueError):
+        numbers = np.zeros(())
+    if numbers.ndim != 1 or (numbers.size and numbers.dtype.kind not in "iu"):
+        raise ValueError(f"{name} should be of type int[], got {_type_text(value)}")
+    return numbers.astype(np.int64)
+
+
+def _type_text(value: object) -> str:
+    """Return the type of a value in a few words."""
+    return type(value).__name__
+
+
 def extent_of(points: NDArray[np.floating]) -> Vt.Vec3fArray | Sdf.ValueBlock:
     """Return the bounds [min, max] of the finite points (N, 3); a block if there is none."""
     finite = points[np.isfinite(points).all(axis=1)]

@@ -53,6 +53,8 @@ class Cancelled(PipelineError):
 
 
 _BY_CODE = {error.exit_code: error for error in (UsageError, InputError, OutputError)}
+# A frame that fails is a record of the report; one that ends the run leaves nothing written.
+_BY_CODE[FRAMES] = InputError
 
 
 def plain_error(error: Exception) -> PipelineError:
@@ -64,7 +66,8 @@ def plain_error(error: Exception) -> PipelineError:
         return error
     code = getattr(error, "exit_code", None)
     if isinstance(code, int):
-        return _BY_CODE.get(code, PipelineError)(str(error), code)
+        known = _BY_CODE.get(code)
+        return known(str(error)) if known is not None else PipelineError(str(error), code)
     if isinstance(error, MemoryError):
         return PipelineError(str(error) or "out of memory; choose fewer frames or prims")
     kind = type(error).__name__

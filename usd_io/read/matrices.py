@@ -12,12 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pxr import Sdf, Usd, UsdGeom
 
-from usd_io.errors import FrameError
+from usd_io.diagnostics import reading, reading_frame
+from usd_io.errors import FrameError, StageError
 from usd_io.times import time_code
 
 # Determinant of the linear part over the product of its row lengths: 1 for a rotation with any
 # scale, 0 for a flat one. A shear of 1:1e6 still passes.
 SMALLEST_DETERMINANT = 1e-9
+# Numbers of a transform; beyond, points leave the range of float32.
+LARGEST_NUMBER = 1e38
 
 
 def prim_matrix(prim: Usd.Prim, time: float) -> NDArray[np.float64]:
@@ -25,11 +28,43 @@ def prim_matrix(prim: Usd.Prim, time: float) -> NDArray[np.float64]:
 
     At the default time (NaN) an animated transform without default values is taken at its
     earliest sample (pxr would silently leave it out).
+
+    Raises:
+        FrameError: a transform cannot be read, or is no number: NaN, infinite, or so large that
+            points through it leave the range of float32.
     """
-    code = time_code(time)
-    if math.isnan(time) and chain_times(prim):
-        code = Usd.TimeCode.EarliestTime()
-    return np.array(UsdGeom.Imageable(prim).ComputeLocalToWorldTransform(code))
+    path = str(prim.GetPath())
+    with reading_frame(path, time):
+        code = time_code(time)
+        if math.isnan(time) and chain_times(prim):
+            code = Usd.TimeCode.EarliestTime()
+        matrix = np.array(UsdGeom.Imageable(prim).ComputeLocalToWorldTransform(code))
+    if not (np.abs(matrix) < LARGEST_NUMBER).all():
+        raise FrameError(
+            path, time, "the transform is NaN, infinite or beyond 1e38; mend it or exclude the mesh"
+        )
+    return matrix
+
+
+def check_transforms(prim: Usd.Prim) -> None:
+    """Raise StageError if a transform of a prim or above it is missing or of a wrong type.
+
+    pxr leaves out what `xformOpOrder` names and the prim does not have, so that a mesh would be
+    somewhere else than its author meant.
+    """
+    with reading(str(prim.GetPath())):
+        UsdGeom.Imageable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime())
+    while prim and not prim.IsPseudoRoot():
+        movable = UsdGeom.Xformable(prim)
+        order = movable.GetXformOpOrderAttr().Get() if movable else None
+        for name in () if order is None else order:
+            own = name == "!resetXformStack!" or prim.HasAttribute(name.removeprefix("!invert!"))
+            if not own:
+                raise StageError(
+                    f"{prim.GetPath()}: xformOpOrder names {name!r}, which the prim does not have; "
+                    "mend it or exclude the meshes below"
+                )
+        prim = prim.GetParent()
 
 
 def chain_times(prim: Usd.Prim, *, below: Sdf.Path = Sdf.Path.absoluteRootPath) -> set[float]:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pxr import Usd, UsdGeom
 
+from usd_io.diagnostics import reading, reading_frame
 from usd_io.errors import FrameError, StageError, time_text
 from usd_io.polygons import Triangulation, nonmanifold_edges, triangulate
+from usd_io.read.matrices import check_transforms
 from usd_io.read.mesh import AnimatedMesh, MeshSelection
 from usd_io.read.select import Candidate, select_prims
 from usd_io.read.skinning import Skin, find_skin
 from usd_io.read.stages import OpenedStage, as_stage
 from usd_io.times import time_code
+from usd_io.values import index_row, point_rows
 
 UP_AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 
@@ -62,7 +66,8 @@ def read_meshes(
     meshes = []
     for candidate in candidates:
         try:
-            mesh = _read_mesh(usd, candidate, skip_varying=skip_varying)
+            with reading(str(candidate.prim.GetPath())):
+                mesh = _read_mesh(usd, candidate, skip_varying=skip_varying)
         except _Skip as skip:
             if candidate.explicit:
                 raise StageError(str(skip)) from None
@@ -86,13 +91,18 @@ def read_frame(mesh: AnimatedMesh, time: float) -> NDArray[np.float32] | None:
 
 def raw_points(mesh: AnimatedMesh, time: float) -> NDArray[np.float32] | None:
     """Return the local points (N, 3) float32 of one frame, unchecked; None if blocked."""
-    if mesh.skin is not None:
-        return mesh.skin.points(time)
-    value = mesh.geometry.GetPointsAttr().Get(time_code(time))
-    if value is None:
-        return None
-    # point3d data hides behind point3f[]: cast.
-    return np.asarray(value, dtype=np.float32).reshape(-1, 3)
+    with reading_frame(mesh.path, time):
+        if mesh.skin is not None:
+            return mesh.skin.points(time)
+        value = mesh.geometry.GetPointsAttr().Get(time_code(time))
+        if value is None:
+            return None
+        try:
+            points = point_rows(value)
+        except ValueError as error:
+            raise FrameError(mesh.path, time, f"{error}; export the frame again") from None
+        # point3d data hides behind point3f[]: cast.
+        return points.astype(np.float32, copy=False)
 
 
 def check_points(
@@ -139,6 +149,7 @@ def _read_mesh(stage: Usd.Stage, candidate: Candidate, *, skip_varying: bool) ->
     """Return a mesh of a stage. Raises _Skip for one that takes no part, StageError."""
     geometry = UsdGeom.Mesh(candidate.prim)
     path = str(candidate.prim.GetPath())
+    check_transforms(candidate.prim)
     try:
         _check_fixed_topology(geometry, path)
     except StageError as error:
@@ -161,7 +172,7 @@ def _read_mesh(stage: Usd.Stage, candidate: Candidate, *, skip_varying: bool) ->
         faces=triangles.faces,
         polygons=triangles.polygons,
         times=times,
-        up=np.array(UP_AXES[UsdGeom.GetStageUpAxis(stage)]),
+        up=_up_axis(stage),
         meters_per_unit=float(UsdGeom.GetStageMetersPerUnit(stage)),
         rest_time=rest_time,
         uninstanced=candidate.uninstanced,
@@ -169,6 +180,11 @@ def _read_mesh(stage: Usd.Stage, candidate: Candidate, *, skip_varying: bool) ->
         skin=skin,
     )
     return replace(mesh, warnings=_mesh_warnings(mesh, triangles.degenerate))
+
+
+def _up_axis(stage: Usd.Stage) -> NDArray[np.float64]:
+    """Return the up axis (3,) of a stage; Y where it names none that exists."""
+    return np.array(UP_AXES.get(UsdGeom.GetStageUpAxis(stage), UP_AXES["Y"]))
 
 
 def _skinned(skin: Skin, rest_time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -208,7 +224,7 @@ def _rest(
 ) -> tuple[NDArray[np.floating], float]:
     """Return rest points (V, 3) and their time: the default time if it fits, else a sample's."""
     attribute = geometry.GetPointsAttr()
-    default = attribute.Get(Usd.TimeCode.Default())
+    default = _points(attribute, path, math.nan)
     if not len(samples):
         if default is None:
             raise _Skip(f"{path}: the mesh has no points")
@@ -218,16 +234,16 @@ def _rest(
             raise StageError(
                 f"{path}: points are NaN or infinite; export the mesh again or exclude it"
             )
-        return np.asarray(default), np.nan
-    used = _highest_index(geometry) + 1
+        return default, np.nan
+    used = _highest_index(geometry, path) + 1
     for time in samples:
-        value = attribute.Get(time)
+        value = _points(attribute, path, time)
         if value is None or len(value) < max(used, 1) or not np.isfinite(value).all():
             continue
         if default is not None and len(default) == len(value) and np.isfinite(default).all():
-            return np.asarray(default), np.nan
-        return np.asarray(value), float(time)
-    values = [attribute.Get(time) for time in samples]
+            return default, np.nan
+        return value, float(time)
+    values = [_points(attribute, path, time) for time in samples]
     if all(value is None for value in values):
         raise _Skip(f"{path}: the mesh has no points (all samples are blocked)")
     if all(value is None or not len(value) for value in values):
@@ -238,25 +254,35 @@ def _rest(
     )
 
 
-def _highest_index(geometry: UsdGeom.Mesh) -> int:
+def _points(attribute: Usd.Attribute, path: str, time: float) -> NDArray[np.floating] | None:
+    """Return the points (N, 3) of a mesh at a time, None without any. Raises StageError."""
+    value = attribute.Get(time_code(time))
+    try:
+        return None if value is None else point_rows(value)
+    except ValueError as error:
+        raise StageError(f"{path}: {error}; export the mesh again or exclude it") from None
+
+
+def _whole_numbers(attribute: Usd.Attribute, path: str) -> NDArray[np.int64]:
+    """Return the earliest whole numbers (N,) of an attribute. Raises StageError."""
+    try:
+        return index_row(attribute.Get(Usd.TimeCode.EarliestTime()), attribute.GetName())
+    except ValueError as error:
+        raise StageError(f"{path}: {error}; mend the mesh or exclude it") from None
+
+
+def _highest_index(geometry: UsdGeom.Mesh, path: str) -> int:
     """Return the highest vertex index of the faces, -1 without any."""
-    indices = geometry.GetFaceVertexIndicesAttr().Get(Usd.TimeCode.EarliestTime())
-    return int(np.max(indices)) if indices is not None and len(indices) else -1
+    return int(_whole_numbers(geometry.GetFaceVertexIndicesAttr(), path).max(initial=-1))
 
 
 def _triangles(geometry: UsdGeom.Mesh, path: str, rest: NDArray[np.floating]) -> Triangulation:
     """Return the triangulation of the rest pose (V, 3). Raises StageError."""
-    first = Usd.TimeCode.EarliestTime()
-    counts, indices, holes = (attribute.Get(first) for attribute in _topology(geometry))
-    flip = geometry.GetOrientationAttr().Get(first) == UsdGeom.Tokens.leftHanded
+    counts, indices, holes = (_whole_numbers(item, path) for item in _topology(geometry))
+    orientation = geometry.GetOrientationAttr().Get(Usd.TimeCode.EarliestTime())
+    flip = orientation == UsdGeom.Tokens.leftHanded
     try:
-        return triangulate(
-            () if counts is None else counts,
-            () if indices is None else indices,
-            rest,
-            holes=() if holes is None else holes,
-            flip=flip,
-        )
+        return triangulate(counts, indices, rest, holes=holes, flip=flip)
     except ValueError as error:
         raise StageError(f"{path}: {error}; mend the mesh or exclude it") from None
 

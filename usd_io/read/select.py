@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -78,6 +79,11 @@ def matching_paths(stage: Usd.Stage, expression: str) -> set[Sdf.Path]:
     Raises:
         SelectionError: the expression is ill-formed.
     """
+    if not expression.isascii():
+        raise SelectionError(
+            f"prim expression {expression!r}: takes ASCII characters only; write * for the others, "
+            f"such as {re.sub('[^ -~]+', '*', expression)!r}"
+        )
     try:
         parsed = Sdf.PathExpression(expression).MakeAbsolute(Sdf.Path.absoluteRootPath)
         if parsed.IsEmpty():

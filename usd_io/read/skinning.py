@@ -119,7 +119,7 @@ class Skin:
         """Change points in place. Raises FrameError where that fails."""
         try:
             done = change(points, time)
-        except Tf.ErrorException as error:
+        except (Tf.ErrorException, UnicodeError) as error:
             raise self._failed(time, one_line(error)) from None
         if not done:
             raise self._failed(time, "influences or blend shapes do not fit the points")

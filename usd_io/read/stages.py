@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
-from pxr import Sdf, Tf, Usd, UsdUtils
+from pxr import Sdf, Usd
 
+from usd_io.diagnostics import DAMAGE, no_diagnostics
 from usd_io.errors import StageError, UsageError, one_line
 from usd_io.paths import same_file
 
@@ -51,7 +50,7 @@ def open_stage(
         with no_diagnostics():
             stage = Usd.Stage.Open(path, load)
             broken = [one_line_of(str(error)) for error in stage.GetCompositionErrors()]
-    except Tf.ErrorException as error:
+    except DAMAGE as error:
         raise StageError(
             f"{path}: cannot be opened as USD ({one_line(error)}); export it again"
         ) from None
@@ -83,17 +82,6 @@ def check_not_an_input(stage: Usd.Stage, path: str) -> None:
                     f"{path}: is part of the input stage; choose another output, it will be a "
                     "layer over the input"
                 )
-
-
-@contextmanager
-def no_diagnostics() -> Iterator[None]:
-    """Keep warnings of pxr off the terminal; errors are exceptions anyway."""
-    delegate = UsdUtils.CoalescingDiagnosticDelegate()
-    try:
-        yield
-    finally:
-        delegate.TakeUncoalescedDiagnostics()
-        del delegate
 
 
 def one_line_of(text: str) -> str:

@@ -9,14 +9,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, Tf
+from pxr import Sdf
 
+from usd_io.diagnostics import DAMAGE, no_diagnostics, reading
 from usd_io.errors import StageError, UsageError, one_line, time_text
 from usd_io.paths import check_output_path, relative_asset_path, same_file
 from usd_io.write.atomic_layer import AtomicLayer
 from usd_io.write.metadata import get_record, set_record
 from usd_io.write.normals_sources import NORMALS, RATES
 from usd_io.write.rates import author_rates
+from usd_io.write.records import check_record, part_of
 
 LAYER_KEYS = ("subLayers", "subLayerOffsets", "customLayerData")
 RECORD_KEYS = ("version", "input", "settings", "frames", "written", "written_default")
@@ -64,7 +66,7 @@ def join_layers(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLi
     chunks = sorted((_open_chunk(os.fspath(path)) for path in paths), key=_order)
     _check_chunks(chunks, target)
     _check_complete(chunks)
-    with AtomicLayer(target) as file:
+    with AtomicLayer(target) as file, reading("the layers to join"):
         assert file.layer is not None
         first = chunks[0]
         _copy_info(first.layer.pseudoRoot, file.layer.pseudoRoot, but=LAYER_KEYS)
@@ -80,15 +82,18 @@ def join_layers(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLi
 def _open_chunk(path: str) -> _Chunk:
     """Open one input of a join. Raises StageError where it is no output of this package."""
     try:
-        layer = Sdf.Layer.FindOrOpen(path)
-    except Tf.ErrorException as error:
+        with no_diagnostics():
+            layer = Sdf.Layer.FindOrOpen(path)
+    except DAMAGE as error:
         raise StageError(f"{path}: cannot be opened ({one_line(error)}); write it again") from None
     if layer is None:
         raise StageError(f"{path}: no such layer; check the path")
-    sources = tuple(layer.ComputeAbsolutePath(item) for item in layer.subLayerPaths)
-    record = get_record(layer)
+    with reading(path):
+        sources = tuple(layer.ComputeAbsolutePath(item) for item in layer.subLayerPaths)
+        record = get_record(layer)
     if not record:
         raise StageError(f"{path}: was not written by a repair; name its outputs, not its input")
+    check_record(path, record)
     written = {prim: frozenset(times) for prim, times in record.get("written", {}).items()}
     return _Chunk(path, layer, sources, record, written)
 
@@ -123,11 +128,10 @@ def _check_chunks(chunks: Sequence[_Chunk], target: str) -> None:
 
 def _check_complete(chunks: Sequence[_Chunk]) -> None:
     """Raise StageError if layers are parts K/N, and one of the N is not there."""
-    parts = [str(chunk.record.get("settings", {}).get("chunk", "")) for chunk in chunks]
+    parts = [part_of(chunk.record.get("settings", {}).get("chunk")) for chunk in chunks]
     numbers: dict[int, set[int]] = {}
-    for index, slash, count in (part.partition("/") for part in parts):
-        if slash:
-            numbers.setdefault(int(count), set()).add(int(index))
+    for index, count in (part for part in parts if part is not None):
+        numbers.setdefault(count, set()).add(index)
     for of, present in numbers.items():
         missing = [f"{k}/{of}" for k in range(1, of + 1) if k not in present]
         if missing:
@@ -193,7 +197,7 @@ def _joined_value(chunks: Sequence[_Chunk], path: Sdf.Path, time: float) -> obje
 
     Those that changed it decide, or without any those that kept it.
     """
-    samples = [(chunk, _value(chunk.layer, path, time)) for chunk in chunks]
+    samples = [(chunk, _value(chunk, path, time)) for chunk in chunks]
     samples = [(chunk, value) for chunk, value in samples if value is not None]
     changed = [item for item in samples if item[0].changed(path.GetPrimPath(), time)]
     deciding = changed or samples
@@ -208,12 +212,13 @@ def _joined_value(chunks: Sequence[_Chunk], path: Sdf.Path, time: float) -> obje
     return value
 
 
-def _value(layer: Sdf.Layer, path: Sdf.Path, time: float) -> Any:
+def _value(chunk: _Chunk, path: Sdf.Path, time: float) -> Any:
     """Return a sample, or the default value for NaN; None if there is none."""
-    if math.isnan(time):
-        attribute = layer.GetAttributeAtPath(path)
-        return attribute.default if attribute.HasInfo("default") else None
-    return layer.QueryTimeSample(path, time)
+    with reading(f"{chunk.path}: {path}"):
+        if math.isnan(time):
+            attribute = chunk.layer.GetAttributeAtPath(path)
+            return attribute.default if attribute.HasInfo("default") else None
+        return chunk.layer.QueryTimeSample(path, time)
 
 
 def _same(first: Any, second: Any) -> bool:

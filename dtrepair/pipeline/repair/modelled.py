@@ -16,7 +16,7 @@ from dtrepair.pipeline.repair.modelled_parts import ModelledParts
 from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.frames import read_frame
 from dtrepair.pipeline.stages.rest import Rest
-from dtrepair.pipeline.stages.sources import Source, SourceMesh, time_label
+from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time, time_label
 
 if TYPE_CHECKING:
     from dtrepair.intersect.detector import Detector
@@ -174,7 +174,8 @@ class _Meshes:
         )
         sizes = [len(mesh.faces) for mesh in source.meshes]
         self.mesh_of = np.repeat(np.arange(len(sizes)), sizes)
-        self.rest = _placed(source, float(source.all_times[0]), [rest.points for rest in rests])
+        self._time = placing_time(source, source.all_times)
+        self.rest = _placed(source, self._time, [rest.points for rest in rests])
         welded = [weld_map(self.rest[a:b]) + a for a, b in pairwise(starts)]
         self.weld = np.concatenate(welded).astype(np.int32)
         self.bound = np.array([_is_bound(mesh) for mesh in source.meshes])
@@ -183,7 +184,7 @@ class _Meshes:
         """Return the triangles (F, 3) as a repair has them: facing out of closed parts."""
         from dtrepair.repair.surface.containment import oriented_outwards
 
-        time, several = float(self.source.all_times[0]), len(self.source.meshes) > 1
+        time, several = self._time, len(self.source.meshes) > 1
         faces = []
         for mesh, start, end in zip(self.source.meshes, *self._ends, strict=True):
             own = outward_faces(mesh, time) if several else mesh.faces

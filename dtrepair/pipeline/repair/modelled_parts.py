@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.pipeline.observer import ModelledFound, Observer, warn
 from dtrepair.pipeline.stages.bodies import unclear_sides
-from dtrepair.pipeline.stages.sources import Source
+from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time
 from dtrepair.report.modelled import (
     LISTED_ATTACHED,
     AttachedList,
@@ -194,8 +194,8 @@ class ModelledParts:
     @cached_property
     def _rest(self) -> FloatArray:
         """Points (V, 3) of all meshes before anything deforms them, world space."""
-        time = float(self.source.all_times[0])
-        placed = [self.source.to_world(mesh, time, mesh.rest) for mesh in self.source.meshes]
+        time = placing_time(self.source, self.source.all_times)
+        placed = [self._in_world(mesh, time, mesh.rest) for mesh in self.source.meshes]
         return np.concatenate(placed) + self.source.origin
 
     @cached_property
@@ -213,8 +213,17 @@ class ModelledParts:
         corners = self._faces[np.unique(contacts)]
         middle = points[corners].astype(np.float64).mean(axis=(0, 1))
         if len(self.source.meshes) == 1:
-            middle = self.source.to_world(self.source.meshes[0], time, middle[None])[0]
+            middle = self._in_world(self.source.meshes[0], time, middle[None])[0]
         return self._told(middle + self.source.origin)
+
+    def _in_world(self, mesh: SourceMesh, time: float, points: NDArray[Any]) -> FloatArray:
+        """Return points in world space; as they are where the transform is no number."""
+        from usd_io import FrameError
+
+        try:
+            return np.asarray(self.source.to_world(mesh, time, points))
+        except FrameError:
+            return np.asarray(points, dtype=np.float64)
 
 
 def tell_modelled(

@@ -14,7 +14,13 @@ from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
 from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import Rest
-from dtrepair.pipeline.stages.sources import Source, SourceMesh, StageSource
+from dtrepair.pipeline.stages.sources import (
+    Source,
+    SourceMesh,
+    StageSource,
+    placing_time,
+    usable_times,
+)
 from dtrepair.wording import counted
 
 if TYPE_CHECKING:
@@ -157,7 +163,7 @@ def make_bodies(
     from dtrepair.repair.scene.bodies import Body
 
     several = len(source.meshes) > 1
-    time, met = float(source.times[0]), list[tuple[int, int]]()
+    time, met = placing_time(source, source.times), list[tuple[int, int]]()
     if several:
         time, met = _time_of_rest(source, rests)
         met = [pair for pair in met if mode != "self" and pair not in controls.ignored]
@@ -194,11 +200,12 @@ def _time_of_rest(source: Source, rests: list[Rest]) -> tuple[float, list[tuple[
     from dtrepair.intersect.scene_counts import SceneCounter
 
     count = min(PLACEMENTS, len(source.all_times))
-    times = source.all_times[np.linspace(0, len(source.all_times) - 1, count).astype(int)]
+    chosen = source.all_times[np.linspace(0, len(source.all_times) - 1, count).astype(int)]
+    times = usable_times(source, chosen) or [placing_time(source, source.all_times)]
     counter: SceneCounter | None = None
     best, least = float(times[0]), -1
     met: list[tuple[int, int]] = []
-    for time in times.tolist():
+    for time in times:
         meshes = zip(source.meshes, rests, strict=True)
         placed = [source.to_world(mesh, time, rest.points) for mesh, rest in meshes]
         if counter is None:
@@ -241,7 +248,8 @@ def in_units_of_frames(source: Source, options: RepairOptions) -> RepairOptions:
     One mesh is repaired in its local space, whose units a transform may stretch: the result keeps
     at least the clearance and stays within the largest displacement.
     """
-    if len(source.meshes) > 1 or not isinstance(source, StageSource):
+    lengths = options.clearance or options.maximum_displacement is not None
+    if not lengths or len(source.meshes) > 1 or not isinstance(source, StageSource):
         return options
     mesh, time = source.meshes[0], float(source.times[0])
     corners = source.to_world(mesh, time, np.concatenate([np.zeros((1, 3)), np.eye(3)]))

@@ -10,7 +10,7 @@ import numpy as np
 from dtrepair.numerics.geometry import weld_map
 from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.frames import Frame
-from dtrepair.pipeline.stages.sources import Source
+from dtrepair.pipeline.stages.sources import Source, placing_time
 from dtrepair.report.record import EnclosedRecord
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class EnclosedParts:
 
         self.paths = [mesh.path for mesh in source.meshes]
         self.mode, self.ignored = mode, set(ignored)
-        time, several = float(source.times[0]), len(source.meshes) > 1
+        time, several = placing_time(source, source.times), len(source.meshes) > 1
         rests, faces, owners, start = [], [], [], 0
         for index, mesh in enumerate(source.meshes):
             own = outward_faces(mesh, time) if several else mesh.faces

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import InputError
-from dtrepair.pipeline.stages.sources import Source
+from dtrepair.pipeline.stages.sources import Source, placing_time
 from dtrepair.report.record import FrameRecord, PrimRecord
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def make_counter(
     """
     from dtrepair.intersect.scene_counts import SceneCounter
 
-    time = float(source.times[0])
+    time = placing_time(source, source.times)
     several = len(source.meshes) > 1
     rests = [source.to_world(m, time, m.rest) if several else m.rest for m in source.meshes]
     faces = [mesh.faces for mesh in source.meshes]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.pipeline.errors import UsageError
+from dtrepair.pipeline.errors import InputError, UsageError
 from dtrepair.pipeline.selection import Selection
 
 if TYPE_CHECKING:
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 USD_EXTENSIONS = (".usd", ".usda", ".usdc", ".usdz")
 Points = NDArray[Any]
 
+# Coordinates beyond have no float32.
+LARGEST = float(np.finfo(np.float32).max)
 # World coordinates whose float32 steps are a larger part of the scene are taken from its middle.
 COARSE = 1e-5
 
@@ -58,7 +61,7 @@ class Source(Protocol):
         """Local points (V, 3) float32; None for a blocked sample. Raises FrameError."""
 
     def to_world(self, mesh: SourceMesh, time: float, points: Points) -> Points:
-        """Points in the common space of all meshes, float64."""
+        """Points in the common space of all meshes, float64. Raises FrameError."""
 
     def to_local(self, mesh: SourceMesh, time: float, points: Points) -> Points:
         """The inverse of `to_world`. Raises FrameError."""
@@ -72,6 +75,37 @@ def is_stage(path: str) -> bool:
 def time_label(time: float | None) -> str:
     """Name of a frame in a table: its time code, or `default` for a pose without a time."""
     return "default" if time is None or math.isnan(time) else f"{time:.10g}"
+
+
+def usable_times(source: Source, times: Iterable[float]) -> list[float]:
+    """Return those of the times at which every mesh has a transform that is a number."""
+    return [float(time) for time in times if _misplaced(source, float(time)) is None]
+
+
+def placing_time(source: Source, times: Iterable[float]) -> float:
+    """Return the first of the times at which rests can be placed in the common space.
+
+    Raises InputError where a transform is no number at all of them.
+    """
+    first: Exception | None = None
+    for time in times:
+        wrong = _misplaced(source, float(time))
+        if wrong is None:
+            return float(time)
+        first = first or wrong
+    raise InputError(f"{source.name}: no frame could be used: {first}")
+
+
+def _misplaced(source: Source, time: float) -> Exception | None:
+    """Return why rests cannot be placed at a time; None if they can, as one mesh always is."""
+    from usd_io import FrameError
+
+    try:
+        for mesh in source.meshes if len(source.meshes) > 1 else ():
+            source.to_world(mesh, time, mesh.rest)
+    except FrameError as error:
+        return error
+    return None
 
 
 def open_source(
@@ -151,7 +185,7 @@ class StageSource:
     def _read(self, selection: Selection, prim: str | None) -> MeshSelection:
         import usd_io
 
-        return usd_io.read_meshes(
+        found = usd_io.read_meshes(
             self.opened,
             prim=prim,
             exclude=selection.exclude,
@@ -160,13 +194,18 @@ class StageSource:
             skip_varying=selection.skip_varying,
             uninstance=selection.uninstance,
         )
+        if not found.meshes:
+            error = InputError if prim is None else UsageError
+            raise error(f"{self.name}: no usable mesh: {'; '.join(found.warnings)}")
+        return found
 
     def _leave_coarse_coordinates(self) -> None:
         """Take world points from the middle of a scene that lies far from the world's origin.
 
         Looks at the whole clip, so that the parts of a farm agree.
         """
-        times = self.all_times[[0, len(self.all_times) // 2, -1]].tolist()
+        usable = usable_times(self, self.all_times[[0, len(self.all_times) // 2, -1]])
+        times = usable or [placing_time(self, self.all_times)]
         boxes = [np.stack([mesh.rest.min(axis=0), mesh.rest.max(axis=0)]) for mesh in self.meshes]
         corners = [
             self.to_world(mesh, time, box[which, range(3)])
@@ -198,7 +237,12 @@ class StageSource:
 
         matrix = usd_io.world_matrix(mesh.handle, time)
         matrix[3, :3] -= self.origin
-        return usd_io.transform_points(points, matrix)
+        moved = usd_io.transform_points(points, matrix)
+        if moved.size and not np.abs(moved).max() < LARGEST:
+            raise usd_io.FrameError(
+                mesh.path, time, "points leave the range of float32 in world space; mend the scale"
+            )
+        return moved
 
     def to_local(self, mesh: SourceMesh, time: float, points: Points) -> Points:
         """Local points, float64. Raises FrameError where the transform flattens space."""

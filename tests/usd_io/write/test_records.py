@@ -1,0 +1,68 @@
+"""Layers to join whose record or samples are damaged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pxr import Sdf
+
+from tests.usd_io.read.test_damaged import with_count
+from tests.usd_io.write.test_joining import chunk
+from tests.usd_stages import cube_file, moved_cube
+from usd_io import StageError, join_layers
+from usd_io.write.records import check_record, part_of
+
+GOOD = {"settings": {"chunk": "1/2"}, "frames": [1.0], "written": {"/A": [1.0]}}
+
+
+def test_parts_are_numbers_of_a_split() -> None:
+    assert part_of("2/10") == (2, 10)
+    wrong = ["", "0/2", "3/2", "x/2", "1/", "1/2/3", "-1/2", "1/99999999999", "\u0661/2", None, 3]
+    assert not any(part_of(text) for text in wrong)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("settings", None),
+        ("settings", "text"),
+        ("settings", {"chunk": "one/two"}),
+        ("settings", {"chunk": 5}),
+        ("written", None),
+        ("written", [1.0]),
+        ("written", {"/A": None}),
+        ("written", {"/A": ["x"]}),
+        ("frames", None),
+        ("frames", [float("nan")]),
+        ("written_default", None),
+        ("written_default", "/A"),
+        ("written_default", [1.0]),
+    ],
+)
+def test_an_entry_of_a_wrong_type_is_named(name: str, value: Any) -> None:
+    check_record("a.usdc", GOOD)
+    with pytest.raises(StageError, match=rf"^a\.usdc: entry '{name}.*' of its record is damaged"):
+        check_record("a.usdc", {**GOOD, name: value})
+
+
+def test_a_record_that_another_program_changed_is_refused(tmp_path: Path) -> None:
+    path = cube_file(tmp_path / "in.usdc", times=[1.0, 2.0])
+    parts = [chunk(path, tmp_path / f"{time:.0f}.usda", [time]) for time in (1.0, 2.0)]
+    layer = Sdf.Layer.FindOrOpen(str(parts[1]))
+    record = layer.customLayerData["dtrepair"]
+    layer.customLayerData = {"dtrepair": {**record, "frames": "none"}}
+    layer.Save()
+    with pytest.raises(StageError, match=r"2\.usda: entry 'frames' of its record is damaged"):
+        join_layers(parts, tmp_path / "out.usdc")
+    assert not (tmp_path / "out.usdc").exists()
+
+
+def test_a_sample_that_cannot_be_read_names_layer_and_attribute(tmp_path: Path) -> None:
+    path = cube_file(tmp_path / "in.usdc", times=[1.0, 2.0])
+    parts = [chunk(path, tmp_path / f"{k}.usdc", [float(k)], change=0.0) for k in (1, 2)]
+    with_count(parts[1], moved_cube(2.0).tobytes(), 100)
+    with pytest.raises(StageError, match=r"2\.usdc: /Root/Cube\.points: cannot be read \("):
+        join_layers(parts, tmp_path / "out.usdc")
+    assert not (tmp_path / "out.usdc").exists()

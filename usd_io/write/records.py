@@ -1,0 +1,67 @@
+"""The record of an output layer, checked before a join: another program may have changed it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from usd_io.errors import StageError
+
+_PART = re.compile(r"([0-9]{1,9})/([0-9]{1,9})")
+
+
+def check_record(path: str, record: Mapping[str, Any]) -> None:
+    """Raise StageError, which names the layer and the entry, for a record of wrong types."""
+    settings, written = record.get("settings", {}), record.get("written", {})
+    for name, value, good in (
+        ("settings", settings, isinstance(settings, Mapping)),
+        ("written", written, isinstance(written, Mapping) and all(map(_times, written.values()))),
+        ("frames", record.get("frames", ()), _times(record.get("frames", ()))),
+        ("written_default", record.get("written_default", ()), _texts(record)),
+    ):
+        if not good:
+            raise _damaged(path, name, value)
+    part = settings.get("chunk")
+    if part is not None and part_of(part) is None:
+        raise _damaged(path, "settings:chunk", part)
+
+
+def part_of(text: object) -> tuple[int, int] | None:
+    """Return the part K and the number N of parts of a text "K/N", 1 <= K <= N; else None."""
+    match = _PART.fullmatch(text) if isinstance(text, str) else None
+    if match is None or not 1 <= int(match[1]) <= int(match[2]):
+        return None
+    return int(match[1]), int(match[2])
+
+
+def _times(value: object) -> bool:
+    """Return whether a value is a row of finite numbers."""
+    try:
+        row = np.asarray(value)
+    except (TypeError, ValueError):
+        return False
+    if row.ndim != 1 or (row.size and row.dtype.kind not in "fiu"):
+        return False
+    return not row.size or bool(np.isfinite(row).all())
+
+
+def _texts(record: Mapping[str, Any]) -> bool:
+    """Return whether the meshes changed at the default time are a row of texts."""
+    value = record.get("written_default", ())
+    if value is None or isinstance(value, str | Mapping | float):
+        return False
+    try:
+        return all(isinstance(item, str) for item in value)
+    except TypeError:
+        return False
+
+
+def _damaged(path: str, name: str, value: object) -> StageError:
+    """Return the error of a wrong entry."""
+    kind = "nothing" if value is None else type(value).__name__
+    return StageError(
+        f"{path}: entry {name!r} of its record is damaged (got {kind}); write the layer again"
+    )

@@ -327,7 +327,8 @@ def _redirected(planes: Planes, moving: Tensor, fixed: Tensor) -> tuple[Planes, 
 
 def _unit(vectors: Tensor) -> Tensor:
     length = vectors.norm(dim=1, keepdim=True)
-    return vectors / length.clamp_min(torch.finfo(vectors.dtype).tiny)
+    unit: Tensor = vectors / length.clamp_min(torch.finfo(vectors.dtype).tiny)
+    return unit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -351,12 +352,11 @@ class EnergyOptions:
         kernel = self.by_name[choices.energy]
         if not isinstance(kernel, SignedTangentPoint | UnsignedTangentPoint):
             return kernel
-        exponent, power = choices.kernel_exponent, choices.kernel_power
-        return replace(
-            kernel,
-            exponent=kernel.exponent if exponent is None else exponent,
-            power=kernel.power if power is None else power,
-        )
+        if choices.kernel_exponent is not None:
+            kernel = replace(kernel, exponent=choices.kernel_exponent)
+        if choices.kernel_power is not None:
+            kernel = replace(kernel, power=choices.kernel_power)
+        return kernel
 
     @property
     def by_name(self) -> dict[str, Kernel]:

@@ -185,12 +185,12 @@ def test_what_goes_wrong_has_a_code(tmp_path: Path, clip: Path) -> None:
         repair_stage(str(clip), output, chunk="3/2")
     with pytest.raises(UsageError, match="--device"):
         repair_stage(str(clip), output, options=RepairOptions(method="paper"), device="gpu")
-    with pytest.raises(UsageError, match="--direction"):
+    with pytest.raises(UsageError, match="--layer"):
         repair_stage(
             str(clip),
             output,
             options=RepairOptions(method="paper"),
-            objects=ObjectOptions(direction="hand=0,1,0"),
+            objects=ObjectOptions(layer=("hand=1",)),
         )
     for choices in ({"resume": True}, {"settings": RepairSettings(chunk="1/2")}):
         with pytest.raises(UsageError, match="--distributed"):

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    diagonal,
+    dots,
+    lengths,
+    vector_areas,
+)
 
 
 def displacements(before: FloatArray, after: FloatArray) -> FloatArray:
@@ -33,6 +40,20 @@ def distortion(before: FloatArray, after: FloatArray, edges: IntArray) -> float:
     """
     moved = float(displacements(before, after).mean())
     return edge_log_ratio(before, after, edges) + 2.0 * moved
+
+
+def normal_consistency(before: FloatArray, after: FloatArray, faces: IntArray) -> float:
+    """Return the mean cosine between the normals of triangles (F, 3) before and after, by area.
+
+    1 for a motion that turns nothing. Triangles that have no area in either pose are left out.
+    """
+    first, second = vector_areas(before, faces), vector_areas(after, faces)
+    sizes = lengths(first), lengths(second)
+    solid = (sizes[0] > 0) & (sizes[1] > 0)
+    if not solid.any():
+        return 1.0
+    cosines = dots(first, second)[solid] / (sizes[0] * sizes[1])[solid]
+    return float(np.average(cosines, weights=sizes[0][solid]))
 
 
 def volume(points: FloatArray, faces: IntArray) -> float:

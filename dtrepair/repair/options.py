@@ -9,8 +9,12 @@ from numbers import Integral
 from dtrepair.intersect import MODES
 
 METHODS = ("full", "paper")
-OPTIMIZERS = ("momentum-brake", "uniform-adam", "gradient-descent")
+OPTIMIZERS = ("momentum-brake", "uniform-adam", "adam", "gradient-descent")
 ENERGIES = ("signed-tpe", "tpe", "point-to-plane", "conical")
+LAPLACIANS = ("rest", "input")
+BRAKE_MASKS = ("component", "vertex")
+# Energies with two exponents.
+TANGENT_POINT = ("signed-tpe", "tpe")
 # Stages of the full method that can be left out.
 STAGES = ("volume", "fill", "insist", "pull-back", "relax", "edges", "unbend")
 REST_CONTACTS = ("auto", "repair", "leave")
@@ -46,6 +50,14 @@ class RepairOptions:
         regularization: beta of the paper's shape term, times the mean square.
         optimizer: Of the paper's loop.
         energy: Of the paper's loop.
+        laplacian: Pose that the Laplacian of the paper's loop is of: "rest", factored once for all
+            poses, or "input", the pose itself, as published.
+        kernel_exponent: Of the height in the tangent-point energies, odd; None: 1, as the authors'
+            code has it. Their text has 3.
+        kernel_power: Of the distance in the tangent-point energies; None: 1. Their text has 6.
+        learning_rate: Of the paper's optimiser; None: what suits it and the energy.
+        brake_band: Half width of the band of "momentum-brake", standard deviations; None: 3.
+        brake_mask: What leaves that band: a "component" (None) or a "vertex" with all of its three.
         tighten: Rounds that pull a clean result back towards the input; 0 switches it off.
         maximum_displacement: No vertex moves farther, in length units; None: no limit.
         clearance: Distance that triangles of a result keep that are not neighbours, length units.
@@ -69,6 +81,12 @@ class RepairOptions:
     regularization: float = 1e6
     optimizer: str = "momentum-brake"
     energy: str = "signed-tpe"
+    laplacian: str = "rest"
+    kernel_exponent: int | None = None
+    kernel_power: float | None = None
+    learning_rate: float | None = None
+    brake_band: float | None = None
+    brake_mask: str | None = None
     tighten: int = 4
     maximum_displacement: float | None = None
     clearance: float = 0.0
@@ -79,40 +97,9 @@ class RepairOptions:
 
     def __post_init__(self) -> None:
         """Check every choice."""
-        names = {
-            "method": METHODS,
-            "mode": MODES,
-            "optimizer": OPTIMIZERS,
-            "energy": ENERGIES,
-            "rest_contacts": REST_CONTACTS,
-        }
-        for name, allowed in names.items():
-            if getattr(self, name) not in allowed:
-                raise OptionError(
-                    name, f"should be one of {', '.join(allowed)}, got {getattr(self, name)!r}"
-                )
-        if unknown := set(self.skip) - set(STAGES):
-            known = ", ".join(STAGES)
-            raise OptionError("skip", f"should hold some of {known}, got {sorted(unknown)}")
-        for name in ("iterations", "tighten"):
-            if not isinstance(getattr(self, name), Integral):
-                raise OptionError(name, f"should be a whole number, got {getattr(self, name)}")
-        for name in (
-            "diffusion",
-            "regularization",
-            "clearance",
-            "maximum_displacement",
-            "effort",
-        ):
-            if isinf(getattr(self, name) or 0.0):
-                raise OptionError(name, f"should be finite, got {getattr(self, name)}")
-        least = {"iterations": 1, "tighten": 0, "regularization": 0.0, "clearance": 0.0}
-        for name, lowest in least.items():
-            if not getattr(self, name) >= lowest:
-                raise OptionError(name, f"should be at least {lowest}, got {getattr(self, name)}")
-        for name in ("diffusion", "effort"):
-            if not getattr(self, name) > 0:
-                raise OptionError(name, f"should be positive, got {getattr(self, name)}")
+        self._check_names()
+        self._check_numbers()
+        self._check_loop()
         limit = self.maximum_displacement
         if limit is not None and not limit >= 0:
             raise OptionError("maximum_displacement", f"should be at least 0, got {limit}")
@@ -122,3 +109,63 @@ class RepairOptions:
                 "and clearance should be left out with the method paper, which knows neither: "
                 'use "full"',
             )
+
+    def _check_names(self) -> None:
+        names: dict[str, tuple[str | None, ...]] = {
+            "method": METHODS,
+            "mode": MODES,
+            "optimizer": OPTIMIZERS,
+            "energy": ENERGIES,
+            "laplacian": LAPLACIANS,
+            "brake_mask": (None, *BRAKE_MASKS),
+            "rest_contacts": REST_CONTACTS,
+        }
+        for name, allowed in names.items():
+            if getattr(self, name) not in allowed:
+                known = ", ".join(filter(None, allowed))
+                raise OptionError(name, f"should be one of {known}, got {getattr(self, name)!r}")
+        if unknown := set(self.skip) - set(STAGES):
+            known = ", ".join(STAGES)
+            raise OptionError("skip", f"should hold some of {known}, got {sorted(unknown)}")
+
+    def _check_numbers(self) -> None:
+        for name in ("iterations", "tighten", "kernel_exponent"):
+            if not isinstance(getattr(self, name), Integral | None):
+                raise OptionError(name, f"should be a whole number, got {getattr(self, name)}")
+        for name in (
+            "diffusion",
+            "regularization",
+            "clearance",
+            "maximum_displacement",
+            "effort",
+            "kernel_power",
+            "learning_rate",
+            "brake_band",
+        ):
+            if isinf(getattr(self, name) or 0.0):
+                raise OptionError(name, f"should be finite, got {getattr(self, name)}")
+        least = {"iterations": 1, "tighten": 0, "regularization": 0.0, "clearance": 0.0}
+        for name, lowest in least.items():
+            if not getattr(self, name) >= lowest:
+                raise OptionError(name, f"should be at least {lowest}, got {getattr(self, name)}")
+        positive = ("diffusion", "effort", "kernel_power", "learning_rate", "brake_band")
+        for name in positive:
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise OptionError(name, f"should be positive, got {value}")
+
+    def _check_loop(self) -> None:
+        """Check the numbers of the published loop that only some of its parts have."""
+        exponent = self.kernel_exponent
+        if exponent is not None and (exponent < 1 or exponent % 2 == 0):
+            raise OptionError(
+                "kernel_exponent",
+                f"should be odd and positive, got {exponent}: an even one loses the sign",
+            )
+        for name in ("kernel_exponent", "kernel_power"):
+            if getattr(self, name) is not None and self.energy not in TANGENT_POINT:
+                known = " and ".join(TANGENT_POINT)
+                raise OptionError(name, f"is of the energies {known}, got {self.energy!r}")
+        for name in ("brake_band", "brake_mask"):
+            if getattr(self, name) is not None and self.optimizer != "momentum-brake":
+                raise OptionError(name, f"is of momentum-brake, got {self.optimizer!r}")

@@ -97,6 +97,9 @@ class FrameRecord:
 
     enclosed: None where nobody looked. modelled: modelled contacts by pairs of parts.
     left: what a repair left, of all objects.
+    geodesic: the largest distance along a mesh between two of its triangles that still intersect,
+    of the mesh's largest coordinate range: small where only creases are left. normal_consistency:
+    mean cosine between normals of triangles before and after. Both None where nothing was repaired.
     """
 
     time: float | None
@@ -114,12 +117,17 @@ class FrameRecord:
     stages: tuple[StageRecord, ...] = ()
     modelled: ModelledList = field(default_factory=ModelledList)
     left: Diagnosis = field(default_factory=Diagnosis)
+    geodesic: float | None = None
+    normal_consistency: float | None = None
 
     def document(self) -> dict[str, Any]:
         """Return the frame as plain values; what is modelled or left only where something is."""
         content = asdict(self)
         for name in ("modelled", "left"):
             if not getattr(self, name):
+                del content[name]
+        for name in ("geodesic", "normal_consistency"):
+            if content[name] is None:
                 del content[name]
         return content
 

@@ -120,6 +120,8 @@ _FRAME = _object(
     "enclosed",
     "modelled",
     "left",
+    "geodesic",
+    "normal_consistency",
     time={"type": ["number", "null"]},
     status={"type": "string", "enum": list(STATUSES)},
     message=_TEXT,
@@ -129,6 +131,8 @@ _FRAME = _object(
     seconds=_AMOUNT,
     displacement_max=_AMOUNT,
     displacement_mean=_AMOUNT,
+    geodesic=_AMOUNT,
+    normal_consistency={"type": "number"},
     prims={
         "type": "array",
         "items": _object("motion", path=_TEXT, before=_COUNTS, after=_COUNTS, motion=_MOTION),

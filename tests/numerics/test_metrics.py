@@ -13,6 +13,7 @@ from dtrepair.numerics.metrics import (
     distortion,
     edge_log_ratio,
     jitter,
+    normal_consistency,
     volume,
 )
 from tests.meshes import grid, icosphere, joined, torus
@@ -30,6 +31,27 @@ def test_displacements_are_relative_to_the_diagonal() -> None:
     assert found[7] == pytest.approx(5.0 / diagonal(points), rel=1e-12)
     assert (np.delete(found, 7) == 0).all()
     assert displacements(10 * points, 10 * moved) == pytest.approx(found, rel=1e-12)
+
+
+def test_normals_are_as_consistent_as_the_turn_is_small() -> None:
+    points, faces = SPHERE
+    c, s = np.cos(0.3), np.sin(0.3)
+    turned = points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    assert normal_consistency(points, 3.0 * points + 1.0, faces) == pytest.approx(1.0)
+    assert normal_consistency(points, points, faces[:, ::-1]) == pytest.approx(1.0)
+    # A mirror turns what it does not flip: a third of the squares lies along its axis.
+    mirrored = points * (-1.0, 1.0, 1.0)
+    assert normal_consistency(points, mirrored, faces) == pytest.approx(-1.0 / 3.0, abs=1e-3)
+    # About an axis normals turn by the sine of their angle to it: two thirds, squared.
+    expected = 1.0 - (1.0 - c) * 2.0 / 3.0
+    assert normal_consistency(points, turned, faces) == pytest.approx(expected, abs=1e-3)
+
+
+def test_triangles_without_area_have_no_normal() -> None:
+    flat, faces = grid(1, 1)
+    closed = np.concatenate([faces, [[0, 0, 1]]]).astype(np.int32)
+    assert normal_consistency(flat, flat, closed) == pytest.approx(1.0)
+    assert normal_consistency(flat, flat, closed[-1:]) == 1.0
 
 
 def test_displacements_of_a_point_are_absolute() -> None:

@@ -10,7 +10,9 @@ import pytest
 
 from dtrepair.intersect import MODES
 from dtrepair.repair.options import (
+    BRAKE_MASKS,
     ENERGIES,
+    LAPLACIANS,
     METHODS,
     OPTIMIZERS,
     REST_CONTACTS,
@@ -23,6 +25,8 @@ NAMES = {
     "optimizer": OPTIMIZERS,
     "energy": ENERGIES,
     "rest_contacts": REST_CONTACTS,
+    "laplacian": LAPLACIANS,
+    "brake_mask": BRAKE_MASKS,
 }
 
 
@@ -38,7 +42,7 @@ def test_names_are_checked(name: str) -> None:
     with pytest.raises(ValueError, match=f"{name} should be one of .*, got 'wrong'"):
         made(name, "wrong")
     with pytest.raises(ValueError, match=f"{name} should be one of"):
-        made(name, None)
+        made(name, "")
 
 
 @pytest.mark.parametrize(
@@ -60,21 +64,44 @@ def test_numbers_have_a_least_value(name: str, wrong: float, least: float) -> No
     assert getattr(made(name, least), name) == least
 
 
+POSITIVE = ["diffusion", "kernel_power", "learning_rate", "brake_band"]
+
+
+@pytest.mark.parametrize("name", POSITIVE)
 @pytest.mark.parametrize("wrong", [0.0, -99.0, float("nan")])
-def test_diffusion_is_positive(wrong: float) -> None:
-    with pytest.raises(ValueError, match="diffusion should be positive"):
-        RepairOptions(diffusion=wrong)
+def test_some_numbers_are_positive(name: str, wrong: float) -> None:
+    with pytest.raises(ValueError, match=f"{name} should be positive"):
+        made(name, wrong)
+
+
+@pytest.mark.parametrize("wrong", [2, 0, -1])
+def test_an_even_exponent_is_refused(wrong: int) -> None:
+    with pytest.raises(ValueError, match=f"exponent should be odd and positive, got {wrong}"):
+        RepairOptions(kernel_exponent=wrong)
 
 
 @pytest.mark.parametrize(
-    "name", ["diffusion", "regularization", "clearance", "maximum_displacement"]
+    "chosen",
+    [
+        {"kernel_exponent": 3, "energy": "conical"},
+        {"kernel_power": 6.0, "energy": "point-to-plane"},
+        {"brake_band": 2.0, "optimizer": "adam"},
+        {"brake_mask": "vertex", "optimizer": "gradient-descent"},
+    ],
+    ids=str,
 )
+def test_numbers_belong_to_what_has_them(chosen: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=f"{next(iter(chosen))} is of .*, got"):
+        RepairOptions(**chosen)
+
+
+@pytest.mark.parametrize("name", [*POSITIVE, "regularization", "clearance", "maximum_displacement"])
 def test_numbers_are_finite(name: str) -> None:
     with pytest.raises(ValueError, match=f"{name} should be finite"):
         made(name, float("inf"))
 
 
-@pytest.mark.parametrize("name", ["iterations", "tighten"])
+@pytest.mark.parametrize("name", ["iterations", "tighten", "kernel_exponent"])
 def test_counts_are_whole(name: str) -> None:
     with pytest.raises(ValueError, match=f"{name} should be a whole number, got 2.5"):
         made(name, 2.5)

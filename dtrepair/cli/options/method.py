@@ -12,7 +12,9 @@ from dtrepair.cli.options.fields import Function, as_object
 from dtrepair.intersect import MODES
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.repair.options import (
+    BRAKE_MASKS,
     ENERGIES,
+    LAPLACIANS,
     METHODS,
     OPTIMIZERS,
     REST_CONTACTS,
@@ -21,7 +23,18 @@ from dtrepair.repair.options import (
 )
 
 # Options of the published loop alone; the full method has none of them.
-_PAPER_ONLY = ("iterations", "regularization", "optimizer", "energy")
+_PAPER_ONLY = (
+    "iterations",
+    "regularization",
+    "optimizer",
+    "energy",
+    "laplacian",
+    "kernel_exponent",
+    "kernel_power",
+    "learning_rate",
+    "brake_band",
+    "brake_mask",
+)
 
 _OPTIONS: dict[str, dict[str, Any]] = {
     "method": {
@@ -79,6 +92,34 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "optimizer": {"type": click.Choice(OPTIMIZERS), "help": "--method paper."},
     "energy": {"type": click.Choice(ENERGIES), "help": "--method paper."},
+    "laplacian": {
+        "type": click.Choice(LAPLACIANS),
+        "help": "Pose that the Laplacian is of; --method paper.",
+    },
+    "kernel_exponent": {
+        "type": int,
+        "metavar": "A",
+        "help": "Of the height, odd; default: 1. --method paper.",
+    },
+    "kernel_power": {
+        "type": float,
+        "metavar": "Q",
+        "help": "Of the distance; default: 1. --method paper.",
+    },
+    "learning_rate": {
+        "type": float,
+        "metavar": "RATE",
+        "help": "Of the optimiser; default: what suits it. --method paper.",
+    },
+    "brake_band": {
+        "type": float,
+        "metavar": "S",
+        "help": "Of momentum-brake, standard deviations; default: 3. --method paper.",
+    },
+    "brake_mask": {
+        "type": click.Choice(BRAKE_MASKS),
+        "help": "What momentum-brake stops: a component (default) or a vertex. --method paper.",
+    },
 }
 # Options of the full method alone.
 _FULL_ONLY = (

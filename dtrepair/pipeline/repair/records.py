@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dtrepair import diagnosis
 from dtrepair.diagnosis import Advice, Status, merged, sentence
-from dtrepair.numerics.geometry import FloatArray, IntArray, unique_edges
+from dtrepair.numerics.geometry import FloatArray, IntArray, pair_keys, unique_edges
 from dtrepair.pipeline.repair.modelled_parts import ModelledParts
 from dtrepair.pipeline.stages.frames import Frame, frame_time
 from dtrepair.pipeline.stages.sources import Source
@@ -87,7 +87,35 @@ class FrameRecorder:
             modelled=self.modelled.in_frame(frame.time, before, frame.spaces, after, spaces),
             stages=tuple(StageRecord(*astuple(stage)) for stage in results[0].stages),
             left=left,
+            geodesic=self._geodesic(new, after),
+            # A pose that stays where it was turns no normal.
+            normal_consistency=(
+                self._normal_consistency(old, new) if any(part.any() for part in moved) else 1.0
+            ),
         )
+
+    def _geodesic(self, points: Sequence[FloatArray], count: SceneCount) -> float:
+        """How far apart along a mesh triangles are that still intersect: the worst of all."""
+        from dtrepair.numerics.geodesics import largest_geodesic
+
+        if not count.total.pairs:
+            return 0.0
+        meant = np.isin(pair_keys(count.every_pair), pair_keys(count.modelled))
+        left, start, found = count.every_pair[~meant], 0, 0.0
+        for mesh, pose in zip(self.source.meshes, points, strict=True):
+            own = left - start
+            within = ((own >= 0) & (own < len(mesh.faces))).all(axis=1)
+            found = max(found, largest_geodesic(pose, mesh.faces, own[within]))
+            start += len(mesh.faces)
+        return found
+
+    def _normal_consistency(self, old: Sequence[FloatArray], new: Sequence[FloatArray]) -> float:
+        """Mean over the triangles of all meshes, by their area."""
+        from dtrepair.numerics.metrics import normal_consistency
+
+        meshes, starts = self.source.meshes, np.cumsum([0, *(len(pose) for pose in old)])
+        faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
+        return normal_consistency(np.concatenate(old), np.concatenate(new), np.concatenate(faces))
 
     def _motion(
         self, index: int, old: FloatArray, new: FloatArray, moved: FloatArray

@@ -47,7 +47,7 @@ class RepairSettings:
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
         parse_chunk(self.chunk)
-        for name in ("direction", "attach", "layer") if self.options.method == "paper" else ():
+        for name in ("attach", "layer") if self.options.method == "paper" else ():
             if getattr(self.objects, name):
                 raise UsageError(f"--{name}: has no effect with --method paper; leave it out")
 

@@ -164,14 +164,8 @@ def _refuse_together(settings: RepairSettings, *, resume: bool, distributed: str
 
 def _refuse_without_effect(options: RepairOptions, controls: Controls) -> None:
     """Refuse what is asked of single objects, and the published method does not have."""
-    if options.method != "paper":
-        return
-    for option, given in (
-        ("--direction", any(way is not None for way in controls.directions)),
-        ("--rigid", any(own.rigid for own in controls.settings)),
-    ):
-        if given:
-            raise UsageError(f"{option}: has no effect with --method paper; leave it out")
+    if options.method == "paper" and any(own.rigid for own in controls.settings):
+        raise UsageError("--rigid: has no effect with --method paper; leave it out")
 
 
 def _recorded(source: Source, settings: RepairSettings, controls: Controls) -> dict[str, object]:

@@ -6,9 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
+from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths
 from dtrepair.repair.surface.layers import pushed_off_covered
 from dtrepair.repair.surface.surface import Surface
+
+# Directions of two regions whose cosine is beyond this are one: they do not part the regions.
+PARALLEL = 0.95
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +43,8 @@ def tangent_point_gradient(
     Jang et al. 2025, eq. 3 and 4 with exponents (1, 1); each vertex of a triangle meets the plane
     and centroid of the other triangle of its pair; normals and areas are held fixed. Where a
     triangle has a preferred `direction` (F, 3), it takes the place of the other one's normal
-    (section 7.4). `sides` (K, 2) turn the normals of triangles that cover the other one.
+    (section 7.4); of two that have one each moves along its own. `sides` (K, 2) turn the normals of
+    triangles that cover the other one.
     """
     gradient = np.zeros_like(points)
     for source, target in ((0, 1), (1, 0)):
@@ -51,17 +55,35 @@ def tangent_point_gradient(
         normal = np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
         if sides is not None:
             normal *= sides[:, source, None]
+        reacting = np.ones((len(pairs), 1))
         if direction is not None:
-            wanted = direction[pairs[:, target]] - direction[pairs[:, source]]
-            normal = np.where((wanted != 0).any(axis=1, keepdims=True), wanted, normal)
+            normal, reacting = _steered(
+                normal, direction[pairs[:, target]], direction[pairs[:, source]]
+            )
         area = (0.5 * weights[:, None] * length)[:, :, None]
         offset = corners.mean(axis=1)[:, None] - points[moved]
         squared = (offset**2).sum(axis=2, keepdims=True) + 1e-30
         height = (normal[:, None] * offset).sum(axis=2, keepdims=True)
         force = area * (normal[:, None] - offset * (height / squared)) / np.sqrt(squared)
         _accumulate(gradient, moved.ravel(), -force.reshape(-1, 3))
-        _accumulate(gradient, plane.ravel(), np.repeat(force.sum(axis=1) / 3.0, 3, axis=0))
+        reaction = reacting * force.sum(axis=1) / 3.0
+        _accumulate(gradient, plane.ravel(), np.repeat(reaction, 3, axis=0))
     return gradient
+
+
+def _steered(
+    normal: FloatArray, own: FloatArray, other: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the normals (K, 3) by which corners are moved, and the weights (K, 1) of reactions.
+
+    own, other: unit directions (K, 3) of the corners' triangle and of the plane's, zero where none.
+    Where both have one each is moved along its own, unless that cannot part them.
+    """
+    first, second = ((way != 0).any(axis=1, keepdims=True) for way in (own, other))
+    one = np.where(first, own, np.where(second, -other, normal))
+    both = first & second
+    parting = both & (dots(own, other)[:, None] < PARALLEL)
+    return np.where(both & ~parting, normal, one), np.where(parting, 0.0, 1.0)
 
 
 def _accumulate(field: FloatArray, vertices: IntArray, values: FloatArray) -> None:

@@ -121,6 +121,10 @@ class FullMethod:
                 options=options.pull_back,
             )
             log.add("pull-back", points, start, folds=folds)
+        if phases.steering:
+            start = time.perf_counter()
+            points = phases.steering.led_back(original, points, folds=folds)
+            log.add("lead back", points, start, folds=folds)
         if "relax" not in self.skip:
             start = time.perf_counter()
             rings = options.relax.acceptance.reach_rings
@@ -132,6 +136,7 @@ class FullMethod:
                 folds=folds,
                 reach=reach_of(surface, points - original, rings=rings),
                 scale=phases.scale,
+                steering=phases.steering,
                 options=options.relax,
             )
             log.add("relax", points, start, folds=folds, iterations=cycles)

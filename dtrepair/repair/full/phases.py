@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from dtrepair.numerics.work import work_done
 from dtrepair.repair.full.biharmonic_fill import FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import Pushed, PushOptions, push
 from dtrepair.repair.full.stage_log import StageLog
+from dtrepair.repair.full.steering import Steering, SteeringOptions
 from dtrepair.repair.surface.defects import Defects, contact_scale, find_defects
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import Surface
@@ -40,6 +41,7 @@ class PhaseOptions:
             triangle of the mesh, times the effort, no other attempt begins: some three seconds of
             a processor for a pose of 1,000 triangles, four for 20,000.
         push: Numbers of the push.
+        steering: Numbers of preferred directions.
         fill: Numbers of the fill.
         last_fill: The fill of the last resort, whose patches may grow until they swallow what is
             left.
@@ -56,17 +58,22 @@ class PhaseOptions:
     work: float = 1.5e6
     work_a_triangle: float = 60.0
     push: PushOptions = field(default_factory=PushOptions)
+    steering: SteeringOptions = field(default_factory=SteeringOptions)
     fill: FillOptions = field(default_factory=FillOptions)
     last_fill: FillOptions = field(default_factory=lambda: FillOptions(rounds=24))
 
 
 class Candidate(NamedTuple):
-    """A pose, its defects and distortion, and the ring limit of the phase that made it."""
+    """A pose, its defects and distortion, and the ring limit of the phase that made it.
+
+    astray: weighted, what of it goes another way than was asked for.
+    """
 
     points: FloatArray
     defects: Defects
     distortion: float
     near: int
+    astray: float = 0.0
 
     @property
     def clean(self) -> bool:
@@ -75,8 +82,8 @@ class Candidate(NamedTuple):
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Crossings first, then distortion: smaller is better."""
-        return len(self.defects.crossings), round(self.distortion, 4)
+        """Crossings first, then distortion and what strays: smaller is better."""
+        return len(self.defects.crossings), round(self.distortion + self.astray, 4)
 
 
 class Phases:
@@ -108,6 +115,11 @@ class Phases:
         self.scale = contact_scale(surface, self.known.crossings)
         self.candidates: list[Candidate] = []
         self.good_enough = options.tightenable if tightened else options.good_enough
+        self.steering = Steering(surface, options=options.steering)
+        self.push = options.push
+        if self.steering:
+            patience = max(options.steering.patience, options.push.patience)
+            self.push = replace(options.push, patience=patience)
 
     def limited(self, points: FloatArray) -> FloatArray:
         """Return the nearest pose that is allowed: no displacement beyond the limit."""
@@ -214,7 +226,7 @@ class Phases:
             known_pairs=known,
             limit=self.limited,
             volume="volume" not in self.skip,
-            options=self.options.push,
+            options=self.push,
         )
         self.log.add(
             f"push {near}",
@@ -238,5 +250,6 @@ class Phases:
         value = self.log.add(
             "fill", points, start, crossings=len(left.crossings), folds=len(left.folds)
         )
-        self.candidates.append(Candidate(points, left, value, near))
+        off = self.options.steering.weight * self.steering.astray(points - self.original)
+        self.candidates.append(Candidate(points, left, value, near, off))
         return self.candidates[-1]

@@ -21,6 +21,7 @@ from dtrepair.repair.full.acceptance import (
 )
 from dtrepair.repair.full.biharmonic_fill import Filled
 from dtrepair.repair.full.push import PushOptions
+from dtrepair.repair.full.steering import Steering
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface
 
@@ -85,6 +86,7 @@ def relax(
     folds: int,
     reach: FloatArray,
     scale: float = 1.0,
+    steering: Steering | None = None,
     options: RelaxOptions = RelaxOptions(),
 ) -> tuple[FloatArray, int]:
     """Return the pose of least distortion between a clean one and its original, and the cycles.
@@ -95,11 +97,12 @@ def relax(
     locally. Cycles may double to bring volume back.
 
     cycles: at most, unless volume is missing; folds: so many are allowed; reach: (V,) scales the
-    motion of each vertex; scale: factor of the step (see `contact_scale`).
+    motion of each vertex; scale: factor of the step (see `contact_scale`); steering: regions that
+    stay on the line of their direction.
     """
     if not reach.any():
         return points, 0
-    state = Relaxation(surface, original, points, folds, reach, scale, options)
+    state = Relaxation(surface, original, points, folds, reach, scale, options, steering)
     history = [state.best[0]]
     for cycle in range(options.more * cycles):
         state.cycle()
@@ -128,8 +131,9 @@ class Relaxation:
         reach: FloatArray,
         scale: float,
         options: RelaxOptions,
+        steering: Steering | None = None,
     ) -> None:
-        self.options = options
+        self.options, self.steering = options, steering
         self.surface, self.original = surface, original
         self.points, self.known = points, find_defects(surface, points)
         self.folds, self.reach = folds, reach
@@ -223,6 +227,8 @@ class Relaxation:
     def _shortened(self, pose: FloatArray) -> FloatArray:
         """Return the pose (V, 3), its motion shortened where contacts throw a vertex too far."""
         motion = pose - self.points
+        if self.steering:
+            motion = self.steering.steered(motion)
         return self.points + (self._fraction_of(motion) * self.reach)[:, None] * motion
 
     def _fraction_of(self, motion: FloatArray) -> FloatArray:

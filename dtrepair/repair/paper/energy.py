@@ -10,11 +10,16 @@ radii are held fixed in the gradient; centroids are not.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import torch
 from torch import Tensor
+
+from dtrepair.repair.options import RepairOptions
+
+# Directions of two regions whose cosine is beyond this are one: they do not part the regions.
+PARALLEL = 0.95
 
 
 class Planes(NamedTuple):
@@ -47,7 +52,7 @@ class SignedTangentPoint:
 
     The exponent is odd, so the sign of s survives: a corner in front of the plane is not pulled
     back. The default (1, 1) is the ratio s / |d| of the authors' code; their text has (3, 6), whose
-    forces between nearly touching triangles are too stiff for any fixed step size we tried.
+    forces between nearly touching triangles are too stiff for the usual step sizes (`docs/method`).
 
     Args:
         exponent: Of the height s; see above.
@@ -192,8 +197,8 @@ def pair_energy(
         kernel: Energy of one corner against one plane.
         weights: Weight of each pair (K,); default 1. A pair of weight 0 takes no part.
         direction: Preferred direction (F, 3) of the triangles of a region, zero rows elsewhere
-            (Jang et al., section 7.4): in a pair of one such triangle with one of no direction, the
-            other's normal is replaced by it, so that the region moves this way.
+            (Jang et al., section 7.4): the normal of a triangle that meets one is replaced by it,
+            so that the region moves this way. Of two that meet each moves along its own.
         planes: Fixed planes instead of those of `points` (a test of the gradient needs it).
     """
     frames, vertices = points.shape[:2]
@@ -203,16 +208,19 @@ def pair_energy(
     corner_ids, plane_ids = faces[moving], faces[fixed]
     corners = points[frame[:, None], plane_ids]
     centroids = corners.mean(dim=1)
+    reacting: Tensor | None = None
     if planes is None:
         planes = triangle_planes(corners)
         if direction is not None:
-            planes = _redirected(planes, direction[moving], direction[fixed])
+            planes, reacting = _redirected(planes, direction[moving], direction[fixed])
     offsets = centroids[:, None] - points[frame[:, None], corner_ids]
     values, derivatives = kernel(offsets, planes)
     if weights is not None:
         twice = weights.repeat(2)[:, None]
         values, derivatives = values * twice, derivatives * twice[..., None]
     reaction = derivatives.sum(dim=1, keepdim=True).expand(-1, 3, -1) / 3.0
+    if reacting is not None:
+        reaction = reaction * reacting[:, None, None]
     rows = torch.cat([corner_ids, plane_ids], dim=1) + frame[:, None] * vertices
     forces = torch.cat([-derivatives, reaction], dim=1)
     gradient = accumulate(forces.reshape(-1, 3), rows.reshape(-1), frames * vertices)
@@ -301,11 +309,26 @@ def _over_distance(
     return scale * numerator, along - falloff[..., None] * offsets
 
 
-def _redirected(planes: Planes, moving: Tensor, fixed: Tensor) -> Planes:
-    """Return planes; undirected triangles that meet a directed one take its direction as normal."""
-    replaced = (moving != 0).any(dim=1) & ~(fixed != 0).any(dim=1)
-    length = moving.norm(dim=1, keepdim=True).clamp_min(torch.finfo(moving.dtype).tiny)
-    return planes._replace(normals=torch.where(replaced[:, None], moving / length, planes.normals))
+def _redirected(planes: Planes, moving: Tensor, fixed: Tensor) -> tuple[Planes, Tensor]:
+    """Return planes; triangles that meet a directed one take its direction as normal.
+
+    Also returned is the weight (M,) of the reaction on the plane's triangle: 0 where both have a
+    direction, so that each is moved along its own alone. Two of one direction cannot part that way:
+    there the normals stay.
+    """
+    own, other = _unit(moving), _unit(fixed)
+    directed = (moving != 0).any(dim=1)
+    both = directed & (fixed != 0).any(dim=1)
+    parting = both & ((own * other).sum(dim=1) < PARALLEL)
+    replaced = directed & (~both | parting)
+    normals = torch.where(replaced[:, None], own, planes.normals)
+    return planes._replace(normals=normals), (~parting).to(moving.dtype)
+
+
+def _unit(vectors: Tensor) -> Tensor:
+    length = vectors.norm(dim=1, keepdim=True)
+    unit: Tensor = vectors / length.clamp_min(torch.finfo(vectors.dtype).tiny)
+    return unit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -323,6 +346,17 @@ class EnergyOptions:
     tpe: UnsignedTangentPoint = UnsignedTangentPoint()
     point_to_plane: PointToPlane = PointToPlane()
     conical: ConicalField = ConicalField()
+
+    def chosen(self, choices: RepairOptions) -> Kernel:
+        """Return the energy that a user chose, with the exponents that were given for it."""
+        kernel = self.by_name[choices.energy]
+        if not isinstance(kernel, SignedTangentPoint | UnsignedTangentPoint):
+            return kernel
+        if choices.kernel_exponent is not None:
+            kernel = replace(kernel, exponent=choices.kernel_exponent)
+        if choices.kernel_power is not None:
+            kernel = replace(kernel, power=choices.kernel_power)
+        return kernel
 
     @property
     def by_name(self) -> dict[str, Kernel]:

@@ -7,6 +7,7 @@ integers add to the same sum in any order, so that runs repeat to the bit.
 from __future__ import annotations
 
 from dtrepair.device import start_warp
+from dtrepair.repair.paper import energy as energies
 
 wp = start_warp()
 wp.set_module_options({"enable_backward": False, "fast_math": False})
@@ -19,6 +20,8 @@ CONICAL = wp.constant(3)
 ZERO = wp.constant(wp.float64(0.0))
 ONE = wp.constant(wp.float64(1.0))
 TWO = wp.constant(wp.float64(2.0))
+# Two directions beyond this cosine are one.
+PARALLEL = wp.constant(wp.float64(energies.PARALLEL))
 # A force counts up to 2^57 of its whole numbers, which leaves room for 64 of those.
 MOST = wp.constant(wp.float64(1.4411518807585587e17))
 # The floor of energy.py where the area is zero: the smallest float64 to the power of 1/4.
@@ -167,17 +170,24 @@ def push_pairs(
         c = points[frame, triangle[2]]
         centroid = (a + b + c) / wp.float64(3.0)
         plane = plane_of(a, b, c, centroid, energy.noise)
+        reacting = ONE
         if direction.shape[0] > 0:
-            steered = direction[moving]
-            if wp.length_sq(steered) > ZERO and wp.length_sq(direction[fixed]) == ZERO:
-                plane.normal = wp.normalize(steered)
+            steered = wp.normalize(direction[moving])
+            against = wp.normalize(direction[fixed])
+            if wp.length_sq(steered) > ZERO:
+                if wp.length_sq(against) == ZERO:
+                    plane.normal = steered
+                elif wp.dot(steered, against) < PARALLEL:
+                    plane.normal = steered
+                    reacting = ZERO
         reaction = wp.vec3d(ZERO, ZERO, ZERO)
         for k in range(3):
             force = derivative(energy, centroid - points[frame, corners[k]], plane)
             add_force(forces, frame, corners[k], -force, energy.scale)
             reaction += force
         for k in range(3):
-            add_force(forces, frame, triangle[k], reaction / wp.float64(3.0), energy.scale)
+            pushed_back = reacting * reaction / wp.float64(3.0)
+            add_force(forces, frame, triangle[k], pushed_back, energy.scale)
 
 
 @wp.kernel

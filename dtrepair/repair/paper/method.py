@@ -66,10 +66,21 @@ class PaperMethod:
         queue: DeviceQueue | None = None,
         options: PaperOptions = PaperOptions(),
     ) -> None:
-        """Factor the diffusion of each body of `surface`; work in `queue`, or on the CPU."""
-        self.surface = surface
-        kernel = options.energies.by_name[choices.energy]
-        laplacian = cotangent_laplacian(surface.rest, surface.faces)
+        """Factor the diffusion of each body of `surface`; work in `queue`, or on the CPU.
+
+        With the Laplacian of the input there is a factor for each pose instead.
+        """
+        self.surface, self.choices = surface, choices
+        self._queue, self._options = queue, options
+        self.descent: Callable[[torch.Tensor], DescentResult] | None = None
+        if choices.laplacian == "rest":
+            self.descent = self._descent(surface.rest)
+
+    def _descent(self, shape: FloatArray) -> Callable[[torch.Tensor], DescentResult]:
+        """Return the loop with the Laplacian of a pose (V, 3)."""
+        surface, choices, options = self.surface, self.choices, self._options
+        kernel = options.energies.chosen(choices)
+        laplacian = cotangent_laplacian(shape, surface.faces)
         faces = torch.from_numpy(surface.faces.astype(np.int64))
         direction = None
         if surface.direction is not None:
@@ -82,15 +93,15 @@ class PaperMethod:
             diffusion=BodyDiffusion(bodies, mobility=mobility),
             laplacian=SparseOperator(laplacian),
             kernel=kernel,
-            optimizer=options.optimizers.suited(choices.optimizer, kernel.rate_factor),
+            optimizer=options.optimizers.chosen(choices, kernel.rate_factor),
             direction=direction,
             iterations=choices.iterations,
             regularization=choices.regularization,
             runaway=options.runaway,
         )
-        self.descent: Callable[[torch.Tensor], DescentResult] = descent
-        if queue is not None:
-            self.descent = _on_device(descent, bodies, laplacian, surface, queue, options)
+        if self._queue is None:
+            return descent
+        return _on_device(descent, bodies, laplacian, surface, self._queue, options)
 
     def __call__(self, original: FloatArray) -> Solved:
         """Repair a pose (V, 3) in units of the surface's size."""
@@ -99,8 +110,11 @@ class PaperMethod:
     @one_thread()  # again: PyTorch was not loaded before
     def batch(self, originals: Sequence[FloatArray]) -> list[Solved]:
         """Repair poses (V, 3) in units of the surface's size."""
+        if self.descent is None and len(originals) > 1:
+            return [solved for original in originals for solved in self.batch([original])]
         start = time.perf_counter()
-        result = self.descent(torch.from_numpy(np.stack(originals)))
+        descent = self.descent or self._descent(originals[0])
+        result = descent(torch.from_numpy(np.stack(originals)))
         seconds = (time.perf_counter() - start) / len(originals)
         results = []
         for index, original in enumerate(originals):

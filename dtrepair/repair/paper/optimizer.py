@@ -1,4 +1,4 @@
-"""Steps from gradients: gradient descent, UniformAdam, MomentumBrake. Pure: state in, state out.
+"""Steps from gradients: descent, two kinds of Adam, MomentumBrake. Pure: state in, state out.
 
 The gradients are diffused ones (`dtrepair.repair.paper.diffusion`), with a batch axis; frames never
 influence each other. The arithmetic has no branch on data, so it can be captured in a CUDA graph.
@@ -7,10 +7,12 @@ influence each other. The arithmetic has no branch on data, so it can be capture
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import torch
 from torch import Tensor
+
+from dtrepair.repair.options import RepairOptions
 
 
 class Moments(NamedTuple):
@@ -96,6 +98,37 @@ class UniformAdam:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Adam:
+    """Adam with a scale for each number (Kingma & Ba 2015): what a smooth field is torn by.
+
+    A baseline of the paper (figure 6c): small and large gradients make steps of one length.
+
+    Args:
+        rate: A length in units of the size, about the motion of an iteration before diffusion. At
+            0.002 knots are not done after 60 iterations, at 0.05 bodies are torn.
+        beta1: Memory of the mean, as published for Adam.
+        beta2: Memory of the mean square.
+        least: Added to the root mean square, as published; no gradient is no step.
+        moments_between: See `Optimizer`.
+    """
+
+    rate: float = 0.01
+    beta1: float = 0.9
+    beta2: float = 0.999
+    least: float = 1e-8
+    moments_between: bool = True
+
+    def __call__(self, moments: Moments, gradient: Tensor) -> tuple[Tensor, Moments]:
+        """Return the step to subtract (B, V, 3) and the next state."""
+        step = moments.step + 1
+        first = self.beta1 * moments.first + (1.0 - self.beta1) * gradient
+        second = self.beta2 * moments.second + (1.0 - self.beta2) * gradient**2
+        size = (second / _correction(self.beta2, step, gradient)).sqrt() + self.least
+        mean = first / _correction(self.beta1, step, gradient)
+        return self.rate * mean / size, Moments(step, first, second)
+
+
+@dataclass(frozen=True, kw_only=True)
 class MomentumBrake:
     """Momentum that is dropped where the gradient leaves its own band (Jang et al., Algorithm 1).
 
@@ -121,7 +154,7 @@ class MomentumBrake:
     beta2: float = 0.999
     band: float = 3.0
     warmup: int = 10
-    mask: Literal["component", "vertex"] = "component"
+    mask: str = "component"
     moments_between: bool = True
 
     def __call__(self, moments: Moments, gradient: Tensor) -> tuple[Tensor, Moments]:
@@ -153,28 +186,48 @@ class OptimizerOptions:
     Args:
         gradient_descent: The plain one, of the paper's comparison.
         uniform_adam: A baseline.
+        adam: Another one.
         momentum_brake: The published one.
     """
 
     gradient_descent: GradientDescent = GradientDescent()
     uniform_adam: UniformAdam = UniformAdam()
+    adam: Adam = Adam()
     momentum_brake: MomentumBrake = MomentumBrake()
 
     @property
-    def by_name(self) -> dict[str, Optimizer]:
+    def by_name(self) -> dict[str, GradientDescent | UniformAdam | Adam | MomentumBrake]:
         """The optimisers by the names that a user gives."""
         return {
             "gradient-descent": self.gradient_descent,
             "uniform-adam": self.uniform_adam,
+            "adam": self.adam,
             "momentum-brake": self.momentum_brake,
         }
 
-    def suited(self, name: str, rate_factor: float) -> Optimizer:
+    def suited(
+        self, name: str, rate_factor: float
+    ) -> GradientDescent | UniformAdam | Adam | MomentumBrake:
         """Return the optimiser of a name at the rate that suits an energy (`Kernel.rate_factor`).
 
-        UniformAdam takes no notice of the size of forces.
+        UniformAdam and Adam take no notice of the size of forces.
         """
         optimizer = self.by_name[name]
         if isinstance(optimizer, GradientDescent | MomentumBrake):
             return replace(optimizer, rate=rate_factor * optimizer.rate)
+        return optimizer
+
+    def chosen(self, choices: RepairOptions, rate_factor: float) -> Optimizer:
+        """Return the optimiser that a user chose, with the numbers that were given for it."""
+        optimizer = self.suited(choices.optimizer, rate_factor)
+        rate = choices.learning_rate
+        if rate is not None:
+            optimizer = replace(optimizer, rate=rate)
+        if isinstance(optimizer, MomentumBrake):
+            band, mask = choices.brake_band, choices.brake_mask
+            optimizer = replace(
+                optimizer,
+                band=optimizer.band if band is None else band,
+                mask=optimizer.mask if mask is None else mask,
+            )
         return optimizer

@@ -296,7 +296,7 @@ def test_clearance_opens_the_gap(tmp_path: Path, alone: list[str]) -> None:
     assert gaps[1] > max(gaps[0], 0.025)
 
 
-@pytest.mark.parametrize("alone", [["--alone"], []])
+@pytest.mark.parametrize("alone", [["--alone"], [], ["--method", "paper"]])
 def test_direction_leads_the_way(tmp_path: Path, alone: list[str]) -> None:
     from pxr import Sdf, Usd, UsdGeom
 
@@ -322,7 +322,7 @@ def test_direction_leads_the_way(tmp_path: Path, alone: list[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "option", [("--clearance", 0.1), ("--maximum-displacement", 1), ("--direction", "a=0,0,1")]
+    "option", [("--clearance", 0.1), ("--maximum-displacement", 1), ("--layer", "/Root/Tube=1")]
 )
 def test_options_without_effect_are_refused(tmp_path: Path, option: tuple[str, object]) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))

@@ -55,6 +55,22 @@ def test_a_run_says_nothing_and_writes_what_the_command_writes(
     assert (tmp_path / "b.usdc").read_bytes() == (tmp_path / "c.usdc").read_bytes()
 
 
+def test_a_report_has_the_measures_of_the_published_tables(tmp_path: Path, clip: Path) -> None:
+    paper = RepairOptions(method="paper", iterations=1)
+    report = repair_stage(clip, tmp_path / "b.usdc", options=paper)
+    for frame in report.frames:
+        assert frame.after is not None
+        assert frame.geodesic is not None and frame.normal_consistency is not None
+        # The ends of the tube meet: they are far apart along it.
+        assert (frame.geodesic > 0.5) == (frame.after.pairs > 0)
+        assert (frame.normal_consistency < 1.0) == (frame.displacement_max > 0.0)
+        assert frame.normal_consistency > 0.8
+    assert any(frame.geodesic for frame in report.frames)
+    assert any(frame.displacement_max for frame in report.frames)
+    written = report.document()["frames"]
+    assert [frame["geodesic"] for frame in written] == [f.geodesic for f in report.frames]
+
+
 def test_an_observer_hears_of_the_frames(tmp_path: Path, clip: Path) -> None:
     host = Listener()
     choices = Selection(frames="2:4")
@@ -185,12 +201,12 @@ def test_what_goes_wrong_has_a_code(tmp_path: Path, clip: Path) -> None:
         repair_stage(str(clip), output, chunk="3/2")
     with pytest.raises(UsageError, match="--device"):
         repair_stage(str(clip), output, options=RepairOptions(method="paper"), device="gpu")
-    with pytest.raises(UsageError, match="--direction"):
+    with pytest.raises(UsageError, match="--layer"):
         repair_stage(
             str(clip),
             output,
             options=RepairOptions(method="paper"),
-            objects=ObjectOptions(direction="hand=0,1,0"),
+            objects=ObjectOptions(layer=("hand=1",)),
         )
     for choices in ({"resume": True}, {"settings": RepairSettings(chunk="1/2")}):
         with pytest.raises(UsageError, match="--distributed"):

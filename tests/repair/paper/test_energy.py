@@ -164,10 +164,32 @@ def test_direction_replaces_the_other_normal_and_moves_the_region() -> None:
     moved, unmoved = -gradient[0, 3:6].sum(dim=0), -free[0, 3:6].sum(dim=0)
     assert moved[0] < min(0.0, float(unmoved[0]))
     assert moved[2].abs() < unmoved[2].abs()
-    # A direction on both triangles, or on neither, changes nothing.
-    direction[0] = torch.tensor([0.0, 1.0, 0.0])
-    _, both = pair_energy(points, faces, pairs, kernel=kernel, direction=direction)
-    assert torch.equal(both, free)
+
+
+def test_two_directed_triangles_each_move_along_their_own_direction() -> None:
+    points, faces, pairs = crossing(frames=1)
+    pairs = pairs[:1]
+    ways = torch.tensor([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]], dtype=torch.float64)
+    direction = torch.zeros(4, 3, dtype=torch.float64)
+    direction[:2] = 2.0 * ways
+    # Power 0: forces have no part along the offset, so what is left is the direction alone.
+    kernel = SignedTangentPoint(power=0.0)
+    _, gradient = pair_energy(points, faces, pairs, kernel=kernel, direction=direction)
+    for triangle in (0, 1):
+        moved = -gradient[0, faces[triangle]].sum(dim=0)
+        along = moved @ ways[triangle]
+        assert along > 0.0
+        assert (moved - along * ways[triangle]).norm() < 1e-12 * along
+
+
+def test_directions_that_cannot_part_two_triangles_change_nothing() -> None:
+    points, faces, pairs = crossing(frames=1)
+    pairs, kernel = pairs[:1], SignedTangentPoint()
+    direction = torch.zeros(4, 3, dtype=torch.float64)
+    _, free = pair_energy(points, faces, pairs, kernel=kernel, direction=direction)
+    direction[:2] = torch.tensor([[0.0, 1.0, 0.0], [0.0, 3.0, 0.0]])
+    _, same = pair_energy(points, faces, pairs, kernel=kernel, direction=direction)
+    assert torch.equal(same, free)
 
 
 def test_triangle_has_a_direction_where_all_its_corners_have_one() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -54,6 +56,22 @@ def test_the_loop_of_a_device_cleans_as_well(bodies: int) -> None:
         if bodies == 2:
             assert np.array_equal(solved.points[:half], pose[:half])
             assert not np.array_equal(solved.points[half:], pose[half:])
+
+
+@pytest.mark.parametrize("device", [False, True], ids=["cpu", "device"])
+def test_the_laplacian_of_the_input_is_that_of_each_pose(device: bool) -> None:
+    surface, poses = tube()
+    queue = DeviceQueue("cpu") if device else None
+    choices = replace(OPTIONS, laplacian="input", iterations=3)
+    method = PaperMethod(surface, choices, queue=queue)
+    for pose, solved in zip(poses, method.batch(poses), strict=True):
+        # A surface whose rest is the pose has no other Laplacian.
+        own = Surface(pose * surface.size, surface.faces)
+        unit = surface.size / own.size
+        expected = PaperMethod(own, replace(choices, laplacian="rest"))(pose * unit)
+        other = PaperMethod(surface, replace(choices, laplacian="rest"))(pose)
+        near = np.abs(solved.points * unit - expected.points).max()
+        assert 10 * near < np.abs(solved.points - other.points).max(), near
 
 
 def test_an_operator_that_does_not_fit_on_the_device_is_a_clear_error(

@@ -8,8 +8,10 @@ from typing import Literal
 import pytest
 import torch
 
+from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.paper.energy import EnergyOptions
 from dtrepair.repair.paper.optimizer import (
+    Adam,
     GradientDescent,
     Moments,
     MomentumBrake,
@@ -52,6 +54,30 @@ def test_constant_gradient_has_no_start_up_bias(optimizer: Optimizer) -> None:
     # standard deviation of zero up to rounding may drop the momentum; the gradient is the same.
     for step in steps[:10]:
         assert (step - 3.0).abs().max() < 1e-9
+
+
+def test_adam_makes_steps_of_one_length_whatever_the_gradients() -> None:
+    gradients = torch.ones(12, 1, 2, 3, dtype=torch.float64)
+    gradients[:, :, 1] *= 1e-3
+    gradients[:, :, :, 2] = 0.0
+    steps, moments = run(Adam(rate=0.5), gradients)
+    for step in steps:
+        assert (step[..., :2] - 0.5).abs().max() < 1e-4
+        assert not step[..., 2].any()
+    assert moments.step.tolist() == [12]
+
+
+def test_given_numbers_replace_those_of_the_optimiser() -> None:
+    numbers = OptimizerOptions()
+    kept = numbers.chosen(RepairOptions(method="paper"), 1.0)
+    assert kept == numbers.momentum_brake
+    choices = RepairOptions(method="paper", learning_rate=2.0, brake_band=1.5, brake_mask="vertex")
+    # A rate that was given is not scaled by what suits an energy.
+    expected = MomentumBrake(rate=2.0, band=1.5, mask="vertex")
+    assert numbers.chosen(choices, 100.0) == expected
+    for name in numbers.by_name:
+        chosen = numbers.chosen(RepairOptions(optimizer=name, learning_rate=0.25), 100.0)
+        assert chosen == replace(numbers.by_name[name], rate=0.25)
 
 
 def test_uniform_adam_keeps_the_proportions_and_ignores_the_scale() -> None:

@@ -25,6 +25,7 @@ from dtrepair.numerics.geometry import (
     unique_edges,
     vector_areas,
 )
+from dtrepair.numerics.wrapping import Wrapping, wrapping
 
 BoolArray = NDArray[np.bool_]
 
@@ -39,6 +40,7 @@ class LayerOptions:
         parallel: Least cosine between the normals of a vertex and of what it lies over.
         share: Least fraction of the area of either part that has something parallel nearby.
         clear: Least mean side: +1 where all of it lies outside, 0 where the parts take turns.
+        worn: An open part is a layer over what it goes round by this share, see `wrapping`.
         poses: How many poses tell at most.
     """
 
@@ -47,6 +49,7 @@ class LayerOptions:
     parallel: float = 0.3
     share: float = 0.3
     clear: float = 0.1
+    worn: float = 0.7
     poses: int = 5
 
 
@@ -171,6 +174,21 @@ def layer_over(
     return WornLayer(top, under, parts.vertices[top][own], sides[own], heights[own])
 
 
+def find_worn(
+    parts: Parts, first: int, second: int, pose: int, *, options: LayerOptions = LayerOptions()
+) -> WornLayer | None:
+    """Return the layer that an open part is which goes round the other, however far away it is."""
+    best, found = Wrapping(options.worn, 1.0), None
+    for top, under in ((first, second), (second, first)):
+        if not parts.closed[top]:
+            round_it = wrapping(parts.poses[pose], parts.triangles[top], parts.triangles[under])
+            if round_it.share >= best.share:
+                own = parts.vertices[top]
+                sides = np.full(len(own), round_it.side)
+                best, found = round_it, WornLayer(top, under, own, sides, np.full(len(own), np.inf))
+    return found
+
+
 class _Beside(NamedTuple):
     """For vertices (n,) of a part: whether anything is beside them, on which side, how far away."""
 
@@ -242,10 +260,11 @@ class Layers:
     def _found(self, first: int, second: int, poses: list[int]) -> WornLayer | None:
         """Return the layer of two parts, as the user or else the poses tell; None where neither."""
         over = int(self._numbers[first]) - int(self._numbers[second])
-        if over == 0 and self._attached(first, second):
-            return None
         if over == 0:
-            return find_layer(self.parts, first, second, poses, options=self.options)
+            found = None
+            if not self._attached(first, second):
+                found = find_layer(self.parts, first, second, poses, options=self.options)
+            return found or find_worn(self.parts, first, second, poses[0], options=self.options)
         top, under = (first, second) if over > 0 else (second, first)
         layer = layer_over(self.parts, top, under, poses[0], options=self.options)
         return layer if len(layer.vertices) else None

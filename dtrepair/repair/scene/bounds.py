@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
 from dtrepair.numerics.temporal import frame_units
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
@@ -94,12 +94,18 @@ def bounded_frames(
     if not failing:
         return [Judged(points) for points in poses]
     needed = np.ones((len(frames), len(scene.rest)))
+    motions = np.stack(
+        [
+            lengths(points - frame.centred) / (diagonal(frame.centred) or 1.0)
+            for frame, points in zip(frames, poses, strict=True)
+        ]
+    )
     eased, bounded = needed, list(poses)
     for attempt in range(ATTEMPTS):
         for index in failing:
             share = _share(scene, frames[index].centred, bounded[index], attempt, options)
             needed[index] = eased[index] * share
-        eased = eased_shares(needed, frame_units(times), options.time)
+        eased = eased_shares(needed, frame_units(times), motions, options=options)
         lowered = np.flatnonzero((eased < 1.0).any(axis=1)).tolist()
         for index in lowered:
             bounded[index] = blended(scene, frames[index].centred, poses[index], eased[index])

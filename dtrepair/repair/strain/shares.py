@@ -28,6 +28,8 @@ class ShareOptions:
         widths: The share comes back to 1 over so many times the longest motion of the region: over
             a shorter way it would be strained there. Tried in turn.
         rounds: Times that regions are measured again, until they keep the bounds.
+        unseen: Motions up to this, units of the diagonal, are kept beside a frame that gives up its
+            own: to go in between would bring their contacts back as well.
         time: Frames over which shares of neighbouring frames go over into each other, the standard
             deviation of a Gaussian: nothing may pop.
     """
@@ -36,6 +38,7 @@ class ShareOptions:
     rings: int = 2
     widths: tuple[float, ...] = (3.0, 8.0)
     rounds: int = 12
+    unseen: float = 0.015
     time: float = 0.75
 
 
@@ -155,12 +158,21 @@ def _vertices(found: list[Excess], count: int) -> NDArray[np.bool_]:
     return mask
 
 
-def eased_shares(shares: FloatArray, frames: FloatArray, width: float) -> FloatArray:
+def eased_shares(
+    shares: FloatArray,
+    frames: FloatArray,
+    motions: FloatArray,
+    *,
+    options: ShareOptions = ShareOptions(),
+) -> FloatArray:
     """Return shares (T, V) that are smooth in time and nowhere above those that are given.
 
-    frames: times (T,) in frame units; width: in frames. What is 1 throughout stays 1.
+    frames: times (T,) in frame units; motions: how far corrections move vertices (T, V), units of
+    the diagonal. What is 1 throughout stays 1; so does a neighbour's short motion.
     """
     result = shares.copy()
     lowered = np.flatnonzero((shares < 1.0).any(axis=0))
-    result[:, lowered] = 1.0 - eased_in_time(1.0 - shares[:, lowered], frames, width)
+    spread = eased_in_time(1.0 - shares[:, lowered], frames, options.time)
+    seen = np.clip(1.0 - options.unseen / np.maximum(motions[:, lowered], 1e-300), 0.0, 1.0)
+    result[:, lowered] = np.minimum(1.0 - seen * spread, shares[:, lowered])
     return np.clip(result, 0.0, 1.0)

@@ -110,19 +110,38 @@ def test_what_is_attached_is_lowered_along() -> None:
 FRAMES = np.arange(30.0)
 
 
-@given(st.lists(st.floats(0.0, 1.0), min_size=30, max_size=30), st.floats(0.5, 3.0))
+@given(
+    st.lists(st.floats(0.0, 1.0), min_size=30, max_size=30),
+    st.floats(0.5, 3.0),
+    st.floats(0.0, 0.1),
+)
 def test_eased_shares_are_never_above_those_that_are_needed(
-    values: list[float], width: float
+    values: list[float], width: float, motion: float
 ) -> None:
     shares = np.stack([np.array(values), np.ones(30)], axis=1)
-    eased = eased_shares(shares, FRAMES, width)
+    options = ShareOptions(time=width)
+    eased = eased_shares(shares, FRAMES, np.full_like(shares, motion), options=options)
     assert (eased <= shares + 1e-12).all() and (eased >= 0.0).all() and (eased[:, 1] == 1.0).all()
 
 
-def test_a_lone_frame_comes_and_goes_within_some_frames() -> None:
+def eased_frame(motion: float) -> FloatArray:
+    """Shares of one vertex over 30 frames, of which one is lowered to 0."""
     shares = np.ones((30, 1))
     shares[15] = 0.0
-    eased = eased_shares(shares, FRAMES, 1.5)[:, 0]
+    motions = np.full_like(shares, motion)
+    return eased_shares(shares, FRAMES, motions, options=ShareOptions(time=1.5))[:, 0]
+
+
+def test_a_lone_frame_comes_and_goes_within_some_frames() -> None:
+    eased = eased_frame(1e9)
     assert eased[15] == 0.0 and (np.delete(eased, np.arange(7, 24)) == 1.0).all()
     assert np.abs(np.diff(eased)).max() < 0.4 and (np.diff(eased[15:]) >= 0.0).all()
     assert eased[1:15] == pytest.approx(eased[29:15:-1])
+
+
+def test_frames_beside_keep_motions_that_are_not_seen() -> None:
+    unseen = ShareOptions().unseen
+    eased = eased_frame(unseen)
+    assert eased[15] == 0.0 and (np.delete(eased, 15) == 1.0).all()
+    # What is given up beside the frame grows from nothing with the motion.
+    assert eased_frame(1.01 * unseen)[14] > 0.98 > eased_frame(3.0 * unseen)[14]

@@ -1,0 +1,83 @@
+"""How far round a part another goes: the same for any turn, none for what lies beside."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from dtrepair.numerics.worn_layers import Parts, find_worn
+from dtrepair.numerics.wrapping import Wrapping, wrapping
+from tests.meshes import icosphere
+
+Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
+
+
+def cone(radius: float, lower: float, *, part: float = 1.0, around: int = 40) -> Mesh:
+    """An open cone about the y axis from y = -1 to 1, or a part of its turn; normals outwards."""
+    count = around + 1
+    angle = 2.0 * np.pi * part * np.linspace(0.0, 1.0, count)
+    rings = [
+        np.stack([r * np.sin(angle), np.full(count, y), r * np.cos(angle)], axis=1)
+        for y, r in zip(np.linspace(1.0, -1.0, 9), np.linspace(radius, lower, 9), strict=True)
+    ]
+    corner = (np.arange(8)[:, None] * count + np.arange(around)[None]).ravel()
+    faces = [[corner, corner + count, corner + count + 1], [corner, corner + count + 1, corner + 1]]
+    return np.concatenate(rings), np.concatenate([np.stack(f, axis=1) for f in faces]).astype(
+        np.int32
+    )
+
+
+def legs() -> Mesh:
+    """Two long balls side by side, one mesh."""
+    points, faces = icosphere(3)
+    sides = [points * (0.2, 1.3, 0.2) + (x, 0.0, 0.0) for x in (-0.4, 0.4)]
+    return np.concatenate(sides), np.concatenate([faces, faces + len(points)]).astype(np.int32)
+
+
+def of(outer: Mesh, inner: Mesh, turn: Rotation | None = None) -> Wrapping:
+    """How far one mesh goes round another, both turned."""
+    points = np.concatenate([outer[0], inner[0]])
+    if turn is not None:
+        points = turn.apply(points)
+    faces = (inner[1] + len(outer[0])).astype(np.int32)
+    return wrapping(points, outer[1], faces)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_wide_skirt_goes_round_two_legs_whichever_way_they_lie(seed: int) -> None:
+    turn = Rotation.random(random_state=seed)
+    share, side = of(cone(0.8, 1.6), legs(), turn)
+    assert share > 0.95 and side == 1.0
+
+
+def test_normals_that_face_inwards_are_told() -> None:
+    points, faces = cone(0.8, 1.6)
+    assert of((points, faces[:, ::-1].copy()), legs()).side == -1.0
+
+
+def test_half_a_skirt_and_what_lies_beside_are_not_worn() -> None:
+    assert 0.3 < of(cone(0.8, 1.2, part=0.5), legs()).share < 0.65
+    points, faces = legs()
+    assert of(cone(0.8, 1.2), (points + np.array([3.0, 0.0, 0.0]), faces)).share < 0.3
+
+
+def parts_of(outer: Mesh, inner: Mesh, closed: list[bool]) -> Parts:
+    """Two parts in one pose."""
+    points = np.concatenate([outer[0], inner[0]])
+    faces = np.concatenate([outer[1], inner[1] + len(outer[0])]).astype(np.int32)
+    part = np.repeat([0, 1], [len(outer[0]), len(inner[0])]).astype(np.int32)
+    return Parts(faces, part, np.array(closed), [points])
+
+
+def test_an_open_part_is_a_layer_over_what_it_goes_round() -> None:
+    skirt, (points, faces) = cone(0.8, 1.6), icosphere(3)
+    leg = points * (0.2, 1.3, 0.2), faces
+    for order in ((0, 1), (1, 0)):
+        layer = find_worn(parts_of(skirt, leg, [False, True]), *order, 0)
+        assert layer is not None and (layer.top, layer.under) == (0, 1)
+        assert (layer.sides == 1.0).all() and len(layer.vertices) == len(skirt[0])
+    assert find_worn(parts_of(skirt, leg, [True, True]), 0, 1, 0) is None
+    half = cone(0.8, 1.6, part=0.5)
+    assert find_worn(parts_of(half, leg, [False, True]), 0, 1, 0) is None

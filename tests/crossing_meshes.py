@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests import meshes
-from tests.soups import lattice_pairs, random_pairs
+from tests.soups import lattice_pairs, random_pairs, thinned
 
 TWO_FACES = np.array([[0, 1, 2], [3, 4, 5]], dtype=np.int32)
 
@@ -22,12 +22,24 @@ def crumpled(mesh: meshes.Mesh, amount: float, seed: int = 0) -> meshes.Mesh:
     return points + amount * np.random.default_rng(seed).normal(size=points.shape), faces
 
 
+def collapsed(mesh: meshes.Mesh, share: float, seed: int = 0) -> meshes.Mesh:
+    """A mesh of which a share of the vertices lies on other vertices, anywhere."""
+    points, faces = mesh
+    rng = np.random.default_rng(seed)
+    place = np.where(rng.random(len(points)) < share, rng.permutation(len(points)), -1)
+    return np.where(place[:, None] < 0, points, points[place]), faces
+
+
 MESHES = {
     "random soup": soup(random_pairs(150, 1) * np.float32(0.6)),
     "lattice soup": soup(lattice_pairs(100, 2, 5)),
     "plane of overlapping triangles": soup(
         lattice_pairs(80, 3, 5) * np.array([1, 1, 0], dtype=np.float32)
     ),
+    "random soup, a third thin": soup(thinned(random_pairs(100, 4) * np.float32(0.6), 0.3)),
+    "lattice soup, a third thin": soup(thinned(lattice_pairs(100, 5, 6), 0.3)),
+    "sphere squashed to a line": (meshes.icosphere(1)[0] * (1.0, 0.0, 0.0), meshes.icosphere(1)[1]),
+    "sphere with corners on corners": collapsed(meshes.icosphere(2), 0.2),
     "crumpled grid": crumpled(meshes.grid(12, 12), 0.06),
     "crumpled sphere": crumpled(meshes.icosphere(2), 0.15),
     "bent tube": meshes.bent_tube(6.5, 10, 30),

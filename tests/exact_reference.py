@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dtrepair import RepairResult
-from dtrepair.intersect.exact import intersect
+from tests.integer_arithmetic import integer_intersect
 
 
 def exact_pairs(points: ArrayLike, faces: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -25,7 +25,7 @@ def exact_pairs(points: ArrayLike, faces: NDArray[np.int32]) -> NDArray[np.int32
         i, j = i[near], j[near]
     same = (corners[i][:, :, None] == corners[j][:, None, :]).all(axis=3).any(axis=(1, 2))
     i, j = i[~same], j[~same]
-    hit = intersect(corners[i], corners[j])
+    hit = integer_intersect(corners[i], corners[j])
     return np.stack([i[hit], j[hit]], axis=1).astype(np.int32)
 
 

@@ -98,6 +98,23 @@ def with_zero_areas(count: int, seed: int = 0) -> Pairs:
     return pairs
 
 
+def thinned(triangles: Pairs, share: float, seed: int = 0) -> Pairs:
+    """Triangles (..., 3, 3) of which a share lost its area: a corner on others, or on their line.
+
+    Every second one of those on a line has its corner beyond the two others.
+    """
+    rng = np.random.default_rng(seed)
+    flat = triangles.reshape(-1, 3, 3).copy()
+    kind = rng.integers(0, 4, len(flat))
+    kind[rng.random(len(flat)) > share] = -1
+    flat[kind == 0, 2] = flat[kind == 0, 1]
+    flat[kind == 1, 1:] = flat[kind == 1, :1]
+    flat[kind == 2, 2] = 2 * flat[kind == 2, 1] - flat[kind == 2, 0]
+    flat[kind == 3, 0] = (flat[kind == 3, 1] + flat[kind == 3, 2]) / 2
+    order = np.argsort(rng.random((len(flat), 3)), axis=1)
+    return flat[np.arange(len(flat))[:, None], order].reshape(triangles.shape)
+
+
 def mixed_magnitudes(count: int, seed: int = 0) -> Pairs:
     """Coordinates of all sizes from 1e-12 to 1: their differences do not fit into float64.
 
@@ -147,6 +164,9 @@ def stress_families(count: int) -> dict[str, Pairs]:
         "shared positions": shared_positions(count, 8),
         "slivers": slivers(count, 9),
         "zero areas": with_zero_areas(count, 10),
+        "thin lattice": thinned(lattice_pairs(count, 21), 0.8),
+        "thin in a plane": thinned(flat_pairs(count, 22), 0.6),
+        "thin at random": thinned(random_pairs(count, 23), 0.3),
         "mixed magnitudes": mixed_magnitudes(count, 11),
         "far corners": far_corners(count, 12),
         "subnormal": scaled(lattice_pairs(count, 13, 6), 1.5e-45),

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dtrepair.intersect.exact import intersect
-from dtrepair.intersect.neighbors import leaf_neighbors
-from dtrepair.intersect.tree import build_tree
+from dtrepair.intersect.exact import settled
+from dtrepair.intersect.ignored import PairLimits, collapsed
+from dtrepair.intersect.tree import build_tree, leaf_neighbors
 from dtrepair.numerics.geometry import as_mesh, as_numpy, weld_map
 from dtrepair.numerics.work import add_work
 
@@ -27,7 +27,8 @@ class Detector:
     """Finds intersecting triangles of the poses of one topology; built once per topology.
 
     A pair counts if its triangles share no vertex (after `weld`) and have a common point; touching
-    counts; coordinates are rounded to float32 first; zero-area triangles take no part.
+    counts; coordinates are rounded to float32 first. A triangle without area is the segment, or
+    the point, that its corners span.
 
     Args:
         rest: Rest positions (V, 3), any length unit: the hierarchy is built on them.
@@ -35,6 +36,7 @@ class Detector:
         weld: Representative of each vertex (V,); vertices with one representative are one vertex.
             Default: each vertex stands for itself.
         device: "cpu" or "cuda:N".
+        limits: With how many pairs a pose has collapsed.
 
     Raises:
         ValueError: shapes, indices or numbers that are not those of a mesh.
@@ -47,12 +49,13 @@ class Detector:
         *,
         weld: ArrayLike | None = None,
         device: str = "cpu",
+        limits: PairLimits = PairLimits(),
     ) -> None:
         from dtrepair.device import start_warp
         from dtrepair.intersect import kernels
 
         points, triangles = as_mesh(rest, faces)
-        self.device = device
+        self.device, self.limits = device, limits
         self.vertex_count = len(points)
         self.faces = triangles
         self.tree = build_tree(points[triangles].mean(axis=1)) if len(triangles) else None
@@ -85,7 +88,7 @@ class Detector:
         map for this call. With `exact=False` pairs that floating point cannot settle count as
         intersecting: never fewer pairs, and no host arithmetic in an inner loop; a function
         says which rows of `candidates` to keep. `active` (F,) leaves out the pairs of which neither
-        triangle is active.
+        triangle is active. Raises CollapsedPoseError where there are more pairs than can be kept.
         """
         rounded = self._rounded(points)
         looked_at = len(self.faces) if active is None else int(active.sum())
@@ -105,36 +108,44 @@ class Detector:
         weld: ArrayLike | None = None,
         active: NDArray[np.bool_] | None = None,
     ) -> NDArray[np.int32]:
-        """Return rows (frame, i, j, 1 certain or 2 uncertain), unsorted, of poses (B, V, 3)."""
+        """Return rows (frame, i, j, certainty), unsorted, of poses (B, V, 3).
+
+        Certainty: 1 if they intersect, 2 if floating point cannot tell, 3 if it cannot as one of
+        them has no area.
+        """
         if self.tree is None or points.shape[0] == 0:
             return np.zeros((0, 4), dtype=np.int32)
         warp = self._warp
         welded = self._welded if weld is None else self._weld(weld)
         positions = warp.array(points, dtype=warp.vec3f, device=self.device, copy=False)
-        near = self._near(positions, active)
+        near = self._near(positions, welded, active)
         pairs = warp.empty(len(near), dtype=warp.vec4i, device=self.device)
         count = warp.zeros(1, dtype=warp.int32, device=self.device)
-        inputs = [near, positions, self._ordered, welded, self._order, pairs, count]
+        inputs = [near, positions, self._ordered, self._order, pairs, count]
         self._launch(self._kernels.test_candidates, (len(near),), inputs)
-        rows: NDArray[np.int32] = pairs.numpy()[: int(count.numpy()[0])]
+        found = int(count.numpy()[0])
+        if found > self.limits.of(len(self.faces) * len(points))[1]:
+            raise collapsed(len(self.faces))
+        rows: NDArray[np.int32] = pairs.numpy()[:found]
         return rows
 
-    def _near(self, positions: Any, active: NDArray[np.bool_] | None) -> Any:
+    def _near(self, positions: Any, welded: Any, active: NDArray[np.bool_] | None) -> Any:
         """Return candidate pairs (frame, i, j) in leaf order, a Warp array of their number."""
         assert self.tree is not None
         warp = self._warp
         boxes = self.boxes(positions)
+        most = self.limits.of(len(self.faces) * positions.shape[0])[0]
         while True:
             capacity = self._capacity  # another thread may raise it meanwhile
             near = warp.empty(capacity, dtype=warp.vec3i, device=self.device)
             count = warp.zeros(1, dtype=warp.int32, device=self.device)
-            self.search(boxes, near, count, self._launch, active=active)
+            self.search(boxes, welded, near, count, self._launch, active=active)
             needed = int(count.numpy()[0])
-            if needed < 0:  # counted past 2^31: the pose has collapsed
-                raise MemoryError("a pose has more overlapping boxes than can be counted")
+            if needed > most:
+                raise collapsed(len(self.faces))
             if needed <= capacity:
                 return near[:needed]
-            self._capacity = max(self._capacity, 2 * needed)
+            self._capacity = max(self._capacity, min(2 * needed, most))
 
     def _active(self, active: NDArray[np.bool_]) -> Any:
         """Return the tree's marks of active triangles (F,) on the device. Raises ValueError."""
@@ -165,16 +176,10 @@ class Detector:
 
     def _settled(self, points: NDArray[np.float32], pairs: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return the rows (K, 4) that intersect: uncertain ones are decided in integers."""
-        uncertain = pairs[:, 3] == 2
-        if not uncertain.any():
-            return pairs
-        frame, i, j, _ = pairs[uncertain].T
-        first = points[frame[:, None], self.faces[i]]
-        second = points[frame[:, None], self.faces[j]]
+        uncertain = pairs[:, 3] > 1
         keep = ~uncertain
-        keep[uncertain] = intersect(first, second)
-        kept: NDArray[np.int32] = pairs[keep]
-        return kept
+        keep[uncertain] = settled(points, self.faces, pairs[uncertain, :3])
+        return pairs if keep.all() else pairs[keep]
 
     def boxes(self, points: Any) -> list[Any]:
         """Return the boxes of triangles (in leaf order) and nodes of poses (B, V, 3).
@@ -212,6 +217,7 @@ class Detector:
     def search(
         self,
         boxes: list[Any],
+        welded: Any,
         near: Any,
         count: Any,
         launch: Launch,
@@ -220,11 +226,16 @@ class Detector:
     ) -> None:
         """Write candidates (frame, i, j) in leaf order to `near`, as far as there is room.
 
-        Their number is added to `count`; both are Warp arrays.
+        welded: Corners (F, 3) in leaf order; triangles with a common one are no candidates.
+
+        Their number is added to `count`, up to a little more than `limits` allow; both are Warp
+        arrays.
         """
         assert self.tree is not None
         marks = self._all_active if active is None else self._active(active)
-        inputs = [self._leaf_start, self._skip, *self._neighbors, marks, *boxes, near, count]
+        most = self.limits.of(len(self.faces) * boxes[0].shape[0])[0]
+        inputs = [self._leaf_start, self._skip, welded, *self._neighbors, marks, *boxes]
+        inputs += [most, self.limits.of_leaf, near, count]
         launch(self._kernels.find_candidates, (boxes[0].shape[0], self.tree.leaf_count), inputs)
 
     @property

@@ -1,112 +1,38 @@
-"""Pairs that floating point cannot settle, settled in integers.
-
-Float32 coordinates are integers times a power of two. The integers are Python's, of any size, in
-numpy object arrays: one expression serves all pairs and no sign can be wrong.
-
-Policy for zero-area triangles: they have no interior, their points belong to the edges of their
-neighbours, and they take no part in the counts.
-"""
+"""Pairs of triangles that floating point cannot settle, settled exactly."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-Integers = NDArray[np.object_]
+from dtrepair.numerics.geometry import IntArray
 
 
-def as_integers(points: NDArray[np.float32]) -> Integers:
-    """Return float32 coordinates (..., 3), finite, times one power of two, as Python integers."""
-    mantissa, exponent = np.frexp(points.astype(np.float64))
-    whole = (mantissa * 2.0**24).astype(np.int64)
-    used = whole != 0
-    shift = exponent - (int(exponent[used].min()) if used.any() else 0)
-    integers: Integers = np.left_shift(
-        whole.astype(object), np.where(used, shift, 0).astype(object)
-    )
-    return integers
+def settled(points: NDArray[np.float32], faces: IntArray, pairs: IntArray) -> NDArray[np.bool_]:
+    """Return whether the closed triangles of each pair have a common point (K,).
 
-
-def cross(u: Integers, v: Integers) -> Integers:
-    """Return the cross product (..., 3) of integer vectors."""
-    return np.stack(
-        [
-            u[..., 1] * v[..., 2] - u[..., 2] * v[..., 1],
-            u[..., 2] * v[..., 0] - u[..., 0] * v[..., 2],
-            u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0],
-        ],
-        axis=-1,
-    )
-
-
-def dot(u: Integers, v: Integers) -> Integers:
-    """Return the inner product (...,) of integer vectors."""
-    products: Integers = u[..., 0] * v[..., 0] + u[..., 1] * v[..., 1] + u[..., 2] * v[..., 2]
-    return products
-
-
-def sign(values: Integers) -> NDArray[np.int8]:
-    """Return the signs of integers as -1, 0, 1."""
-    return (values > 0).astype(np.int8) - (values < 0).astype(np.int8)
-
-
-def intersect(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Return whether the closed triangles first[k] and second[k] (K, 3, 3) meet, exactly (K,).
-
-    Zero-area triangles intersect nothing (see the module's policy).
+    points: poses (B, V, 3); faces: (F, 3); pairs: (K, 3), frame, triangle, triangle. A triangle
+    without area is the segment, or the point, that its corners span.
     """
-    if len(first) == 0:
+    if len(pairs) == 0:
         return np.zeros(0, dtype=bool)
-    both = as_integers(np.stack([first, second], axis=1))
-    a, b = both[:, 0], both[:, 1]
-    normal_a = cross(a[:, 1] - a[:, 0], a[:, 2] - a[:, 0])
-    normal_b = cross(b[:, 1] - b[:, 0], b[:, 2] - b[:, 0])
-    solid = (normal_a != 0).any(axis=1) & (normal_b != 0).any(axis=1)
-    side_b = sign(dot(normal_a[:, None], b - a[:, :1]))
-    side_a = sign(dot(normal_b[:, None], a - b[:, :1]))
-    apart = (np.abs(side_b.sum(axis=1)) == 3) | (np.abs(side_a.sum(axis=1)) == 3)
-    coplanar = (side_b == 0).all(axis=1)
-    result = np.zeros(len(a), dtype=bool)
-    flat = np.flatnonzero(solid & coplanar)
-    if len(flat):
-        result[flat] = _coplanar_intersect(a[flat], b[flat], normal_a[flat])
-    crossing = np.flatnonzero(solid & ~coplanar & ~apart)
-    if len(crossing):
-        a, b = a[crossing], b[crossing]
-        result[crossing] = _edges_hit(a, side_a[crossing], b) | _edges_hit(b, side_b[crossing], a)
-    return result
+    from dtrepair.device import start_warp
+    from dtrepair.intersect.exact_kernels import settle
+
+    warp = start_warp()
+    arrays = [
+        warp.array(np.ascontiguousarray(values, dtype), dtype=kind, device="cpu", copy=False)
+        for values, dtype, kind in (
+            (pairs, np.int32, warp.vec3i),
+            ([len(pairs)], np.int32, warp.int32),
+            (points, np.float32, warp.vec3f),
+            (faces, np.int32, warp.vec3i),
+        )
+    ]
+    meet = warp.empty(len(pairs), dtype=warp.bool, device="cpu")
+    warp.launch(settle, dim=len(pairs), inputs=[*arrays, meet], device="cpu")
+    verdicts: NDArray[np.bool_] = meet.numpy()
+    return verdicts
 
 
-def _edges_hit(edges: Integers, sides: NDArray[np.int8], triangle: Integers) -> NDArray[np.bool_]:
-    """Return whether an edge that does not lie in the triangle's plane meets the triangle (K,).
-
-    Triangles that are not coplanar intersect in a segment; its ends lie on such edges.
-    """
-    hit = np.zeros(len(edges), dtype=bool)
-    for k in range(3):
-        p, q = edges[:, k], edges[:, (k + 1) % 3]
-        s, t = sides[:, k], sides[:, (k + 1) % 3]
-        meets_plane = (s * t <= 0) & ((s != 0) | (t != 0))
-        turns = [
-            sign(dot(cross(q - p, triangle[:, i] - p), triangle[:, (i + 1) % 3] - p))
-            for i in range(3)
-        ]
-        turn = np.stack(turns, axis=1)
-        hit |= meets_plane & ((turn >= 0).all(axis=1) | (turn <= 0).all(axis=1))
-    return hit
-
-
-def _coplanar_intersect(a: Integers, b: Integers, normal: Integers) -> NDArray[np.bool_]:
-    """Return whether closed coplanar triangles (K, 3, 3) intersect (K,).
-
-    They are apart if and only if a line along an edge separates them.
-    """
-    apart = np.zeros(len(a), dtype=bool)
-    for one, other in ((a, b), (b, a)):
-        for k in range(3):
-            p, q, third = one[:, k], one[:, (k + 1) % 3], one[:, (k + 2) % 3]
-            inward = cross(normal, q - p)
-            inner_side = sign(dot(inward, third - p))
-            other_sides = sign(dot(inward[:, None], other - p[:, None]))
-            apart |= (other_sides == -inner_side[:, None]).all(axis=1)
-    return ~apart
+__all__ = ["settled"]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dtrepair.device import start_warp
-from dtrepair.intersect.kernels import classified, share_vertex
-from dtrepair.intersect.predicates import APART
+from dtrepair.intersect.kernels import classified
+from dtrepair.intersect.predicates import APART, THIN, UNCERTAIN
 
 wp = start_warp()
 wp.set_module_options({"enable_backward": False, "fast_math": False})
@@ -33,17 +33,21 @@ def keep_intersecting(
     candidate_count: wp.array(dtype=wp.int32),
     points: wp.array2d(dtype=wp.vec3f),
     faces: wp.array(dtype=wp.vec3i),
-    welded: wp.array(dtype=wp.vec3i),
     order: wp.array(dtype=wp.int32),
     group: wp.array(dtype=wp.int32),
     counted: wp.array2d(dtype=wp.uint8),
     listed: wp.array(dtype=wp.int64),
+    settled: wp.array(dtype=wp.int64),
+    doubts: wp.array(dtype=wp.vec3i),
+    doubt_count: wp.array(dtype=wp.int32),
     pairs: wp.array(dtype=wp.vec3i),
     count: wp.array(dtype=wp.int32),
 ):
     """Pairs (frame, smaller, larger) of the candidates that intersect, or may, and are counted.
 
-    A pair counts if `counted` says so for the groups of its triangles and it is not `listed`.
+    A pair counts if `counted` says so for the groups of its triangles and it is not `listed`. What
+    floating point leaves open counts, too, unless the pair is one of `settled`, or one of its
+    triangles has no area: these candidates are copied to `doubts`.
     """
     slot = wp.tid()
     if slot >= candidate_count[0]:
@@ -52,17 +56,41 @@ def keep_intersecting(
     frame = candidate[0]
     i = candidate[1]
     j = candidate[2]
-    if share_vertex(welded[i], welded[j]):
-        return
     t = wp.min(order[i], order[j])
     u = wp.max(order[i], order[j])
     if counted[group[t], group[u]] == wp.uint8(0):
         return
     found = classified(points, frame, faces[i], faces[j])
-    if found != APART and not is_listed(listed, t, u, order.shape[0]):
+    if found == APART or is_listed(listed, t, u, order.shape[0]):
+        return
+    if found == THIN or (found == UNCERTAIN and is_listed(settled, t, u, order.shape[0])):
+        doubt = wp.atomic_add(doubt_count, 0, 1)
+        if doubt < doubts.shape[0]:
+            doubts[doubt] = candidate
+        return
+    place = wp.atomic_add(count, 0, 1)
+    if place < pairs.shape[0]:
+        pairs[place] = wp.vec3i(frame, t, u)
+
+
+@wp.kernel
+def add_settled(
+    doubts: wp.array(dtype=wp.vec3i),
+    doubt_count: wp.array(dtype=wp.int32),
+    meet: wp.array(dtype=wp.bool),
+    order: wp.array(dtype=wp.int32),
+    pairs: wp.array(dtype=wp.vec3i),
+    count: wp.array(dtype=wp.int32),
+):
+    """Adds those candidates to the pairs that were in doubt and turned out to meet."""
+    slot = wp.tid()
+    if slot < wp.min(doubt_count[0], doubts.shape[0]) and meet[slot]:
+        doubt = doubts[slot]
+        t = order[doubt[1]]
+        u = order[doubt[2]]
         place = wp.atomic_add(count, 0, 1)
         if place < pairs.shape[0]:
-            pairs[place] = wp.vec3i(frame, t, u)
+            pairs[place] = wp.vec3i(doubt[0], wp.min(t, u), wp.max(t, u))
 
 
 @wp.kernel

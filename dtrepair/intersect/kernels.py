@@ -164,6 +164,7 @@ def wanted(k: int, excluded: wp.uint64, own_active: int, other_active: int) -> i
 def find_candidates(
     leaf_start: wp.array(dtype=wp.int32),
     skip: wp.array(dtype=wp.int32),
+    welded: wp.array(dtype=wp.vec3i),
     neighbor_start: wp.array(dtype=wp.int32),
     neighbor: wp.array(dtype=wp.int32),
     excluded: wp.array(dtype=wp.uint64),
@@ -173,13 +174,18 @@ def find_candidates(
     node_low: wp.array2d(dtype=wp.vec3f),
     node_high: wp.array2d(dtype=wp.vec3f),
     blocks: wp.array3d(dtype=vec8f),
+    most: int,
+    most_of_leaf: int,
     candidates: wp.array(dtype=wp.vec3i),
     count: wp.array(dtype=wp.int32),
 ):
-    """Pairs (frame, i, j), i < j in leaf order, that are not excluded and whose boxes overlap.
+    """Pairs (frame, i, j), i < j in leaf order, that share no vertex and whose boxes overlap.
 
     One thread a frame and leaf: the leaf with itself and with the leaves behind it. Bit k of a
-    leaf is set in `active` if its triangle k is; pairs of two that are not are left out.
+    leaf is set in `active` if its triangle k is; pairs of two that are not are left out. The
+    search ends with more than `most` pairs, or when a leaf's triangles have met more than
+    `most_of_leaf` others, whether they share a vertex or not: poses that collapsed are told in no
+    time, and the count, which is more than `most` then, cannot wrap around.
     """
     frame, leaf = wp.tid()
     entry = neighbor_start[leaf]
@@ -190,6 +196,7 @@ def find_candidates(
     own_low = node_low[frame, node]
     own_high = node_high[frame, node]
     own_active = wp.int32(active[node])
+    met = int(0)
     while node < skip.shape[0]:
         other_low = node_low[frame, node]
         other_high = node_high[frame, node]
@@ -199,6 +206,10 @@ def find_candidates(
         elif node < leaves - 1:
             node = 2 * node + 1
         else:
+            if met > most_of_leaf:
+                wp.atomic_max(count, 0, most + 1)
+            if count[0] > most:
+                return
             other = node - leaves + 1
             node = skip[node]
             while entry < last_entry and neighbor[entry] < other:
@@ -215,12 +226,13 @@ def find_candidates(
                 row = in_reach(low[frame, i], high[frame, i], blocks, frame, other)
                 row = row & wanted(k, out, own_active, other_active)
                 while row != 0:
-                    slot = wp.atomic_add(count, 0, 1)
-                    # The count of poses that collapsed may wrap around.
-                    if slot >= 0 and slot < candidates.shape[0]:
-                        j = leaf_start[other] + lowest_bit(row)
-                        candidates[slot] = wp.vec3i(frame, i, j)
+                    j = leaf_start[other] + lowest_bit(row)
                     row = row & (row - 1)
+                    met += 1
+                    if not share_vertex(welded[i], welded[j]):
+                        slot = wp.atomic_add(count, 0, 1)
+                        if slot < candidates.shape[0]:
+                            candidates[slot] = wp.vec3i(frame, i, j)
 
 
 @wp.func
@@ -243,7 +255,6 @@ def test_candidates(
     candidates: wp.array(dtype=wp.vec3i),
     points: wp.array2d(dtype=wp.vec3f),
     faces: wp.array(dtype=wp.vec3i),
-    welded: wp.array(dtype=wp.vec3i),
     order: wp.array(dtype=wp.int32),
     pairs: wp.array(dtype=wp.vec4i),
     count: wp.array(dtype=wp.int32),
@@ -253,8 +264,6 @@ def test_candidates(
     frame = candidate[0]
     i = candidate[1]
     j = candidate[2]
-    if share_vertex(welded[i], welded[j]):
-        return
     found = classified(points, frame, faces[i], faces[j])
     if found != APART:
         t = order[i]

@@ -14,6 +14,7 @@ wp.set_module_options({"enable_backward": False, "fast_math": False})
 APART = wp.constant(0)
 INTERSECTING = wp.constant(1)
 UNCERTAIN = wp.constant(2)
+THIN = wp.constant(3)
 
 # (7 + 56 eps) eps of Shewchuk's orientation filter is 7.8e-16.
 SIGN_BOUND = wp.constant(wp.float64(1.0e-15))
@@ -156,6 +157,8 @@ def classify_doubles(
             return APART
         if separated_in_plane(normal_b, a0, a1, a2, b0, b1, b2):
             return APART
+        if wp.dot(normal_a, normal_a) == ZERO or wp.dot(normal_b, normal_b) == ZERO:
+            return THIN
         return UNCERTAIN
     result = APART
     for edge in range(6):
@@ -198,5 +201,8 @@ def classify_doubles(
 def classify(
     a0: wp.vec3f, a1: wp.vec3f, a2: wp.vec3f, b0: wp.vec3f, b1: wp.vec3f, b2: wp.vec3f
 ) -> int:
-    """Whether two closed triangles have a common point: APART, INTERSECTING or UNCERTAIN."""
+    """Whether two closed triangles have a common point: APART, INTERSECTING or UNCERTAIN.
+
+    THIN is uncertain, too: one of them has no area, for which there are no planes to tell.
+    """
     return classify_doubles(double(a0), double(a1), double(a2), double(b0), double(b1), double(b2))

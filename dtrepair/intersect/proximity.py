@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector
+from dtrepair.intersect.ignored import collapsed
 from dtrepair.numerics.geometry import FloatArray, IntArray, dots, vector_areas
 
 
@@ -22,7 +23,8 @@ def close_pairs(
 
     Distances are those of the boundaries: of a pair that intersects only where an edge pierces a
     face the distance may be positive, so unite the result with the detector's pairs. Points (V, 3)
-    and distance have the same length unit; `active` (F,) as in `Detector`.
+    and distance have the same length unit; `active` (F,) as in `Detector`. Raises
+    CollapsedPoseError where there are more pairs than can be kept.
     """
     tree = detector.tree
     if tree is None or distance <= 0.0:
@@ -42,18 +44,21 @@ def close_pairs(
     ]
     inputs += [*boxes[:4], warp.array(queries, dtype=warp.int32, device="cpu")]
     inputs.append(warp.array(searching.astype(np.uint8), dtype=warp.uint8, device="cpu"))
+    most = detector.limits.of(len(tree.order))[0]
     capacity = 4 * len(tree.order) + 1024
     while True:
         pairs = warp.empty(capacity, dtype=warp.vec2i, device="cpu")
         count = warp.zeros(1, dtype=warp.int32, device="cpu")
-        arguments = [*inputs, float(distance), pairs, count]
+        arguments = [*inputs, float(distance), most, pairs, count]
         warp.launch(find_close_pairs, dim=len(queries), inputs=arguments, device="cpu")
         pair_count = int(count.numpy()[0])
+        if pair_count > most:
+            raise collapsed(len(tree.order))
         if pair_count <= capacity:
             rows = pairs.numpy()[:pair_count]
             ordered: IntArray = rows[np.lexsort((rows[:, 1], rows[:, 0]))]
             return ordered
-        capacity = 2 * pair_count
+        capacity = pair_count
 
 
 def face_each_other(points: FloatArray, faces: IntArray, pairs: IntArray) -> NDArray[np.bool_]:

@@ -107,10 +107,14 @@ def find_close_pairs(
     queries: wp.array(dtype=wp.int32),
     active: wp.array(dtype=wp.uint8),
     distance: wp.float64,
+    most: int,
     pairs: wp.array(dtype=wp.vec2i),
     count: wp.array(dtype=wp.int32),
 ):
-    """Pairs without a common vertex closer than `distance`; one thread an active triangle."""
+    """Pairs without a common vertex closer than `distance`; one thread an active triangle.
+
+    The search ends with more than `most` pairs.
+    """
     i = queries[wp.tid()]
     squared = distance * distance
     # Float32 boxes get a margin: the triangles themselves are measured in float64.
@@ -128,6 +132,8 @@ def find_close_pairs(
         if node < leaves - 1:
             node = 2 * node + 1
             continue
+        if count[0] > most:
+            return
         leaf = node - leaves + 1
         for j in range(leaf_start[leaf], leaf_start[leaf + 1]):
             # A pair of two active triangles is found from its first one only.

@@ -29,6 +29,7 @@ from dtrepair.pipeline.stages.devices import use_device
 from dtrepair.pipeline.stages.enclosed_parts import EnclosedParts
 from dtrepair.pipeline.stages.frames import (
     Frame,
+    count_frame,
     frame_time,
     make_counter,
     mode_warnings,
@@ -214,10 +215,10 @@ def _records(
     jobs: int | None,
 ) -> Generator[FrameRecord]:
     def count(frame: Frame) -> FrameRecord:
-        if not frame.usable:
-            return unusable(frame)
         start = clock.perf_counter()
-        found = counter(frame.spaces)
+        frame, found = count_frame(counter, frame)
+        if found is None:
+            return unusable(frame)
         each = zip(source.meshes, found.each, strict=True)
         return FrameRecord(
             time=frame_time(frame),

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from dtrepair.intersect import detector as detector_module
 from dtrepair.intersect.detector import Detector, find_intersections, triangle_count
+from dtrepair.intersect.ignored import CollapsedPoseError, PairLimits
+from dtrepair.intersect.proximity import close_pairs
 from dtrepair.intersect.tree import build_tree
 from dtrepair.numerics.geometry import weld_map
 from tests import meshes
@@ -99,17 +101,86 @@ def test_seams_weld() -> None:
     assert np.array_equal(unwelded, cgal_pairs(double, split))
 
 
-def test_zero_area_triangles_take_no_part() -> None:
-    points = np.array(
-        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1], [0.2, 0.2, 3.0]]
+def test_a_triangle_without_area_is_the_segment_or_the_point_of_its_corners() -> None:
+    needle = [[0.2, 0.2, -1], [0.2, 0.2, 1], [0.2, 0.2, 3.0]]
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], *needle])
+    assert find_intersections(points, TWO_FACES).tolist() == [[0, 1]]
+    points[5] = 0.2, 0.2, 1  # two of its corners are one
+    assert find_intersections(points, TWO_FACES).tolist() == [[0, 1]]
+    points[3:] = 0.2, 0.2, 0  # all three
+    assert find_intersections(points, TWO_FACES).tolist() == [[0, 1]]
+    points[3:, 2] = 1e-30
+    assert find_intersections(points, TWO_FACES).tolist() == []
+    points[:3] = [[0.2, -1, 0.5], [0.2, 0.5, 0.5], [0.2, 2, 0.5]]
+    points[3:] = needle
+    assert find_intersections(points, TWO_FACES).tolist() == [[0, 1]]
+    points[:3, 0] += 1e-6
+    assert find_intersections(points, TWO_FACES).tolist() == []
+
+
+def test_a_pose_with_too_many_pairs_is_refused_before_they_are_kept() -> None:
+    points, faces = meshes.icosphere(1)
+    everything = len(faces) * (len(faces) - 1) // 2
+    point = np.zeros_like(points)
+    few = PairLimits(candidates=4, pairs=1, least_candidates=500, least_pairs=60)
+    detector = Detector(points, faces, limits=few)
+    pinched = points * np.where(np.arange(len(points)) == 3, -1.5, 1.0)[:, None]
+    assert 0 < len(detector(pinched)) <= 60
+    for pose in (point, np.stack([points, point])):
+        with pytest.raises(CollapsedPoseError, match="80 triangles lie at one place"):
+            detector(pose)
+        with pytest.raises(CollapsedPoseError, match="collapsed"):
+            close_pairs(detector, point.astype(np.float32), 0.1)
+    assert len(detector(points)) == 0  # nothing is left over
+    # Few boxes overlap, and all of them intersect.
+    roomy = PairLimits(candidates=99, pairs=1, least_candidates=0, least_pairs=0)
+    with pytest.raises(CollapsedPoseError):
+        Detector(points, faces, limits=roomy)(point)
+    enough = PairLimits(candidates=99, pairs=99, least_candidates=0, least_pairs=0)
+    assert 0 < len(Detector(points, faces, limits=enough)(point)) < everything
+    # As one vertex they all are neighbours: that is no pair, but not looked through without end.
+    weld = np.zeros(len(points), dtype=np.int32)
+    assert len(detector(point, weld=weld)) == 0
+    brief = PairLimits(of_leaf=300)
+    with pytest.raises(CollapsedPoseError):
+        Detector(points, faces, limits=brief)(point, weld=weld)
+
+
+def test_a_pose_with_more_pairs_than_32_bits_count_is_refused() -> None:
+    # 70,000 triangles at one place have 2.4e9 pairs.
+    points = np.random.default_rng(0).random((35_000, 3))
+    faces = np.random.default_rng(1).integers(0, 35_000, (70_000, 3))
+    with pytest.raises(CollapsedPoseError, match="70,000 triangles"):
+        Detector(points, faces)(np.zeros_like(points))
+
+
+def test_thin_triangles_along_a_seam_do_not_meet_their_neighbours() -> None:
+    """The upper side of a seam has a vertex more on each edge; a thin triangle closes each gap."""
+    cells = 7
+    seam = np.arange(cells + 1)
+    middle, below, above = seam + cells + 1, seam + 2 * cells + 2, seam + 3 * cells + 3
+    a, b = seam[:-1], seam[1:]
+    faces = np.concatenate(
+        [
+            np.stack(corners, axis=1)
+            for corners in (
+                (below[:-1], below[1:], b),
+                (below[:-1], b, a),
+                (a, middle[:-1], above[:-1]),
+                (middle[:-1], b, above[:-1]),
+                (b, above[1:], above[:-1]),
+                (a, b, middle[:-1]),
+            )
+        ]
     )
-    assert Detector(points, TWO_FACES)(points).tolist() == []
-    points[5] = 0.2, 0.2, 1
-    assert Detector(points, TWO_FACES)(points).tolist() == []
-    points[5] = 0.2, 0.2 + 1e-6, 1
-    assert Detector(points, TWO_FACES)(points).tolist() == [[0, 1]]
-    repeated = np.array([[0, 1, 2], [3, 4, 4]], dtype=np.int32)
-    assert Detector(points, repeated)(points).tolist() == []
+    x = 0.1 * np.tile(seam, 4) + np.repeat([0.0, 0.05, 0.0, 0.05], cells + 1)
+    y = np.repeat([0.0, 0.0, -0.1, 0.1], cells + 1)
+    points = np.stack([x, y, np.zeros_like(x)], axis=1)
+    turned = np.stack([y, np.zeros_like(x), x + 3.0], axis=1)
+    for pose in (points, turned):
+        assert find_intersections(pose, faces).tolist() == []
+        pose[middle[3]] = pose[b[3]] + 1.4 * (pose[b[3]] - pose[a[3]])  # beyond its neighbours
+        assert len(find_intersections(pose, faces)) > 0
 
 
 def test_a_full_buffer_grows() -> None:

@@ -12,10 +12,10 @@ import torch
 from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector, find_intersections, triangle_count
-from dtrepair.intersect.exact import intersect
 from tests import meshes
 from tests.cgal_reference import cgal_intersect, cgal_pairs
 from tests.crossing_meshes import MESHES, TWO_FACES
+from tests.integer_arithmetic import integer_intersect
 from tests.soups import stress_families
 
 CERTAIN, UNCERTAIN = 1, 2
@@ -27,7 +27,7 @@ def brute_force(points: NDArray[Any], faces: NDArray[np.int32]) -> NDArray[np.in
     free = ~(faces[i][:, :, None] == faces[j][:, None, :]).any(axis=(1, 2))
     i, j = i[free], j[free]
     corners = points.astype(np.float32)[faces]
-    hit = intersect(corners[i], corners[j])
+    hit = integer_intersect(corners[i], corners[j])
     return np.stack([i[hit], j[hit]], axis=1).astype(np.int32)
 
 

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dtrepair.intersect.exact import as_integers, intersect
+from dtrepair.intersect.exact import settled
 from tests.cgal_reference import cgal_intersect
+from tests.crossing_meshes import TWO_FACES
+from tests.integer_arithmetic import as_integers, integer_intersect
 from tests.soups import lattice_pairs, stress_families
 
 BASE = [(0, 0, 0), (4, 0, 0), (0, 4, 0)]
@@ -38,9 +40,45 @@ CASES: dict[str, tuple[Sequence[tuple[float, ...]], bool]] = {
     "coplanar, apart by one step": ([(1, -STEP, 0), (3, -STEP, 0), (2, -3, 0)], False),
     "coplanar, apart": ([(5, 5, 0), (6, 5, 0), (5, 6, 0)], False),
     "equal": (BASE, True),
-    "point": ([(1, 1, 0)] * 3, False),
-    "segment through": ([(1, 1, -1), (1, 1, 1), (1, 1, 3)], False),
+    "point on the inside": ([(1, 1, 0)] * 3, True),
+    "point just above the inside": ([(1, 1, STEP)] * 3, False),
+    "point on an edge": ([(2, 2, 0)] * 3, True),
+    "point on a corner": ([(0, 4, 0)] * 3, True),
+    "point in the plane, outside": ([(3, 3, 0)] * 3, False),
+    "needle through": ([(1, 1, -1), (1, 1, 1), (1, 1, 3)], True),
+    "needle that ends on the inside": ([(1, 1, 0), (1, 1, 1), (1, 1, 3)], True),
+    "needle that ends just above": ([(1, 1, STEP), (1, 1, 1), (1, 1, 3)], False),
+    "needle beside": ([(5, 5, -1), (5, 5, 1), (5, 5, 3)], False),
+    "needle of a corner twice, through": ([(1, 1, -1), (1, 1, 1), (1, 1, 1)], True),
+    "needle in the plane, across": ([(-1, 1, 0), (1, 1, 0), (9, 1, 0)], True),
+    "needle in the plane, inside": ([(0.5, 1, 0), (1, 1, 0), (1.5, 1, 0)], True),
+    "needle in the plane, outside": ([(5, 1, 0), (6, 1, 0), (7, 1, 0)], False),
+    "needle on the line of an edge, beyond": ([(5, 0, 0), (6, 0, 0), (7, 0, 0)], False),
+    "needle on the line of an edge, touching": ([(4, 0, 0), (6, 0, 0), (7, 0, 0)], True),
 }
+NEEDLE = [(0, 0, 0), (2, 2, 2), (4, 4, 4)]
+THIN_CASES: dict[str, tuple[Sequence[tuple[float, ...]], bool]] = {
+    "crossing": ([(1, 3, 2), (3, 1, 2), (2, 2, 2)], True),
+    "crossing, in a plane of the axes": ([(2, 0, 2), (2, 4, 2), (2, 9, 2)], True),
+    "skew": ([(1, 3, 2), (3, 1, 2 + 2.0**-20), (1, 3, 2)], False),
+    "in one plane, apart": ([(5, 6, 5), (9, 1, 5), (5, 6, 5)], False),
+    "parallel": ([(0, 0, 1), (2, 2, 3), (4, 4, 5)], False),
+    "in line, overlapping": ([(3, 3, 3), (5, 5, 5), (7, 7, 7)], True),
+    "in line, touching": ([(4, 4, 4), (5, 5, 5), (7, 7, 7)], True),
+    "in line, apart": ([(4.5, 4.5, 4.5), (5, 5, 5), (7, 7, 7)], False),
+    "point on it": ([(3, 3, 3)] * 3, True),
+    "point at its end": ([(4, 4, 4)] * 3, True),
+    "point in line, beyond": ([(5, 5, 5)] * 3, False),
+    "point beside": ([(3, 3, 2)] * 3, False),
+    "equal": (NEEDLE, True),
+}
+
+
+def intersect(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Whether the triangles first[k] and second[k] (K, 3, 3) have a common point (K,)."""
+    poses = np.concatenate([first, second], axis=1)
+    rows = np.arange(len(poses))[:, None] * (1, 0, 0) + (0, 0, 1)
+    return settled(poses, TWO_FACES, rows.astype(np.int32))
 
 
 def as_triangles(corners: Sequence[tuple[float, ...]]) -> NDArray[np.float32]:
@@ -49,22 +87,38 @@ def as_triangles(corners: Sequence[tuple[float, ...]]) -> NDArray[np.float32]:
 
 @pytest.mark.parametrize("name", CASES)
 def test_known_case_in_every_order_of_corners(name: str) -> None:
-    corners, expected = CASES[name]
+    check_every_order(BASE, *CASES[name])
+
+
+@pytest.mark.parametrize("name", THIN_CASES)
+def test_known_case_of_two_without_area(name: str) -> None:
+    check_every_order(NEEDLE, *THIN_CASES[name])
+
+
+def test_points_meet_if_they_are_one() -> None:
+    check_every_order([(1, 2, 3)] * 3, [(1, 2, 3)] * 3, True)
+    check_every_order([(1, 2, 3)] * 3, [(1, 2 + 2.0**-20, 3)] * 3, False)
+    check_every_order([(0, 2, 3)] * 3, [(-0.0, 2, 3)] * 3, True)
+
+
+def check_every_order(
+    base_corners: Sequence[tuple[float, ...]], corners: Sequence[tuple[float, ...]], expected: bool
+) -> None:
     for order in permutations(range(3)):
         turned = as_triangles([corners[k] for k in order])
-        base = as_triangles([BASE[k] for k in order])
-        for fixed in (base, as_triangles(BASE)):
+        base = as_triangles([base_corners[k] for k in order])
+        for fixed in (base, as_triangles(base_corners)):
             assert intersect(fixed, turned).tolist() == [expected]
             assert intersect(turned, fixed).tolist() == [expected]
 
 
 @pytest.mark.parametrize("family", stress_families(1))
-def test_agrees_with_cgal(family: str) -> None:
+def test_agrees_with_cgal_and_with_integers(family: str) -> None:
     pairs = stress_families(1500)[family]
     expected = cgal_intersect(pairs[:, 0], pairs[:, 1])
     assert np.array_equal(intersect(pairs[:, 0], pairs[:, 1]), expected)
-    if family != "zero areas":
-        assert 0.1 < expected.mean() < 0.95, "the family should hold both answers"
+    assert np.array_equal(integer_intersect(pairs[:, 0], pairs[:, 1]), expected)
+    assert 0.1 < expected.mean() < 0.95, "the family should hold both answers"
 
 
 def test_whole_shifts_and_powers_of_two_change_nothing() -> None:
@@ -87,4 +141,3 @@ def test_integers_keep_every_ratio() -> None:
 def test_no_pairs() -> None:
     nothing = np.zeros((0, 3, 3), dtype=np.float32)
     assert intersect(nothing, nothing).shape == (0,)
-    assert not intersect(np.zeros((1, 3, 3), np.float32), np.zeros((1, 3, 3), np.float32)).any()

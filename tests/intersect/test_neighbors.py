@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dtrepair.intersect.neighbors import Neighbors, leaf_neighbors
-from dtrepair.intersect.tree import build_tree
+from dtrepair.intersect.tree import Neighbors, build_tree, leaf_neighbors
 from tests import meshes
 
 

@@ -11,8 +11,8 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from dtrepair.intersect.detector import Detector
-from dtrepair.intersect.exact import as_integers, cross, dot, sign
 from dtrepair.intersect.queries import Queries, link_labels, one_vertex_pairs
+from tests.integer_arithmetic import as_integers, cross, dot, sign
 from tests.meshes import Mesh, elbow, grid, icosphere, joined, overlapping_spheres, torus, tube
 
 SPHERE = icosphere(2)

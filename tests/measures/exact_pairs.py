@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.cgal_reference import cgal_hull
 from tests.measures.surfaces import Floats, Ints, Mask
 
 # Shewchuk 1997: a 3 x 3 determinant of differences has the sign that floating-point arithmetic
@@ -21,7 +22,7 @@ def intersecting_pairs(
     """Pairs (K, 2) of triangles with a common point that share no vertex, sorted.
 
     Points (V, 3) are rounded to float32. Two corners are one vertex where `vertex_of` (V,) says so
-    or where those of one owner (V,) are at one position. Triangles of no area meet nothing.
+    or where those of one owner (V,) are at one position. Without area a triangle is less.
     """
     single = points.astype(np.float32) + np.float32(0.0)
     keys = np.column_stack([single, np.zeros(len(single)) if owner is None else owner])
@@ -82,11 +83,8 @@ def _by_cgal(corners: Floats, pairs: Ints) -> Mask:
         raise ImportError("exact counts need CGAL: pip install cgal") from None
     made: dict[int, Any] = {}
     for index in np.unique(pairs).tolist():
-        own = (kernel.Point_3(*corner) for corner in corners[index].tolist())
-        triangle = kernel.Triangle_3(*own)
-        made[index] = None if triangle.is_degenerate() else triangle
+        made[index] = cgal_hull(kernel, corners[index].tolist())
     result = np.zeros(len(pairs), dtype=bool)
     for row, (i, j) in enumerate(pairs.tolist()):
-        a, b = made[i], made[j]
-        result[row] = a is not None and b is not None and kernel.do_intersect(a, b)
+        result[row] = kernel.do_intersect(made[i], made[j])
     return result

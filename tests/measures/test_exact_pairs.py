@@ -46,7 +46,9 @@ def test_vertices_that_are_one_in_the_rest_are_one_in_every_pose() -> None:
     assert len(intersecting_pairs(points, faces, np.array([0, 1, 2, 0, 4, 5]))) == 0
 
 
-def test_a_triangle_of_no_area_meets_nothing() -> None:
+def test_a_triangle_of_no_area_is_a_segment() -> None:
     points = np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.5, -1], [0.5, 0.5, 1]])
     points = np.concatenate([points, [[0.5, 0.5, 0.0]]])
+    assert of(points, np.array([[0, 1, 2], [3, 4, 5]])) == [[0, 1]]
+    points[3:, 2] += 1.5
     assert of(points, np.array([[0, 1, 2], [3, 4, 5]])) == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -11,7 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, components, weld_map
+from dtrepair.intersect.ignored import CollapsedPoseError
+from dtrepair.numerics.geometry import FloatArray, IntArray, components, vector_areas, weld_map
 from dtrepair.pipeline.repair.modelled_parts import ModelledParts
 from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.frames import read_frame
@@ -213,6 +215,10 @@ class _Meshes:
         from dtrepair.intersect.ignored import counted_between
 
         pairs = self._detector(points, weld=self.weld)
+        # What is flat or scaled to zero in a pose touches itself and shows nothing.
+        rounded = points.astype(np.float32).astype(np.float64)
+        solid = (vector_areas(rounded, self.faces) != 0.0).any(axis=1)
+        pairs = pairs[np.asarray(solid)[pairs].all(axis=1)]
         pairs = pairs[counted_between(self.mesh_of[pairs], mode="both", ignored=self.ignored)]
         sides = np.sort(self.part_of[pairs], axis=1)
         keys = sides[:, 0] * len(self.rest) + sides[:, 1]
@@ -229,7 +235,8 @@ class _Meshes:
             frame = read_frame(self.source, time)
             if frame.usable:
                 points = np.concatenate([np.asarray(own, np.float64) for own in frame.spaces])
-                yield self.look(points, f"frame {time_label(time)}")
+                with suppress(CollapsedPoseError):
+                    yield self.look(points, f"frame {time_label(time)}")
 
     def tell_by_rests(self, pairs: IntArray) -> BoolArray:
         """Return which pairs (K, 2) of triangles are of meshes of which the rests tell, (K,)."""

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from dtrepair.pipeline.errors import Cancelled
 from dtrepair.pipeline.repair.modelled_parts import ModelledParts
 from dtrepair.pipeline.repair.records import FrameRecorder
-from dtrepair.pipeline.stages.frames import Frame, frame_time, unusable
+from dtrepair.pipeline.stages.frames import Frame, count_frame, frame_time, unusable
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.record import FrameRecord
 
 if TYPE_CHECKING:
-    from dtrepair.intersect.scene_counts import SceneCounter
+    from dtrepair.intersect.scene_counts import SceneCount, SceneCounter
     from dtrepair.repair.repairer import SceneRepairer
     from dtrepair.repair.result import RepairResult
     from dtrepair.repair.scene.bodies import Body
@@ -123,15 +123,20 @@ class FrameRepairer:
         solve, at_once = self.repairer.batch, self.repairer.poses_at_once
         yield from repair_each(solve, points, self.memory, jobs=jobs, at_once=at_once)
 
-    def finish(self, frame: Frame, solution: Solution | None) -> Repaired:
-        """Verify a solution on the points that would be written; unchanged where there is none."""
+    def finish(
+        self, frame: Frame, solution: Solution | None, before: SceneCount | None = None
+    ) -> Repaired:
+        """Verify a solution on the points that would be written; unchanged where there is none.
+
+        before: the count of the frame as it came, if that is known.
+        """
         unchanged: tuple[None, ...] = (None,) * len(self.source.meshes)
         if solution is None:
             return Repaired(frame, unchanged, frame.spaces, unusable(frame), {})
         try:
             if isinstance(solution, Exception):
                 raise solution
-            return self._verified(frame, solution)
+            return self._verified(frame, solution, before or self.counter(frame.spaces))
         except Exception as error:
             # What usd_io says is meant for users; the rest is told with its kind.
             told = hasattr(error, "exit_code")
@@ -139,8 +144,8 @@ class FrameRepairer:
             record = FrameRecord(time=frame_time(frame), status="failed", message=message)
             return Repaired(frame, unchanged, frame.spaces, record, {}, error)
 
-    def _verified(self, frame: Frame, results: list[RepairResult]) -> Repaired:
-        before = after = self.counter(frame.spaces)
+    def _verified(self, frame: Frame, results: list[RepairResult], before: SceneCount) -> Repaired:
+        after = before
         points: tuple[NDArray[np.float32] | None, ...] = (None,) * len(frame.points)
         spaces, iterations = frame.spaces, 0
         seconds = {"detect": 0.0, "solve": 0.0}
@@ -206,13 +211,14 @@ def repair_frames(frames: Iterable[Frame], repairer: FrameRepairer) -> Generator
 
     The solver may look ahead as far as it likes: frames wait here until their solution comes.
     """
-    waiting: deque[Frame] = deque()
+    waiting: deque[tuple[Frame, SceneCount | None]] = deque()
     finishing: deque[Future[Repaired]] = deque()
 
     def poses() -> Iterator[Pose]:
         for frame in frames:
             wait(finishing)  # the solver goes on, and may fork: no thread must be at work then
-            waiting.append(frame)
+            frame, before = count_frame(repairer.counter, frame)
+            waiting.append((frame, before))
             if frame.usable:
                 yield frame.time, frame.spaces
         wait(finishing)
@@ -220,9 +226,10 @@ def repair_frames(frames: Iterable[Frame], repairer: FrameRepairer) -> Generator
     ahead = 2 * repairer.workers
     with ThreadPoolExecutor(repairer.workers) as pool:
         for solution in repairer.solve(poses()):
-            while not waiting[0].usable:
-                finishing.append(pool.submit(repairer.finish, waiting.popleft(), None))
-            finishing.append(pool.submit(repairer.finish, waiting.popleft(), solution))
+            while not waiting[0][0].usable:
+                finishing.append(pool.submit(repairer.finish, waiting.popleft()[0], None))
+            frame, before = waiting.popleft()
+            finishing.append(pool.submit(repairer.finish, frame, solution, before))
             if repairer.alone:
                 wait(finishing)
             while finishing and (finishing[0].done() or len(finishing) > ahead):
@@ -230,7 +237,7 @@ def repair_frames(frames: Iterable[Frame], repairer: FrameRepairer) -> Generator
         while finishing:
             yield finishing.popleft().result()
         while waiting:
-            yield repairer.finish(waiting.popleft(), None)
+            yield repairer.finish(waiting.popleft()[0], None)
 
 
 def _free(body: Body) -> NDArray[np.bool_]:

@@ -197,6 +197,7 @@ def _time_of_rest(source: Source, rests: list[Rest]) -> tuple[float, list[tuple[
     How they lie there tells what covers what. Of a few frames of the whole clip, so that the parts
     of a farm agree; the first of several.
     """
+    from dtrepair.intersect.ignored import CollapsedPoseError
     from dtrepair.intersect.scene_counts import SceneCounter
 
     count = min(PLACEMENTS, len(source.all_times))
@@ -211,7 +212,10 @@ def _time_of_rest(source: Source, rests: list[Rest]) -> tuple[float, list[tuple[
         if counter is None:
             faces = [mesh.faces for mesh in source.meshes]
             counter = SceneCounter(placed, faces, mode="inter")
-        found = counter(placed)
+        try:
+            found = counter(placed)
+        except CollapsedPoseError:  # scaled to nothing: it tells nothing
+            continue
         pairs = found.total.pairs
         if least < 0 or pairs < least:
             best, least, met = time, pairs, sorted(found.met)

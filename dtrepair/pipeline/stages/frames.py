@@ -17,7 +17,7 @@ from dtrepair.pipeline.stages.sources import Source, placing_time
 from dtrepair.report.record import FrameRecord, PrimRecord
 
 if TYPE_CHECKING:
-    from dtrepair.intersect.scene_counts import SceneCounter
+    from dtrepair.intersect.scene_counts import SceneCount, SceneCounter
     from dtrepair.numerics.attachments import Attachments
 
 Item = TypeVar("Item")
@@ -132,6 +132,18 @@ def make_counter(
     return SceneCounter(
         rests, faces, mode=mode, ignored=ignored, device=device, attachments=attachments
     )
+
+
+def count_frame(counter: SceneCounter, frame: Frame) -> tuple[Frame, SceneCount | None]:
+    """Count a frame; None for an unusable one, which a frame becomes that has collapsed."""
+    from dtrepair.intersect.ignored import CollapsedPoseError
+
+    if not frame.usable:
+        return frame, None
+    try:
+        return frame, counter(frame.spaces)
+    except CollapsedPoseError as error:
+        return Frame(frame.time, failure=str(error)), None
 
 
 def side_by_side(

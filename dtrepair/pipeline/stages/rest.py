@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import InputError, UsageError
 from dtrepair.pipeline.selection import Selection
-from dtrepair.pipeline.stages.frames import make_counter, read_frames
+from dtrepair.pipeline.stages.frames import count_frame, make_counter, read_frames
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, open_source, time_label
 from dtrepair.wording import counted, listed
 
@@ -87,9 +87,10 @@ def _default_rests(source: Source, device: str) -> list[Rest]:
     least = [math.inf] * len(source.meshes)
     # Frames not selected count too: the parts of a shot on a farm then share one rest pose.
     for frame in read_frames(source, source.all_times):
-        if not frame.usable:
+        frame, found = count_frame(counter, frame)
+        if found is None:
             continue
-        for index, count in enumerate(counter(frame.spaces).each):
+        for index, count in enumerate(found.each):
             if not source.meshes[index].has_rest and count.pairs < least[index]:
                 least[index] = count.pairs
                 points = frame.points[index].astype(np.float64)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import InputError
-from dtrepair.pipeline.stages.frames import make_counter, read_frame
+from dtrepair.pipeline.stages.frames import count_frame, make_counter, read_frame
 from dtrepair.pipeline.stages.sources import Source, time_label
 
 
@@ -42,11 +42,10 @@ class WorldScene:
 
     def __call__(self, time: float) -> SceneFrame:
         """Read a frame and count its intersections; a failure where it has no points."""
-        frame = read_frame(self.source, time)
-        if not frame.usable:
+        frame, found = count_frame(self._counter, read_frame(self.source, time))
+        if found is None:
             reason = frame.failure or f"{frame.blocked}: the sample is blocked"
             raise InputError(f"{self.source.name}, frame {time_label(time)}: {reason}")
-        found = self._counter(frame.spaces)
         placed: list[NDArray[Any]] = [
             self.source.to_world(mesh, time, part)
             for mesh, part in zip(self.source.meshes, frame.points, strict=True)

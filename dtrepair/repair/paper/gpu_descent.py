@@ -11,7 +11,7 @@ from torch import Tensor
 
 from dtrepair.device import DeviceQueue, out_of_memory
 from dtrepair.intersect.detector import Detector
-from dtrepair.intersect.ignored import CountedPairs
+from dtrepair.intersect.ignored import CollapsedPoseError, CountedPairs
 from dtrepair.repair.paper.descent import NOT_MEASURED, Descent, DescentResult
 from dtrepair.repair.paper.gpu_detection import BufferOptions, FixedDetection
 from dtrepair.repair.paper.gpu_operators import Forces
@@ -56,6 +56,7 @@ class DeviceDescent:
 
     Raises:
         MemoryError: a single pose does not fit on the device.
+        CollapsedPoseError: a pose has more pairs than can be kept.
     """
 
     def __init__(
@@ -108,12 +109,16 @@ class DeviceDescent:
                 self._drop_loop()
                 self._loop = _Loop(self, len(points), self.capacity)
             loop = self._loop
-            with self.queue.active():
-                loop.load(points)
-                while not loop.done and loop.larger is None:
-                    loop.advance()
-                if loop.larger is None:
-                    return loop.result(points)
+            try:
+                with self.queue.active():
+                    loop.load(points)
+                    while not loop.done and loop.larger is None:
+                        loop.advance()
+                    if loop.larger is None:
+                        return loop.result(points)
+            except CollapsedPoseError:
+                self._drop_loop()  # it keeps the most that was needed
+                raise
             self.capacity = loop.larger
             del loop
             self._drop_loop()

@@ -136,7 +136,8 @@ class Contacts:
         listed = np.zeros((0, 2), dtype=np.int32)
         if self._leave_rest:
             listed = self._detector(self._rest)
-        return CountedPairs(group.ravel().astype(np.int32), counted, listed)
+        settled = self._uncertain.clear_at_rest
+        return CountedPairs(group.ravel().astype(np.int32), counted, listed, settled)
 
     def _counted(self, pairs: IntArray) -> IntArray:
         return pairs[self.counts(pairs)]

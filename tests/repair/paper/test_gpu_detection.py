@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from dtrepair.device import DeviceQueue
 from dtrepair.intersect.detector import Detector
-from dtrepair.intersect.ignored import CountedPairs
+from dtrepair.intersect.ignored import CollapsedPoseError, CountedPairs
 from dtrepair.repair.paper.gpu_detection import FixedDetection
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import bent_tube, icosphere, joined, overlapping_spheres
+from tests.repair.surface.test_uncertain_pairs import capped_cylinder
 
 QUEUE = DeviceQueue("cpu")
 
@@ -98,6 +99,38 @@ def test_what_counts_is_what_counts_for_the_surface() -> None:
     assert len(set(results)) == len(results) and min(results) > 0
 
 
+def test_what_is_in_doubt_and_clear_at_rest_is_settled() -> None:
+    points, faces = joined(capped_cylinder(), capped_cylinder())
+    half = len(points) // 2
+    points[half:] += [0.0, 0.0, 3.0]
+    # Besides, a triangle without area: it stands beside the second cylinder, or leans on it.
+    points = np.concatenate([points, [[5.0, 0, 3], [5.0, 0, 4], [5.0, 0, 5]]])
+    faces = np.concatenate([faces, [[2 * half, 2 * half + 1, 2 * half + 2]]]).astype(np.int32)
+    poses = np.stack([points, points, points])
+    poses[1, half : 2 * half] -= [0.5, 0.0, 2.0]  # into the first
+    poses[2, 2 * half :] = [[0.2, -1, 2], [0.9, 0.1, 3.1], [1.6, 1.2, 4.2]]
+    poses[1, 2 * half :] = poses[2, 2 * half :]
+    surface = Surface(points, faces)
+    units = poses / surface.size
+    detection = FixedDetection(surface.detector, 3, QUEUE, counted=surface.contacts.counted_pairs)
+    rows = found(detection, surface.written(units))
+    assert np.array_equal(rows, surface.contacts.batch_pairs(units))
+    assert len(rows[rows[:, 0] == 0]) == 0 < len(rows[rows[:, 0] == 2]) < len(rows)
+    rough = surface.detector(surface.written(units), exact=False)
+    assert len(rough[rough[:, 0] == 0]) > 0 and len(rough) > len(rows)
+    # Room for pairs is also room for doubts, and told as such.
+    small = FixedDetection(
+        surface.detector, 3, QUEUE, counted=surface.contacts.counted_pairs, capacity=(10**5, 8)
+    )
+    found(small, surface.written(units))
+    wanted = overflow(small)
+    assert wanted is not None
+    enough = FixedDetection(
+        surface.detector, 3, QUEUE, counted=surface.contacts.counted_pairs, capacity=wanted
+    )
+    assert np.array_equal(found(enough, surface.written(units)), rows)
+
+
 def test_a_pair_can_be_left_out_by_number_and_a_mesh_may_have_no_triangles() -> None:
     poses, faces = tubes()
     detector = Detector(poses[0], faces)
@@ -108,6 +141,22 @@ def test_a_pair_can_be_left_out_by_number_and_a_mesh_may_have_no_triangles() -> 
     empty = FixedDetection(Detector(icosphere(0)[0], np.zeros((0, 3), dtype=np.int32)), 2, QUEUE)
     empty.run()
     assert int(empty.count) == 0 and empty.triangles.tolist() == [0, 0]
+
+
+def test_a_collapsed_pose_is_told_and_never_makes_others_clean() -> None:
+    # The pairs of the pose that is a point are more than 32 bits count: they wrapped to less than
+    # nothing, for which there was room, and the other pose passed for clean.
+    ball, ball_faces = icosphere(0)
+    points = np.concatenate([ball, ball + np.array([0.1, 0.2, 0.3])])
+    count = 70_000
+    faces = np.tile(np.concatenate([ball_faces, ball_faces + len(ball)]), (count // 40, 1))
+    detector = Detector(points, faces, weld=np.where(np.arange(len(points)) < len(ball), 0, 12))
+    detection = FixedDetection(detector, 2, QUEUE)
+    detection.points.copy_(torch.from_numpy(np.stack([points, np.zeros_like(points)])))
+    detection.run()
+    assert int(detection.needed.min()) >= 0
+    with pytest.raises(CollapsedPoseError, match=f"{count:,} triangles"):
+        overflow(detection)
 
 
 def test_poses_of_nan_have_no_pairs_and_cost_nothing() -> None:

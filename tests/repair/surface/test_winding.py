@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dtrepair.intersect.exact import intersect
 from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_normals
 from dtrepair.repair.surface.surface import Surface
 from dtrepair.repair.surface.winding import crossing_edges, winding_numbers
+from tests.integer_arithmetic import integer_intersect
 from tests.meshes import (
     Mesh,
     armed_body,
@@ -134,7 +134,7 @@ def test_crossing_edges_are_those_that_pass_through_the_other_triangle() -> None
             # An edge as a very thin triangle beside it.
             beside = points[j] + 1e-5 * np.cross(normals[other], points[j] - points[i])
             thin = np.array([[points[i], points[j], beside]], dtype=np.float32)
-            if intersect(thin, points[faces[other]][None].astype(np.float32))[0]:
+            if integer_intersect(thin, points[faces[other]][None].astype(np.float32))[0]:
                 expected.add((min(i, j), max(i, j)))
     assert len(found) > 20
     assert found == expected

@@ -94,6 +94,8 @@ def _open_chunk(path: str) -> _Chunk:
     if not record:
         raise StageError(f"{path}: was not written by a repair; name its outputs, not its input")
     check_record(path, record)
+    if "form" in record:
+        raise StageError(f"{path}: holds {record['form']}, no points; name layers of points")
     written = {prim: frozenset(times) for prim, times in record.get("written", {}).items()}
     return _Chunk(path, layer, sources, record, written)
 

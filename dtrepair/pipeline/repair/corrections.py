@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,18 +14,14 @@ from dtrepair.numerics.geometry import diagonal
 from dtrepair.numerics.low_rank import fewest_shapes
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.observer import CorrectionWritten, Observer
-from dtrepair.pipeline.stages.frames import Frame, frame_time, read_frame
+from dtrepair.pipeline.stages.frames import Frame, read_frame
 from dtrepair.pipeline.stages.sources import Source, StageSource, is_stage
-from dtrepair.report.record import ContactRecord, FrameRecord
-from dtrepair.wording import counted, listed
 
 if TYPE_CHECKING:
-    from dtrepair.intersect.scene_counts import SceneCount, SceneCounter
     from usd_io.write.corrections import Correction
 
-# Shapes give the repaired points to this part of the diagonal of their mesh. Where that makes
-# surfaces touch that were apart, it is tried again with the smaller ones: more shapes, less error.
-TOLERANCES = (1e-4, 1e-5, 1e-6)
+# Shapes give the repaired points to this part of the diagonal of their mesh.
+TOLERANCE = 1e-4
 
 
 @dataclass
@@ -40,8 +36,15 @@ class _Moved:
     def add(
         self, time: float, offsets: NDArray[np.floating], stretches: NDArray[np.floating]
     ) -> None:
-        """Take the offsets (V, 3) of a frame, and how much joints stretch them (V,)."""
+        """Take the offsets (V, 3) of a frame, and how much joints stretch them (V,).
+
+        They replace those that the frame had.
+        """
         rows = np.flatnonzero(offsets.any(axis=1))
+        if _key(time) in map(_key, self.times):
+            old = [_key(other) for other in self.times].index(_key(time))
+            for part in (self.times, self.vertices, self.offsets, self.stretches):
+                del part[old]
         self.times.append(time)
         self.vertices.append(rows)
         self.offsets.append(offsets[rows].astype(np.float32))
@@ -58,6 +61,11 @@ class _Moved:
         # Where a vertex is at its place it must be left there: as if stretched as ever.
         largest = stretches.max(axis=0, initial=0.0)
         return vertices, offsets, np.where(stretches > 0.0, stretches, largest)
+
+
+def _key(time: float) -> float | None:
+    """A time that equals itself: None for the default time."""
+    return None if np.isnan(time) else time
 
 
 class CorrectionSink:
@@ -80,7 +88,7 @@ class CorrectionSink:
             if form == "shapes" and not mesh.collider:
                 check_correctable(mesh.handle)
         self.form = form
-        self._source, self._path, self._settings = source, path, settings
+        self._source, self._settings, self.path = source, settings, path
         self._moved = [_Moved() for _ in source.meshes]
         self._corrections: list[Correction] | None = None
         self._error = 0.0
@@ -106,7 +114,7 @@ class CorrectionSink:
             stretches = np.ones(len(offsets))
         self._moved[index].add(time, offsets, stretches)
 
-    def settle(self, tolerance: float = TOLERANCES[0]) -> None:
+    def settle(self, tolerance: float = TOLERANCE) -> None:
         """Find shapes that leave no vertex farther off than a part of the diagonal of its mesh."""
         self._corrections, self._error = [], 0.0
         for mesh, moved in zip(self._source.meshes, self._moved, strict=True):
@@ -146,89 +154,27 @@ class CorrectionSink:
         weights = np.concatenate([weights, np.zeros((len(beside), weights.shape[1]), np.float32)])
         return Correction(mesh, vertices, shapes, every[order], weights[order])
 
-    def recounted(
-        self, counter: SceneCounter, records: Sequence[FrameRecord]
-    ) -> tuple[list[FrameRecord], list[str]]:
-        """Count again with the shapes as they will be written; settle on how near they must come.
-
-        Returns the records as the output deserves them, and warnings.
-        """
-        if self.form != "shapes":
-            self.settle()
-            return list(records), []
-        found: dict[float | None, SceneCount] = {}
-        worse: list[FrameRecord] = []
-        for tolerance in TOLERANCES:
-            self.settle(tolerance)
-            found = self._counts(counter, records)
-            worse = [
-                record
-                for record in records
-                if record.time in found
-                and record.after is not None
-                and found[record.time].total.pairs > record.after.pairs
-            ]
-            if not worse:
-                break
-        changed = {record.time: self._worse(record, found[record.time]) for record in worse}
-        if not worse:
-            return list(records), []
-        times = listed([f"{record.time:.10g}" for record in worse if record.time is not None])
-        return [changed.get(record.time, record) for record in records], [
-            f"{self._path}: with shapes instead of points {counted(len(worse), 'frame')} "
-            f"({times or 'default'}) intersect again; --clearance leaves room for their rounding"
-        ]
-
-    def _counts(
-        self, counter: SceneCounter, records: Sequence[FrameRecord]
-    ) -> dict[float | None, SceneCount]:
-        """Counts of the frames that have corrections, posed by the stage as it will be."""
+    def posed(self, times: Sequence[float]) -> Iterator[Frame]:
+        """Yield those of the frames that are corrected, posed by the stage as it will be."""
         from usd_io.write.corrections import points_of, preview
 
         assert self._corrections is not None
         stage = preview(self._source.opened, self._corrections)
-        moved = {own.mesh.path: own for own in self._corrections}
-        wanted = {time for own in self._moved for time in own.times}
-        found: dict[float | None, SceneCount] = {}
-        for record in records:
-            time = np.nan if record.time is None else record.time
-            if record.after is None or not (time in wanted or (record.time is None and wanted)):
+        moved = {own.mesh.path for own in self._corrections}
+        wanted = {_key(time) for own in self._moved for time in own.times}
+        for time in times:
+            frame = read_frame(self._source, time) if _key(time) in wanted else None
+            if frame is None or not frame.usable:
                 continue
-            frame = read_frame(self._source, time)
-            if not frame.usable:
-                continue
-            spaces = list(frame.spaces)
+            points, spaces = list(frame.points), list(frame.spaces)
             for index, mesh in enumerate(self._source.meshes):
-                if mesh.path not in moved:
-                    continue
-                points = points_of(stage, mesh.path, time)
-                assert points is not None
-                several = len(self._source.meshes) > 1
-                spaces[index] = self._source.to_world(mesh, time, points) if several else points
-            found[frame_time(Frame(time))] = counter(spaces)
-        return found
-
-    def _worse(self, record: FrameRecord, count: SceneCount) -> FrameRecord:
-        """The record of a frame of which fewer intersections went than of its points."""
-        assert record.before is not None
-        paths = [mesh.path for mesh in self._source.meshes]
-        own = dict(zip(paths, count.each, strict=True))
-        prims = tuple(replace(prim, after=own[prim.path]) for prim in record.prims)
-        met = {(paths[i], paths[j]): pairs for (i, j), pairs in count.met.items()}
-        known = {(old.first, old.second): old for old in record.contacts}
-        contacts = [
-            replace(known.get(key, ContactRecord(key[0], key[1], 0, 0)), after=met.get(key, 0))
-            for key in sorted({*known, *(met if len(paths) > 1 else ())})
-        ]
-        better = count.total.pairs < record.before.pairs
-        return replace(
-            record,
-            status="improved" if better else "unchanged",
-            after=count.total,
-            prims=prims,
-            contacts=tuple(contacts),
-            message=record.message or "the shapes of the output come near, and not near enough",
-        )
+                if mesh.path in moved:
+                    own = points_of(stage, mesh.path, time)
+                    assert own is not None
+                    several = len(spaces) > 1
+                    points[index] = own
+                    spaces[index] = self._source.to_world(mesh, time, own) if several else own
+            yield Frame(time, tuple(points), tuple(spaces))
 
     def commit(self, record: dict[str, Any]) -> tuple[str, ...]:
         """Write the layer."""
@@ -240,7 +186,7 @@ class CorrectionSink:
         assert self._corrections is not None
         write = write_corrections if self.form == "shapes" else write_offsets
         whole = {"version": __version__, "settings": self._settings, "form": self.form, **record}
-        write(self._path, self._source.opened, self._corrections, record=whole)
+        write(self.path, self._source.opened, self._corrections, record=whole)
         return tuple(self._warnings)
 
     def tell(self, observer: Observer) -> None:
@@ -251,7 +197,7 @@ class CorrectionSink:
                 form=self.form,
                 shapes=sum(len(own.shapes) for own in self._corrections),
                 vertices=sum(len(own.vertices) for own in self._corrections),
-                bytes=os.path.getsize(self._path),
+                bytes=os.path.getsize(self.path),
                 error=self._error,
             )
         )

@@ -14,6 +14,7 @@ from dtrepair.pipeline.repair.chunks import Chunk
 from dtrepair.pipeline.repair.corrections import CorrectionSink
 from dtrepair.pipeline.repair.journal import Journal, hash_of_run
 from dtrepair.pipeline.repair.modelled_parts import tell_modelled
+from dtrepair.pipeline.repair.recount import settle_shapes
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frames
 from dtrepair.pipeline.stages.bodies import Controls, PlacedBodies, in_units_of_frames
 from dtrepair.pipeline.stages.clock import Clock
@@ -94,8 +95,8 @@ def repair_here(
     tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
     records, jitter = _repair_frames(prepared, repairer, observer)
     sink, told = prepared.sink, list[str]()
-    if isinstance(sink, CorrectionSink):
-        records, told = sink.recounted(repairer.counter, records)
+    if isinstance(sink, CorrectionSink) and sink.form == "shapes":
+        records, told = settle_shapes(sink, repairer, records)
     if "chunk" not in run.settings:  # of a farm the other chunks may be fine, and want this one
         refuse_if_none_usable(source, records)
     written = sink.commit({"counts": summarize(records)})

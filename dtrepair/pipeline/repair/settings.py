@@ -17,6 +17,9 @@ from dtrepair.pipeline.selection import (
 )
 from dtrepair.repair.options import RepairOptions
 
+# What can be done with the normals of meshes whose points change.
+NORMALS = ("recompute", "keep", "drop")
+
 
 @dataclass(frozen=True, kw_only=True)
 class OutputOptions:
@@ -25,18 +28,36 @@ class OutputOptions:
     Args:
         shapes: blend shapes on the rig, with weights over time; skinned meshes stay bound.
         delta: the offsets alone, as primvar dtrepair:offset.
+        normals: of meshes whose points change: "recompute" makes them follow the points, "keep"
+            leaves those of the input, but for skinned meshes, "drop" blocks them.
+        only_frames: write the chosen frames alone; others hold the nearest of them. Else all
+            samples of a mesh that is changed are written, those not chosen as they were.
 
     Raises:
-        UsageError: both are asked for.
+        UsageError: an unknown way with normals, or something without effect.
     """
 
     shapes: bool = False
     delta: bool = False
+    normals: str = "recompute"
+    only_frames: bool = False
 
     def __post_init__(self) -> None:
         """Refuse what cannot be together."""
+        if self.normals not in NORMALS:
+            raise UsageError(
+                f"--normals: expected one of {', '.join(NORMALS)}, got {self.normals!r}"
+            )
         if self.shapes and self.delta:
             raise UsageError("--delta: not with --shapes; leave one out")
+        if self.shapes or self.delta:
+            form = "--shapes" if self.shapes else "--delta"
+            for option, given in (
+                ("--normals", self.normals != "recompute"),
+                ("--only-frames", self.only_frames),
+            ):
+                if given:
+                    raise UsageError(f"{option}: has no effect with {form}; leave it out")
 
     @property
     def given(self) -> dict[str, Any]:

@@ -165,7 +165,7 @@ def _open_output(
     """Check the output and open it, before anything is computed."""
     if writing.shapes or writing.delta:
         return CorrectionSink(source, output, kept, "shapes" if writing.shapes else "offsets")
-    return open_sink(source, output, kept)
+    return open_sink(source, output, kept, normals=writing.normals, only_frames=writing.only_frames)
 
 
 def _refuse_together(settings: RepairSettings, *, resume: bool, distributed: str | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from dtrepair.pipeline import (
     check_stage,
     repair_stage,
 )
-from dtrepair.pipeline.repair import corrections
+from dtrepair.pipeline.repair import corrections, recount
 from dtrepair.pipeline.stages.sources import open_source
 from tests.command_line import run, tube_obj, tube_stage
 from tests.pipeline.hosts import Listener
@@ -227,7 +228,8 @@ def test_a_repair_tells_what_it_writes_and_poses_clean(tmp_path: Path) -> None:
 
 def test_what_comes_too_near_again_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # With a tolerance that nobody would take no correction is left of most frames.
-    monkeypatch.setattr(corrections, "TOLERANCES", (1.0,))
+    coarse = partial(recount.RecountOptions, tolerances=(1.0,), rounds=0)
+    monkeypatch.setattr(recount, "RecountOptions", coarse)
     stage, output = rigged_tube(tmp_path / "in.usda", every=2.0), tmp_path / "out.usdc"
     host = Listener()
     report = repair_stage(stage, output, writing=SHAPES, jobs=1, observer=host)

@@ -31,7 +31,8 @@ def normals_at(time: float) -> NDArray[np.float32]:
     normals = np.stack([-slope, np.zeros_like(slope), np.ones_like(slope)], axis=1)
     centre = POINTS[QUADS].mean(axis=1)[:, 0] > np.median(POINTS[:, 0])
     normals[np.repeat(centre, 4), 1] = 0.5
-    return (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(normals / lengths, dtype=np.float32)
 
 
 def sheet(path: Path, name: str, *, animated: bool = True) -> Path:

@@ -67,7 +67,7 @@ class _Carrier:
 
 def check_correctable(mesh: AnimatedMesh) -> None:
     """Raise StageError for a mesh that cannot be given blend shapes."""
-    advice = "leave it out, or write its offsets alone"
+    advice = "leave it out, let it not move, or write offsets alone"
     if mesh.skin is not None:
         query = mesh.skin.skeleton_query.GetAnimQuery()
         prim = query.GetPrim() if query else mesh.skin.skeleton

@@ -101,13 +101,16 @@ class StageSink:
 
         Keys that were not repaired or not selected may be keys of other meshes; a mesh that has no
         sample there would else follow the repaired pose of the nearest frame. So it would in frames
-        between two keys: it is held in those just before and after each that is written.
+        between two keys: it is held in those just before and after each that is written, or in
+        all where it is not linear between keys.
         """
         if np.isnan(self._clock.keys).any():
             return []
         if self._only_frames:
             return sorted(self._seen - self._put[index])
-        kept = {*self._clock.keys.tolist(), *self._clock.beside(self._put[index])}
+        linear = self._meshes[index].linear
+        near = self._clock.beside(self._put[index]) if linear else self._clock.every.tolist()
+        kept = {*self._clock.keys.tolist(), *near}
         return sorted(kept - self._put[index] - self._own[index])
 
     def abort(self) -> None:

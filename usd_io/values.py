@@ -13,6 +13,7 @@ VALUE_TYPES = {
     "extent": Sdf.ValueTypeNames.Float3Array,
     "normals": Sdf.ValueTypeNames.Normal3fArray,
     "primvars:normals": Sdf.ValueTypeNames.Normal3fArray,
+    "primvars:normals:indices": Sdf.ValueTypeNames.IntArray,
     "velocities": Sdf.ValueTypeNames.Vector3fArray,
     "accelerations": Sdf.ValueTypeNames.Vector3fArray,
 }

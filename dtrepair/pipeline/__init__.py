@@ -23,12 +23,14 @@ if TYPE_CHECKING:
     from dtrepair.pipeline.keyposes.settings import KeyposeSettings as KeyposeSettings
     from dtrepair.pipeline.keyposes.stage import plan_keyposes as plan_keyposes
     from dtrepair.pipeline.keyposes.stage import repair_keyposes as repair_keyposes
+    from dtrepair.pipeline.observer import CorrectionWritten as CorrectionWritten
     from dtrepair.pipeline.observer import FrameDone as FrameDone
     from dtrepair.pipeline.observer import ModelledFound as ModelledFound
     from dtrepair.pipeline.observer import Observer as Observer
     from dtrepair.pipeline.observer import ProgressKept as ProgressKept
     from dtrepair.pipeline.observer import SpansDone as SpansDone
     from dtrepair.pipeline.observer import Trouble as Trouble
+    from dtrepair.pipeline.repair.settings import OutputOptions as OutputOptions
     from dtrepair.pipeline.repair.settings import RepairSettings as RepairSettings
     from dtrepair.pipeline.repair.stage import plan_repair as plan_repair
     from dtrepair.pipeline.repair.stage import repair_stage as repair_stage
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Cancelled": "errors",
     "CheckSettings": "check",
+    "CorrectionWritten": "observer",
     "FrameDone": "observer",
     "InputError": "errors",
     "KeyposeSettings": "keyposes.settings",
@@ -54,6 +57,7 @@ _HOMES = {
     "ObjectSettings": "selection",
     "Observer": "observer",
     "OutputError": "errors",
+    "OutputOptions": "repair.settings",
     "PipelineError": "errors",
     "Plan": "stages.plan",
     "PlannedMesh": "stages.plan",
@@ -79,6 +83,7 @@ _HOMES = {
 __all__ = [
     "Cancelled",
     "CheckSettings",
+    "CorrectionWritten",
     "FrameDone",
     "InputError",
     "KeyposeSettings",
@@ -87,6 +92,7 @@ __all__ = [
     "ObjectSettings",
     "Observer",
     "OutputError",
+    "OutputOptions",
     "PipelineError",
     "Plan",
     "PlannedMesh",

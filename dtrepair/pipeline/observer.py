@@ -50,7 +50,22 @@ class ModelledFound:
     attached: AttachedList
 
 
-Remark = ModelledFound | FrameDone | SpansDone | Trouble | ProgressKept
+@dataclass(frozen=True)
+class CorrectionWritten:
+    """A layer of corrections is written: "shapes" or "offsets", of so many vertices and bytes.
+
+    shapes: their number, of offsets that of frames. error: the largest distance of a vertex from
+    where the repair has it, as a part of the diagonal of its mesh.
+    """
+
+    form: str
+    shapes: int
+    vertices: int
+    bytes: int
+    error: float
+
+
+Remark = ModelledFound | FrameDone | SpansDone | Trouble | ProgressKept | CorrectionWritten
 
 
 class Observer:

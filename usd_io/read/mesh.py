@@ -67,6 +67,16 @@ class AnimatedMesh:
         return self.times if self.skin is None else self.skin.samples()
 
     @property
+    def linear(self) -> bool:
+        """Whether points that are not skinned are linear in time between their samples.
+
+        Value clips jump where one clip ends, and stages may hold samples.
+        """
+        source = self.geometry.GetPointsAttr().GetResolveInfo(Usd.TimeCode.EarliestTime())
+        held = self.stage.GetInterpolationType() == Usd.InterpolationTypeHeld
+        return not held and source.GetSource() != Usd.ResolveInfoSourceValueClips
+
+    @property
     def coordinate_step(self) -> float:
         """The distance of neighbouring float32 numbers at the largest coordinate, stage units."""
         return float(np.spacing(np.float32(np.abs(self.rest).max())))

@@ -6,10 +6,11 @@ Shapes are dense in memory, (K, V, 3); in files only the points that move are st
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Sdf, Tf, Usd, UsdGeom, UsdSkel, Vt
 
 from usd_io.errors import StageError
@@ -17,6 +18,7 @@ from usd_io.paths import relative_asset_path
 from usd_io.read.blend_shapes import BlendShapes
 from usd_io.read.mesh import AnimatedMesh
 from usd_io.read.stages import OpenedStage, check_not_an_input
+from usd_io.times import time_code
 from usd_io.values import vec3f_array
 from usd_io.write.atomic_layer import AtomicLayer
 from usd_io.write.authoring import AuthoredMesh, define_mesh
@@ -119,25 +121,57 @@ def write_shapes(
 
 def _author(stage: Usd.Stage, root: Sdf.Path, prim: Usd.Prim, shapes: BlendShapes) -> None:
     """Author shapes below the mesh, and a skeleton without joints that carries their weights."""
-    skeleton = UsdSkel.Skeleton.Define(stage, root.AppendChild("ShapeSkeleton"))
-    animation = UsdSkel.Animation.Define(stage, root.AppendChild("ShapeAnimation"))
-    animation.CreateBlendShapesAttr(Vt.TokenArray(shapes.names))
-    weights = animation.CreateBlendShapeWeightsAttr()
-    for time, row in zip(shapes.times, shapes.weights, strict=True):
-        weights.Set(Vt.FloatArray.FromNumpy(row.astype(np.float32)), float(time))
-    carrier = UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
-    carrier.CreateAnimationSourceRel().SetTargets([animation.GetPath()])
+    skeleton, animation = define_carrier(stage, root)
+    author_weights(animation, shapes.names, shapes.times, shapes.weights)
     binding = UsdSkel.BindingAPI.Apply(prim)
     binding.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
-    binding.CreateBlendShapesAttr(Vt.TokenArray(shapes.names))
-    targets = []
-    largest = float(np.abs(shapes.offsets).max(initial=0.0))
-    for name, offsets in zip(shapes.names, shapes.offsets, strict=True):
+    define_shapes(stage, prim, shapes.names, shapes.offsets)
+    stage.SetStartTimeCode(float(shapes.times.min()))
+    stage.SetEndTimeCode(float(shapes.times.max()))
+
+
+def define_carrier(stage: Usd.Stage, root: Sdf.Path) -> tuple[UsdSkel.Skeleton, UsdSkel.Animation]:
+    """Define a skeleton without joints below a SkelRoot, and the animation of its shapes."""
+    skeleton = UsdSkel.Skeleton.Define(stage, root.AppendChild("ShapeSkeleton"))
+    animation = UsdSkel.Animation.Define(stage, root.AppendChild("ShapeAnimation"))
+    carrier = UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
+    carrier.CreateAnimationSourceRel().SetTargets([animation.GetPath()])
+    return skeleton, animation
+
+
+def author_weights(
+    animation: UsdSkel.Animation,
+    names: Sequence[str],
+    times: NDArray[np.floating],
+    weights: NDArray[np.floating],
+) -> None:
+    """Author the names of an animation's shapes, and their weights (T, K) at times (T,)."""
+    animation.CreateBlendShapesAttr(Vt.TokenArray(list(names)))
+    attribute = animation.CreateBlendShapeWeightsAttr()
+    for time, row in zip(times, weights, strict=True):
+        attribute.Set(Vt.FloatArray.FromNumpy(row.astype(np.float32)), time_code(float(time)))
+
+
+def define_shapes(
+    stage: Usd.Stage,
+    prim: Usd.Prim,
+    names: Sequence[str],
+    offsets: NDArray[np.floating],
+    *,
+    before: tuple[Sequence[str], Sequence[Sdf.Path]] = ((), ()),
+) -> None:
+    """Define blend shapes below a mesh and bind it to them; offsets (K, V, 3) may be 0.
+
+    before: names and targets of shapes that the mesh has already.
+    """
+    binding = UsdSkel.BindingAPI(prim)
+    binding.CreateBlendShapesAttr(Vt.TokenArray([*before[0], *names]))
+    targets = list(before[1])
+    largest = float(np.abs(offsets).max(initial=0.0))
+    for name, row in zip(names, offsets, strict=True):
         shape = UsdSkel.BlendShape.Define(stage, prim.GetPath().AppendChild(name))
-        moving = np.flatnonzero(np.abs(offsets).max(axis=1) > _STILL * largest)
-        shape.CreateOffsetsAttr(vec3f_array(offsets[moving]))
+        moving = np.flatnonzero(np.abs(row).max(axis=1) > _STILL * largest)
+        shape.CreateOffsetsAttr(vec3f_array(row[moving]))
         shape.CreatePointIndicesAttr(Vt.IntArray.FromNumpy(moving.astype(np.int32)))
         targets.append(shape.GetPath())
     binding.CreateBlendShapeTargetsRel().SetTargets(targets)
-    stage.SetStartTimeCode(float(shapes.times.min()))
-    stage.SetEndTimeCode(float(shapes.times.max()))

@@ -70,6 +70,7 @@ def join_layers(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLi
         assert file.layer is not None
         first = chunks[0]
         _copy_info(first.layer.pseudoRoot, file.layer.pseudoRoot, but=LAYER_KEYS)
+        _join_range(file.layer, chunks)
         directory = os.path.dirname(target)
         file.layer.subLayerPaths = [relative_asset_path(item, directory) for item in first.sources]
         for prim in sorted({path for chunk in chunks for path in _prim_paths(chunk.layer)}):
@@ -94,6 +95,8 @@ def _open_chunk(path: str) -> _Chunk:
     if not record:
         raise StageError(f"{path}: was not written by a repair; name its outputs, not its input")
     check_record(path, record)
+    if "form" in record:
+        raise StageError(f"{path}: holds {record['form']}, no points; name layers of points")
     written = {prim: frozenset(times) for prim, times in record.get("written", {}).items()}
     return _Chunk(path, layer, sources, record, written)
 
@@ -139,6 +142,14 @@ def _check_complete(chunks: Sequence[_Chunk]) -> None:
                 f"chunk {', '.join(missing[:8])}{' ...' * (len(missing) > 8)} is missing: name the "
                 "layers of all chunks of one split"
             )
+
+
+def _join_range(layer: Sdf.Layer, chunks: Sequence[_Chunk]) -> None:
+    """Make the range of a layer that of all chunks, where each has the range of its own frames."""
+    parts = [chunk.layer for chunk in chunks]
+    if all(part.HasStartTimeCode() and part.HasEndTimeCode() for part in parts):
+        layer.startTimeCode = min(part.startTimeCode for part in parts)
+        layer.endTimeCode = max(part.endTimeCode for part in parts)
 
 
 def _prim_paths(layer: Sdf.Layer) -> list[Sdf.Path]:

@@ -1,8 +1,8 @@
-"""What a written mesh's output needs to know about its input: normals and rates of change."""
+"""Normals of written meshes, and what else their output needs to know of the input."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,18 @@ NORMALS = ("primvars:normals", "normals")
 RATES = ("velocities", "accelerations")
 
 
+# Indices are written where they save at least this part of the normals.
+_WORTH = 0.25
+
+
+@dataclass(frozen=True)
+class Slots:
+    """Corners that share a normal: number of each corner's normal (C,), a corner of each (G,)."""
+
+    numbers: NDArray[np.int32]
+    first: NDArray[np.int64]
+
+
 @dataclass(frozen=True)
 class NormalsSource:
     """Authored normals of an input mesh.
@@ -25,12 +37,23 @@ class NormalsSource:
         interpolation: vertex, varying, uniform, faceVarying or constant.
         indices: the primvar's indices attribute, invalid if the normals are not indexed.
         polygons: the topology.
+        slots: which corners share a normal; None where all are written.
     """
 
     name: str
     interpolation: str
     indices: Usd.Attribute | None
     polygons: Polygons
+    slots: Slots | None = None
+
+    @property
+    def written_name(self) -> str:
+        """The attribute that is written: only primvars have indices."""
+        return self.name if self.slots is None else "primvars:normals"
+
+    def stored(self, normals: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Return normals (N, 3) as they are stored: those that corners share once."""
+        return normals if self.slots is None else normals[self.slots.first]
 
     def value(self, mesh: AnimatedMesh, time: float) -> NDArray[np.float32] | None:
         """Return the input's normals (N, 3) at a time code, None if there are none."""
@@ -71,7 +94,36 @@ def normals_sources(mesh: AnimatedMesh) -> list[NormalsSource]:
         )
         indices = primvar.GetIndicesAttr() if primvar and indexed else None
         sources.append(NormalsSource(name, interpolation, indices, polygons))
+    if len(sources) == 1 and sources[0].indices is None:
+        return [replace(sources[0], slots=shared_slots(mesh, sources[0]))]
     return sources
+
+
+def shared_slots(mesh: AnimatedMesh, source: NormalsSource) -> Slots | None:
+    """Return which corners have the same vertex, and bit for bit the same normal at all times.
+
+    None where they are not face-varying, do not fit, or where little would be saved.
+    """
+    if source.interpolation != UsdGeom.Tokens.faceVarying:
+        return None
+    vertices = source.polygons.indices
+    groups = vertices.astype(np.int64)
+    for time in mesh.prim.GetAttribute(source.name).GetTimeSamples() or [np.nan]:
+        normals = source.value(mesh, float(time))
+        if normals is None:
+            continue
+        if len(normals) != len(vertices):
+            return None
+        bits = np.ascontiguousarray(normals).view(np.uint32).astype(np.int64)
+        _, first, numbers = np.unique(groups, return_index=True, return_inverse=True)
+        groups = numbers.reshape(-1)
+        if not np.array_equal(bits, bits[first[groups]]):
+            key = np.column_stack([groups, bits])
+            groups = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1)
+    _, first, numbers = np.unique(groups, return_index=True, return_inverse=True)
+    if len(first) > (1.0 - _WORTH) * len(vertices):
+        return None
+    return Slots(numbers.reshape(-1).astype(np.int32), first)
 
 
 def authored_rates(mesh: AnimatedMesh) -> list[str]:

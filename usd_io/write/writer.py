@@ -23,7 +23,8 @@ from usd_io.times import time_code
 from usd_io.values import create_attribute, extent_of, vec3f_array
 from usd_io.write.atomic_layer import AtomicLayer
 from usd_io.write.metadata import copy_stage_metadata, set_record
-from usd_io.write.normals_sources import NormalsSource, authored_rates, normals_sources
+from usd_io.write.normals_output import NormalsOutput
+from usd_io.write.normals_sources import authored_rates
 from usd_io.write.rates import author_rates
 from usd_io.write.unbind import unbind, unbound_warnings
 
@@ -34,7 +35,7 @@ class _MeshOutput:
 
     mesh: AnimatedMesh
     path: Sdf.Path
-    normals: list[NormalsSource]
+    normals: NormalsOutput
     times: dict[float, bool] = field(default_factory=dict)
     default: bool | None = None
 
@@ -61,6 +62,7 @@ class OverrideWriter:
         *,
         settings: Mapping[str, Any],
         version: str = "",
+        normals: str = "recompute",
     ) -> None:
         """Check the output and open a temporary layer beside it, before anything is computed.
 
@@ -69,6 +71,7 @@ class OverrideWriter:
             path: output, .usd (binary), .usdc or .usda.
             settings: recorded in customLayerData.dtrepair.settings; plain nested values.
             version: version of the program that writes, recorded likewise.
+            normals: "recompute", "keep" or "drop", see `NormalsOutput`.
 
         Raises:
             UsageError: the output is a layer of the stage, or not a USD layer (.usdz).
@@ -95,7 +98,7 @@ class OverrideWriter:
             "settings": dict(settings),
         }
         self._meshes: dict[str, _MeshOutput] = {}
-        self._keeps = True
+        self._keeps, self._normals = True, normals
         self._file = AtomicLayer(self.path)
         try:
             self._layer.subLayerPaths = [source]
@@ -145,8 +148,9 @@ class OverrideWriter:
         output = self._output(mesh)
         points = raw_points(mesh, time)
         if points is None:
-            for name in ("points", "extent", *(normals.name for normals in output.normals)):
+            for name in ("points", "extent"):
                 self._set(output, name, time, Sdf.ValueBlock())
+            output.normals.put_block(time)
         else:
             self._set_points(output, time, points)
             # Normals of a skinned mesh belong to the bind pose: they are stale in any case.
@@ -212,7 +216,8 @@ class OverrideWriter:
                 Sdf.CreatePrimInLayer(layer, instance).instanceable = False
             if mesh.skinned:
                 unbind(layer, path)
-            self._meshes[mesh.path] = _MeshOutput(mesh, path, normals_sources(mesh))
+            normals = NormalsOutput(self._file, path, mesh, self._normals)
+            self._meshes[mesh.path] = _MeshOutput(mesh, path, normals)
         return self._meshes[mesh.path]
 
     def _set(self, output: _MeshOutput, name: str, time: float, value: object) -> None:
@@ -229,29 +234,10 @@ class OverrideWriter:
         self, output: _MeshOutput, time: float, changed: NDArray[np.float32] | None
     ) -> None:
         """Author normals of changed points; without points, those of the input."""
-        for normals in list(output.normals):
-            old = normals.value(output.mesh, time)
-            if old is None:
-                self._set(output, normals.name, time, Sdf.ValueBlock())
-            elif changed is None:
-                self._set(output, normals.name, time, vec3f_array(old))
-            else:
-                new = normals.recomputed(output.mesh, time, changed)
-                if new is None:
-                    self._block_normals(output, normals)
-                else:
-                    self._set(output, normals.name, time, vec3f_array(new))
-
-    def _block_normals(self, output: _MeshOutput, normals: NormalsSource) -> None:
-        """Block stale normals at all times; clients then compute their own."""
-        path = create_attribute(self._layer, output.path, normals.name)
-        attribute = self._layer.GetAttributeAtPath(path)
-        attribute.ClearInfo("timeSamples")
-        attribute.default = Sdf.ValueBlock()
-        output.normals.remove(normals)
-        self.warnings.append(
-            f"{output.mesh.path}: {normals.name} cannot follow the points and are blocked"
-        )
+        for name in output.normals.put(time, changed):
+            self.warnings.append(
+                f"{output.mesh.path}: {name} cannot follow the points and are blocked"
+            )
 
     def _done(self, output: _MeshOutput, time: float, *, written: bool) -> None:
         """Note a time code as written or kept; the layer is saved every few frames."""

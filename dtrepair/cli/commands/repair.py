@@ -10,6 +10,7 @@ import click
 from dtrepair.cli.options.config import kept_tables
 from dtrepair.cli.options.distributed import distributed_option
 from dtrepair.cli.options.method import method_options
+from dtrepair.cli.options.output import output_options
 from dtrepair.cli.options.shared import (
     console_options,
     jobs_option,
@@ -24,7 +25,7 @@ from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.repair_text import print_plan, print_table, say
 from dtrepair.cli.terminal.report_place import check_report_place, put_report
 from dtrepair.pipeline.errors import CLEAN, exit_code
-from dtrepair.pipeline.repair.settings import RepairSettings
+from dtrepair.pipeline.repair.settings import OutputOptions, RepairSettings
 from dtrepair.pipeline.repair.stage import plan_repair, repair_stage
 from dtrepair.pipeline.selection import ObjectOptions, Selection
 
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     metavar="K/N",
     help="Part K of N of the frames, for a farm; `join` gives what one run would have given.",
 )
+@output_options
 @distributed_option
 @click.option("--alone", is_flag=True, help="Repair each frame for itself, not steady in time.")
 @selection_options
@@ -74,6 +76,7 @@ def command(
     skip_existing: bool,
     dry_run: bool,
     chunk: str | None,
+    writing: OutputOptions,
     distributed: str | None,
     alone: bool,
     selection: Selection,
@@ -112,6 +115,7 @@ def command(
         rest=rest,
         alone=alone,
         chunk=chunk,
+        writing=writing,
     )
     observer = ConsoleObserver(console, say)
     if dry_run:

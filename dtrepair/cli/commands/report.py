@@ -131,7 +131,9 @@ def _sources(report: Mapping[str, Any]) -> dict[str, Source]:
         return {"transferred": open_source(report["output"], selection)}
     names = {field.name for field in fields(Selection)} - {"frames"}
     selection = Selection(**{k: v for k, v in settings.items() if k in names})
-    paths = {"before": report["input"], "after": report["output"]}
+    # Offsets alone pose nothing: the output shows what the input does.
+    after = None if settings.get("delta") else report["output"]
+    paths = {"before": report["input"], "after": after}
     return {
         when: open_source(path, selection, collider=settings.get("collider"))
         for when, path in paths.items()

@@ -8,7 +8,9 @@ from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.interrupts import current_interrupts
 from dtrepair.cli.terminal.modelled_text import modelled_line
 from dtrepair.cli.terminal.progress_bar import ProgressBar, wanted
+from dtrepair.cli.terminal.repair_text import correction_line
 from dtrepair.pipeline.observer import (
+    CorrectionWritten,
     FrameDone,
     ModelledFound,
     Observer,
@@ -62,6 +64,8 @@ class ConsoleObserver(Observer):
             self.console.tell(modelled_line(remark.attached))
         elif isinstance(remark, SpansDone):
             self.console.remark(f"{remark.done} of {remark.total} spans done")
+        elif isinstance(remark, CorrectionWritten):
+            self.console.tell(correction_line(remark))
         elif isinstance(remark, Trouble):
             self.console.trace(remark.error)
         elif isinstance(remark, ProgressKept):

@@ -9,7 +9,7 @@ from typing import Any
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.strain_text import strain_lines
 from dtrepair.diagnosis import Status, concerns
-from dtrepair.pipeline.observer import FrameDone
+from dtrepair.pipeline.observer import CorrectionWritten, FrameDone
 from dtrepair.pipeline.repair.records import REMEDIES
 from dtrepair.pipeline.selection import NUMBERS, ObjectSettings
 from dtrepair.pipeline.stages.plan import Plan
@@ -34,6 +34,16 @@ def say(console: Console, done: FrameDone) -> None:
         f"{label}: {record.before.triangles} -> {record.after.triangles} triangles, "
         f"{own}{record.seconds:.2f} s, {record.status}"
     )
+
+
+def correction_line(done: CorrectionWritten) -> str:
+    """What a layer of corrections holds, and how large it is."""
+    size = f"{done.bytes / 1e6:.2f} MB" if done.bytes >= 1e5 else f"{done.bytes / 1e3:.1f} kB"
+    moved = f"{counted(done.vertices, 'point')} moved, {size}"
+    if done.form == "offsets":
+        return f"offsets of {counted(done.shapes, 'frame')}: {moved}"
+    near = f"within {done.error:.1e} of the diagonal"
+    return f"{counted(done.shapes, 'blend shape')}: {moved}; repaired points are met {near}"
 
 
 def print_plan(console: Console, plan: Plan) -> None:

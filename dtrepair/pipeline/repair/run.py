@@ -11,8 +11,10 @@ from dtrepair import __version__
 from dtrepair.numerics.metrics import JitterMeter
 from dtrepair.pipeline.observer import FrameDone, Observer, Progress, ProgressKept, Trouble, warn
 from dtrepair.pipeline.repair.chunks import Chunk
+from dtrepair.pipeline.repair.corrections import CorrectionSink
 from dtrepair.pipeline.repair.journal import Journal, hash_of_run
 from dtrepair.pipeline.repair.modelled_parts import tell_modelled
+from dtrepair.pipeline.repair.recount import settle_shapes
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frames
 from dtrepair.pipeline.stages.bodies import Controls, PlacedBodies, in_units_of_frames
 from dtrepair.pipeline.stages.clock import Clock
@@ -92,9 +94,15 @@ def repair_here(
     warn(observer, rest_warnings(source, rests, rest_counts))
     tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
     records, jitter = _repair_frames(prepared, repairer, observer)
+    sink, told = prepared.sink, list[str]()
+    if isinstance(sink, CorrectionSink) and sink.form == "shapes":
+        records, told = settle_shapes(sink, repairer, records)
     if "chunk" not in run.settings:  # of a farm the other chunks may be fine, and want this one
         refuse_if_none_usable(source, records)
-    warnings = (*repairer.warnings, *prepared.sink.commit({"counts": summarize(records)}))
+    written = sink.commit({"counts": summarize(records)})
+    if isinstance(sink, CorrectionSink):
+        sink.tell(observer)
+    warnings = (*repairer.warnings, *told, *written)
     if journal is not None:
         warnings = (*warnings, *journal.failures)
         journal.remove()

@@ -17,6 +17,54 @@ from dtrepair.pipeline.selection import (
 )
 from dtrepair.repair.options import RepairOptions
 
+# What can be done with the normals of meshes whose points change.
+NORMALS = ("recompute", "keep", "drop")
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputOptions:
+    """What a repair of a stage writes over it, instead of the points of every frame.
+
+    Args:
+        shapes: blend shapes on the rig, with weights over time; skinned meshes stay bound.
+        delta: the offsets alone, as primvar dtrepair:offset.
+        normals: of meshes whose points change: "recompute" makes them follow the points, "keep"
+            leaves those of the input, but for skinned meshes, "drop" blocks them.
+        only_frames: write the chosen frames alone; others hold the nearest of them. Else all
+            samples of a mesh that is changed are written, those not chosen as they were.
+
+    Raises:
+        UsageError: an unknown way with normals, or something without effect.
+    """
+
+    shapes: bool = False
+    delta: bool = False
+    normals: str = "recompute"
+    only_frames: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be together."""
+        if self.normals not in NORMALS:
+            raise UsageError(
+                f"--normals: expected one of {', '.join(NORMALS)}, got {self.normals!r}"
+            )
+        if self.shapes and self.delta:
+            raise UsageError("--delta: not with --shapes; leave one out")
+        if self.shapes or self.delta:
+            form = "--shapes" if self.shapes else "--delta"
+            for option, given in (
+                ("--normals", self.normals != "recompute"),
+                ("--only-frames", self.only_frames),
+            ):
+                if given:
+                    raise UsageError(f"{option}: has no effect with {form}; leave it out")
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """What differs from the defaults, by name."""
+        default = OutputOptions()
+        return {n: v for n, v in vars(self).items() if v != getattr(default, n)}
+
 
 @dataclass(frozen=True, kw_only=True)
 class RepairSettings:
@@ -31,6 +79,7 @@ class RepairSettings:
             file; None: the points at the default time, else the frame with fewest intersections.
         alone: repair each frame for itself, not steady in time; the published method always does.
         chunk: "K/N": part K of N of the frames; `join_layers` gives what one run would have given.
+        writing: what is written.
 
     Raises:
         UsageError: a malformed chunk, or something that the published method has no use for.
@@ -43,10 +92,13 @@ class RepairSettings:
     rest: str | None = None
     alone: bool = False
     chunk: str | None = None
+    writing: OutputOptions = field(default_factory=OutputOptions)
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
         parse_chunk(self.chunk)
+        if self.chunk is not None and (self.writing.shapes or self.writing.delta):
+            raise UsageError("--chunk: not with --shapes or --delta, which need all frames")
         for name in ("attach", "layer") if self.options.method == "paper" else ():
             if getattr(self.objects, name):
                 raise UsageError(f"--{name}: has no effect with --method paper; leave it out")
@@ -63,7 +115,7 @@ class RepairSettings:
         Raises UsageError for a name that no setting has.
         """
         own = ("alone", "chunk", "rest", "rest_option", "objects")
-        refuse_unknown(settings, (Selection, RepairOptions, ObjectOptions), own)
+        refuse_unknown(settings, (Selection, RepairOptions, ObjectOptions, OutputOptions), own)
         return cls(
             selection=object_of(Selection, settings),
             options=object_of(RepairOptions, settings),
@@ -72,6 +124,7 @@ class RepairSettings:
             rest=settings.get("rest_option"),
             alone=settings.get("alone", False),
             chunk=settings.get("chunk"),
+            writing=object_of(OutputOptions, settings),
         )
 
 
@@ -85,6 +138,7 @@ class RepairChoices(TypedDict, total=False):
     rest: str | None
     alone: bool
     chunk: str | None
+    writing: OutputOptions
 
 
 def recorded_settings(

@@ -159,7 +159,7 @@ class FrameRepairer:
             iterations += results[0].iterations
             for name in seconds:
                 seconds[name] += results[0].seconds.get(name, 0.0)
-            written = self._written(frame, [result.points for result in results])
+            written = self.written(frame, [result.points for result in results])
             placed = self._placed(frame, written)
             count = self.counter(placed)
             # A clean frame may be moved, to go along with its neighbours, if it stays clean.
@@ -172,7 +172,7 @@ class FrameRepairer:
         record = replace(record, iterations=iterations)
         return Repaired(frame, points, spaces, record, seconds)
 
-    def _written(
+    def written(
         self, frame: Frame, results: Sequence[Any]
     ) -> tuple[NDArray[np.float32] | None, ...]:
         """Local float32 points of the meshes that changed; unmoved vertices keep every bit."""

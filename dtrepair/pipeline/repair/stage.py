@@ -11,9 +11,11 @@ from typing import Unpack
 from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.observer import SILENT, ModelledFound, Observer, stop_if_cancelled, warn
 from dtrepair.pipeline.repair.chunks import choose_chunk, empty_chunk_warnings
+from dtrepair.pipeline.repair.corrections import CorrectionSink
 from dtrepair.pipeline.repair.distributed import Workers, measured_jitter, repair_distributed
 from dtrepair.pipeline.repair.run import Prepared, Run, open_journal, repair_here
 from dtrepair.pipeline.repair.settings import (
+    OutputOptions,
     RepairChoices,
     RepairSettings,
     parse_chunk,
@@ -33,7 +35,7 @@ from dtrepair.pipeline.stages.object_settings import recorded
 from dtrepair.pipeline.stages.outputs import FilePath
 from dtrepair.pipeline.stages.plan import Plan, make_plan
 from dtrepair.pipeline.stages.rest import choose_rests
-from dtrepair.pipeline.stages.sinks import open_sink
+from dtrepair.pipeline.stages.sinks import Sink, open_sink
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.repair.options import RepairOptions
 from dtrepair.report.record import Report
@@ -144,7 +146,7 @@ def _prepared(
         kept,
         clock,
     )
-    sink = open_sink(source, output, kept)
+    sink = _open_output(source, output, kept, settings.writing)
     try:
         clock.lap("read")
         stop_if_cancelled(observer)
@@ -157,9 +159,20 @@ def _prepared(
         sink.abort()
 
 
+def _open_output(
+    source: Source, output: str, kept: dict[str, object], writing: OutputOptions
+) -> Sink:
+    """Check the output and open it, before anything is computed."""
+    if writing.shapes or writing.delta:
+        return CorrectionSink(source, output, kept, "shapes" if writing.shapes else "offsets")
+    return open_sink(source, output, kept, normals=writing.normals, only_frames=writing.only_frames)
+
+
 def _refuse_together(settings: RepairSettings, *, resume: bool, distributed: str | None) -> None:
     if distributed is not None and (settings.chunk is not None or resume):
         raise UsageError("--distributed: not with --chunk or --resume; leave one out")
+    if distributed is not None and (settings.writing.shapes or settings.writing.delta):
+        raise UsageError("--distributed: not with --shapes or --delta, which need all frames")
 
 
 def _refuse_without_effect(options: RepairOptions, controls: Controls) -> None:
@@ -174,6 +187,7 @@ def _recorded(source: Source, settings: RepairSettings, controls: Controls) -> d
         "rest": settings.rest,
         "objects": recorded(source, controls.settings),
         "chunk": settings.chunk,
+        **settings.writing.given,
     }
     return recorded_settings(settings.selection, settings.objects, settings.options, more)
 

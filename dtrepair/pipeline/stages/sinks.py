@@ -26,18 +26,39 @@ class Sink(Protocol):
         """Drop everything; an older output stays as it was."""
 
 
-def open_sink(source: Source, path: str, settings: dict[str, Any]) -> Sink:
-    """Check the output and open it, before anything is computed."""
+def open_sink(
+    source: Source,
+    path: str,
+    settings: dict[str, Any],
+    *,
+    normals: str = "recompute",
+    only_frames: bool = False,
+) -> Sink:
+    """Check the output and open it, before anything is computed.
+
+    normals: what is done with those of a stage. only_frames: write only frames that are put.
+    """
     if isinstance(source, StageSource):
-        return StageSink(source, path, settings)
+        return StageSink(source, path, settings, normals=normals, only_frames=only_frames)
     assert isinstance(source, MeshSource)
+    if normals != "recompute" or only_frames:
+        option = "--only-frames" if only_frames else "--normals"
+        raise UsageError(f"{option}: only for USD stages, and {source.name} is a mesh file")
     return MeshSink(source, path)
 
 
 class StageSink:
     """A layer over a stage."""
 
-    def __init__(self, source: StageSource, path: str, settings: dict[str, Any]) -> None:
+    def __init__(
+        self,
+        source: StageSource,
+        path: str,
+        settings: dict[str, Any],
+        *,
+        normals: str = "recompute",
+        only_frames: bool = False,
+    ) -> None:
         from dtrepair import __version__
         from usd_io import OverrideWriter
 
@@ -51,10 +72,15 @@ class StageSink:
         self._own = [set(mesh.times.tolist()) for mesh in self._meshes]
         self._put: list[set[float]] = [set() for _ in self._meshes]
         self._written: set[int] = set()
-        self._writer = OverrideWriter(source.opened, path, settings=settings, version=__version__)
+        self._seen: set[float] = set()
+        self._only_frames = only_frames
+        self._writer = OverrideWriter(
+            source.opened, path, settings=settings, version=__version__, normals=normals
+        )
 
     def put(self, index: int, time: float, points: NDArray[np.float32] | None) -> None:
         """Write points; what is kept of a mesh shows at the end, if it is written at all."""
+        self._seen.add(float(time))
         if points is not None:
             self._writer.write(self._meshes[index], time, points)
             self._written.add(index)
@@ -62,6 +88,8 @@ class StageSink:
 
     def commit(self, record: dict[str, Any]) -> tuple[str, ...]:
         """Copy what was kept and move the layer to its place."""
+        if self._only_frames and self._seen and not np.isnan(list(self._seen)).any():
+            self._writer.replace_animation(min(self._seen), max(self._seen))
         for index in self._written:
             for time in self._kept_times(index):
                 self._writer.keep(self._meshes[index], time)
@@ -73,11 +101,16 @@ class StageSink:
 
         Keys that were not repaired or not selected may be keys of other meshes; a mesh that has no
         sample there would else follow the repaired pose of the nearest frame. So it would in frames
-        between two keys: it is held in those just before and after each that is written.
+        between two keys: it is held in those just before and after each that is written, or in
+        all where it is not linear between keys.
         """
         if np.isnan(self._clock.keys).any():
             return []
-        kept = {*self._clock.keys.tolist(), *self._clock.beside(self._put[index])}
+        if self._only_frames:
+            return sorted(self._seen - self._put[index])
+        linear = self._meshes[index].linear
+        near = self._clock.beside(self._put[index]) if linear else self._clock.every.tolist()
+        kept = {*self._clock.keys.tolist(), *near}
         return sorted(kept - self._put[index] - self._own[index])
 
     def abort(self) -> None:

@@ -86,3 +86,10 @@ def test_a_transfer_shows_its_figures_and_its_result(tmp_path: Path) -> None:
     assert page.count("data:image/png") == 2 and "frame 1, transferred: 0 inter" in page
     assert "<td>384</td><td>triangle pairs</td>" in page and "<td>topology</td>" in page
     assert "markers to look at" not in page
+
+
+def test_offsets_alone_have_no_picture_of_afterwards(tmp_path: Path) -> None:
+    stage, report = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED)), tmp_path / "r.json"
+    run("repair", stage, "-o", tmp_path / "b.usda", "--delta", "--report", report)
+    assert run("report", report, "-o", tmp_path / "r.html", "--pictures", 1).code == 0
+    assert (tmp_path / "r.html").read_text().count("data:image/png") == 1

@@ -134,6 +134,35 @@ def test_points_that_end_between_keys_end_where_they_did(tmp_path: Path) -> None
     assert any(frame.displacement_max for frame in report.frames)
 
 
+def looped_balls(folder: Path) -> Path:
+    """The balls of one mesh in a value clip that is played twice: at frame 10 it jumps back."""
+    morphing_balls(folder / "clip.usda")
+    stage = Usd.Stage.CreateNew(str(folder / "in.usda"))
+    mesh = UsdGeom.Mesh.Define(stage, "/Balls")
+    faces = np.concatenate([FACES, FACES + len(POINTS)])
+    mesh.CreateFaceVertexCountsAttr([3] * len(faces))
+    mesh.CreateFaceVertexIndicesAttr(faces.reshape(-1).tolist())
+    clips = Usd.ClipsAPI(mesh.GetPrim())
+    clips.SetClipAssetPaths([Sdf.AssetPath("./clip.usda")])
+    clips.SetClipPrimPath("/Balls")
+    clips.SetClipActive([(0, 0)])
+    clips.SetClipTimes([(0, 0), (10, 10), (10, 0), (20, 10)])
+    clips.SetClipManifestAssetPath(Sdf.AssetPath("./clip.usda"))
+    stage.GetRootLayer().Save()
+    return folder / "in.usda"
+
+
+def test_value_clips_jump_where_they_did(tmp_path: Path) -> None:
+    stage, output = looped_balls(tmp_path), tmp_path / "out.usdc"
+    report = repair_stage(stage, output, jobs=1, alone=True)
+    changed = {present(frame.time) for frame in report.frames if frame.displacement_max}
+    assert {5.0, 15.0} <= changed < set(range(21))
+    # A line from key to key, 0 to 10, would stand still.
+    assert np.abs(world(stage, 9.0) - world(stage, 0.0)).max() > 7.0
+    for time in set(np.arange(21.0)) - changed:
+        np.testing.assert_array_equal(world(output, time), world(stage, time))
+
+
 def test_a_frame_between_keys_can_be_named(tmp_path: Path) -> None:
     stage, output = passing_balls(tmp_path / "in.usda"), tmp_path / "out.usdc"
     done = run("check", stage, "--frames", "5")

@@ -1,0 +1,157 @@
+"""Displacements over time as few shapes with weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LowRankOptions:
+    """How the fewest shapes are looked for.
+
+    Attributes:
+        compressed: part of the tolerance that is spent on compressing the displacements first;
+            the search then works with as many numbers for each vertex as that needs.
+        still: part of the tolerance that leaving out small offsets may cost.
+        rounds: reweightings for each number of shapes; more of them rarely find a better fit.
+    """
+
+    compressed: float = 0.05
+    still: float = 0.1
+    rounds: int = 12
+
+
+@dataclass(frozen=True)
+class LowRank:
+    """Shapes (K, M, 3) float32 and their weights (T, K) float32, the largest of each shape 1."""
+
+    shapes: NDArray[np.float32]
+    weights: NDArray[np.float32]
+
+    @property
+    def displacements(self) -> FloatArray:
+        """What they add up to (T, M, 3)."""
+        return np.tensordot(self.weights.astype(np.float64), self.shapes.astype(np.float64), 1)
+
+
+def fewest_shapes(
+    displacements: NDArray[np.floating],
+    tolerance: float,
+    *,
+    scales: NDArray[np.floating] | None = None,
+    options: LowRankOptions | None = None,
+) -> LowRank:
+    """Return few shapes whose weighted sums are displacements within a tolerance.
+
+    The truncated singular value decomposition has the least sum of squared errors for a number of
+    shapes (Eckart and Young 1936); the largest error is then levelled by weighting frames and
+    vertices with what they have of it, as Lawson (1961) does for polynomials.
+
+    Args:
+        displacements: (T, M, 3).
+        tolerance: the largest distance of a vertex from where it should be, above 0.
+        scales: how much of an error (T, M) is seen; None: 1.
+        options: of the search.
+    """
+    chosen = options or LowRankOptions()
+    given = np.asarray(displacements, dtype=np.float64)
+    frames, vertices = given.shape[:2]
+    seen = np.ones((frames, vertices)) if scales is None else np.asarray(scales, np.float64)
+    if not frames or not vertices or not (_lengths(given) * seen > tolerance).any():
+        return LowRank(np.zeros((0, vertices, 3), np.float32), np.zeros((frames, 0), np.float32))
+    flat = given.reshape(frames, -1)
+    basis = _basis(flat @ flat.T)
+    within = (1.0 - chosen.still) * tolerance
+    rank = _enough(basis, flat, seen, within)
+    full = max(rank, _enough(basis, flat, seen, chosen.compressed * tolerance))
+    small = basis[:, :full].T @ flat
+    weights, shapes = basis[:, :rank], basis[:, :rank].T @ flat
+    for count in range(rank - 1, 0, -1):
+        found = _levelled(basis[:, :full], small, seen, count, within, chosen.rounds)
+        if found is None:
+            break
+        weights, shapes = found
+    if weights.shape[1] == frames:  # nothing is saved: each frame has its own, as it is
+        weights, shapes = np.eye(frames), flat
+    return _rounded(given, seen, weights, shapes.reshape(-1, vertices, 3), tolerance)
+
+
+def _basis(gram: FloatArray) -> FloatArray:
+    """Return eigenvectors (T, T) of a Gram matrix, that of the largest eigenvalue first."""
+    return np.ascontiguousarray(np.linalg.eigh(gram)[1][:, ::-1])
+
+
+def _lengths(vectors: FloatArray) -> FloatArray:
+    """Return the lengths (T, M) of vectors (T, M, 3)."""
+    return np.asarray(np.sqrt(np.einsum("tmi,tmi->tm", vectors, vectors)))
+
+
+def _errors(left: FloatArray, seen: FloatArray) -> FloatArray:
+    """Return how far vertices are off (T, M) by what is left (T, 3 M)."""
+    return _lengths(left.reshape(*seen.shape, 3)) * seen
+
+
+def _enough(basis: FloatArray, flat: FloatArray, seen: FloatArray, tolerance: float) -> int:
+    """Return how many vectors of a basis leave no larger error; all if it takes so many."""
+    left = flat.copy()
+    for rank in range(1, len(basis)):
+        vector = basis[:, rank - 1]
+        left -= np.outer(vector, vector @ flat)
+        if _errors(left, seen).max() <= tolerance:
+            return rank
+    return len(basis)
+
+
+def _levelled(
+    basis: FloatArray,
+    small: FloatArray,
+    seen: FloatArray,
+    count: int,
+    tolerance: float,
+    rounds: int,
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return weights (T, count) and shapes (count, 3 M) that leave no larger error, or None.
+
+    basis (T, R) and small (R, 3 M): displacements are their product.
+    """
+    flat = basis @ small
+    rows, columns = np.ones(len(basis)), np.ones(seen.shape[1])
+    for _ in range(rounds):
+        weighted = small * np.repeat(columns, 3)
+        scaled = basis * rows[:, None]
+        vectors = _basis(scaled @ (weighted @ weighted.T) @ scaled.T)[:, :count]
+        shapes, weights = vectors.T @ (flat * rows[:, None]), vectors / rows[:, None]
+        errors = _errors(flat - weights @ shapes, seen)
+        if errors.max() <= tolerance:
+            return weights, shapes
+        for each, own in ((rows, errors.max(axis=1)), (columns, errors.max(axis=0))):
+            each *= np.sqrt(np.maximum(own / errors.max(), 1e-3))
+            each /= each.max()
+            np.maximum(each, 1e-3, out=each)
+    return None
+
+
+def _rounded(
+    given: FloatArray,
+    seen: FloatArray,
+    weights: FloatArray,
+    shapes: FloatArray,
+    tolerance: float,
+) -> LowRank:
+    """Return shapes as they are stored: largest weight 1, and small offsets left out."""
+    largest = weights[np.abs(weights).argmax(axis=0), np.arange(weights.shape[1])]
+    scaled = (weights / largest).astype(np.float32)
+    stored = (shapes * largest[:, None, None]).astype(np.float32)
+    order = np.argsort(-np.abs(stored).max(axis=(1, 2)), kind="stable")
+    scaled, stored = scaled[:, order], stored[order]
+    size = _lengths(stored.astype(np.float64)) * seen.max(axis=0)
+    for least in (tolerance / len(stored), 0.1 * tolerance / len(stored), 0.0):
+        kept = LowRank(np.where((size > least)[:, :, None], stored, np.float32(0.0)), scaled)
+        if (_lengths(kept.displacements - given) * seen).max() <= tolerance:
+            break
+    return kept

@@ -187,16 +187,14 @@ def main() -> None:
     parser.add_argument("--sweep", nargs="+", choices=names, default=names, metavar="NAME")
     parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw pictures into a folder")
     arguments = parser.parse_args()
-    humans = arguments.data / "humans"
+    humans, misc = arguments.data / "humans", arguments.misc or arguments.data / "misc"
     meshes = Meshes(
-        sorted((arguments.misc or arguments.data / "misc").glob("*.obj")),
+        sorted(misc.glob("*.obj")),
         [humans / f"{name}.obj" for name in HUMANS],
         humans / "human_male_rest.obj",
     )
     if not meshes.misc:
-        raise SystemExit(
-            f"no meshes in {arguments.misc or arguments.data / 'misc'}: expected *.obj"
-        )
+        raise SystemExit(f"no meshes in {misc}: expected *.obj")
     if "memory" in arguments.sweep:  # first: a process is told at least the peak of its parent
         print_memory(arguments.plot)
     for name in arguments.sweep:

@@ -32,7 +32,7 @@ from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.numerics.geodesics import largest_geodesic
 from dtrepair.numerics.geometry import diagonal
 from dtrepair.numerics.metrics import normal_consistency
-from dtrepair.repair.paper.energy import EnergyOptions
+from dtrepair.repair.paper.corner_energy import EnergyOptions
 from dtrepair.repair.paper.optimizer import OptimizerOptions
 
 OPTIMIZERS = ("gradient-descent", "adam", "uniform-adam", "momentum-brake")

@@ -6,7 +6,7 @@ Sweeps: `diffusion` and `regularization` (lambda and beta, figure 9 of Jang et a
 (the exponents of the text, (3, 6), against those of the authors' code, (1, 1), at many learning
 rates), `laplacian` (of the rest or of the input) and `memory` (figure 8: peak memory of 60
 iterations in a process of its own, over the number of triangles). Default: all. Meshes are those of
-misc/ and two humans, counts exact, on average; a mesh that diverges counts with its best iterate.
+misc/ and one human, counts exact, on average; a mesh that diverges counts with its best iterate.
 Prints Markdown; `--plot` also draws a PNG of each sweep.
 """
 
@@ -23,11 +23,11 @@ from typing import NamedTuple
 from benchmarks.paper_mode import Run, iterations_to_zero, repair
 from dtrepair import RepairOptions
 
-HUMANS = ("human_01_crossed_arms_deep", "human_05_seated_twist")
+HUMANS = ("human_05_seated_twist",)
 LAMBDAS = (3.0, 10.0, 30.0, 99.0, 300.0, 999.0, 3000.0)
-BETAS = (0.0, 1e4, 1e5, 1e6, 1e7, 1e8)
-EXPONENTS = ((1, 1.0), (3, 3.0), (3, 6.0))
-RATES = (1e-4, 1e-3, 1e-2, 0.1, 1.0, 3.0, 10.0)
+BETAS = (0.0, 1e4, 1e6, 1e7, 1e8)
+EXPONENTS = ((1, 1.0), (3, 6.0))
+RATES = (1e-6, 1e-4, 1e-2, 1.0, 5.0)
 TRIANGLES = (2_000, 5_000, 14_000, 27_000, 50_000, 100_000)
 # What the paper gives for a mesh of SMPL's size on its GPU, MB.
 PUBLISHED_MEMORY = 476

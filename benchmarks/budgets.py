@@ -29,7 +29,7 @@ import torch
 
 from benchmarks.detection import contenders, growth, measure, trefoil
 from benchmarks.memory import run, write_clip
-from benchmarks.paper_mode import iteration_runs
+from benchmarks.paper_speed import iteration_runs
 from dtrepair import Repairer
 from dtrepair.files.mesh_files import read_mesh
 from dtrepair.repair.surface.surface import Surface

@@ -27,9 +27,10 @@ from dtrepair.device import DeviceQueue, resolve_device, start_warp
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.geometry import extent
 from dtrepair.numerics.operators import cotangent_laplacian
+from dtrepair.repair.paper.corner_energy import EnergyOptions
 from dtrepair.repair.paper.descent import Descent
 from dtrepair.repair.paper.diffusion import Diffusion, SparseOperator
-from dtrepair.repair.paper.energy import EnergyOptions, pair_energy
+from dtrepair.repair.paper.energy import pair_energy
 from dtrepair.repair.paper.gpu_descent import DeviceDescent
 from dtrepair.repair.paper.gpu_detection import FixedDetection
 from dtrepair.repair.paper.gpu_diffusion import BlockDiffusion

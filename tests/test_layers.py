@@ -86,7 +86,8 @@ WALLS = {
         "options": "",
     },
     "dtrepair.transfer": {
-        "__init__": "report pins deformation matching",
+        "__init__": "report pins deformation following matching",
+        "following": "",
         "report": "deformation matching gradients arrays",
         "pins": "deformation gradients arrays",
         "deformation": "placement poisson matching gradients arrays",

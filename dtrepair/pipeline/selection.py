@@ -176,6 +176,12 @@ def recorded_tables(settings: Mapping[str, Any]) -> tuple[PrimTable, ...]:
     )
 
 
+def table_values(table: PrimTable) -> dict[str, Any]:
+    """Return what a table asks for, as `recorded_tables` reads it."""
+    values = {key: value for key, value in vars(table.settings).items() if value is not None}
+    return {key: list(own) if isinstance(own, tuple) else own for key, own in values.items()}
+
+
 def refuse_unknown(
     settings: Mapping[str, Any], kinds: Iterable[type[Any]], more: Iterable[str] = ()
 ) -> None:

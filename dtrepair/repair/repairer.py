@@ -37,7 +37,7 @@ class SceneRepairer:
     Args:
         bodies: The bodies, in one space and length unit.
         options: Choices; default: `RepairOptions()`.
-        device: "cpu", "cuda", "cuda:N" or "auto".
+        device: "cpu", "cuda", "cuda:N" or "auto": a GPU for the method "paper", where there is one.
         ignore: Pairs of bodies, by index, whose contacts are neither repaired nor counted; (k, k)
             are those of a body with itself.
         clip: Numbers of the stages of clips and single poses, and the sizes of windows.
@@ -65,7 +65,9 @@ class SceneRepairer:
         self.scene = make_scene(
             bodies, choices, ignore, references, layer_poses, strain=numbers.strain
         )
-        self.device = resolve_device(device)
+        # The default method works on the CPU: looking for a GPU would only take a context there.
+        idle = device == "auto" and choices.method == "full"
+        self.device = "cpu" if idle else resolve_device(device)
         queue = None if self.device == "cpu" else DeviceQueue(self.device)
         self.meshes = WeldedMeshes(self.scene, queue, full=numbers.full, paper=numbers.paper)
         # How many poses are best given to `batch`.

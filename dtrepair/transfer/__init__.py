@@ -11,6 +11,7 @@ report = examine(transfer, poses, points)
 from __future__ import annotations
 
 from dtrepair.transfer.deformation import Transfer, transfer_blend_shapes
+from dtrepair.transfer.following import FollowingOptions, following_pairs
 from dtrepair.transfer.matching.alignment import Similarity, rotation_between, similarity
 from dtrepair.transfer.matching.correspondence import identity_pairs, match_triangles
 from dtrepair.transfer.matching.files import read_correspondence, read_markers, write_correspondence
@@ -28,6 +29,7 @@ from dtrepair.transfer.report import (
 __all__ = [
     "ConcernOptions",
     "Coverage",
+    "FollowingOptions",
     "MarkerCheck",
     "MarkerCheckOptions",
     "Pins",
@@ -37,6 +39,7 @@ __all__ = [
     "TransferReport",
     "check_markers",
     "examine",
+    "following_pairs",
     "identity_pairs",
     "match_triangles",
     "measure_coverage",

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair import Repairer, Status
+from dtrepair import Body, Repairer, RepairOptions, SceneRepairer, Status
+from dtrepair.repair import repairer
 from tests.exact_reference import check_counts
 from tests.meshes import grid, overlapping_spheres, torus
 
@@ -66,3 +67,19 @@ def test_wrong_meshes_and_controls_are_refused() -> None:
         Repairer(points, faces, direction=np.full((count, 3), np.inf))
     with pytest.raises(ValueError, match="device"):
         Repairer(points, faces, device="abacus")
+
+
+def test_the_default_method_does_not_look_for_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def resolved(name: str) -> str:
+        asked.append(name)
+        return "cpu"
+
+    monkeypatch.setattr(repairer, "resolve_device", resolved)
+    bodies = [Body(*torus())]
+    assert SceneRepairer(bodies, device="auto").device == "cpu"
+    assert not asked
+    SceneRepairer(bodies, options=RepairOptions(method="paper"), device="auto")
+    SceneRepairer(bodies, device="cuda:1")  # who names one is told whether it is there
+    assert asked == ["auto", "cuda:1"]

@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
+from dtrepair.cli.options.config import kept_tables
 from dtrepair.cli.options.method import METHOD_NAMES, method_options
 from dtrepair.cli.options.shared import (
+    SCENE_NAMES,
     console_options,
     jobs_option,
     key_selection_options,
     run_options,
+    scene_options,
 )
 from dtrepair.cli.options.transfer import transfer_options
 from dtrepair.cli.terminal.console import Console
@@ -23,7 +26,7 @@ from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.report_place import check_report_place, put_report
 from dtrepair.cli.terminal.transfer_text import print_plan, print_report, say
 from dtrepair.pipeline.errors import CLEAN, UsageError, exit_code
-from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.selection import ObjectOptions, Selection
 from dtrepair.pipeline.transfer.options import TransferOptions
 from dtrepair.pipeline.transfer.run import files_of, plan_transfer, transfer_stage
 from dtrepair.pipeline.transfer.settings import TransferSettings
@@ -75,6 +78,7 @@ class GreedyPoses(click.Command):
 @click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
 @click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
+@scene_options
 @key_selection_options
 @method_options
 @run_options
@@ -89,6 +93,7 @@ def command(
     poses: tuple[str, ...],
     rest: str | None,
     transfer: TransferOptions,
+    objects: ObjectOptions,
     repair: bool,
     alone: bool | None,
     selection: Selection,
@@ -105,6 +110,10 @@ def command(
     SOURCE is an animated stage, or a rest mesh with its --poses; TARGET a rest mesh in a stage or a
     mesh file. Without --markers and --correspondence both have the same topology. A stage as
     TARGET gives a layer over it, a mesh file a new stage; time codes are those of the source.
+
+    Both may have several meshes: a body, clothes, eyes. --markers ties the largest of either side,
+    meshes of one topology go together, --match says more; what is left of TARGET follows the
+    nearest part. --repair takes them as one scene, in which contacts of the rest were modelled.
 
     \b
     Example:
@@ -124,6 +133,8 @@ def command(
         poses=poses,
         rest=rest,
         repair=options if repair else None,
+        objects=objects,
+        tables=kept_tables() if repair else (),
         alone=alone if repair else None,
     )
     read, written = files_of(source_path, target_path, settings)
@@ -143,7 +154,7 @@ def command(
 def _refuse_without_repair() -> None:
     """Refuse options that only a repair has; a file of --config may serve `repair` as well."""
     context = click.get_current_context()
-    for name in (*METHOD_NAMES, "alone"):
+    for name in (*METHOD_NAMES, *SCENE_NAMES, "alone"):
         if context.get_parameter_source(name) == ParameterSource.COMMANDLINE:
             option = name.replace("_", "-")
             raise UsageError(f"--{option}: has no effect without --repair")

@@ -73,6 +73,16 @@ _OBJECTS: dict[str, dict[str, Any]] = {
 }
 
 
+# Those of them that a transfer has: it has pins of its own, and knows no directions.
+SCENE_NAMES = ("collider", "rigid", "ignore", "attach", "layer")
+
+
+def scene_options(function: Function) -> Function:
+    """Add the options of a scene that is moved and repaired; the command gets `objects`."""
+    chosen = {name: _OBJECTS[name] for name in SCENE_NAMES}
+    return as_object(ObjectOptions, "objects", chosen)(function)
+
+
 def object_options(function: Function) -> Function:
     """Add the options that say how single meshes take part; the command gets `objects`."""
     return as_object(ObjectOptions, "objects", _OBJECTS)(function)

@@ -12,9 +12,14 @@ from dtrepair.pipeline.transfer.options import ALIGNMENTS, UP_AXES, TransferOpti
 _UP = click.Choice(UP_AXES, case_sensitive=False)
 _OPTIONS: dict[str, dict[str, Any]] = {
     "markers": {"metavar": "F", "help": "Vertex pairs: .cons, two columns of text, or npz."},
+    "match": {
+        "metavar": '"A,B[=F]"',
+        "help": "Mesh B of TARGET follows mesh A of SOURCE, of the same topology or by markers F; "
+        "may be given several times.",
+    },
     "correspondence": {"metavar": "F", "help": "Triangle pairs: .tricorrs, text, or npz."},
     "save_correspondence": {"metavar": "F", "help": "Write the triangle pairs: npz or text."},
-    "target_prim": {"metavar": "EXPR", "help": "The mesh of TARGET, as --prim for SOURCE."},
+    "target_prim": {"metavar": "EXPR", "help": "The meshes of TARGET, as --prim for SOURCE."},
     "source_up": {"type": _UP, "help": "Up axis of SOURCE, where it does not say."},
     "target_up": {"type": _UP, "help": "Up axis of TARGET, where it does not say."},
     "align": {

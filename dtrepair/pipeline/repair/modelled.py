@@ -75,6 +75,7 @@ def modelled_references(
     *,
     ignored: Pairs = (),
     attached: Pairs = (),
+    told_by_rest: bool = False,
     options: ReferenceOptions = ReferenceOptions(),
 ) -> list[Reference]:
     """Poses with the contacts that each of them shows as modelled, in the space of the frames.
@@ -85,11 +86,13 @@ def modelled_references(
     which they have fewest pairs shows where. The parts of a farm agree on it.
 
     attached: pairs (i, j) of meshes, i <= j, that the user calls attached. For two of their parts
-    of which nothing of that tells, the frame with fewest of their pairs shows where.
+    of which nothing of that tells, the frame with fewest of their pairs shows where. told_by_rest:
+    all rests are known to tell.
     """
     meshes = _Meshes(source, rests, ignored=ignored, attached=attached)
     if meshes.one_part:
         return []
+    meshes.bound |= told_by_rest
     rest = meshes.look(meshes.rest, BIND_POSE)
     known = [rest.of(meshes.tell_by_rests(rest.pairs))]
     if not meshes.bound.all():
@@ -133,19 +136,28 @@ def layer_poses(
 
 
 def modelled_parts(
-    source: Source, *, ignored: Pairs = (), attached: Pairs = (), auto: bool = True
+    source: Source,
+    *,
+    ignored: Pairs = (),
+    attached: Pairs = (),
+    auto: bool = True,
+    rests: Sequence[Rest] | None = None,
 ) -> ModelledParts:
     """What was modelled as overlapping, by the triangles of all meshes in a row, with its parts.
 
-    By the meshes' own rests: those that have none do not need any. attached: as
-    `modelled_references` takes them; without `auto` nothing else counts as modelled.
+    By the meshes' own rests: those that have none do not need any; or by `rests`, which are known
+    to tell. attached: as `modelled_references` takes them; without `auto` nothing else counts as
+    modelled.
     """
     from dtrepair.numerics.attachments import find_attachments
 
     if not (auto or attached):
         return ModelledParts(source, None)
-    rests = [Rest(mesh.rest, "") for mesh in source.meshes]
-    references = modelled_references(source, rests, ignored=ignored, attached=attached)
+    known = rests is not None
+    rests = [Rest(mesh.rest, "") for mesh in source.meshes] if rests is None else rests
+    references = modelled_references(
+        source, rests, ignored=ignored, attached=attached, told_by_rest=known
+    )
     references = [reference for reference in references if auto or reference.asked]
     meshes = _Meshes(source, rests)
     faces = meshes.weld[meshes.faces_outwards()]

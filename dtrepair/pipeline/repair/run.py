@@ -162,14 +162,21 @@ def make_repairer(
     rests: list[Rest],
     bodies: list[Body],
     memory: Memory | None = None,
+    *,
+    told_by_rest: bool = False,
 ) -> tuple[FrameRepairer, list[int | None]]:
-    """Build the solver and the counter, once for all frames; count the rests' own intersections."""
+    """Build the solver and the counter, once for all frames; count the rests' own intersections.
+
+    told_by_rest: the rests are known to be the pose in which the meshes were modelled together.
+    """
     from dtrepair.intersect.scene_counts import SceneCounter
     from dtrepair.pipeline.repair.modelled import layer_poses, modelled_references
     from dtrepair.repair.repairer import SceneRepairer
 
     options = in_units_of_frames(source, run.options)
-    references = modelled_references(source, rests, ignored=run.ignored, attached=run.attached)
+    references = modelled_references(
+        source, rests, ignored=run.ignored, attached=run.attached, told_by_rest=told_by_rest
+    )
     scene = SceneRepairer(
         bodies,
         options=options,

@@ -99,9 +99,7 @@ class RepairSettings:
         parse_chunk(self.chunk)
         if self.chunk is not None and (self.writing.shapes or self.writing.delta):
             raise UsageError("--chunk: not with --shapes or --delta, which need all frames")
-        for name in ("attach", "layer") if self.options.method == "paper" else ():
-            if getattr(self.objects, name):
-                raise UsageError(f"--{name}: has no effect with --method paper; leave it out")
+        refuse_what_paper_lacks(self.options, self.objects)
 
     @property
     def single(self) -> bool:
@@ -151,6 +149,15 @@ def recorded_settings(
         for name, value in chosen.items()
         if value is not None
     }
+
+
+def refuse_what_paper_lacks(options: RepairOptions | None, objects: ObjectOptions) -> None:
+    """Refuse what is asked of single meshes, and the published method has no use for."""
+    if options is None or options.method != "paper":
+        return
+    for name in ("attach", "layer", "rigid"):
+        if getattr(objects, name):
+            raise UsageError(f"--{name}: has no effect with --method paper; leave it out")
 
 
 def parse_chunk(text: str | None) -> tuple[int, int] | None:

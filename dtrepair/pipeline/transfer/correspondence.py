@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.pipeline.errors import USAGE, InputError
+from dtrepair.pipeline.errors import USAGE, InputError, UsageError
 from dtrepair.pipeline.stages.outputs import writing
 from dtrepair.pipeline.transfer.inputs import input_errors
+from dtrepair.pipeline.transfer.matches import choose_matches
 from dtrepair.pipeline.transfer.options import TransferOptions
-from dtrepair.pipeline.transfer.picture import Mesh, draw_registration
+from dtrepair.pipeline.transfer.pair import JoinedMeshes, Mesh, Pair
+from dtrepair.pipeline.transfer.picture import draw_registration
 from dtrepair.report.sections import MarkersRecord
+from dtrepair.wording import listed
 
 
 @dataclass(frozen=True)
@@ -33,16 +36,17 @@ class Correspondence:
     warnings: tuple[str, ...] = ()
 
 
-def match(
-    meshes: tuple[Mesh, Mesh], up: NDArray[np.float64], options: TransferOptions
-) -> Correspondence:
-    """Pair the triangles of source and target rest; save and draw them as asked.
-
-    up: the target's up axis (3,), for the picture.
-    """
+def match(pair: Pair, options: TransferOptions) -> Correspondence:
+    """Pair the triangles of source and target rest; save and draw them as asked."""
     from dtrepair.transfer import write_correspondence
 
-    found = find_correspondence(*meshes, markers=options.markers, file=options.correspondence)
+    meshes, up = pair.meshes, pair.axes.up
+    if not (pair.from_meshes.several or pair.to_meshes.several) or options.correspondence:
+        if options.match:
+            raise UsageError("--match: both sides are one mesh; take --markers")
+        found = find_correspondence(*meshes, markers=options.markers, file=options.correspondence)
+    else:
+        found = _of_several(pair.from_meshes, pair.to_meshes, options)
     if options.save_correspondence is not None:
         with writing(options.save_correspondence):
             faces = [mesh[1] for mesh in meshes]
@@ -55,6 +59,35 @@ def match(
             undrawn = f"{options.picture}: not drawn: {error}"
             return replace(found, warnings=(undrawn, *found.warnings))
     return found
+
+
+def _of_several(
+    source: JoinedMeshes, target: JoinedMeshes, options: TransferOptions
+) -> Correspondence:
+    """Pair the meshes that match; what is left of the target follows the nearest of its parts."""
+    from dtrepair.transfer import following_pairs
+
+    matches = choose_matches(source, target, options)
+    pairs, warnings = [], list[str]()
+    markers: MarkersRecord | None = None
+    for chosen in matches:
+        sides = source.part(chosen.source), target.part(chosen.target)
+        found = find_correspondence(*sides, markers=chosen.markers, file=None)
+        starts = source.triangles(chosen.source).start, target.triangles(chosen.target).start
+        pairs.append(found.pairs + np.array(starts, dtype=np.int32))
+        markers = markers or found.markers
+        warnings += found.warnings
+    known = {chosen.target for chosen in matches}
+    led = [place for place in range(len(target.paths)) if place not in known]
+    followers = np.zeros(len(target.faces), dtype=bool)
+    for place in led:
+        followers[target.triangles(place)] = True
+    if led:
+        names = listed([target.paths[place] for place in led])
+        warnings.append(f"no mesh of the source corresponds to {names}: follows the nearest part")
+    every = following_pairs(np.concatenate(pairs), target.points, target.faces, followers)
+    origin = "topology" if markers is None else "markers"
+    return Correspondence(every, origin, markers=markers, warnings=tuple(warnings))
 
 
 def find_correspondence(

@@ -21,6 +21,7 @@ from dtrepair.pipeline.stages.sources import (
     is_stage,
     open_source,
 )
+from dtrepair.wording import listed
 
 _AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 # Bodies this many times larger or smaller than each other are a wrong unit, not another animal.
@@ -97,26 +98,27 @@ def open_poses(path: str, poses: Sequence[str], selection: Selection) -> Source:
                 f"{path}: is a mesh file, which holds one pose; name its poses with --poses, or "
                 "give an animated stage"
             )
-        return _single(open_source(path, selection, keys=True), "--prim")
+        return open_source(path, selection, keys=True)
     if any(is_stage(pose) for pose in poses):
         if len(poses) > 1:
             raise UsageError(f"--poses: expected one stage or mesh files, got {len(poses)}")
-        return _single(open_source(poses[0], selection, keys=True), "--prim")
+        return open_source(poses[0], selection, keys=True)
     of_rest = replace(selection, frames=None)
     rest = _single(open_source(path, of_rest, keys=True), "--prim")
     return PoseFiles(rest, poses, selection.frames)
 
 
-def open_target(path: str, prim: str | None) -> StageSource | MeshSource:
-    """Open the target: one mesh of a stage, or a mesh file."""
+def open_target(path: str, prim: str | None, collider: str | None) -> StageSource | MeshSource:
+    """Open the target: meshes of a stage, or a mesh file."""
     if prim is not None and not is_stage(path):
         raise UsageError(f"--target-prim: only for USD stages, and {path} is a mesh file")
-    source = _single(open_source(path, Selection(prim=prim), keys=True), "--target-prim")
+    source = open_source(path, Selection(prim=prim), collider=collider, keys=True)
     assert isinstance(source, StageSource | MeshSource)
     return source
 
 
 def _single(source: Source, option: str) -> Source:
+    """Return the source of a rest whose poses are mesh files, which hold one mesh."""
     if len(source.meshes) != 1:
         names = ", ".join(mesh.path for mesh in source.meshes[:4])
         more = ", ..." if len(source.meshes) > 4 else ""
@@ -175,7 +177,8 @@ def compare_axes(source: Source, target: Source, ups: tuple[str | None, str | No
     matrices = _matrix(source), _matrix(target)
     rotation = local_rotation(source_up, target_up, *matrices)
     up = rotation_of(matrices[1][:3, :3]).T @ np.asarray(target_up)
-    moves = isinstance(source, StageSource) and len(transform_times(source.meshes[0].handle)) > 1
+    single = isinstance(source, StageSource) and len(source.meshes) == 1
+    moves = single and len(transform_times(source.meshes[0].handle)) > 1
     return Axes(rotation, up, matrices[0] if moves else None)
 
 
@@ -187,7 +190,7 @@ def _stage(source: Source) -> StageSource | None:
 
 def _matrix(source: Source) -> NDArray[np.float64]:
     stage = _stage(source)
-    if stage is None:
+    if stage is None or len(stage.meshes) > 1:  # several meet in world space
         return np.eye(4)
     from usd_io import world_matrix
 
@@ -200,8 +203,8 @@ def input_problems(source: Source, target: Source) -> list[str]:
     from usd_io.polygons import nonmanifold_edges
 
     found = []
-    for side in (source, target):
-        mesh = side.meshes[0]
+    sides: tuple[Source, ...] = (source, target)
+    for side, mesh in ((own, mesh) for own in sides for mesh in own.meshes):
         # The reader of stages has told its own already.
         edges = 0 if _stage(side) else nonmanifold_edges(mesh.faces)
         if edges:
@@ -211,14 +214,15 @@ def input_problems(source: Source, target: Source) -> list[str]:
                 f"{side.name}: {mesh.path} is wound inside out; matching compares normals: flip "
                 "its faces, or its orientation in USD"
             )
-    matrices = [_matrix(side)[:3, :3] for side in (source, target)]
+    matrices = [_matrix(side)[:3, :3] for side in sides]
     if np.prod([np.linalg.det(matrix) for matrix in matrices]) < 0:
         found.append(
             f"{source.name}, {target.name}: the transform of one of them mirrors it; the motion "
             "may come out on the wrong side"
         )
     if not np.isnan(target.times).all():
-        found.append(f"{target.name}: the animation of {target.meshes[0].path} is replaced")
+        paths = listed([mesh.path for mesh in target.meshes if not mesh.collider])
+        found.append(f"{target.name}: the animation of {paths} is replaced")
     stages = _stage(source), _stage(target)
     if stages[0] and stages[1]:
         found += _unit_problems(stages[0], stages[1])
@@ -230,9 +234,9 @@ def _unit_problems(source: StageSource, target: StageSource) -> list[str]:
 
     sizes = []
     for side in (source, target):
-        mesh = side.meshes[0]
-        world = side.to_world(mesh, float(side.times[0]), mesh.rest)
-        sizes.append(extent(world) * mesh.handle.meters_per_unit)
+        time = float(side.times[0])
+        world = [side.to_world(mesh, time, mesh.rest) for mesh in side.meshes]
+        sizes.append(extent(np.concatenate(world)) * side.meshes[0].handle.meters_per_unit)
     if sizes[0] < _SIZE_LIMIT * sizes[1] and sizes[1] < _SIZE_LIMIT * sizes[0]:
         return []
     return [

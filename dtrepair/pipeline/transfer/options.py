@@ -18,10 +18,14 @@ class TransferOptions:
     Without `markers` and `correspondence` both meshes have the same topology.
 
     Args:
-        markers: file of vertex pairs: .cons, two columns of text, or npz.
-        correspondence: file of triangle pairs: .tricorrs, text, or npz.
+        markers: file of vertex pairs: .cons, two columns of text, or npz; of several meshes those
+            of the largest on either side.
+        match: texts "A,B" or "A,B=FILE": the target's mesh B follows the source's mesh A, of the
+            same topology or with a file of markers.
+        correspondence: file of triangle pairs: .tricorrs, text, or npz; several meshes are numbered
+            one after the other.
         save_correspondence: npz or text file to write the triangle pairs to.
-        target_prim: path expression of the target's mesh, where a stage has several.
+        target_prim: path expression of the target's meshes, where not all are meant.
         source_up: up axis of the source, Y or Z; None: as its stage says, or as the target's.
         target_up: likewise of the target.
         align: turn the motion as the up "axes" lie to each other, or as the "rests" do.
@@ -34,6 +38,7 @@ class TransferOptions:
     """
 
     markers: str | None = None
+    match: tuple[str, ...] = ()
     correspondence: str | None = None
     save_correspondence: str | None = None
     target_prim: str | None = None
@@ -58,6 +63,8 @@ class TransferOptions:
             raise UsageError(f"root_scale should be at least 0 and finite, got {self.root_scale}")
         if self.markers and self.correspondence:
             raise UsageError("--markers, --correspondence: give one of them")
+        if self.match and self.correspondence:
+            raise UsageError("--match, --correspondence: give one of them")
         if self.ground and self.pin:
             raise UsageError("--ground: has no effect on pinned frames; leave out it or --pin")
         if self.shapes and self.pin:

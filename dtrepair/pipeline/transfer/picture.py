@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
+from dtrepair.pipeline.transfer.pair import Mesh
 
 
 def draw_registration(

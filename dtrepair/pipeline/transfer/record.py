@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from dtrepair.pipeline.transfer.correspondence import Correspondence
-from dtrepair.pipeline.transfer.picture import Mesh
+from dtrepair.pipeline.transfer.pair import Mesh
 from dtrepair.report.sections import TransferRecord
 
 if TYPE_CHECKING:

@@ -3,46 +3,35 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator, Iterator
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair import __version__
-from dtrepair.numerics.metrics import JitterMeter
 from dtrepair.pipeline.errors import plain_errors
-from dtrepair.pipeline.observer import (
-    SILENT,
-    FrameDone,
-    Observer,
-    Progress,
-    Trouble,
-    stop_if_cancelled,
-    warn,
-)
-from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frames
-from dtrepair.pipeline.stages.bodies import in_units_of_frames
+from dtrepair.pipeline.observer import SILENT, Observer, stop_if_cancelled, warn
 from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.devices import device_of_method
-from dtrepair.pipeline.stages.frames import make_counter, prim_records, refuse_if_none_usable
+from dtrepair.pipeline.stages.frames import prim_records, refuse_if_none_usable
 from dtrepair.pipeline.stages.outputs import FilePath, check_writable, refuse_overwriting
 from dtrepair.pipeline.stages.plan import Plan, make_plan
-from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.transfer.correspondence import match
-from dtrepair.pipeline.transfer.inputs import PoseFiles, input_errors
-from dtrepair.pipeline.transfer.pair import Pair, open_pair
+from dtrepair.pipeline.transfer.inputs import input_errors
+from dtrepair.pipeline.transfer.moving import TransferRun, move_frames
+from dtrepair.pipeline.transfer.pair import open_pair
 from dtrepair.pipeline.transfer.record import describe
 from dtrepair.pipeline.transfer.settings import TransferChoices, TransferSettings
 from dtrepair.pipeline.transfer.shapes import ShapeSink
 from dtrepair.pipeline.transfer.sinks import open_clip
-from dtrepair.pipeline.transfer.solve import FrameTransfer, PinSet, counted_frames, read_pin_set
-from dtrepair.report.record import FrameRecord, Report, summarize
+from dtrepair.pipeline.transfer.solve import FrameTransfer, read_pin_set
+from dtrepair.report.record import Report, summarize
+from dtrepair.wording import listed
 
 if TYPE_CHECKING:
-    from dtrepair.intersect.scene_counts import SceneCounter
     from dtrepair.transfer import Transfer
 
 
@@ -95,31 +84,12 @@ def plan_transfer(
     source, target, output = os.fspath(source), os.fspath(target), os.fspath(output)
     with plain_errors(), _prepared(source, target, output, chosen, device, None, observer) as run:
         pair, times = run.pair, run.pair.source.times
-        sides = ((pair.source, pair.source_rest), (pair.target, pair.target_rest))
         meshes = tuple(
-            replace(mesh, path=f"{side.name} {mesh.path}")
-            for side, rest in sides
-            for mesh in make_plan(side, [rest], times, output).meshes
+            replace(mesh, path=f"{side.source.name} {mesh.path}")
+            for side in (pair.from_meshes, pair.to_meshes)
+            for mesh in make_plan(side.source, side.rests, times, output).meshes
         )
         return Plan(meshes, tuple(times.tolist()), output)
-
-
-@dataclass
-class _Run:
-    """A transfer with its inputs and its output open."""
-
-    source: str
-    output: str
-    settings: TransferSettings
-    recorded: dict[str, object]
-    device: str
-    jobs: int | None
-    observer: Observer
-    pair: Pair
-    pins: PinSet | None
-    sink: Sink
-    clock: Clock
-    late: list[str] = field(default_factory=list)  # warnings that come while it runs
 
 
 @contextmanager
@@ -131,7 +101,7 @@ def _prepared(
     device: str,
     jobs: int | None,
     observer: Observer,
-) -> Iterator[_Run]:
+) -> Iterator[TransferRun]:
     """Check and open everything; what is not committed within the block is dropped."""
     clock = Clock()
     _check_outputs(source, target, output, settings)
@@ -145,9 +115,9 @@ def _prepared(
     sink = open_sink(pair.source, pair.target, output, recorded)
     try:
         count = len(pair.source.times)
-        pins = read_pin_set(pair.target, pair.target_rest.points, settings.options.pin, count)
+        pins = read_pin_set(pair.to_meshes, settings.options.pin, count)
         clock.lap("read")
-        yield _Run(
+        yield TransferRun(
             source, output, settings, recorded, there, jobs, observer, pair, pins, sink, clock
         )
     finally:
@@ -174,20 +144,21 @@ def _check_outputs(source: str, target: str, output: str, settings: TransferSett
         check_writable(path)
 
 
-def _transferred(run: _Run) -> Report:
+def _transferred(run: TransferRun) -> Report:
     """Match, factor, move every frame, and write."""
     pair, options = run.pair, run.settings.options
     stop_if_cancelled(run.observer)
-    found = match(pair.meshes, pair.axes.up, options)
+    found = match(pair, options)
     run.clock.lap("match")
     stop_if_cancelled(run.observer)
-    moves = FrameTransfer(_make_transfer(run, found.pairs), pair.source, pair.axes, run.pins)
+    moves = FrameTransfer(_make_transfer(run, found.pairs), pair, run.pins)
     run.clock.lap("factor")
-    records, jitter, rest_count = _move_frames(run, moves)
+    records, jitter, rest_counts = move_frames(run, moves)
     refuse_if_none_usable(pair.source, records)
-    section, concerns = describe(found, moves, pair.meshes, pair.target.meshes[0].path)
+    target = listed(pair.to_meshes.paths)
+    section, concerns = describe(found, moves, pair.meshes, target)
     late = [*run.late, *found.warnings, *concerns]
-    if rest_count:
+    if rest_count := sum(count or 0 for count in rest_counts):
         late.append(
             f"{pair.target.name}: the rest pose has {rest_count} intersecting triangles of its own"
         )
@@ -204,15 +175,16 @@ def _transferred(run: _Run) -> Report:
         device=run.device,
         settings=run.recorded,
         seconds=run.clock.total(),
-        prims=prim_records(pair.target, [rest_count]),
+        prims=prim_records(pair.target, rest_counts),
         frames=tuple(records),
         warnings=(*pair.warnings, *late),
         jitter=jitter,
+        attached=run.attached,
         transfer=section,
     )
 
 
-def _make_transfer(run: _Run, pairs: NDArray[np.int32]) -> Transfer:
+def _make_transfer(run: TransferRun, pairs: NDArray[np.int32]) -> Transfer:
     from dtrepair.transfer import Transfer
     from dtrepair.transfer.rests import rotation_between_rests
 
@@ -231,55 +203,3 @@ def _make_transfer(run: _Run, pairs: NDArray[np.int32]) -> Transfer:
             scale=options.root_scale,
             snap=options.ground,
         )
-
-
-def _move_frames(run: _Run, moves: FrameTransfer) -> tuple[list[FrameRecord], float | None, int]:
-    """Transfer, repair and write all frames; return records, jitter, and the rest's count."""
-    pair = run.pair
-    counter = make_counter(pair.target, mode="both", device=run.device)
-    rest_count = counter([pair.target_rest.points]).total.triangles
-    records, meter = [], JitterMeter()
-    with (
-        Progress(run.observer, "transferring", len(pair.source.times)) as progress,
-        closing(_outcomes(run, moves, counter, progress)) as outcomes,
-    ):
-        for done in progress.over(outcomes):
-            records.append(done.record)
-            run.observer.remark(FrameDone(done.record, done.error))
-            if done.frame.usable:
-                points = done.frame.points[0] if done.points[0] is None else done.points[0]
-                run.sink.put(0, done.frame.time, points)
-                meter.add(done.frame.spaces[0], done.spaces[0])
-            run.clock.add(done.seconds)
-    run.clock.skip()
-    measured = run.settings.repair is not None and len(records) > 2
-    return records, meter.value if measured else None, rest_count
-
-
-def _outcomes(
-    run: _Run, moves: FrameTransfer, counter: SceneCounter, progress: Progress
-) -> Generator[Repaired]:
-    """Yield frames transferred, and repaired where that was chosen; all of them counted."""
-    target, options = run.pair.target, run.settings.repair
-    if options is None:
-        yield from counted_frames(moves.frames(), target, counter)
-        return
-    from dtrepair.repair.repairer import SceneRepairer
-    from dtrepair.repair.scene.bodies import Body
-
-    rest, faces = run.pair.meshes[1]
-    pin = None if moves.pins is None else moves.pins.mask(len(rest))
-    options = in_units_of_frames(target, options)
-    scene = SceneRepairer([Body(rest, faces, pin=pin)], options=options, device=run.device)
-    repairer = FrameRepairer(target, scene, counter, jobs=run.jobs, alone=_alone(run))
-    repairer.progress = progress.ahead
-    yield from repair_frames(moves.frames(), repairer)
-    run.late += repairer.warnings
-    if repairer.error is not None:
-        run.observer.remark(Trouble(repairer.error))
-
-
-def _alone(run: _Run) -> bool:
-    """Return whether frames are repaired each for itself: poses in files need not be a motion."""
-    chosen = run.settings.alone
-    return isinstance(run.pair.source, PoseFiles) if chosen is None else chosen

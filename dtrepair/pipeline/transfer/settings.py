@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypedDict
 
 from dtrepair.pipeline.errors import UsageError
-from dtrepair.pipeline.selection import Selection, object_of
+from dtrepair.pipeline.repair.settings import refuse_what_paper_lacks
+from dtrepair.pipeline.selection import (
+    ObjectOptions,
+    PrimTable,
+    Selection,
+    object_of,
+    recorded_tables,
+    table_values,
+)
 from dtrepair.pipeline.transfer.options import TransferOptions
 from dtrepair.repair.options import RepairOptions
 
@@ -22,6 +30,9 @@ class TransferSettings:
         poses: mesh files of the source's poses, time codes 1, 2, ...; or one animated stage.
         rest: rest pose of the source, as `RepairSettings` takes it.
         repair: repair each frame like this, with the target's rest; None: leave them.
+        objects: how single meshes of the target take part in that; those that never move are not
+            moved by the transfer either. Pins are those of the options.
+        tables: settings of single meshes of the target, for the repair.
         alone: repair each frame for itself; None: only where the poses are mesh files.
 
     Raises:
@@ -33,14 +44,19 @@ class TransferSettings:
     poses: tuple[str, ...] = ()
     rest: str | None = None
     repair: RepairOptions | None = None
+    objects: ObjectOptions = field(default_factory=ObjectOptions)
+    tables: tuple[PrimTable, ...] = ()
     alone: bool | None = None
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
         if self.repair is None and self.alone is not None:
             raise UsageError("--alone: has no effect without --repair")
-        if self.repair is not None and self.options.shapes:
-            raise UsageError("--repair: repairs motion, not --shapes; repair the posed result")
+        if self.options.shapes and self.alone is False:
+            raise UsageError("--together: shapes are no motion; leave it out with --shapes")
+        if self.objects.pin or self.objects.direction:
+            raise UsageError("objects: a transfer takes pins of its options, and no directions")
+        refuse_what_paper_lacks(self.repair, self.objects)
 
     def recorded(self, source: str, target: str) -> dict[str, Any]:
         """Return what an output and a report keep of the choices."""
@@ -51,11 +67,23 @@ class TransferSettings:
             "poses": list(self.poses),
             "rest": self.rest,
             **vars(self.options),
+            "match": list(self.options.match) or None,
             "alone": self.alone,
             "repair": self.repair is not None,
             **(asdict(self.repair) if self.repair else {}),
+            **self._recorded_objects(),
         }
         return {name: value for name, value in chosen.items() if value is not None}
+
+    def _recorded_objects(self) -> dict[str, Any]:
+        """What was asked of single meshes, where anything was."""
+        asked = {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in vars(self.objects).items()
+            if value
+        }
+        tables = {table.path: table_values(table) for table in self.tables}
+        return {**asked, **({"objects": tables} if tables else {})}
 
     @classmethod
     def from_report(cls, settings: Mapping[str, Any]) -> TransferSettings:
@@ -66,6 +94,8 @@ class TransferSettings:
             poses=tuple(settings.get("poses", ())),
             rest=settings.get("rest"),
             repair=object_of(RepairOptions, settings) if settings.get("repair") else None,
+            objects=replace(object_of(ObjectOptions, settings), pin=None),
+            tables=recorded_tables(settings),
             alone=settings.get("alone"),
         )
 
@@ -78,4 +108,6 @@ class TransferChoices(TypedDict, total=False):
     poses: tuple[str, ...]
     rest: str | None
     repair: RepairOptions | None
+    objects: ObjectOptions
+    tables: tuple[PrimTable, ...]
     alone: bool | None

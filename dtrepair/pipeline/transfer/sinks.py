@@ -43,7 +43,7 @@ class LayerClip:
         from dtrepair import __version__
         from usd_io import OverrideWriter
 
-        self._mesh = target.meshes[0].handle
+        self._meshes = [mesh.handle for mesh in target.meshes]
         stage, rate = target.opened.stage, frame_rate(source)
         self._warnings: list[str] = []
         self._writer = OverrideWriter(target.opened, path, settings=settings, version=__version__)
@@ -58,9 +58,9 @@ class LayerClip:
         self._writer.replace_animation(start, end, rate)
 
     def put(self, index: int, time: float, points: NDArray[np.float32] | None) -> None:
-        """Write the target's local points."""
+        """Write the local points of a mesh of the target."""
         assert points is not None
-        self._writer.write(self._mesh, time, points)
+        self._writer.write(self._meshes[index], time, points)
 
     def commit(self, record: dict[str, Any]) -> tuple[str, ...]:
         """Move the layer to its place."""

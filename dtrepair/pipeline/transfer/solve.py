@@ -14,9 +14,10 @@ from dtrepair.pipeline.errors import InputError
 from dtrepair.pipeline.repair.solve import Repaired
 from dtrepair.pipeline.stages.bodies import read_pins
 from dtrepair.pipeline.stages.frames import Frame, frame_time, read_frames, unusable
-from dtrepair.pipeline.stages.sources import MeshSource, Source, StageSource
+from dtrepair.pipeline.stages.sources import MeshSource
 from dtrepair.pipeline.transfer.correspondence import read_arrays
-from dtrepair.pipeline.transfer.inputs import Axes, input_errors
+from dtrepair.pipeline.transfer.inputs import input_errors
+from dtrepair.pipeline.transfer.pair import JoinedMeshes, Pair
 from dtrepair.report.record import FramePrimRecord, FrameRecord
 
 if TYPE_CHECKING:
@@ -44,23 +45,23 @@ class PinSet:
         return weights
 
 
-def read_pin_set(
-    target: StageSource | MeshSource,
-    rest: NDArray[np.float64],
-    option: str | None,
-    frame_count: int,
-) -> PinSet | None:
+def read_pin_set(target: JoinedMeshes, option: str | None, frame_count: int) -> PinSet | None:
     """Read --pin: an npz of vertices and positions, or a primvar or GeomSubset held at rest."""
     if option is None:
         return None
+    rest = target.points
     if not option.lower().endswith(".npz"):
-        if isinstance(target, MeshSource):
+        if isinstance(target.source, MeshSource):
             raise InputError(
                 f"--pin {option}: a mesh file has no primvars: name an npz of vertices"
             )
-        weights = read_pins(target, option)[0]
-        assert weights is not None
-        vertices = np.flatnonzero(weights >= 0.5)
+        weights = read_pins(target.source, option)
+        parts = [
+            np.zeros(len(own.points)) if weight is None else weight
+            for weight, own in zip(weights, target.rests, strict=True)
+        ]
+        together = np.concatenate([parts[index] for index in target.moving])
+        vertices = np.flatnonzero(together >= 0.5)
         return PinSet(vertices, rest[vertices])
     content = read_arrays(option, "vertices")
     vertices = content["vertices"]
@@ -84,8 +85,7 @@ class FrameTransfer:
     """Transfers the frames of a source, keeping some for `examine`."""
 
     transfer: Transfer
-    source: Source
-    axes: Axes
+    pair: Pair
     pins: PinSet | None = None
     samples: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: {"read": 0.0, "transfer": 0.0})
@@ -101,10 +101,11 @@ class FrameTransfer:
 
     def frames(self) -> Iterator[Frame]:
         """Yield frames of the target: local points (V, 3) float32; unusable ones stay unusable."""
-        times = self.source.times
+        source = self.pair.source
+        times = source.times
         looked_at = set(np.linspace(0, len(times) - 1, min(_SAMPLES, len(times))).astype(int))
         start = clock.perf_counter()
-        for index, frame in enumerate(read_frames(self.source, times)):
+        for index, frame in enumerate(read_frames(source, times)):
             middle = clock.perf_counter()
             self.seconds["read"] += middle - start
             moved = self._moved(index, frame, index in looked_at) if frame.usable else frame
@@ -115,15 +116,16 @@ class FrameTransfer:
     def _moved(self, index: int, frame: Frame, keep: bool) -> Frame:
         from usd_io import FrameError
 
+        pair = self.pair
         try:
-            pose = self.axes.pose(self.source, frame.time, frame.points[0])
+            pose = pair.axes.pose(pair.source, frame.time, pair.from_meshes.pose(frame))
             points = self._points(index, pose)
+            moved = pair.to_meshes.frame(frame.time, points)
         except (FrameError, ValueError) as error:
             return replace(frame, points=(), spaces=(), failure=str(error))
         if keep:
             self.samples.append((pose, points))
-        rounded = points.astype(np.float32)
-        return Frame(frame.time, (rounded,), (rounded,))
+        return moved
 
     def _points(self, index: int, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         if self._hold is None or self.pins is None:
@@ -141,15 +143,18 @@ class FrameTransfer:
 
 
 def counted_frames(
-    frames: Iterable[Frame], target: Source, counter: SceneCounter
+    frames: Iterable[Frame], target: JoinedMeshes, counter: SceneCounter
 ) -> Iterator[Repaired]:
     """Count the intersections of frames and leave them as they are."""
+    meshes = target.source.meshes
+    unchanged = (None,) * len(meshes)
     for frame in frames:
         if not frame.usable:
-            yield Repaired(frame, (None,), frame.spaces, unusable(frame), {})
+            yield Repaired(frame, unchanged, frame.spaces, unusable(frame), {})
             continue
         start = clock.perf_counter()
-        count = counter(frame.spaces).total
+        found = counter(frame.spaces)
+        count = found.total
         seconds = clock.perf_counter() - start
         record = FrameRecord(
             time=frame_time(frame),
@@ -157,6 +162,9 @@ def counted_frames(
             before=count,
             after=count,
             seconds=seconds,
-            prims=(FramePrimRecord(path=target.meshes[0].path, before=count, after=count),),
+            prims=tuple(
+                FramePrimRecord(path=mesh.path, before=own, after=own)
+                for mesh, own in zip(meshes, found.each, strict=True)
+            ),
         )
-        yield Repaired(frame, (None,), frame.spaces, record, {"detect": seconds})
+        yield Repaired(frame, unchanged, frame.spaces, record, {"detect": seconds})

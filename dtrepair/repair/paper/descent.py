@@ -10,14 +10,9 @@ import torch
 from torch import Tensor
 
 from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.paper.corner_energy import Kernel, SignedTangentPoint
 from dtrepair.repair.paper.diffusion import Diffuser
-from dtrepair.repair.paper.energy import (
-    Kernel,
-    SignedTangentPoint,
-    mean_square_strength,
-    pair_energy,
-    shape_term,
-)
+from dtrepair.repair.paper.energy import mean_square_strength, pair_energy, shape_term
 from dtrepair.repair.paper.optimizer import Moments, MomentumBrake, Optimizer, start
 
 # Intersecting triangles of a frame that was not measured.

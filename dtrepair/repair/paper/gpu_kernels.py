@@ -1,7 +1,7 @@
 """Warp kernels of the published loop on a device: forces of pairs, rows of a sparse matrix.
 
-The formulas of `energy.py`, which explains them. Forces are summed as whole numbers, times a scale:
-integers add to the same sum in any order, so that runs repeat to the bit.
+The formulas of `corner_energy.py` and `energy.py`. Forces are summed as whole
+numbers, times a scale: integers add to the same sum in any order, so that runs repeat to the bit.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ TWO = wp.constant(wp.float64(2.0))
 PARALLEL = wp.constant(wp.float64(energies.PARALLEL))
 # A force counts up to 2^57 of its whole numbers, which leaves room for 64 of those.
 MOST = wp.constant(wp.float64(1.4411518807585587e17))
-# The floor of energy.py where the area is zero: the smallest float64 to the power of 1/4.
+# The floor of corner_energy.py where the area is zero: the smallest float64 to the power of 1/4.
 TINY = wp.constant(wp.float64(1.2213386697554620e-77))
 
 
 @wp.struct
 class Energy:
-    """Which energy, its parameters, and the limits of `energy.py`."""
+    """Which energy, its parameters, and the limits of `corner_energy.py`."""
 
     kind: wp.int32
     exponent: wp.float64

@@ -11,14 +11,14 @@ from torch import Tensor
 
 from dtrepair.device import DeviceQueue, start_warp
 from dtrepair.repair.paper import gpu_kernels as kernels
-from dtrepair.repair.paper.descent import Descent
-from dtrepair.repair.paper.energy import (
+from dtrepair.repair.paper.corner_energy import (
     ConicalField,
     Kernel,
     PointToPlane,
     SignedTangentPoint,
     UnsignedTangentPoint,
 )
+from dtrepair.repair.paper.descent import Descent
 from dtrepair.repair.paper.gpu_detection import FixedDetection
 
 # Whole numbers per unit of force, in a mesh of unit size. Tangent-point and conical forces are

@@ -17,6 +17,7 @@ from dtrepair.numerics.metrics import distortion
 from dtrepair.numerics.operators import cotangent_laplacian
 from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.paper.corner_energy import EnergyOptions
 from dtrepair.repair.paper.descent import Descent, DescentResult
 from dtrepair.repair.paper.diffusion import (
     BodyDiffusion,
@@ -24,7 +25,7 @@ from dtrepair.repair.paper.diffusion import (
     DiffusionOptions,
     SparseOperator,
 )
-from dtrepair.repair.paper.energy import EnergyOptions, triangle_directions
+from dtrepair.repair.paper.energy import triangle_directions
 from dtrepair.repair.paper.gpu_descent import DeviceDescent, GpuOptions, too_large
 from dtrepair.repair.paper.gpu_operators import RowOperator
 from dtrepair.repair.paper.optimizer import OptimizerOptions

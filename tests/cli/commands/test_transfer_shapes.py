@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import usd_io
+from dtrepair import find_intersections
 from dtrepair.report.record import read_report
 from tests.command_line import (
     CLOSED,
@@ -96,6 +97,22 @@ def test_blend_shapes_of_a_stage_keep_their_weights(
     assert np.abs(present(usd_io.read_frame(mesh, 4.5)) - blended).max() < 1e-5
 
 
+def test_shapes_can_be_repaired(shape_files: ShapeFiles, tmp_path: Path) -> None:
+    rest, thick, shapes = shape_files
+    closed = tube_obj(tmp_path / "closed.obj", CLOSED)
+    output, told = tmp_path / "o.usdc", tmp_path / "r.json"
+    arguments = ("transfer", rest, thick, "--poses", shapes[0], closed, "--shapes", "-o", output)
+    assert run(*arguments).code == 1
+    assert run(*arguments, "--repair", "--report", told).code == 0
+    frames = read_report(told)["frames"]
+    assert [frame["before"]["pairs"] > 0 for frame in frames] == [False, True]
+    assert [frame["after"]["pairs"] for frame in frames] == [0, 0]
+    mesh = usd_io.read_meshes(usd_io.open_stage(output)).meshes[0]
+    for time in (1.0, 2.0):
+        posed = present(usd_io.read_frame(mesh, time))
+        assert len(find_intersections(posed, mesh.faces)) == 0
+
+
 def test_shapes_that_cannot_be_are_told(shape_files: ShapeFiles, tmp_path: Path) -> None:
     rest, thick, shapes = shape_files
     source = target = tube_stage(tmp_path / "a.usda", (1.0, 2.0, CLOSED), rest=0.0)
@@ -103,7 +120,7 @@ def test_shapes_that_cannot_be_are_told(shape_files: ShapeFiles, tmp_path: Path)
     arguments = ("transfer", rest, thick, "--poses", *shapes, "--shapes", "-o")
     assert_fails(run("transfer", source, target, "--shapes", "-o", output), 3, "no blend shapes")
     assert_fails(run(*arguments, tmp_path / "o.obj"), 2, "need USD")
-    assert_fails(run(*arguments, output, "--repair"), 2, "--repair", "--shapes")
+    assert_fails(run(*arguments, output, "--repair", "--together"), 2, "--together", "--shapes")
     assert_fails(run(*arguments, output, "--pin", "a.npz"), 2, "--pin", "--shapes")
     assert_fails(run(*arguments, output, "--frames", "1"), 2, "--frames", "--shapes")
     assert_fails(run(*arguments[:3], "--poses", source, *arguments[-2:], output), 2, "mesh files")

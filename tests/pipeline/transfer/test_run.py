@@ -9,6 +9,7 @@ import pytest
 
 from dtrepair.pipeline.errors import Cancelled, OutputError, UsageError, exit_code
 from dtrepair.pipeline.observer import FrameDone
+from dtrepair.pipeline.selection import ObjectOptions
 from dtrepair.pipeline.transfer.options import TransferOptions
 from dtrepair.pipeline.transfer.run import plan_transfer, transfer_stage
 from dtrepair.pipeline.transfer.settings import TransferSettings
@@ -141,8 +142,13 @@ def test_options_that_do_not_go_together(choices: dict[str, object], words: str)
 def test_settings_that_do_not_go_together() -> None:
     with pytest.raises(UsageError, match="no effect without --repair"):
         TransferSettings(alone=True)
-    with pytest.raises(UsageError, match="repairs motion"):
-        TransferSettings(options=TransferOptions(shapes=True), repair=RepairOptions())
+    with pytest.raises(UsageError, match="shapes are no motion"):
+        shapes = TransferOptions(shapes=True)
+        TransferSettings(options=shapes, repair=RepairOptions(), alone=False)
+    with pytest.raises(UsageError, match="a transfer takes pins of its options"):
+        TransferSettings(objects=ObjectOptions(pin="hand"), repair=RepairOptions())
+    with pytest.raises(UsageError, match="--rigid: has no effect with --method paper"):
+        TransferSettings(objects=ObjectOptions(rigid="/Eye"), repair=RepairOptions(method="paper"))
 
 
 def test_errors_of_outputs_carry_their_code(inputs: tuple[str, str], tmp_path: Path) -> None:

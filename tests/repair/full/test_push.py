@@ -9,7 +9,8 @@ import torch
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.full.directions import tangent_point_gradient
 from dtrepair.repair.full.push import PushOptions, push
-from dtrepair.repair.paper.energy import SignedTangentPoint, pair_energy
+from dtrepair.repair.paper.corner_energy import SignedTangentPoint
+from dtrepair.repair.paper.energy import pair_energy
 from dtrepair.repair.surface.defects import near_contacts
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import (

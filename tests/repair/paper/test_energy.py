@@ -11,8 +11,7 @@ import torch
 from torch import Tensor
 
 from dtrepair.numerics.operators import cotangent_laplacian
-from dtrepair.repair.paper.diffusion import SparseOperator
-from dtrepair.repair.paper.energy import (
+from dtrepair.repair.paper.corner_energy import (
     ConicalField,
     EnergyOptions,
     Kernel,
@@ -20,6 +19,9 @@ from dtrepair.repair.paper.energy import (
     PointToPlane,
     SignedTangentPoint,
     UnsignedTangentPoint,
+)
+from dtrepair.repair.paper.diffusion import SparseOperator
+from dtrepair.repair.paper.energy import (
     accumulate,
     mean_square_strength,
     pair_energy,

@@ -12,9 +12,9 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from dtrepair.device import DeviceQueue
 from dtrepair.intersect.detector import Detector
+from dtrepair.repair.paper.corner_energy import EnergyOptions, Kernel
 from dtrepair.repair.paper.descent import Descent, DescentResult
 from dtrepair.repair.paper.diffusion import Diffusion, SparseOperator
-from dtrepair.repair.paper.energy import EnergyOptions, Kernel
 from dtrepair.repair.paper.gpu_descent import DeviceDescent, GpuOptions
 from dtrepair.repair.paper.gpu_detection import FixedDetection
 from dtrepair.repair.paper.gpu_operators import RowOperator

@@ -12,9 +12,10 @@ import torch
 from dtrepair.device import DeviceQueue
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.operators import cotangent_laplacian
+from dtrepair.repair.paper.corner_energy import Kernel
 from dtrepair.repair.paper.descent import Descent
 from dtrepair.repair.paper.diffusion import Diffusion, SparseOperator
-from dtrepair.repair.paper.energy import Kernel, pair_energy
+from dtrepair.repair.paper.energy import pair_energy
 from dtrepair.repair.paper.gpu_detection import FixedDetection
 from dtrepair.repair.paper.gpu_operators import Forces, RowOperator
 from tests.meshes import bent_tube, icosphere, overlapping_spheres

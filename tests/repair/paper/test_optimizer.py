@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from dtrepair.repair.options import RepairOptions
-from dtrepair.repair.paper.energy import EnergyOptions
+from dtrepair.repair.paper.corner_energy import EnergyOptions
 from dtrepair.repair.paper.optimizer import (
     Adam,
     GradientDescent,

@@ -70,10 +70,10 @@ def printed(arguments: list[str]) -> tuple[int, str]:
 
 
 def gpu_check_holds_on_the_cpu() -> None:
-    """All thirteen checks hold, and the times are told."""
+    """All nineteen checks hold, and the times are told."""
     code, out = printed(SMALL)
     assert code == 0 and "All checks hold." in out, out
-    assert out.count("| yes |") == 13 and "| 60 iterations |" in out, out
+    assert out.count("| yes |") == 19 and "| 60 iterations |" in out, out
 
 
 def gpu_check_notices_wrong_forces() -> None:

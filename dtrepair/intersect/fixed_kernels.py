@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dtrepair.device import start_warp
 from dtrepair.intersect.kernels import classified
-from dtrepair.intersect.predicates import APART, THIN, UNCERTAIN
+from dtrepair.intersect.predicates import APART, INTERSECTING
 
 wp = start_warp()
 wp.set_module_options({"enable_backward": False, "fast_math": False})
@@ -37,17 +37,15 @@ def keep_intersecting(
     group: wp.array(dtype=wp.int32),
     counted: wp.array2d(dtype=wp.uint8),
     listed: wp.array(dtype=wp.int64),
-    settled: wp.array(dtype=wp.int64),
     doubts: wp.array(dtype=wp.vec3i),
     doubt_count: wp.array(dtype=wp.int32),
     pairs: wp.array(dtype=wp.vec3i),
     count: wp.array(dtype=wp.int32),
 ):
-    """Pairs (frame, smaller, larger) of the candidates that intersect, or may, and are counted.
+    """Pairs (frame, smaller, larger) of the candidates that intersect and are counted.
 
     A pair counts if `counted` says so for the groups of its triangles and it is not `listed`. What
-    floating point leaves open counts, too, unless the pair is one of `settled`, or one of its
-    triangles has no area: these candidates are copied to `doubts`.
+    floating point leaves open is copied to `doubts`, as a candidate.
     """
     slot = wp.tid()
     if slot >= candidate_count[0]:
@@ -63,7 +61,7 @@ def keep_intersecting(
     found = classified(points, frame, faces[i], faces[j])
     if found == APART or is_listed(listed, t, u, order.shape[0]):
         return
-    if found == THIN or (found == UNCERTAIN and is_listed(settled, t, u, order.shape[0])):
+    if found != INTERSECTING:
         doubt = wp.atomic_add(doubt_count, 0, 1)
         if doubt < doubts.shape[0]:
             doubts[doubt] = candidate

@@ -58,14 +58,12 @@ class CountedPairs:
     """Which pairs of triangles count.
 
     group: a number for each triangle (F,); counted: whether pairs of two groups count (G, G),
-    symmetric; listed: pairs (K, 2), smaller triangle first, that do not, whatever their groups;
-    settled: pairs (L, 2) that are decided exactly where floating point leaves them uncertain.
+    symmetric; listed: pairs (K, 2), smaller triangle first, that do not, whatever their groups.
     """
 
     group: IntArray
     counted: NDArray[np.bool_]
     listed: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int32))
-    settled: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int32))
 
 
 def counted_between(

@@ -31,11 +31,13 @@ def cotangent_laplacian(
         apex, left, right = (faces[:, (corner + k) % 3] for k in range(3))
         u, v = points[left] - points[apex], points[right] - points[apex]
         double_area = np.linalg.norm(np.cross(u, v), axis=1)
-        # A zero-area corner has no cotangent: bounded by the lengths of its edges.
+        # A zero-area corner has no cotangent: bounded by the lengths of its edges, or, as bounds
+        # of both signs are no longer semidefinite, as wide as half a right angle.
         floor = 1e-12 * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1) + 1e-300
         rows.append(left)
         columns.append(right)
-        weights.append(0.5 * np.einsum("ij,ij->i", u, v) / np.maximum(double_area, floor))
+        cotangent = np.einsum("ij,ij->i", u, v) / np.maximum(double_area, floor)
+        weights.append(0.5 * np.where((double_area > floor) | (clamp is not None), cotangent, 1.0))
     row, column, weight = (np.concatenate(parts) for parts in (rows, columns, weights))
     proper = row != column
     half = sparse.coo_matrix((weight[proper], (row[proper], column[proper])), shape=(count, count))

@@ -35,6 +35,15 @@ def test_cotangent_laplacian_is_symmetric_semidefinite_and_kills_constants() -> 
     assert np.linalg.eigvalsh(laplacian.toarray()).min() > -1e-12
 
 
+@pytest.mark.parametrize("last", [(0, 0, 0), (1, 0, 0), (0.3, 0, 0), (2.5, 0, 0)])
+def test_cotangent_laplacian_of_a_triangle_without_area_is_semidefinite(
+    last: tuple[float, float, float],
+) -> None:
+    laplacian = cotangent_laplacian(np.array([(0, 0, 0), (1, 0, 0), last], float), ONE_FACE)
+    values = np.linalg.eigvalsh(laplacian.toarray())
+    assert values.min() > -1e-12 and 0.1 < values.max() < 10.0
+
+
 def test_linear_functions_are_harmonic_inside_a_flat_grid() -> None:
     points, faces = meshes.grid(6, 5)
     values = cotangent_laplacian(points, faces) @ (points @ [2.0, -3.0, 0.0])

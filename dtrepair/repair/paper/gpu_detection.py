@@ -32,7 +32,7 @@ class BufferOptions:
 class FixedDetection:
     """Intersecting pairs of `frames` poses at a time, as launches that a CUDA graph can hold.
 
-    Pairs that floating point cannot settle count, but for those that `counted` says. After
+    Pairs that floating point cannot settle are settled exactly. After
     `run`, `pairs` (capacity, 3) holds frame, triangle, triangle in its first `count` rows, in no
     order, and `triangles` (B,) the number of distinct triangles of each pose. Where a buffer was
     too small, `needed` (2,), the most candidates and pairs of all runs, tells what would do: then
@@ -60,14 +60,11 @@ class FixedDetection:
         )
         everything = CountedPairs(np.zeros(faces, dtype=np.int32), np.ones((1, 1), dtype=bool))
         counted = counted or everything
-        keys = [
-            pairs[:, 0].astype(np.int64) * faces + pairs[:, 1]
-            for pairs in (counted.listed, counted.settled)
-        ]
+        keys = counted.listed[:, 0].astype(np.int64) * faces + counted.listed[:, 1]
         self._filter = [
             warp.array(counted.group.astype(np.int32), dtype=warp.int32, device=device),
             warp.array(counted.counted.astype(np.uint8), dtype=warp.uint8, device=device),
-            *(warp.array(np.sort(own), dtype=warp.int64, device=device) for own in keys),
+            warp.array(np.sort(keys), dtype=warp.int64, device=device),
         ]
         self.points = torch.zeros((frames, detector.vertex_count, 3), device=device)
         self.pairs = torch.zeros((self.capacity[1], 3), dtype=torch.int32, device=device)

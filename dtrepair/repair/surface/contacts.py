@@ -78,8 +78,11 @@ class Contacts:
         return self._counted(found)
 
     def batch_pairs(self, points: FloatArray) -> IntArray:
-        """Return the intersecting pairs (K, 3) of poses (B, V, 3): frame, triangle, triangle."""
-        return self._counted(self._detector(self._written(points), exact=self._uncertain))
+        """Return the intersecting pairs (K, 3) of poses (B, V, 3): frame, triangle, triangle.
+
+        Pairs that floating point cannot settle are settled exactly.
+        """
+        return self._counted(self._detector(self._written(points)))
 
     def close_pairs(
         self, points: FloatArray, clearance: float, *, facing: bool = False
@@ -136,8 +139,7 @@ class Contacts:
         listed = np.zeros((0, 2), dtype=np.int32)
         if self._leave_rest:
             listed = self._detector(self._rest)
-        settled = self._uncertain.clear_at_rest
-        return CountedPairs(group.ravel().astype(np.int32), counted, listed, settled)
+        return CountedPairs(group.ravel().astype(np.int32), counted, listed)
 
     def _counted(self, pairs: IntArray) -> IntArray:
         return pairs[self.counts(pairs)]

@@ -36,20 +36,16 @@ class UncertainPairs:
         uncertain = rows[:, 3] > 1
         if uncertain.any():
             asked = rows[:, 3] == 3
-            asked |= uncertain & np.isin(pair_keys(rows[:, 1:3]), self._keys)
+            asked |= uncertain & np.isin(pair_keys(rows[:, 1:3]), self._clear_at_rest)
             keep[asked] = self._settled(points, rows[asked])
         return keep
 
     @cached_property
-    def clear_at_rest(self) -> IntArray:
-        """Pairs (K, 2) that are uncertain in the rest pose and do not intersect there."""
+    def _clear_at_rest(self) -> NDArray[np.int64]:
+        """Pairs that are uncertain in the rest pose and do not intersect there, as numbers."""
         rows = self._detector.candidates(self._rest[None])
         rows = rows[rows[:, 3] > 1]
-        return rows[~self._settled(self._rest[None], rows), 1:3]
-
-    @cached_property
-    def _keys(self) -> NDArray[np.int64]:
-        return pair_keys(self.clear_at_rest)
+        return pair_keys(rows[~self._settled(self._rest[None], rows), 1:3])
 
     def _settled(self, points: NDArray[np.float32], rows: IntArray) -> BoolArray:
         """Return which rows (K, 4) of poses (B, V, 3) intersect, exactly."""

@@ -40,7 +40,7 @@ def both(
     """The loop of the CPU, with the pairs that a device finds, and that of a device."""
     descent, _ = make(TUBE, **options)
     detector = Detector(*TUBE)
-    on_cpu = replace(descent, detect=lambda points: detector(points, exact=False))
+    on_cpu = replace(descent, detect=lambda points: detector(points))
     queue = DeviceQueue("cpu")
     assert isinstance(descent.diffusion, Diffusion)
     assert isinstance(descent.laplacian, SparseOperator)

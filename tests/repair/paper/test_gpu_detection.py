@@ -40,11 +40,11 @@ def tubes() -> tuple[NDArray[np.float64], NDArray[np.int32]]:
 def test_pairs_are_those_of_the_detector_for_every_pose_of_a_batch() -> None:
     poses, faces = tubes()
     detector = Detector(poses[0], faces)
-    expected = detector(poses, exact=False)
+    expected = detector(poses)
     detection = FixedDetection(detector, 3, QUEUE)
     assert len(expected) > 50 and len(set(expected[:, 0])) == 2
     for batch in (poses, poses[::-1].copy(), poses):  # nothing is left over from a run before
-        expected = detector(batch, exact=False)
+        expected = detector(batch)
         assert np.array_equal(found(detection, batch), expected)
         counts = [len(np.unique(expected[expected[:, 0] == k, 1:])) for k in range(3)]
         assert detection.triangles.tolist() == counts
@@ -68,7 +68,7 @@ def test_too_little_room_is_told_with_what_would_do(capacity: tuple[int, int], r
     while (more := overflow(detection)) is not None:
         detection = FixedDetection(detector, 3, QUEUE, capacity=more)
         rows = found(detection, poses)
-    assert np.array_equal(rows, detector(poses, exact=False))
+    assert np.array_equal(rows, detector(poses))
 
 
 def test_what_counts_is_what_counts_for_the_surface() -> None:
@@ -134,7 +134,7 @@ def test_what_is_in_doubt_and_clear_at_rest_is_settled() -> None:
 def test_a_pair_can_be_left_out_by_number_and_a_mesh_may_have_no_triangles() -> None:
     poses, faces = tubes()
     detector = Detector(poses[0], faces)
-    pairs = detector(poses[1], exact=False)
+    pairs = detector(poses[1])
     group, counted = np.zeros(len(faces), dtype=np.int32), np.ones((1, 1), dtype=bool)
     detection = FixedDetection(detector, 1, QUEUE, counted=CountedPairs(group, counted, pairs[::2]))
     assert np.array_equal(found(detection, poses[1:2])[:, 1:], pairs[1::2])

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from numpy.typing import NDArray
 
 from dtrepair.device import DeviceQueue
@@ -14,7 +15,7 @@ from dtrepair.repair.paper.diffusion import Diffusion
 from dtrepair.repair.paper.gpu_descent import DeviceDescent
 from dtrepair.repair.paper.method import PaperMethod
 from dtrepair.repair.surface.surface import BodyRange, Surface
-from tests.meshes import bent_tube, overlapping_spheres
+from tests.meshes import bent_tube, icosphere, overlapping_spheres
 
 OPTIONS = RepairOptions(method="paper", iterations=60)
 
@@ -36,6 +37,24 @@ def test_poses_at_once_are_those_one_by_one() -> None:
         assert len(surface.contacts.pairs(pose)) > 0
         assert np.array_equal(solved.points, method(pose).points)
         assert len(surface.contacts.pairs(solved.points)) == solved.stages[0].crossings < 20
+
+
+def test_a_body_without_area_takes_part() -> None:
+    ball, faces = icosphere(1)
+    needle = np.array([[0.1, 0.0, -2.0], [0.2, 0.05, 0.0], [0.3, 0.1, 2.0]])
+    points = np.concatenate([ball, needle + np.array([3.0, 0.0, 0.0])])
+    count = len(ball)
+    triangles = np.concatenate([faces, [[count, count + 1, count + 2]]]).astype(np.int32)
+    ranges = [BodyRange(0, count, 99.0), BodyRange(count, count + 3, 99.0)]
+    surface = Surface(points, triangles, bodies=ranges)
+    pose = np.concatenate([ball, needle]) / surface.size
+    for queue in (None, DeviceQueue("cpu")):
+        method = PaperMethod(surface, OPTIONS, queue=queue)
+        assert method.descent is not None
+        result = method.descent(torch.from_numpy(pose)[None])
+        # The needle enters through a face and leaves by another one.
+        assert result.history[0].tolist() == [3] and torch.isfinite(result.points).all()
+        assert int(result.triangles) < 3
 
 
 @pytest.mark.parametrize("bodies", [1, 2])

@@ -6,13 +6,16 @@ back bit for bit. STL stores no shared vertices, so equal positions are joined w
 
 from __future__ import annotations
 
+import json
 import os
+import struct
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dtrepair.files.archives import check_archive, is_archive
 from dtrepair.files.atomic import write_atomically
 from dtrepair.files.obj import read_obj, write_obj
 from dtrepair.files.ply import read_ply, write_ply
@@ -45,6 +48,12 @@ def read_mesh(path: str | os.PathLike[str]) -> PolygonMesh:
     except MeshFileError as error:
         cure = "" if ";" in str(error) else "; mend the file or export it again"
         raise MeshFileError(f"{source}: {error}{cure}") from None
+    except (ArithmeticError, LookupError, MemoryError, TypeError, ValueError) as error:
+        # Numbers that no array holds, words that are missing: whatever a damaged file leads to.
+        raise MeshFileError(
+            f"{source}: not a readable {format} file: {error or type(error).__name__}; mend the "
+            "file or export it again"
+        ) from error
     return mesh
 
 
@@ -91,6 +100,9 @@ def _check(mesh: PolygonMesh) -> None:
         raise MeshFileError("expected a mesh with faces, got none")
     if not np.isfinite(mesh.points).all():
         raise MeshFileError("expected finite coordinates, got NaN or infinity")
+    largest = float(np.abs(mesh.points).max())
+    if largest > float(np.finfo(np.float32).max):
+        raise MeshFileError(f"expected coordinates up to 3.4e38 (float32), got {largest:.3g}")
 
 
 def _format(path: Path) -> str:
@@ -110,11 +122,11 @@ def _read_off(data: bytes) -> PolygonMesh:
             raise ValueError("expected a first line OFF")
         rows = [rows[0][1:], *rows[1:]] if len(rows[0]) > 1 else rows[1:]
         vertices, polygons = int(rows[0][0]), int(rows[0][1])
-        points = [[float(word) for word in row[:3]] for row in rows[1 : 1 + vertices]]
-        listed = rows[1 + vertices : 1 + vertices + polygons]
-        if len(points) < vertices or len(listed) < polygons:
+        if min(vertices, polygons) < 0 or vertices + polygons >= len(rows):
             raise ValueError("the file ends early")
-        corners = [[int(word) for word in row[1 : 1 + int(row[0])]] for row in listed]
+        points = [[float(row[axis]) for axis in range(3)] for row in rows[1 : 1 + vertices]]
+        listed = rows[1 + vertices : 1 + vertices + polygons]
+        corners = [[int(row[1 + k]) for k in range(int(row[0]))] for row in listed]
     except (IndexError, ValueError) as error:
         raise MeshFileError(f"not a readable OFF file: {error}") from None
     return polygon_mesh("off", points, corners, original=data)
@@ -141,6 +153,7 @@ def _read_trimesh(data: bytes, format: str) -> PolygonMesh:
 
     if format not in trimesh.available_formats():
         raise MeshFileError(f"expected a mesh format such as {', '.join(WRITABLE)}, got {format}")
+    _check_sizes(data, format)
     stream = trimesh.util.wrap_as_stream(data)
     try:
         loaded: Any = trimesh.load_scene(stream, file_type=format, process=False)
@@ -166,6 +179,34 @@ def _read_trimesh(data: bytes, format: str) -> PolygonMesh:
         more["texture"] = np.asarray(coordinates, dtype=np.float64)
         more["texture_corners"] = faces.reshape(-1).astype(np.int32)
     return polygon_mesh(format, points, faces, **more)
+
+
+def _check_sizes(data: bytes, format: str) -> None:
+    """Refuse a file that announces more than it holds, before trimesh makes room for it.
+
+    Raises MeshFileError.
+    """
+    try:
+        if is_archive(data):
+            check_archive(data)
+        elif format in ("glb", "gltf"):
+            _check_accessors(data)
+    except RecursionError:
+        raise MeshFileError(f"not a readable {format} file: nested too deeply") from None
+    except (LookupError, TypeError, ValueError, struct.error) as error:
+        raise MeshFileError(f"not a readable {format} file: {error}") from None
+
+
+def _check_accessors(data: bytes) -> None:
+    """Raise ValueError for a glTF document with an array of more values than the file has bytes."""
+    if data.startswith(b"glTF"):
+        (length,) = struct.unpack_from("<I", data, 12)
+        document = json.loads(data[20 : 20 + length])
+    else:
+        document = json.loads(data)
+    for accessor in document["accessors"]:
+        if not 0 <= accessor["count"] <= len(data):
+            raise ValueError(f"an array of {accessor['count']} values in {len(data)} bytes")
 
 
 def _write_trimesh(mesh: PolygonMesh, points: NDArray[np.float64], format: str) -> bytes:

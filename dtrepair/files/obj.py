@@ -50,9 +50,11 @@ def read_obj(data: bytes) -> PolygonMesh:
                 f"got {max(polygon) + 1}"
             )
     more: dict[str, Any] = {"original": text}
-    if texture and any(row >= 0 for row in texture_corners):
+    # Some exporters leave indices of coordinates that they did not write.
+    rows = [row if row < len(texture) else -1 for row in texture_corners]
+    if texture and any(row >= 0 for row in rows):
         more["texture"] = np.asarray(texture)
-        more["texture_corners"] = np.asarray(texture_corners, dtype=np.int32)
+        more["texture_corners"] = np.asarray(rows, dtype=np.int32)
     return polygon_mesh("obj", points, polygons, **more)
 
 

@@ -33,6 +33,12 @@ class _Element:
         """Return the type of a record without lists, in a byte order ("<" or ">")."""
         return np.dtype([(name, order + value) for name, value, _ in self.properties])
 
+    def least_bytes(self, order: str) -> int:
+        """Return the bytes that a record has at least; "" is ascii: a digit and a blank each."""
+        if not order:
+            return max(2 * len(self.properties), 1)
+        return sum(np.dtype(count or value).itemsize for _, value, count in self.properties)
+
     def has_list(self) -> bool:
         """Return whether a property is a list."""
         return any(count for _, _, count in self.properties)
@@ -93,7 +99,20 @@ def _header(data: bytes) -> tuple[str, list[_Element], int]:
     vertex = next((e for e in elements if e.name == "vertex"), None)
     if vertex is None or vertex.has_list():
         raise ValueError("expected an element 'vertex' with plain numbers, got none")
+    if not {"x", "y", "z"} <= {name for name, _, _ in vertex.properties}:
+        raise ValueError("expected vertices with x, y and z")
+    _check_counts(elements, order, len(data) - newline)
     return order, elements, newline + 1
+
+
+def _check_counts(elements: list[_Element], order: str, room: int) -> None:
+    """Raise ValueError where the header announces more than so many bytes hold."""
+    for element in elements:
+        if element.count < 0 or element.count * element.least_bytes(order) > room:
+            raise ValueError(
+                f"the file ends early: {element.count} of {element.name!r} are announced, and "
+                f"there are {room} bytes"
+            )
 
 
 def _read_binary(

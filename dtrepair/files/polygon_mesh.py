@@ -68,11 +68,14 @@ def polygon_mesh(
 ) -> PolygonMesh:
     """Build a PolygonMesh from polygons given as lists (or an (F, n) array) of vertex indices.
 
-    Raises MeshFileError for points that are not (V, 3) and for indices out of range.
+    Raises MeshFileError for points that are not (V, 3), for indices out of range, and for those
+    that are no whole numbers.
     """
     coordinates = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     counts = np.fromiter((len(p) for p in polygons), dtype=np.int32, count=len(polygons))
     flat = np.concatenate([np.asarray(p) for p in polygons]) if len(polygons) else np.zeros(0)
+    if flat.dtype.kind == "f" and not (flat == np.floor(flat)).all():
+        raise MeshFileError("expected whole numbers as face indices, got others")
     corners = flat.astype(np.int64)
     if len(corners) and (corners.min() < 0 or corners.max() >= len(coordinates)):
         wrong = corners[(corners < 0) | (corners >= len(coordinates))][0]

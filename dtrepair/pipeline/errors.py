@@ -70,6 +70,8 @@ def plain_error(error: Exception) -> PipelineError:
         return known(str(error)) if known is not None else PipelineError(str(error), code)
     if isinstance(error, MemoryError):
         return PipelineError(str(error) or "out of memory; choose fewer frames or prims")
+    if isinstance(error, UnicodeEncodeError):  # bytes of a command line or file name
+        return UsageError(f"{error.object!r} is no UTF-8 text; rename it")
     kind = type(error).__name__
     return PipelineError(
         f"internal error: {kind}: {error}; please report it with the output of -vv"

@@ -235,8 +235,10 @@ def read_report(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read a report and check it. Raises ReportError (not JSON, or not this schema), OSError."""
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # also of bytes that are no text, and of numbers without end
         raise ReportError(f"{path}: expected a JSON report, got: {error}") from None
+    except RecursionError:
+        raise ReportError(f"{path}: expected a JSON report, got one nested too deeply") from None
     try:
         validate(document)
     except ReportError as error:

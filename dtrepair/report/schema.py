@@ -10,6 +10,8 @@ from dtrepair.diagnosis import Advice, Status, StrainKind
 from dtrepair.keyposes.options import INTERPOLATIONS
 
 SCHEMA_NAME = "dtrepair.report/1"
+# Beyond, numbers of JSON are not the same in every program.
+LARGEST_COUNT = 2**53
 STATUSES = tuple(str(status) for status in Status)
 
 
@@ -275,6 +277,8 @@ def _check(value: Any, schema: Mapping[str, Any], place: str) -> None:
         raise ReportError(f"{place}: expected one of {', '.join(schema['enum'])}, got {value!r}")
     if "minimum" in schema and value is not None and value < schema["minimum"]:
         raise ReportError(f"{place}: expected at least {schema['minimum']}, got {value}")
+    if kind == "integer" and abs(value) > LARGEST_COUNT:
+        raise ReportError(f"{place}: expected at most {LARGEST_COUNT}, got a larger number")
     if kind == "object":
         _check_object(value, schema, place)
     elif kind == "array":

@@ -226,3 +226,22 @@ def test_stages_of_a_frame_are_written_and_checked() -> None:
     wrong = FrameRecord(time=1.0, status="clean", stages=(StageRecord("fill", -1, 0, 0.1, 0, 0.0),))
     with pytest.raises(ReportError, match="crossings"):
         Report(command="repair", version="1", input="a.usd", frames=(wrong,)).document()
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 200_000, '{"schema": ' + "9" * 5000 + "}", '{"a": [' + '{"b": [' * 50_000]
+)
+def test_nesting_and_numbers_without_end_are_no_report(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "report.json"
+    path.write_text(text)
+    with pytest.raises(ReportError, match=r"report\.json: expected a JSON report, got"):
+        read_report(path)
+
+
+def test_counts_beyond_what_programs_agree_on_are_refused() -> None:
+    document = make_report().document()
+    document["prims"][0]["vertices"] = 2**53
+    validate(document)
+    document["prims"][0]["vertices"] = 10**400
+    with pytest.raises(ReportError, match=r"vertices: expected at most 9007199254740992"):
+        validate(document)

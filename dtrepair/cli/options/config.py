@@ -10,6 +10,8 @@ from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import PrimTable, parse_tables
 
 _TABLES = "dtrepair.prim_tables"
+# Bytes of a file and of a line: keys of thousands of parts take minutes and gigabytes to read.
+MOST_BYTES, LONGEST_LINE = 2**20, 10_000
 
 
 def read_config(context: click.Context, parameter: click.Parameter, path: str | None) -> None:
@@ -52,11 +54,17 @@ def _read(context: click.Context, path: str) -> dict[str, Any]:
 
     try:
         with open(path, "rb") as file:
-            return tomllib.load(file)
+            data = file.read(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES or max(map(len, data.split(b"\n"))) > LONGEST_LINE:
+            limits = f"{MOST_BYTES} bytes, and {LONGEST_LINE} a line"
+            raise click.BadParameter(f"{path}: expected up to {limits}, got more", context)
+        return tomllib.loads(data.decode())
     except OSError as error:
         raise click.BadParameter(f"{path}: cannot be read: {error.strerror}", context) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # also of bytes that are no text, and of numbers without end
         raise click.BadParameter(f"{path}: is not TOML: {error}", context) from None
+    except RecursionError:
+        raise click.BadParameter(f"{path}: is nested too deeply", context) from None
 
 
 def _commands(context: click.Context) -> dict[str, click.Command]:

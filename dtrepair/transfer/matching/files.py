@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import os
-import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dtrepair.files.archives import DAMAGE, check_archive
 from dtrepair.files.atomic import atomic_output
 from dtrepair.numerics.geometry import IntArray
 from dtrepair.transfer.arrays import Array, to_numpy
@@ -19,6 +20,8 @@ from dtrepair.transfer.matching.correspondence import checked_pairs
 from dtrepair.transfer.matching.markers import checked_markers
 
 FORMAT = "dtrepair.correspondence/1"
+# Entries of an npz besides the pairs: the format, and a number and a hash for each mesh.
+_SHAPES: dict[str, tuple[int, ...]] = {"format": (), "counts": (2,), "hashes": (2,)}
 
 
 def read_markers(
@@ -105,16 +108,21 @@ def faces_hash(faces: ArrayLike) -> str:
 def _read_npz(path: Path, faces: tuple[NDArray[np.integer], ...]) -> NDArray[np.integer]:
     """Return the array of pairs of an npz file. Raises ValueError."""
     expected = "expected an npz written by write_correspondence"
+    data = path.read_bytes()
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            content = {name: archive[name] for name in archive.files}
-    except (zipfile.BadZipFile, ValueError, EOFError) as error:
-        raise ValueError(f"{expected}, got a file that is none: write it again") from error
-    missing = {"format", "pairs", "counts", "hashes"} - set(content)
-    if missing or str(content["format"]) != FORMAT:
-        raise ValueError(f"{expected}, got entries {sorted(content)}: write it again")
+        check_archive(data)
+        with np.load(BytesIO(data), allow_pickle=False) as archive:
+            content = {name: archive[name] for name in (*_SHAPES, "pairs") if name in archive.files}
+            found = sorted(archive.files)
+    except DAMAGE as error:
+        raise ValueError(
+            f"{expected}, got a file that is none ({error}): write it again"
+        ) from error
+    shapes = {name: array.shape for name, array in content.items() if name != "pairs"}
+    if "pairs" not in content or shapes != _SHAPES or str(content["format"]) != FORMAT:
+        raise ValueError(f"{expected}, got entries {found}: write it again")
     for index, name in enumerate(("source", "target")):
-        if int(content["counts"][index]) != len(faces[index]):
+        if content["counts"][index] != len(faces[index]):
             raise ValueError(
                 f"made for a {name} of {content['counts'][index]} triangles, got one of "
                 f"{len(faces[index])}: match the meshes again"
@@ -153,7 +161,10 @@ def _read_rows(path: Path, *, columns: tuple[int, ...]) -> NDArray[np.int64]:
             f"{path}: the first line announces {announced} rows, got {len(rows)}: "
             "is the file complete?"
         )
-    return np.array(rows, dtype=np.int64)
+    try:
+        return np.array(rows, dtype=np.int64)
+    except OverflowError:
+        raise ValueError(f"{path}: expected indices below 2**63, got a larger one") from None
 
 
 def _text(path: Path) -> str:

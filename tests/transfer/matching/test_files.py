@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -123,3 +124,46 @@ def test_files_that_are_no_correspondence_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"source triangles 0..79, got index 99"):
         write_correspondence(tmp_path / "new.npz", np.array([[99, 0]]), SOURCE, TARGET)
     assert not (tmp_path / "new.npz").exists()
+
+
+def test_a_damaged_npz_is_refused_wherever_the_damage_is(tmp_path: Path) -> None:
+    faces = icosphere(0)[1]
+    path = tmp_path / "good.npz"
+    write_correspondence(path, np.array([[0, 0]]), faces, faces)
+    whole = path.read_bytes()
+    for place in range(0, len(whole), 7):
+        damaged = bytearray(whole)
+        damaged[place] ^= 0xFF
+        path.write_bytes(damaged)
+        try:
+            assert read_correspondence(path, faces, faces).tolist() == [[0, 0]]
+        except ValueError as error:
+            assert str(error).startswith(f"{path}: ")
+
+
+def test_an_npz_that_announces_more_than_it_holds_is_refused(tmp_path: Path) -> None:
+    faces = icosphere(0)[1]
+    path = tmp_path / "huge.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("format", "pairs", "counts", "hashes"):
+            with archive.open(f"{name}.npy", "w") as file:
+                header = {"descr": "<i8", "fortran_order": False, "shape": (10**11,)}
+                np.lib.format.write_array_header_1_0(file, header)
+    with pytest.raises(ValueError, match=r"huge\.npz: expected an npz"):
+        read_correspondence(path, faces, faces)
+
+
+def test_entries_of_other_shapes_are_refused(tmp_path: Path) -> None:
+    faces = icosphere(0)[1]
+    path = tmp_path / "other.npz"
+    entries = {"format": np.array("dtrepair.correspondence/1"), "pairs": np.array([[0, 0]])}
+    np.savez_compressed(path, **entries, counts=np.array(3), hashes=np.array(["a"]))
+    with pytest.raises(ValueError, match="got entries"):
+        read_correspondence(path, faces, faces)
+
+
+def test_an_index_that_no_integer_holds_is_refused(tmp_path: Path) -> None:
+    faces = icosphere(0)[1]
+    path = written(tmp_path, f"{'9' * 30} 0\n", "pairs.txt")
+    with pytest.raises(ValueError, match=r"pairs\.txt: expected indices below"):
+        read_correspondence(path, faces, faces)

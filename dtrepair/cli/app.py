@@ -6,12 +6,14 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 import click
 
 from dtrepair import __version__
 from dtrepair.cli.terminal.interrupts import Interrupts, exit_code, watched
-from dtrepair.pipeline.errors import PipelineError
+from dtrepair.cli.terminal.streams import open_closed_streams, say, show_exception
+from dtrepair.pipeline.errors import OUTPUT, PipelineError
 
 EPILOG = """Exit codes: 0 done and clean; 1 intersections remain (or found, by check), or frames are
 strained; 2 usage; 3 input unusable; 4 some frames failed (the rest is written); 5 output cannot be
@@ -71,6 +73,8 @@ def group() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit with its code; an error is one line on stderr."""
+    open_closed_streams()
+    sys.excepthook = show_exception
     given = list(sys.argv[1:] if arguments is None else arguments)
     # Threads of numpy's products only wait here, at full load; it reads this when it is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -100,11 +104,14 @@ def _run(arguments: list[str], interrupts: Interrupts) -> object:
     except (KeyboardInterrupt, click.Abort) as error:
         interrupts.say()
         return exit_code(error.__context__ or error)
-    except BrokenPipeError:
-        # The reader of stdout has gone (`| head`): nothing more to say to it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    except OSError as error:  # of a help text, which click prints itself
+        with suppress(OSError, ValueError, AttributeError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):  # the reader has gone (`| head`)
+            return 0
+        _complain(f"standard output: cannot be written: {error.strerror}")
+        return OUTPUT
 
 
 def _complain(message: str) -> None:
-    click.echo(f"dtrepair: error: {' '.join(message.split())}", err=True)
+    say(f"dtrepair: error: {' '.join(message.split())}", err=True)

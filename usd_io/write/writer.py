@@ -73,7 +73,7 @@ class OverrideWriter:
         Raises:
             UsageError: the output is a layer of the stage, or not a USD layer (.usdz).
             OutputError: the output cannot be written.
-            StageError: the stage exists in memory only.
+            StageError: the stage exists in memory only, or no layer can refer to its path.
         """
         self._stage = as_stage(stage)
         self.path = check_output_path(path)
@@ -84,6 +84,11 @@ class OverrideWriter:
         check_not_an_input(self._stage, self.path)
         directory = os.path.dirname(self.path)
         source = relative_asset_path(root.realPath or root.identifier, directory)
+        if any(ord(character) < 32 or ord(character) == 127 for character in source):
+            raise StageError(
+                f"{root.identifier}: its path has control characters, so that no layer can be "
+                "written over it; rename it"
+            )
         self._record: dict[str, Any] = {
             "version": version,
             "input": source,

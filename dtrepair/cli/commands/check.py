@@ -105,4 +105,5 @@ def command(
             print_modelled(console, report)
         print_check(console, report)
     put_report(report, json_path)
+    console.refuse_lost_results()
     return exit_code(report)

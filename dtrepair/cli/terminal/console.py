@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-import click
+from dtrepair.cli.terminal.streams import say, shown_line
+from dtrepair.pipeline.errors import OutputError
 
 
 class Console:
@@ -15,32 +16,41 @@ class Console:
         self.quiet = quiet
         self.verbosity = verbosity
         self.results_on_stderr = False  # where stdout is kept for a report
+        self._lost: OSError | None = None
 
     def result(self, text: str) -> None:
         """Print a result on stdout, or stderr where a report goes there, unless quiet."""
         if not self.quiet:
-            click.echo(text, err=self.results_on_stderr)
+            self._lost = say(text, err=self.results_on_stderr) or self._lost
+
+    def refuse_lost_results(self) -> None:
+        """Raise OutputError if results could not be printed, for a command without other outputs.
+
+        Whoever closed a pipe wants no more of them.
+        """
+        if self._lost is not None and not isinstance(self._lost, BrokenPipeError):
+            raise OutputError(f"standard output: cannot be written: {self._lost.strerror}")
 
     def table(self, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         """Print aligned columns as results: the first to the left, the others to the right."""
         if self.quiet:
             return
-        lines = [tuple(header), *(tuple(row) for row in rows)]
+        lines = [tuple(map(shown_line, row)) for row in (header, *rows)]
         widths = [max(len(line[k]) for line in lines) for k in range(len(header))]
         for line in lines:
             cells = [line[0].ljust(widths[0])]
             cells += [cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True)]
-            click.echo("  ".join(cells).rstrip(), err=self.results_on_stderr)
+            self.result("  ".join(cells).rstrip())
 
     def remark(self, text: str) -> None:
         """Print a line on stderr with -v."""
         if self.verbosity and not self.quiet:
-            click.echo(text, err=True)
+            say(text, err=True)
 
     def tell(self, text: str) -> None:
         """Print on stderr what every user should know, unless quiet."""
         if not self.quiet:
-            click.echo(f"dtrepair: {text}", err=True)
+            say(f"dtrepair: {shown_line(text)}", err=True)
 
     def trace(self, error: BaseException | None) -> None:
         """Print on stderr where an error comes from, with -vv."""
@@ -53,4 +63,4 @@ class Console:
         """Print warnings on stderr, unless quiet."""
         if not self.quiet:
             for text in texts:
-                click.echo(f"dtrepair: warning: {text}", err=True)
+                say(f"dtrepair: warning: {shown_line(text)}", err=True)

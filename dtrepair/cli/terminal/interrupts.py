@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import socket
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -15,6 +14,7 @@ from types import FrameType
 
 import click
 
+from dtrepair.cli.terminal.streams import say
 from dtrepair.pipeline.stages.outputs import remove_unfinished
 
 # Seconds for an orderly end.
@@ -45,8 +45,7 @@ class Interrupts:
         if not self._said:
             self._said = True
             line = f"interrupted; no output was written{self.advice}"
-            sys.stderr.write(f"dtrepair: error: {line}\n")
-            sys.stderr.flush()
+            say(f"dtrepair: error: {line}", err=True)
 
     def force(self, number: int) -> None:
         """Clean up and exit without waiting for anything."""

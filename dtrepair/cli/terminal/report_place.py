@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import click
-
 from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.streams import say
+from dtrepair.pipeline.errors import OutputError
 from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting, writing
 from dtrepair.report.record import Report, render_report, write_report
 
@@ -28,9 +28,12 @@ def check_report_place(
 
 
 def put_report(report: Report, path: str | None) -> None:
-    """Write a report where it was asked for; nothing for None."""
+    """Write a report where it was asked for; nothing for None. Raises OutputError."""
     if path == STDOUT:
-        click.echo(render_report(report), nl=False)
+        error = say(render_report(report), newline=False)
+        # Whoever closed a pipe wants no more of it.
+        if error is not None and not isinstance(error, BrokenPipeError):
+            raise OutputError(f"standard output: cannot be written: {error.strerror}")
     elif path is not None:
         with writing(path):
             write_report(report, path)

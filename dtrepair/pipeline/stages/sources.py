@@ -69,7 +69,9 @@ class Source(Protocol):
 
 def is_stage(path: str) -> bool:
     """Return whether a path names a USD file, by its extension."""
-    return Path(path.partition("[")[0]).suffix.lower() in USD_EXTENSIONS
+    # A bracket at the end names a file in a package; elsewhere it is a part of a name.
+    outer = path.partition("[")[0] if path.endswith("]") else path
+    return Path(outer).suffix.lower() in USD_EXTENSIONS
 
 
 def time_label(time: float | None) -> str:

@@ -94,7 +94,7 @@ def _check_file(path: str) -> None:
     if not path:
         raise StageError("no stage given: the path is empty")
     # A path into a package (scene.usdz[shot.usda]) is left to pxr.
-    if "[" in path:
+    if path.endswith("]"):
         return
     if not os.path.exists(path):
         raise StageError(f"{path}: no such file; check the path")

@@ -95,31 +95,6 @@ def measures(before: Points, after: Points, faces: Faces) -> tuple[float, float]
     return largest_geodesic(after, faces, pairs), normal_consistency(before, after, faces)
 
 
-def make_descent(
-    points: Points,
-    faces: Faces,
-    shape: Points,
-    optimizer: Optimizer,
-    *,
-    iterations: int,
-    masses: bool,
-) -> tuple[Descent, torch.Tensor]:
-    """The loop itself with either diffusion, and the points (1, V, 3) in units of their size."""
-    points, faces = as_mesh(points, faces)
-    size, unit = extent(points), shape / extent(shape)
-    laplacian = cotangent_laplacian(unit, faces)
-    detector = Detector(shape, faces)
-    descent = Descent(
-        faces=torch.from_numpy(faces.astype(np.int64)),
-        detect=lambda at: detector(at.numpy() * size),
-        diffusion=Diffusion(laplacian, mass=lumped_mass(unit, faces) if masses else None),
-        laplacian=SparseOperator(laplacian),
-        optimizer=optimizer,
-        iterations=iterations,
-    )
-    return descent, torch.from_numpy(points / size)[None]
-
-
 def repair_with_masses(path: Path, rest: Path | None, options: RepairOptions) -> Run:
     """As `repair`, with A^-1 Mass A^-1 in place of the published (I + lambda L)^-2."""
     mesh = read_mesh(path)

@@ -36,7 +36,7 @@ def make_descent(
     detector = Detector(shape, faces)
     descent = Descent(
         faces=torch.from_numpy(faces.astype(np.int64)),
-        detect=lambda at: detector(at.numpy() * size, exact=False),
+        detect=lambda at: detector(at.numpy() * size),
         diffusion=Diffusion(laplacian, mass=lumped_mass(unit, faces) if masses else None),
         laplacian=SparseOperator(laplacian),
         optimizer=optimizer,

@@ -94,7 +94,8 @@ class FrameSpec:
     def between(self, first: float, last: float, *, most: int) -> NDArray[np.float64] | None:
         """Return the frames from `first` to `last`, sorted, (N,); None for more than `most`."""
         parts = [part.numbers(first, last) for part in self.ranges]
-        if sum(len(part) for part in parts) > most:
+        # Of a range of 1e300 frames Python knows no length.
+        if sum(max(part.stop - part.start, 0) for part in parts) > most:
             return None
         both = zip(self.ranges, parts, strict=True)
         frames = [part.start + np.array(numbers) * part.step for part, numbers in both]

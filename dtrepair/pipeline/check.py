@@ -203,7 +203,7 @@ def _recorded(
         "attach": list(settings.attach),
         "objects": recorded(source, each),
         "rest_contacts": settings.rest_contacts,
-        **vars(settings.selection),
+        **settings.selection.recorded,
     }
 
 

@@ -47,6 +47,11 @@ class Selection:
     uninstance: bool = False
     strict: bool = False
 
+    @property
+    def recorded(self) -> dict[str, Any]:
+        """What outputs and reports keep, by name; `samples_only` where it was asked for."""
+        return {n: v for n, v in vars(self).items() if v or n != "samples_only"}
+
     def given(self) -> list[str]:
         """Return the option names that were set."""
         return ["--" + name.replace("_", "-") for name, value in vars(self).items() if value]

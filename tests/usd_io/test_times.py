@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdUtils
 
+from tests.present import present
 from usd_io.errors import FrameSpecError
 from usd_io.times import parse_frames, time_code
 
@@ -71,8 +72,16 @@ def test_select_forgives_rounding_of_layer_offsets() -> None:
 def test_select_needs_no_list_of_frames() -> None:
     spec = parse_frames("0:1e15")
     assert spec.select([5.0, 5.5]).tolist() == [True, False]
-    with pytest.raises(FrameSpecError, match="more than"):
-        spec.values()
+    for frames in ("0:1e15", "0:1e300", "-1e300:7"):
+        with pytest.raises(FrameSpecError, match="more than"):
+            parse_frames(frames).values()
+
+
+def test_frames_between_two_times_are_listed_up_to_a_number() -> None:
+    assert present(parse_frames("0:1e300x2,7").between(3.0, 9.0, most=9)).tolist() == [4, 6, 7, 8]
+    assert present(parse_frames("10:1x-4").between(2.5, 99.0, most=2)).tolist() == [6, 10]
+    assert parse_frames("0:1e300x2").between(3.0, 9.0, most=2) is None
+    assert len(present(parse_frames("5").between(6.0, 9.0, most=2))) == 0
 
 
 def test_nothing_in_range_is_an_error_on_request() -> None:

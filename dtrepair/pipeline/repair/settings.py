@@ -143,7 +143,7 @@ def recorded_settings(
     selection: Selection, objects: ObjectOptions, options: RepairOptions, more: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return what an output and a report keep of the choices of a run."""
-    chosen = {**vars(selection), **asdict(options), **vars(objects), **more}
+    chosen = {**selection.recorded, **asdict(options), **vars(objects), **more}
     return {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in chosen.items()

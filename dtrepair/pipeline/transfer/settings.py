@@ -61,7 +61,7 @@ class TransferSettings:
     def recorded(self, source: str, target: str) -> dict[str, Any]:
         """Return what an output and a report keep of the choices."""
         chosen = {
-            **vars(self.selection),
+            **self.selection.recorded,
             "source_path": source,
             "target_path": target,
             "poses": list(self.poses),

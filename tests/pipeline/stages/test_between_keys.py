@@ -16,7 +16,7 @@ from tests.command_line import run, tube_obj
 from tests.meshes import icosphere, joined
 from tests.present import present
 
-POINTS, FACES = icosphere(2)
+POINTS, FACES = icosphere(1)
 
 
 def ball(stage: Usd.Stage, path: str, points: NDArray[np.floating] = POINTS) -> UsdGeom.Mesh:

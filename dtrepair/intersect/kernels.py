@@ -223,13 +223,14 @@ def find_candidates(
                 k = lowest_bit(reaching)
                 reaching = reaching & (reaching - 1)
                 i = leaf_start[leaf] + k
+                own = welded[i]
                 row = in_reach(low[frame, i], high[frame, i], blocks, frame, other)
                 row = row & wanted(k, out, own_active, other_active)
                 while row != 0:
                     j = leaf_start[other] + lowest_bit(row)
                     row = row & (row - 1)
                     met += 1
-                    if not share_vertex(welded[i], welded[j]):
+                    if not share_vertex(own, welded[j]):
                         slot = wp.atomic_add(count, 0, 1)
                         if slot < candidates.shape[0]:
                             candidates[slot] = wp.vec3i(frame, i, j)

@@ -10,8 +10,8 @@ from pxr import Tf, UsdUtils
 from usd_io.errors import FrameError, StageError, one_line
 
 # What pxr raises for damaged values: its own errors, text that is no UTF-8, sizes that no memory
-# holds.
-DAMAGE = (Tf.ErrorException, UnicodeError, MemoryError, OverflowError)
+# holds, and (CppException) a file that ends before the value.
+DAMAGE = (Tf.ErrorException, Tf.CppException, UnicodeError, MemoryError, OverflowError)
 
 
 @contextmanager

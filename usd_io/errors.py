@@ -70,6 +70,7 @@ def one_line(error: BaseException, limit: int = 300) -> str:
     except UnicodeError:  # the text of pxr may hold a part of a character
         text = ""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
+    lines = [line for line in lines if not line.startswith(("->", "#", "..."))] or lines
     messages = [line.split(" : ", 1)[-1] for line in lines]
     messages = [text[1:-1] if text[:1] == text[-1:] == "'" else text for text in messages]
     text = "; ".join(dict.fromkeys(message for message in messages if message))

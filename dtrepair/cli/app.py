@@ -78,6 +78,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = list(sys.argv[1:] if arguments is None else arguments)
     # Threads of numpy's products only wait here, at full load; it reads this when it is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Where a binary layer is mapped into memory, an input that is cut short kills the process.
+    os.environ.setdefault("USDC_USE_PREAD", "1")
     with watched() as interrupts:
         code = _run(given or ["--help"], interrupts)
     sys.exit(code if isinstance(code, int) else 0)

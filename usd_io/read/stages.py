@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from pxr import Sdf, Usd
 
@@ -23,11 +24,27 @@ class OpenedStage:
         stage: the composed stage.
         path: the path it was opened from.
         warnings: composition errors and unloaded payloads, one line each.
+        sizes: number on its disk and bytes of each file of the stage, when it was opened.
     """
 
     stage: Usd.Stage
     path: str
     warnings: tuple[str, ...]
+    sizes: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+
+    def check_unchanged(self) -> None:
+        """Raise StageError if a file of the stage has another size than when it was opened.
+
+        Binary layers are read bit by bit as they are needed: what came after that is no frame of
+        either file. A file that another one replaced is read on as it was.
+        """
+        for file, (inode, size) in self.sizes.items():
+            now = _size(file)
+            if now is not None and now[0] == inode and now[1] != size:
+                raise StageError(
+                    f"{file}: was changed while it was read, from {size} to {now[1]} bytes; wait "
+                    "until it is written, and run again"
+                )
 
 
 def open_stage(
@@ -61,7 +78,18 @@ def open_stage(
     unloaded = len(set(stage.FindLoadable()) - set(stage.GetLoadSet())) if not load_payloads else 0
     if unloaded:
         warnings.append(f"{path}: {unloaded} payloads are not loaded; their meshes are not seen")
-    return OpenedStage(stage, path, tuple(warnings))
+    files = {layer.realPath.partition("[")[0] for layer in stage.GetUsedLayers()}
+    sizes = {file: size for file in sorted(files) if file and (size := _size(file)) is not None}
+    return OpenedStage(stage, path, tuple(warnings), sizes)
+
+
+def _size(path: str) -> tuple[int, int] | None:
+    """Return the number of a file on its disk and its bytes; None if it is gone."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_ino, found.st_size
 
 
 def as_stage(stage: OpenedStage | Usd.Stage) -> Usd.Stage:

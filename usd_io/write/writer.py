@@ -79,6 +79,7 @@ class OverrideWriter:
             StageError: the stage exists in memory only, or no layer can refer to its path.
         """
         self._stage = as_stage(stage)
+        self._opened = stage if isinstance(stage, OpenedStage) else None
         self.path = check_output_path(path)
         self.warnings: list[str] = []
         root = self._stage.GetRootLayer()
@@ -165,6 +166,7 @@ class OverrideWriter:
 
         Raises:
             OutputError: the output cannot be written; an older one is unchanged.
+            StageError: a file of the stage was changed while it was read.
         """
         try:
             for output in self._meshes.values() if self._keeps else ():
@@ -174,6 +176,8 @@ class OverrideWriter:
                     self._author_rates(output)
             skinned = [path for path, output in self._meshes.items() if output.mesh.skinned]
             self.warnings += unbound_warnings(skinned)
+            if self._opened is not None:
+                self._opened.check_unchanged()
             set_record(self._layer, {**self._record, **self._frames(), **(record or {})})
             self._file.commit()
         finally:

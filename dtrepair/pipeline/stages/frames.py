@@ -83,7 +83,11 @@ def unusable(frame: Frame) -> FrameRecord:
 
 
 def refuse_if_none_usable(source: Source, records: Sequence[FrameRecord]) -> None:
-    """Refuse an input of which no frame could be used: then nothing is to be written."""
+    """Refuse an input of which no frame could be used, or that was changed while it was read.
+
+    Then nothing is to be written.
+    """
+    source.check_unchanged()
     if records and all(record.before is None for record in records):
         raise InputError(f"{source.name}: no frame could be used: {records[0].message}")
 

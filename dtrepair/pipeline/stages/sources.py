@@ -57,6 +57,9 @@ class Source(Protocol):
     up: tuple[float, float, float]
     origin: NDArray[np.float64]
 
+    def check_unchanged(self) -> None:
+        """Raise an error if a file of the input was changed while it was read."""
+
     def read(self, mesh: SourceMesh, time: float) -> Points | None:
         """Local points (V, 3) float32; None for a blocked sample. Raises FrameError."""
 
@@ -227,6 +230,10 @@ class StageSource:
             f"world coordinates are taken relative to ({where})",
         )
 
+    def check_unchanged(self) -> None:
+        """Raise StageError if a file of the stage was changed while it was read."""
+        self.opened.check_unchanged()
+
     def read(self, mesh: SourceMesh, time: float) -> Points | None:
         """Local points (V, 3) float32; None for a blocked sample. Raises FrameError."""
         import usd_io
@@ -269,6 +276,9 @@ class MeshSource:
         self.warnings: tuple[str, ...] = ()
         self.up = (0.0, 1.0, 0.0)
         self.origin = np.zeros(3)
+
+    def check_unchanged(self) -> None:
+        """Nothing is read of it any more."""
 
     def read(self, mesh: SourceMesh, time: float) -> Points | None:
         """Points (V, 3) float32."""

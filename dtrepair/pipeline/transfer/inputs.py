@@ -49,6 +49,10 @@ class PoseFiles:
         self.up = rest.up
         self.origin = np.zeros(3)
 
+    def check_unchanged(self) -> None:
+        """Raise an error if the rest mesh was changed while it was read."""
+        self.rest.check_unchanged()
+
     def path(self, time: float) -> str:
         """Return the file of a time code."""
         return self._paths[round(time) - 1]

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
+import stat
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 _START = threading.Lock()
+# How the names of compiled modules of this program begin.
+_OWN_KERNELS = "wp_dtrepair"
+
+
+class KernelCacheError(Exception):
+    """No folder for compiled kernels can be written."""
+
+    exit_code = 5  # as the errors of outputs
 
 
 def start_warp() -> Any:
@@ -27,12 +39,52 @@ def start_warp() -> Any:
             sink = os.open(os.devnull, os.O_WRONLY)
             try:
                 os.dup2(sink, 2)
-                warp.init()
+                _init_with_cache(warp)
             finally:
                 os.dup2(saved, 2)
                 os.close(saved)
                 os.close(sink)
     return warp
+
+
+def _init_with_cache(warp: Any) -> None:
+    """Initialise Warp; where its folder for compiled kernels cannot be written, choose another.
+
+    A folder that holds kernels of ours is kept: others may have filled it for everybody.
+    """
+    try:
+        warp.init()
+        folder = warp.config.kernel_cache_dir
+        filled = any(name.startswith(_OWN_KERNELS) for name in os.listdir(folder))
+        if filled or os.access(folder, os.W_OK):
+            return
+    except OSError:
+        pass
+    warp.config.kernel_cache_dir = own_cache()
+    warp.init()
+
+
+def own_cache() -> str:
+    """Return a folder for compiled kernels below that of temporary files, for this user alone.
+
+    It stays, so that the next run need not compile. Raises KernelCacheError.
+    """
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    folder = os.path.join(tempfile.gettempdir(), f"dtrepair-kernels-{user}")
+    try:
+        with suppress(FileExistsError):
+            os.mkdir(folder, 0o700)
+        found = os.lstat(folder)
+        # Kernels are run: a folder that anybody else could write to is none to take them from.
+        if not stat.S_ISDIR(found.st_mode) or found.st_uid != user or found.st_mode & 0o077:
+            folder = tempfile.mkdtemp(prefix="dtrepair-kernels-")
+            atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    except OSError as error:
+        raise KernelCacheError(
+            f"no folder for compiled kernels can be written ({error.strerror}); set "
+            "WARP_CACHE_PATH or TMPDIR to one that can"
+        ) from error
+    return folder
 
 
 def resolve_device(name: str) -> str:

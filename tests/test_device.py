@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
+import os
+import stat
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NoReturn
 
@@ -12,6 +17,7 @@ import torch
 
 from dtrepair import device
 from dtrepair.device import DeviceQueue, out_of_memory, resolve_device, start_warp
+from dtrepair.pipeline.errors import OutputError, plain_error
 
 
 def pretend(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
@@ -119,3 +125,48 @@ def test_lack_of_memory_is_not_taken_for_a_graph_that_cannot_be_had(error: Runti
     assert out_of_memory(error) and not out_of_memory(ValueError("memory of elephants"))
     with pytest.raises(RuntimeError, match=str(error)[:7]):
         Refusing(error).repeated(lambda: None, 3)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="homes of POSIX")
+def test_without_a_home_kernels_are_kept_in_a_folder_of_this_user(tmp_path: Path) -> None:
+    code = "from dtrepair.device import start_warp; print(start_warp().config.kernel_cache_dir)"
+    without = ("WARP_CACHE_PATH", "XDG_CACHE_HOME")
+    environment = {name: value for name, value in os.environ.items() if name not in without}
+    run = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        env={**environment, "HOME": os.devnull, "TMPDIR": str(tmp_path)},
+        cwd=Path(__file__).parents[1],
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    folder = tmp_path / f"dtrepair-kernels-{os.getuid()}"
+    assert Path(run.stdout.strip()).parent == folder
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+
+
+@pytest.mark.skipif(os.name != "posix", reason="owners of POSIX")
+def test_kernels_are_taken_from_no_folder_that_others_can_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(atexit, "register", lambda *_, **__: None)
+    own = Path(device.own_cache())
+    assert own == Path(device.own_cache())
+    own.chmod(0o777)
+    other = Path(device.own_cache())
+    assert other != own and stat.S_IMODE(other.stat().st_mode) == 0o700
+    own.rmdir()
+    own.symlink_to(other)
+    assert Path(device.own_cache()) not in (own, other)
+
+
+def test_an_error_says_what_to_set_where_no_folder_can_be_written(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", os.devnull)
+    with pytest.raises(device.KernelCacheError, match="set WARP_CACHE_PATH or TMPDIR") as caught:
+        device.own_cache()
+    error = plain_error(caught.value)
+    assert isinstance(error, OutputError) and error.exit_code == 5

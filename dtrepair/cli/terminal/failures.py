@@ -3,13 +3,33 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable
 from functools import wraps
 from typing import Any
 
 import click
 
-from dtrepair.pipeline.errors import PipelineError, plain_error
+from dtrepair.pipeline.errors import PipelineError, UsageError, plain_error
+
+
+# Bytes of address space that the libraries take on two processors, before any mesh is read.
+LEAST_SPACE = 19 * 2**30 // 10
+
+
+def refuse_little_address_space() -> None:
+    """Raise UsageError below a limit (`ulimit -v`) at which native libraries crash as they load."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < LEAST_SPACE:
+        raise UsageError(
+            f"the limit of address space is {limit / 2**30:.2f} GiB; at least "
+            f"{LEAST_SPACE / 2**30:.1f} GiB are needed, with many processors more: raise it "
+            "(ulimit -v)"
+        )
 
 
 def one_line_errors(function: Callable[..., int]) -> Callable[..., int]:
@@ -18,6 +38,7 @@ def one_line_errors(function: Callable[..., int]) -> Callable[..., int]:
     @wraps(function)
     def wrapper(**options: Any) -> int:
         try:
+            refuse_little_address_space()
             return function(**options)
         except (click.ClickException, click.Abort, click.exceptions.Exit):
             raise

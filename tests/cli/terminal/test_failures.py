@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -121,3 +124,25 @@ def test_a_trace_tells_why_frames_are_not_repaired_together(
     told = run("repair", path, "-o", tmp_path / "b.usdc", "-vv")
     assert told.code == 0 and "in deep_inside" in told.err
     assert "the frames are repaired alone: ArithmeticError: no window" in told.err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits of POSIX")
+@pytest.mark.parametrize("megabytes", [300, 1024])
+def test_little_address_space_is_an_error_and_no_crash(tmp_path: Path, megabytes: int) -> None:
+    path = tube_stage(tmp_path / "in.usda", (OPEN,))
+    done = subprocess.run(
+        [
+            "sh",
+            "-c",
+            f'ulimit -v {1024 * megabytes}; "$0" -m dtrepair check "$1"',
+            sys.executable,
+            path,
+        ],
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parents[3],
+        check=False,
+    )
+    assert done.returncode == 2, done
+    assert done.stderr.startswith("dtrepair: error: the limit of address space is")
+    assert done.stderr.count("\n") == 1

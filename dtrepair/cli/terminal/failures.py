@@ -12,7 +12,6 @@ import click
 
 from dtrepair.pipeline.errors import PipelineError, UsageError, plain_error
 
-
 # Bytes of address space that the libraries take on two processors, before any mesh is read.
 LEAST_SPACE = 19 * 2**30 // 10
 

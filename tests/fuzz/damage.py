@@ -14,7 +14,7 @@ from tests.command_line import Outcome, run
 # Examples of each test; without the variable few, and the same ones everywhere.
 EXAMPLES = int(os.environ.get("DTREPAIR_FUZZ", "0"))
 fuzzed = settings(
-    max_examples=EXAMPLES or 40,
+    max_examples=EXAMPLES or 25,
     derandomize=not EXAMPLES,
     database=None,
     deadline=None,

@@ -192,10 +192,10 @@ def meshes_oriented_outwards(meshes: Sequence[tuple[FloatArray, IntArray]]) -> l
 
     Meshes do not matter to each other; those that are right as they are cost as one.
     """
+    if not any(len(faces) for _, faces in meshes):
+        return [faces for _, faces in meshes]
     starts = np.cumsum([0, *(len(points) for points, _ in meshes)])
     ends = np.cumsum([len(faces) for _, faces in meshes])
-    if not ends[-1]:
-        return [faces for _, faces in meshes]
     welded = zip(meshes, starts, strict=False)
     enclosures = Enclosures(
         np.concatenate([points for points, _ in meshes]),

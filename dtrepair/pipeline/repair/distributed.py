@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from dtrepair.numerics.metrics import JitterMeter
 from dtrepair.pipeline.errors import INTERNAL, InputError, PipelineError, UsageError, plain_error
 from dtrepair.pipeline.observer import Observer, Progress
+from dtrepair.pipeline.repair.chunks import worthwhile_chunks
 from dtrepair.pipeline.repair.settings import RepairSettings
 from dtrepair.pipeline.stages.frames import read_frame
 from dtrepair.pipeline.stages.outputs import writing
@@ -63,7 +64,7 @@ def repair_distributed(
             folder = make_temporary_folder(target)
         stack.callback(shutil.rmtree, folder, ignore_errors=True)
         threads = [worker["nthreads"] for worker in _workers(client, workers.address).values()]
-        count = min(len(threads), len(source.times))
+        count = worthwhile_chunks(source, len(threads), alone=settings.single)
         parts = [os.path.join(folder, f"part{number}.usdc") for number in range(1, count + 1)]
         each = {"jobs": max(threads), "device": workers.device}
         futures = [

@@ -120,6 +120,7 @@ class _Run:
     sink: Sink
     clock: Clock
     late: list[str] = field(default_factory=list)  # warnings that come while it runs
+    alone_from: float | None = None  # the first frame that could not be repaired together
 
 
 @contextmanager
@@ -208,6 +209,7 @@ def _transferred(run: _Run) -> Report:
         frames=tuple(records),
         warnings=(*pair.warnings, *late),
         jitter=jitter,
+        alone_from=run.alone_from,
         transfer=section,
     )
 
@@ -275,6 +277,7 @@ def _outcomes(
     repairer.progress = progress.ahead
     yield from repair_frames(moves.frames(), repairer)
     run.late += repairer.warnings
+    run.alone_from = repairer.alone_from
     if repairer.error is not None:
         run.observer.remark(Trouble(repairer.error))
 

@@ -40,9 +40,6 @@ def choose_chunk(source: Source, chunk: tuple[int, int] | None, *, alone: bool) 
     every = source.times
     if chunk is None:
         return Chunk(every, np.ones(len(every), dtype=bool))
-    from dtrepair.repair.clip import window_stream
-    from dtrepair.repair.clip.layout import frames_to_solve, motions_of, window_layout
-
     if alone or len(every) == 1:
         own = every[slice(*_share(len(every), *chunk))]
         return Chunk(own, np.ones(len(own), dtype=bool))

@@ -163,7 +163,7 @@ class Report:
 
         Raises ReportError where a value does not fit (an unknown status, a negative count, NaN).
         """
-        content = {
+        content: dict[str, Any] = {
             "schema": SCHEMA_NAME,
             "version": self.version,
             "command": self.command,

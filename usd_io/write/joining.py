@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,8 @@ from usd_io.write.rates import author_rates
 from usd_io.write.records import check_record, part_of
 
 LAYER_KEYS = ("subLayers", "subLayerOffsets", "customLayerData")
-RECORD_KEYS = ("version", "input", "settings", "frames", "written", "written_default")
+SHARED_KEYS = ("version", "input", "input_digest", "settings")
+RECORD_KEYS = (*SHARED_KEYS, "frames", "written", "written_default")
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,12 @@ class _Chunk:
         return time in self.written.get(str(prim), ())
 
 
-def join_layers(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLike[str]) -> None:
+def join_layers(
+    paths: Sequence[str | os.PathLike[str]],
+    output: str | os.PathLike[str],
+    *,
+    differing: Collection[str] = (),
+) -> None:
     """Merge outputs of `OverrideWriter` for parts of one animation into one layer.
 
     A time code that a chunk changed is taken from it; one that no chunk changed is the kept copy
@@ -53,10 +59,13 @@ def join_layers(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLi
     Args:
         paths: the chunk layers; equal whatever their order.
         output: .usd, .usdc or .usda; may be neither a chunk nor the input.
+        differing: settings in which the layers may differ, such as the frames that were chosen;
+            chunks K/N of one split differ in nothing else.
 
     Raises:
-        StageError: a chunk cannot be read, the chunks lie over different inputs, or two chunks
-            disagree about a sample; a chunk K/N of the N is missing.
+        StageError: a chunk cannot be read; the chunks lie over different inputs, or were written
+            with other settings or by another version; two chunks disagree about a sample; a chunk
+            K/N of the N is missing.
         UsageError: no chunks, or the output is one of them or their input.
         OutputError: the output cannot be written.
     """
@@ -65,6 +74,8 @@ def join_layers(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLi
     target = check_output_path(output)
     chunks = sorted((_open_chunk(os.fspath(path)) for path in paths), key=_order)
     _check_chunks(chunks, target)
+    for chunk in chunks:
+        _check_alike(chunk, chunks[0], differing)
     _check_complete(chunks)
     with AtomicLayer(target) as file, reading("the layers to join"):
         assert file.layer is not None
@@ -84,6 +95,8 @@ def _open_chunk(path: str) -> _Chunk:
     try:
         with no_diagnostics():
             layer = Sdf.Layer.FindOrOpen(path)
+            if layer is not None:
+                layer.Reload()  # somebody may hold what the file was before
     except DAMAGE as error:
         raise StageError(f"{path}: cannot be opened ({one_line(error)}); write it again") from None
     if layer is None:
@@ -124,6 +137,32 @@ def _check_chunks(chunks: Sequence[_Chunk], target: str) -> None:
             raise StageError(
                 f"{chunk.path} and {first.path} differ in time codes per second; write them again"
             )
+
+
+def _check_alike(chunk: _Chunk, first: _Chunk, differing: Collection[str]) -> None:
+    """Raise StageError for layers that one run would not have written."""
+    one, other = first.record, chunk.record
+    settings = [record.get("settings", {}) for record in (one, other)]
+    ignored = {"chunk"} if any("chunk" in own for own in settings) else {"chunk", *differing}
+    reasons = [
+        f"{name} ({_told(settings[0], name)} and {_told(settings[1], name)})"
+        for name in sorted({*settings[0], *settings[1]} - ignored)
+        if settings[0].get(name) != settings[1].get(name)
+    ]
+    if one.get("version") != other.get("version"):
+        reasons.insert(0, f"version ({_told(one, 'version')} and {_told(other, 'version')})")
+    if one.get("input_digest") != other.get("input_digest"):
+        reasons.insert(0, "the content of the input")
+    if reasons:
+        raise StageError(
+            f"{first.path} and {chunk.path} differ in {', '.join(reasons[:4])}; write them again, "
+            "all with the same settings, version and input"
+        )
+
+
+def _told(values: Mapping[str, Any], name: str) -> str:
+    """Return a value of a record in a few words."""
+    return one_line(str(values[name]), limit=40) if name in values else "none"
 
 
 def _check_complete(chunks: Sequence[_Chunk]) -> None:

@@ -156,3 +156,26 @@ def test_a_mode_that_counts_nothing_is_told(
     path = tube_stage(tmp_path / "a.usda", (CLOSED,))
     done = run(*command[:1], path, "--mode", "inter", *command[1:])
     assert "--mode inter: only one mesh" in done.err
+
+
+def test_a_chunk_of_other_settings_or_inputs_is_refused(tmp_path: Path) -> None:
+    path = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN, CLOSED))
+    parts = [tmp_path / f"part{number}.usdc" for number in (1, 2, 3)]
+
+    def chunk(number: int, *options: object) -> None:
+        arguments = ["--alone", "--chunk", f"{number}/3", *options]
+        assert run("repair", path, "-o", parts[number - 1], *arguments).code == 0
+
+    for number in (1, 2, 3):
+        chunk(number)
+    chunk(2, "--diffusion", 20)
+    done = run("join", *parts, "-o", tmp_path / "joined.usdc")
+    assert_fails(done, 3, "part1.usdc", "part2.usdc", "diffusion (", "and 20", "write them again")
+    chunk(2)
+    assert run("join", *parts, "-o", tmp_path / "joined.usdc").code == 0
+    (tmp_path / "joined.usdc").unlink()
+    tube_stage(path, (CLOSED, OPEN, CLOSED + 0.1))
+    chunk(3)
+    done = run("join", *parts, "-o", tmp_path / "joined.usdc")
+    assert_fails(done, 3, "differ in the content of the input")
+    assert not (tmp_path / "joined.usdc").exists()

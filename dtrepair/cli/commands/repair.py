@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 import click
@@ -19,6 +18,7 @@ from dtrepair.cli.options.shared import (
 )
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
+from dtrepair.cli.terminal.existing import already_written
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.repair_text import print_plan, print_table, say
@@ -49,7 +49,9 @@ if TYPE_CHECKING:
 @object_options
 @click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
 @click.option("--resume", is_flag=True, help="Go on with an interrupted run of the same command.")
-@click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
+@click.option(
+    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, and can be read."
+)
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @click.option(
     "--chunk",
@@ -102,8 +104,7 @@ def command(
         dtrepair repair body.obj -o body_repaired.obj
     """
     check_report_place(report_path, console, source_path, others=[output])
-    if skip_existing and os.path.exists(output):
-        console.result(f"{output}: exists; skipped")
+    if skip_existing and already_written(output, console):
         return CLEAN
     settings = RepairSettings(
         selection=selection,

@@ -37,6 +37,30 @@ class _TrialDone(Exception):
     """Ends the trial of `check_writable`."""
 
 
+def is_readable(path: FilePath) -> bool:
+    """Return whether a path is a file that opens as a layer or mesh file."""
+    from dtrepair.files.polygon_mesh import MeshFileError
+    from dtrepair.pipeline.stages.sources import is_stage
+
+    if not os.path.isfile(path):
+        return False
+    if is_stage(os.fspath(path)):
+        from usd_io import UsdIoError, open_stage
+
+        try:
+            open_stage(path)
+        except UsdIoError:
+            return False
+        return True
+    from dtrepair.files.mesh_files import read_mesh
+
+    try:
+        read_mesh(path)
+    except MeshFileError:
+        return False
+    return True
+
+
 def refuse_overwriting(
     output: FilePath,
     *inputs: str | None,

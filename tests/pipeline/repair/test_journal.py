@@ -126,7 +126,7 @@ def test_only_entries_as_they_were_made_count(output: str) -> None:
     for length in (0, 10, len(entry) - 1):
         first.write_bytes(entry[:length])
         assert journal.recall(KEYS[0]) is None
-    np.savez(first, **ARRAYS)  # whole, and of somebody else
+    np.savez(first, points=ARRAYS["points"])  # whole, and of somebody else
     assert journal.recall(KEYS[0]) is None
     second.write_bytes(entry)  # of another window
     assert journal.recall(KEYS[1]) is None

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import dask
 import pytest
 from distributed import KilledWorker, LocalCluster
 
@@ -17,6 +18,7 @@ from dtrepair.pipeline.repair import cluster as cluster_module
 from dtrepair.pipeline.repair import distributed
 from dtrepair.pipeline.repair.cluster import Watch
 from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_stage
+from tests.present import present
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
 
@@ -32,14 +34,17 @@ def chunk(*arguments: object, **options: object) -> dict[str, Any]:
 @pytest.fixture
 def cluster() -> Iterator[LocalCluster]:
     """A cluster in this process, of one worker."""
-    with LocalCluster(
-        n_workers=1,
-        threads_per_worker=1,
-        processes=False,
-        protocol="tcp",
-        dashboard_address=":0",
-        scheduler_kwargs={"dashboard": False},
-    ) as made:
+    with (
+        dask.config.set({"distributed.comm.timeouts.connect": "1s"}),  # to a scheduler that is lost
+        LocalCluster(
+            n_workers=1,
+            threads_per_worker=1,
+            processes=False,
+            protocol="tcp",
+            dashboard_address=":0",
+            scheduler_kwargs={"dashboard": False},
+        ) as made,
+    ):
         yield made
         ENDED.set()
         end_workers(made)
@@ -72,7 +77,7 @@ def test_a_lost_scheduler_is_one_line_and_a_code(
 ) -> None:
     path, output = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN)), tmp_path / "b.usdc"
     output.write_text("old")
-    while_it_runs(monkeypatch, lambda: cluster.sync(cluster.scheduler.close))
+    while_it_runs(monkeypatch, lambda: cluster.sync(present(cluster.scheduler).close))
     address = cluster.scheduler_address
     done = run("repair", path, "-o", output, "--alone", "--distributed", address)
     assert_fails(done, 7, "the scheduler was lost")
@@ -93,11 +98,12 @@ def test_lost_workers_are_waited_for_no_longer_than_a_while(
 
 
 def test_a_worker_that_comes_back_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    now, workers = [0.0], [{}, {"one": {}}, {}, {}]
+    now = [0.0]
+    workers: list[dict[str, object]] = [{}, {"one": {}}, {}, {}]
     client: Any = SimpleNamespace(
         status="running", scheduler_info=lambda n_workers: {"workers": workers.pop(0)}
     )
-    monkeypatch.setattr(cluster_module.clock, "monotonic", lambda: now[0])
+    monkeypatch.setattr("dtrepair.pipeline.repair.cluster.clock.monotonic", lambda: now[0])
     watch = Watch(client, "tcp://host")
     for seconds in (1.0, 25.0, 40.0, 60.0):  # the first is too soon to ask
         now[0] = seconds
@@ -111,7 +117,8 @@ def test_a_worker_that_comes_back_is_waited_for(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_chunk_that_kills_each_worker_has_a_code() -> None:
-    error = KilledWorker("chunk", None, 3)
+    worker: Any = None
+    error = KilledWorker("chunk", worker, 3)
     future: Any = SimpleNamespace(status="error", exception=lambda: error)
     with pytest.raises(WorkersError, match="again and again"):
         distributed._result(future)

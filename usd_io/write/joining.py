@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ from usd_io.write.atomic_layer import AtomicLayer
 from usd_io.write.metadata import get_record, set_record
 from usd_io.write.normals_sources import NORMALS, RATES
 from usd_io.write.rates import author_rates
-from usd_io.write.records import check_record, part_of
+from usd_io.write.records import check_alike, check_record, part_of
 
 LAYER_KEYS = ("subLayers", "subLayerOffsets", "customLayerData")
 SHARED_KEYS = ("version", "input", "input_digest", "settings")
@@ -75,7 +75,7 @@ def join_layers(
     chunks = sorted((_open_chunk(os.fspath(path)) for path in paths), key=_order)
     _check_chunks(chunks, target)
     for chunk in chunks:
-        _check_alike(chunk, chunks[0], differing)
+        check_alike(chunks[0].path, chunks[0].record, chunk.path, chunk.record, differing)
     _check_complete(chunks)
     with AtomicLayer(target) as file, reading("the layers to join"):
         assert file.layer is not None
@@ -137,32 +137,6 @@ def _check_chunks(chunks: Sequence[_Chunk], target: str) -> None:
             raise StageError(
                 f"{chunk.path} and {first.path} differ in time codes per second; write them again"
             )
-
-
-def _check_alike(chunk: _Chunk, first: _Chunk, differing: Collection[str]) -> None:
-    """Raise StageError for layers that one run would not have written."""
-    one, other = first.record, chunk.record
-    settings = [record.get("settings", {}) for record in (one, other)]
-    ignored = {"chunk"} if any("chunk" in own for own in settings) else {"chunk", *differing}
-    reasons = [
-        f"{name} ({_told(settings[0], name)} and {_told(settings[1], name)})"
-        for name in sorted({*settings[0], *settings[1]} - ignored)
-        if settings[0].get(name) != settings[1].get(name)
-    ]
-    if one.get("version") != other.get("version"):
-        reasons.insert(0, f"version ({_told(one, 'version')} and {_told(other, 'version')})")
-    if one.get("input_digest") != other.get("input_digest"):
-        reasons.insert(0, "the content of the input")
-    if reasons:
-        raise StageError(
-            f"{first.path} and {chunk.path} differ in {', '.join(reasons[:4])}; write them again, "
-            "all with the same settings, version and input"
-        )
-
-
-def _told(values: Mapping[str, Any], name: str) -> str:
-    """Return a value of a record in a few words."""
-    return str(values[name])[:40] if name in values else "none"
 
 
 def _check_complete(chunks: Sequence[_Chunk]) -> None:

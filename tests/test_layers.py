@@ -59,7 +59,7 @@ WALLS = {
     "dtrepair.pipeline": {
         "__init__": "check join transfer keyposes repair stages observer selection errors",
         "keyposes": "repair stages observer selection errors",
-        "join": "stages errors",
+        "join": "stages selection errors",
         "check": "repair stages observer selection errors",
         "transfer": "repair stages observer selection errors",
         "repair": "stages observer selection errors",

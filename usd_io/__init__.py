@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         UsageError,
         UsdIoError,
     )
+    from usd_io.read.digest import input_digest
     from usd_io.read.matrices import inverse_matrix, transform_points
     from usd_io.read.mesh import AnimatedMesh, MeshSelection
     from usd_io.read.reader import read_frame, read_meshes, read_points
@@ -53,6 +54,7 @@ __all__ = [
     "StageTimes",
     "UsageError",
     "UsdIoError",
+    "input_digest",
     "inverse_matrix",
     "join_layers",
     "local_points",
@@ -81,6 +83,7 @@ _MODULES = {
         "UsageError",
         "UsdIoError",
     ),
+    "read.digest": ("input_digest",),
     "write.joining": ("join_layers",),
     "read.matrices": ("inverse_matrix", "transform_points"),
     "read.mesh": ("AnimatedMesh", "MeshSelection"),

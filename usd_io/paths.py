@@ -14,7 +14,7 @@ def check_output_path(path: str | os.PathLike[str]) -> str:
 
     Raises:
         UsageError: the extension is not that of a USD layer.
-        OutputError: the directory does not exist, or the path is a directory.
+        OutputError: the directory does not exist, or the path is no file.
     """
     absolute = os.path.abspath(os.fspath(path))
     extension = os.path.splitext(absolute)[1].lower()
@@ -30,6 +30,8 @@ def check_output_path(path: str | os.PathLike[str]) -> str:
         raise OutputError(f"{path}: no directory {directory}; create it first")
     if os.path.isdir(absolute):
         raise OutputError(f"{path}: is a directory; name a file in it")
+    if os.path.exists(absolute) and not os.path.isfile(absolute):
+        raise OutputError(f"{path}: is a device, a FIFO or a socket; name a file")
     return absolute
 
 

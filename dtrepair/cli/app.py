@@ -17,7 +17,8 @@ from dtrepair.pipeline.errors import OUTPUT, PipelineError
 
 EPILOG = """Exit codes: 0 done and clean; 1 intersections remain (or found, by check), or frames are
 strained; 2 usage; 3 input unusable; 4 some frames failed (the rest is written); 5 output cannot be
-written; 70 internal error; 130 and 143 interrupted."""
+written; 6 frames could not be repaired together (each is written as repaired alone); 7 workers were
+lost (nothing is written); 70 internal error; 130 and 143 interrupted."""
 
 # Name: summary. The module has the name of the command and holds a function `command`.
 COMMANDS = {

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from dtrepair.pipeline.errors import OutputError as OutputError
     from dtrepair.pipeline.errors import PipelineError as PipelineError
     from dtrepair.pipeline.errors import UsageError as UsageError
+    from dtrepair.pipeline.errors import WorkersError as WorkersError
     from dtrepair.pipeline.errors import exit_code as exit_code
     from dtrepair.pipeline.join import join_layers as join_layers
     from dtrepair.pipeline.keyposes.settings import KeyposeSettings as KeyposeSettings
@@ -70,6 +71,7 @@ _HOMES = {
     "TransferSettings": "transfer.settings",
     "Trouble": "observer",
     "UsageError": "errors",
+    "WorkersError": "errors",
     "check_stage": "check",
     "exit_code": "errors",
     "join_layers": "join",
@@ -105,6 +107,7 @@ __all__ = [
     "TransferSettings",
     "Trouble",
     "UsageError",
+    "WorkersError",
     "check_stage",
     "exit_code",
     "join_layers",

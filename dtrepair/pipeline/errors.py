@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from dtrepair.report.record import Report
 
-CLEAN, REMAINING, USAGE, INPUT, FRAMES, OUTPUT = range(6)
+CLEAN, REMAINING, USAGE, INPUT, FRAMES, OUTPUT, ALONE, WORKERS = range(8)
 INTERNAL = 70  # a defect of the program itself (EX_SOFTWARE)
 CANCELLED = 130  # as a shell reports a process that Ctrl-C ended
 
@@ -46,13 +46,19 @@ class OutputError(PipelineError):
     exit_code = OUTPUT
 
 
+class WorkersError(PipelineError):
+    """Workers were lost, again and again; an older output is intact, and the journal is kept."""
+
+    exit_code = WORKERS
+
+
 class Cancelled(PipelineError):
     """The observer asked for the end; an older output is intact, and the journal is kept."""
 
     exit_code = CANCELLED
 
 
-_BY_CODE = {error.exit_code: error for error in (UsageError, InputError, OutputError)}
+_BY_CODE = {error.exit_code: error for error in (UsageError, InputError, OutputError, WorkersError)}
 # A frame that fails is a record of the report; one that ends the run leaves nothing written.
 _BY_CODE[FRAMES] = InputError
 
@@ -92,9 +98,11 @@ def plain_errors() -> Iterator[None]:
 
 
 def exit_code(report: Report) -> int:
-    """Return the exit code of a run that has a report: CLEAN, REMAINING or FRAMES."""
+    """Return the exit code of a run that has a report: CLEAN, REMAINING, FRAMES or ALONE."""
     if any(record.status == "failed" for record in report.frames):
         return FRAMES
+    if report.alone_from is not None:
+        return ALONE
     left = any(record.after is not None and record.after.pairs for record in report.frames)
     if report.command == "repair":  # which knows of parts wholly inside others, too
         left = any(record.status in ("improved", "unchanged") for record in report.frames)

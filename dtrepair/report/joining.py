@@ -33,6 +33,7 @@ def join_reports(documents: Sequence[Document]) -> Report:
     frames = [read_frame(frame) for document in documents for frame in document["frames"]]
     names = list(dict.fromkeys(name for document in documents for name in document["seconds"]))
     warnings = dict.fromkeys(text for document in documents for text in document["warnings"])
+    alone = [document["alone_from"] for document in documents if "alone_from" in document]
     attached = first.get("attached")
     return Report(
         **{name: first[name] for name in ("command", "version", "input", "device")},
@@ -42,6 +43,7 @@ def join_reports(documents: Sequence[Document]) -> Report:
         frames=tuple(sorted(frames, key=lambda frame: frame.time or 0.0)),
         warnings=tuple(warnings),
         attached=AttachedList.from_document(attached) if attached else AttachedList(),
+        alone_from=min(alone, default=None),
     )
 
 

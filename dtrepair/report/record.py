@@ -138,6 +138,7 @@ class Report:
 
     folder: where the run stood: what `input` and `output` are relative to.
     attached: the pairs of connected parts whose contacts are modelled.
+    alone_from: first frame from which a repair could not go on with frames together.
     """
 
     command: str
@@ -153,6 +154,7 @@ class Report:
     warnings: tuple[str, ...] = ()
     jitter: float | None = None
     attached: AttachedList = field(default_factory=AttachedList)
+    alone_from: float | None = None
     transfer: TransferRecord | None = None
     keyposes: KeyposesRecord | None = None
 
@@ -161,7 +163,7 @@ class Report:
 
         Raises ReportError where a value does not fit (an unknown status, a negative count, NaN).
         """
-        content = {
+        content: dict[str, Any] = {
             "schema": SCHEMA_NAME,
             "version": self.version,
             "command": self.command,
@@ -181,6 +183,8 @@ class Report:
                 content[name] = asdict(section)
         if self.attached:
             content["attached"] = asdict(self.attached)
+        if self.alone_from is not None:
+            content["alone_from"] = self.alone_from
         try:
             document: dict[str, Any] = json.loads(json.dumps(content, allow_nan=False))
         except (TypeError, ValueError) as error:

@@ -227,6 +227,7 @@ SCHEMA: dict[str, Any] = {
     **_object(
         "folder",
         "attached",
+        "alone_from",
         "transfer",
         "keyposes",
         schema={"type": "string", "enum": [SCHEMA_NAME]},
@@ -251,6 +252,7 @@ SCHEMA: dict[str, Any] = {
         frames={"type": "array", "items": _FRAME},
         summary=_SUMMARY,
         attached=_ATTACHED,
+        alone_from={"type": "number"},
         transfer=_TRANSFER,
         keyposes=_KEYPOSES,
     ),

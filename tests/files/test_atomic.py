@@ -1,6 +1,7 @@
 """Files appear whole or not at all."""
 
 import os
+import socket
 import stat
 from pathlib import Path
 
@@ -40,3 +41,52 @@ def test_existing_permissions_are_kept(tmp_path: Path) -> None:
     path.chmod(0o640)
     write_atomically(path, b"new")
     assert stat.S_IMODE(path.stat().st_mode) == 0o640
+
+
+def test_a_fifo_is_written_through(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    os.mkfifo(path)
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_atomically(path, "text")
+        assert os.read(reader, 100) == b"text"
+    finally:
+        os.close(reader)
+    assert path.is_fifo() and os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_a_terminal_is_written_through(tmp_path: Path) -> None:
+    reader, terminal = os.openpty()
+    link = tmp_path / "link"
+    link.symlink_to(os.ttyname(terminal))
+    try:
+        for path in (os.ttyname(terminal), link):
+            write_atomically(path, "text")
+            assert os.read(reader, 100) == b"text"
+            assert Path(path).is_char_device()
+    finally:
+        os.close(reader)
+        os.close(terminal)
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="open files have no names here")
+def test_an_open_file_gets_the_bytes_after_its_own(tmp_path: Path) -> None:
+    # As /dev/stdout where it is redirected to a file.
+    path, link = tmp_path / "a.txt", tmp_path / "link"
+    with open(path, "wb", buffering=0) as file:
+        link.symlink_to(f"/proc/self/fd/{file.fileno()}")
+        file.write(b"before, ")
+        write_atomically(link, "text")
+    assert path.read_text() == "before, text"
+    assert link.is_symlink() and sorted(os.listdir(tmp_path)) == ["a.txt", "link"]
+
+
+def test_sockets_and_directories_are_refused(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as own:
+        own.bind(str(tmp_path / "socket"))
+        (tmp_path / "directory").mkdir()
+        for name in ("socket", "directory"):
+            with pytest.raises(OSError, match=f"it is a {name}; name a file"):
+                write_atomically(tmp_path / name, "text")
+        assert (tmp_path / "socket").is_socket()
+    assert sorted(os.listdir(tmp_path)) == ["directory", "socket"]

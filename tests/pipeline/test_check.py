@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import pytest
 
 from dtrepair.pipeline import Cancelled, CheckSettings, Selection, UsageError, check_stage
 from dtrepair.pipeline.check import CheckChoices
+from dtrepair.pipeline.stages.sources import StageSource
+from dtrepair.repair.surface.containment import Enclosures
 from tests.command_line import CLOSED, OPEN, run, tube_stage
 from tests.pipeline.hosts import Listener
+from tests.usd_stages import define_cube, new_stage
 
 
 @pytest.fixture
@@ -55,3 +58,31 @@ def test_the_settings_of_a_report_are_those_of_the_run(clip: Path) -> None:
 def test_a_mode_that_is_none() -> None:
     with pytest.raises(UsageError, match="expected one of self, inter, both, got 'all'"):
         CheckSettings(mode="all")
+
+
+def test_small_objects_cost_no_analysis_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, count = tmp_path / "many.usdc", 40
+    stage = new_stage(path)
+    for number in range(count):
+        cube = define_cube(stage, f"/Root/Cube{number}")
+        cube.AddTranslateOp().Set((3.0 * number - (number == 7), 0.0, 0.0))
+    stage.GetRootLayer().Save()
+    calls = {"parts": 0, "transforms": 0}
+    analyse, place = Enclosures.__init__, StageSource.to_world
+
+    def analysed(*arguments: Any, **options: Any) -> None:
+        calls["parts"] += 1
+        analyse(*arguments, **options)
+
+    def placed(*arguments: Any) -> Any:
+        calls["transforms"] += 1
+        return place(*arguments)
+
+    monkeypatch.setattr(Enclosures, "__init__", analysed)
+    monkeypatch.setattr(StageSource, "to_world", placed)
+    report = check_stage(path)
+    before = report.frames[0].before
+    assert before is not None and before.pairs > 0 and len(report.frames[0].prims) == count
+    assert calls["parts"] < 5 and calls["transforms"] < 16 * count

@@ -10,14 +10,18 @@ import pytest
 from dtrepair.files.polygon_mesh import MeshFileError
 from dtrepair.pipeline import InputError, OutputError, PipelineError, UsageError, exit_code
 from dtrepair.pipeline.errors import (
+    ALONE,
     CLEAN,
     FRAMES,
     INPUT,
     INTERNAL,
     REMAINING,
+    WorkersError,
     plain_error,
     plain_errors,
 )
+from dtrepair.repair.parallel.process_pool import WorkerLost
+from dtrepair.report.joining import join_reports
 from dtrepair.report.record import CountRecord, FrameRecord, Report
 from dtrepair.report.sections import KeyposesRecord, SamplesRecord, SpanRecord
 from usd_io import OutputError as LayerError
@@ -31,6 +35,7 @@ from usd_io import SelectionError, StageError
         (StageError("no such file"), InputError),
         (MeshFileError("no polygons"), InputError),
         (LayerError("disk full"), OutputError),
+        (WorkerLost(), WorkersError),
     ],
 )
 def test_errors_on_purpose_become_those_of_a_run(
@@ -76,6 +81,15 @@ def test_a_report_has_an_exit_code(command: str, status: str, pairs: int, code: 
     fine = FrameRecord(time=1.0, status="clean", before=CountRecord(), after=CountRecord())
     frame = FrameRecord(time=2.0, status=status, before=count, after=count)
     assert exit_code(Report(command=command, version="", input="a", frames=(fine, frame))) == code
+
+
+def test_frames_that_were_not_repaired_together_have_a_code() -> None:
+    report = Report(command="repair", version="", input="a", alone_from=3.0)
+    assert exit_code(report) == ALONE
+    failed = replace(report, frames=(FrameRecord(time=2.0, status="failed"),))
+    assert exit_code(failed) == FRAMES
+    parts = [replace(report, alone_from=None).document(), report.document()]
+    assert join_reports(parts).alone_from == 3.0
 
 
 def test_in_betweens_that_are_left_count() -> None:

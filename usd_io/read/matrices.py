@@ -35,9 +35,8 @@ def prim_matrix(prim: Usd.Prim, time: float) -> NDArray[np.float64]:
     """
     path = str(prim.GetPath())
     with reading_frame(path, time):
-        code = time_code(time)
-        if math.isnan(time) and chain_times(prim):
-            code = Usd.TimeCode.EarliestTime()
+        # Where nothing is animated, that is the default.
+        code = Usd.TimeCode.EarliestTime() if math.isnan(time) else time_code(time)
         matrix = np.array(UsdGeom.Imageable(prim).ComputeLocalToWorldTransform(code))
     if not (np.abs(matrix) < LARGEST_NUMBER).all():
         raise FrameError(

@@ -115,6 +115,8 @@ class AtomicLayer:
     def _save(self) -> None:
         """Save the temporary layer. Raises OutputError."""
         assert self.layer is not None
+        if not os.path.isdir(self._folder):  # pxr would make it again, and who removed it not know
+            raise self._failed(OSError("its temporary folder was removed"))
         try:
             saved = self.layer.Save()
         except Tf.ErrorException as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,10 +18,11 @@ from usd_io.write.atomic_layer import AtomicLayer
 from usd_io.write.metadata import get_record, set_record
 from usd_io.write.normals_sources import NORMALS, RATES
 from usd_io.write.rates import author_rates
-from usd_io.write.records import check_record, part_of
+from usd_io.write.records import check_alike, check_record, part_of
 
 LAYER_KEYS = ("subLayers", "subLayerOffsets", "customLayerData")
-RECORD_KEYS = ("version", "input", "settings", "frames", "written", "written_default")
+SHARED_KEYS = ("version", "input", "input_digest", "settings")
+RECORD_KEYS = (*SHARED_KEYS, "frames", "written", "written_default")
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,12 @@ class _Chunk:
         return time in self.written.get(str(prim), ())
 
 
-def join_layers(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLike[str]) -> None:
+def join_layers(
+    paths: Sequence[str | os.PathLike[str]],
+    output: str | os.PathLike[str],
+    *,
+    differing: Collection[str] = (),
+) -> None:
     """Merge outputs of `OverrideWriter` for parts of one animation into one layer.
 
     A time code that a chunk changed is taken from it; one that no chunk changed is the kept copy
@@ -53,10 +59,13 @@ def join_layers(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLi
     Args:
         paths: the chunk layers; equal whatever their order.
         output: .usd, .usdc or .usda; may be neither a chunk nor the input.
+        differing: settings in which the layers may differ, such as the frames that were chosen;
+            chunks K/N of one split differ in nothing else.
 
     Raises:
-        StageError: a chunk cannot be read, the chunks lie over different inputs, or two chunks
-            disagree about a sample; a chunk K/N of the N is missing.
+        StageError: a chunk cannot be read; the chunks lie over different inputs, or were written
+            with other settings or by another version; two chunks disagree about a sample; a chunk
+            K/N of the N is missing.
         UsageError: no chunks, or the output is one of them or their input.
         OutputError: the output cannot be written.
     """
@@ -65,6 +74,8 @@ def join_layers(paths: Sequence[str | os.PathLike[str]], output: str | os.PathLi
     target = check_output_path(output)
     chunks = sorted((_open_chunk(os.fspath(path)) for path in paths), key=_order)
     _check_chunks(chunks, target)
+    for chunk in chunks:
+        check_alike(chunks[0].path, chunks[0].record, chunk.path, chunk.record, differing)
     _check_complete(chunks)
     with AtomicLayer(target) as file, reading("the layers to join"):
         assert file.layer is not None
@@ -85,6 +96,8 @@ def _open_chunk(path: str) -> _Chunk:
     try:
         with no_diagnostics():
             layer = Sdf.Layer.FindOrOpen(path)
+            if layer is not None:
+                layer.Reload()  # somebody may hold what the file was before
     except DAMAGE as error:
         raise StageError(f"{path}: cannot be opened ({one_line(error)}); write it again") from None
     if layer is None:

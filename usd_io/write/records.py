@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,40 @@ def check_record(path: str, record: Mapping[str, Any]) -> None:
     part = settings.get("chunk")
     if part is not None and part_of(part) is None:
         raise _damaged(path, "settings:chunk", part)
+
+
+def check_alike(
+    first_path: str,
+    first: Mapping[str, Any],
+    path: str,
+    other: Mapping[str, Any],
+    differing: Collection[str],
+) -> None:
+    """Raise StageError for the records of two layers that one run would not have written.
+
+    differing: settings in which they may differ, if none of them is a part of a split.
+    """
+    settings = first.get("settings", {}), other.get("settings", {})
+    ignored = {"chunk"} if any("chunk" in own for own in settings) else {*differing}
+    reasons = [
+        f"{name} ({_told(settings[0], name)} and {_told(settings[1], name)})"
+        for name in sorted({*settings[0], *settings[1]} - ignored)
+        if settings[0].get(name) != settings[1].get(name)
+    ]
+    if first.get("version") != other.get("version"):
+        reasons.insert(0, f"version ({_told(first, 'version')} and {_told(other, 'version')})")
+    if first.get("input_digest") != other.get("input_digest"):
+        reasons.insert(0, "the content of the input")
+    if reasons:
+        raise StageError(
+            f"{first_path} and {path} differ in {', '.join(reasons[:4])}; write them again, all "
+            "with the same settings, version and input"
+        )
+
+
+def _told(values: Mapping[str, Any], name: str) -> str:
+    """Return a value of a record in a few words."""
+    return str(values[name])[:40] if name in values else "none"
 
 
 def part_of(text: object) -> tuple[int, int] | None:

@@ -6,6 +6,7 @@ import click
 
 from dtrepair.cli.options.shared import console_options
 from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.existing import already_written
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.pipeline.errors import CLEAN
 
@@ -13,7 +14,9 @@ from dtrepair.pipeline.errors import CLEAN
 @click.command("join")
 @click.argument("chunks", metavar="CHUNK...", nargs=-1, required=True)
 @click.option("-o", "--output", metavar="OUT", required=True, help="The layer to write.")
-@click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
+@click.option(
+    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, and can be read."
+)
 @console_options
 @one_line_errors
 def command(*, chunks: tuple[str, ...], output: str, skip_existing: bool, console: Console) -> int:
@@ -28,12 +31,9 @@ def command(*, chunks: tuple[str, ...], output: str, skip_existing: bool, consol
         dtrepair repair shot.usd --chunk 2/2 -o part2.usdc
         dtrepair join part1.usdc part2.usdc -o shot_repaired.usdc
     """
-    import os
-
     from dtrepair.pipeline.join import join_layers
 
-    if skip_existing and os.path.exists(output):
-        console.result(f"{output}: exists; skipped")
+    if skip_existing and already_written(output, console):
         return CLEAN
     join_layers(chunks, output)
     count = len(chunks)

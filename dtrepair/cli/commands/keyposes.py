@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 import click
@@ -19,6 +18,7 @@ from dtrepair.cli.options.shared import (
 )
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
+from dtrepair.cli.terminal.existing import already_written
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.keyposes_text import print_keys, print_spans
@@ -51,7 +51,9 @@ if TYPE_CHECKING:
 )
 @object_options
 @click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
-@click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
+@click.option(
+    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, and can be read."
+)
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @key_selection_options
 @method_options
@@ -92,8 +94,7 @@ def command(
     if verify_only == (output is not None):
         raise UsageError("name an output with -o OUT, or --verify-only, which writes nothing")
     check_report_place(report_path, console, source_path, others=[output])
-    if output is not None and skip_existing and os.path.exists(output):
-        console.result(f"{output}: exists; skipped")
+    if output is not None and skip_existing and already_written(output, console):
         return CLEAN
     if output is not None:
         clean_up_if_forced(output)

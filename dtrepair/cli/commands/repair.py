@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 import click
@@ -20,6 +19,7 @@ from dtrepair.cli.options.shared import (
 )
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
+from dtrepair.cli.terminal.existing import already_written
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.repair_text import print_plan, print_table, say
@@ -35,9 +35,10 @@ if TYPE_CHECKING:
 
 @click.command(
     "repair",
-    epilog="Exit code 0: every frame is clean; 1: intersections remain, or "
-    "frames are strained; 2: usage; 3: input "
-    "unusable; 4: some frames failed, the rest is written; 5: output cannot be written.",
+    epilog="Exit code 0: every frame is clean; 1: intersections remain, or frames are strained; "
+    "2: usage; 3: input unusable; 4: some frames failed, the rest is written; 5: output cannot be "
+    "written; 6: frames could not be repaired together, each is written as repaired alone; "
+    "7: workers were lost, nothing is written, --resume goes on.",
 )
 @click.argument("source_path", metavar="STAGE|MESH")
 @click.option("-o", "--output", metavar="OUT", required=True, help="The layer or mesh to write.")
@@ -49,7 +50,9 @@ if TYPE_CHECKING:
 @object_options
 @click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
 @click.option("--resume", is_flag=True, help="Go on with an interrupted run of the same command.")
-@click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
+@click.option(
+    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, and can be read."
+)
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @click.option(
     "--chunk",
@@ -104,8 +107,7 @@ def command(
         dtrepair repair body.obj -o body_repaired.obj
     """
     check_report_place(report_path, console, source_path, others=[output])
-    if skip_existing and os.path.exists(output):
-        console.result(f"{output}: exists; skipped")
+    if skip_existing and already_written(output, console):
         return CLEAN
     settings = RepairSettings(
         selection=selection,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 import click
@@ -21,6 +20,7 @@ from dtrepair.cli.options.shared import (
 from dtrepair.cli.options.transfer import transfer_options
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
+from dtrepair.cli.terminal.existing import already_written
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.report_place import check_report_place, put_report
@@ -76,7 +76,9 @@ class GreedyPoses(click.Command):
     help="Repair frames for themselves (default for pose files) or steady in time (stages).",
 )
 @click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
-@click.option("--skip-existing", is_flag=True, help="Do nothing if OUT is there already.")
+@click.option(
+    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, and can be read."
+)
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @scene_options
 @key_selection_options
@@ -122,8 +124,7 @@ def command(
         dtrepair transfer walk.usd hero.usd --prim /Cat/Body --target-prim /Lion/Body \\
             --correspondence cat_lion.npz -o lion_walk.usdc
     """
-    if skip_existing and os.path.exists(output):
-        console.result(f"{output}: exists; skipped")
+    if skip_existing and already_written(output, console):
         return CLEAN
     if not repair:
         _refuse_without_repair()

@@ -6,13 +6,15 @@ import os
 import shutil
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from contextlib import ExitStack
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from dtrepair.numerics.metrics import JitterMeter
-from dtrepair.pipeline.errors import INTERNAL, InputError, PipelineError, UsageError, plain_error
+from dtrepair.pipeline.errors import INTERNAL, InputError, PipelineError, WorkersError, plain_error
 from dtrepair.pipeline.observer import Observer, Progress
+from dtrepair.pipeline.repair.chunks import worthwhile_chunks
+from dtrepair.pipeline.repair.cluster import LOST, Watch, Workers, connected, workers_of
 from dtrepair.pipeline.repair.settings import RepairSettings
 from dtrepair.pipeline.stages.frames import read_frame
 from dtrepair.pipeline.stages.outputs import writing
@@ -21,24 +23,12 @@ from dtrepair.report.joining import join_reports
 from dtrepair.report.record import Report
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Future
 
 Repair = Callable[..., Report]  # as `dtrepair.pipeline.repair_stage`
 
 # Seconds between two looks at the workers.
 PAUSE = 0.1
-
-
-@dataclass(frozen=True)
-class Workers:
-    """Where chunks are repaired: address of a scheduler, or "local" for `jobs` workers here.
-
-    jobs: None for one for each processor. device: its name, as each worker is to understand it.
-    """
-
-    address: str
-    jobs: int | None
-    device: str
 
 
 def repair_distributed(
@@ -58,12 +48,12 @@ def repair_distributed(
 
     target = os.path.abspath(output)
     with ExitStack() as stack:
-        client = stack.enter_context(_client(workers.address, workers.jobs))
+        client = stack.enter_context(connected(workers))
         with writing(output):
             folder = make_temporary_folder(target)
         stack.callback(shutil.rmtree, folder, ignore_errors=True)
-        threads = [worker["nthreads"] for worker in _workers(client, workers.address).values()]
-        count = min(len(threads), len(source.times))
+        threads = [worker["nthreads"] for worker in workers_of(client, workers.address).values()]
+        count = worthwhile_chunks(source, len(threads), alone=settings.single)
         parts = [os.path.join(folder, f"part{number}.usdc") for number in range(1, count + 1)]
         each = {"jobs": max(threads), "device": workers.device}
         futures = [
@@ -79,9 +69,15 @@ def repair_distributed(
             )
             for number, part in enumerate(parts, 1)
         ]
-        stack.callback(client.cancel, futures)
+        watch = Watch(client, workers.address)
+        stack.callback(watch.cancel, futures)
         with Progress(observer, "chunks repaired", count) as progress:
-            ended = _ended(futures, lambda: progress.ahead(0.0))
+
+            def meanwhile() -> None:
+                progress.ahead(0.0)
+                watch()
+
+            ended = _ended(futures, meanwhile)
             reports = {future.key: _result(future) for future in progress.over(ended)}
         join_layers(parts, target)
         return join_reports([reports[future.key] for future in futures])
@@ -135,45 +131,19 @@ def _ended(futures: Sequence[Future[Any]], meanwhile: Callable[[], None]) -> Ite
 
 def _result(future: Future[Any]) -> dict[str, Any]:
     """The report of a chunk; one that made no layer ends the run."""
-    error = future.exception()
+    from distributed import KilledWorker
+
+    if future.status not in ("finished", "error"):  # what was lost has neither
+        raise WorkersError(LOST)
+    error = future.exception() if future.status == "error" else None
     if isinstance(error, PipelineError):
         raise PipelineError(f"a worker failed: {error}", error.exit_code)
+    if isinstance(error, KilledWorker):
+        raise WorkersError(
+            "workers were lost with the same chunk, again and again; if memory ran out, start "
+            "workers with more of it"
+        )
     if error is not None:
         raise PipelineError(f"a worker failed: {type(error).__name__}: {error}", INTERNAL)
     document: dict[str, Any] = future.result()
     return document
-
-
-@contextmanager
-def _client(address: str, jobs: int | None) -> Iterator[Client]:
-    """A client of the cluster at an address, or of one that lives as long as the block."""
-    try:
-        from distributed import Client, LocalCluster
-    except ImportError:
-        install = "pip install 'dtrepair[distributed]'"
-        raise UsageError(f"--distributed: needs the package distributed; {install}") from None
-    if address == "local":
-        from dtrepair.repair.parallel.worker_pool import available_processors
-
-        count = jobs or available_processors()
-        # Even without a dashboard there is a server, which warns of a port that is taken.
-        options = {"dashboard_address": ":0", "scheduler_kwargs": {"dashboard": False}}
-        with (
-            LocalCluster(n_workers=count, threads_per_worker=1, **options) as cluster,
-            Client(cluster) as client,
-        ):
-            yield client
-        return
-    try:
-        client = Client(address, timeout="10s")
-    except (OSError, ValueError) as error:
-        raise UsageError(f"--distributed {address}: no scheduler answers: {error}") from None
-    with client:
-        yield client
-
-
-def _workers(client: Client, address: str) -> dict[str, Any]:
-    workers: dict[str, Any] = client.scheduler_info(n_workers=-1)["workers"]
-    if not workers:
-        raise UsageError(f"--distributed {address}: the scheduler has no workers; start some")
-    return workers

@@ -5,23 +5,29 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
+import stat
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair import __version__
-from dtrepair.files.atomic import atomic_output, write_atomically
+from dtrepair.files.atomic import atomic_output
 
 if TYPE_CHECKING:
     from dtrepair.repair.scene.bodies import Body
 
 _HEADER = "run.json"
+# Entries, and those that a killed run was writing.
+_ENTRY = re.compile(r"\.?[0-9a-f]{32}(-\w+)?\.npz")
+_DIGEST = hashlib.sha256
+_BLOCK = 1 << 20
 
 
 class Journal:
@@ -29,7 +35,9 @@ class Journal:
 
     It belongs to one input and one set of settings: `run` is a hash of both, and a folder with
     another one is not used. Nothing is made before there is something to keep. A folder that cannot
-    be written is done without.
+    be written, or that no repair of this user made, is done without, and left as it is.
+
+    Each entry ends with a digest of `run`, its key and its content: one without it does not count.
 
     Attributes:
         recalled: entries of an earlier run that were used.
@@ -50,40 +58,45 @@ class Journal:
 
         on_kept: called with `kept` whenever that changes.
         """
-        target = Path(os.path.abspath(output))
-        self.folder = target.parent / f".{target.name}.resume"
+        self._output = Path(os.path.abspath(output))
+        self.folder = self._output.parent / f".{self._output.name}.resume"
         self.recalled = self.kept = 0
         self.warnings: list[str] = []
         self.failures: list[str] = []
-        self._resumes = resume
         self._run = run
         self._on_kept = on_kept
-        self._works = True
-        if not self.folder.is_dir():
-            return
-        if self._header() == run:
-            if not resume:
-                self.warnings.append(
-                    f"{output}: starting over; --resume would go on with an interrupted run"
-                )
-            return
-        if resume:
+        found = self._header()
+        self._works = found is not None
+        self._resumes = resume and found == run
+        if found is None:
             self.warnings.append(
-                f"{output}: the interrupted run had another input or other settings, so it is not "
-                "resumed; starting over"
+                f"{self.folder}: progress cannot be kept: no repair of this user made it; move it "
+                "away"
             )
-        self.remove()
+        elif found == run and not resume:
+            self.warnings.append(
+                f"{output}: starting over; --resume would go on with an interrupted run"
+            )
+        elif found and found != run:
+            if resume:
+                self.warnings.append(
+                    f"{output}: the interrupted run had another input or other settings, so it is "
+                    "not resumed; starting over"
+                )
+            self.remove()
 
     def recall(self, key: str) -> Mapping[str, NDArray[Any]] | None:
         """Arrays of an earlier run; None where there are none, or only broken ones."""
         if not self._resumes:
             return None
         try:
-            with (
-                open(self.folder / f"{key}.npz", "rb") as stream,
-                np.load(stream, allow_pickle=False) as file,
-            ):
-                arrays = {name: file[name] for name in file.files}
+            with open(self.folder / f"{key}.npz", "rb") as stream:
+                size = os.fstat(stream.fileno()).st_size - _DIGEST().digest_size
+                if self._digest(key, stream, size) != stream.read():
+                    return None
+                stream.seek(0)
+                with np.load(stream, allow_pickle=False) as file:
+                    arrays = {name: file[name] for name in file.files}
         except (OSError, ValueError, EOFError, zipfile.BadZipFile):
             return None
         self.recalled += 1
@@ -95,12 +108,15 @@ class Journal:
         if not self._works:
             return
         try:
-            if not self.folder.is_dir():
-                self.folder.mkdir()
-                write_atomically(self.folder / _HEADER, json.dumps({"run": self._run}))
-            with atomic_output(self.folder / f"{key}.npz") as temporary:
-                with open(temporary, "wb") as file:
-                    np.savez(file, allow_pickle=False, **arrays)
+            self._make()
+            with (
+                atomic_output(self.folder / f"{key}.npz") as temporary,
+                open(temporary, "w+b") as file,
+            ):
+                np.savez(file, allow_pickle=False, **arrays)
+                size = file.seek(0, os.SEEK_END)
+                digest = self._digest(key, file, size)
+                file.write(digest)
         except OSError as error:
             self._works = False
             reason = error.strerror or str(error)
@@ -115,14 +131,61 @@ class Journal:
         self._on_kept(entries)
 
     def remove(self) -> None:
-        """Remove the folder: the run is done, or starts over."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        """Remove the folder: the run is done, or starts over. What no repair made is left."""
+        if not self._header():
+            return
+        with suppress(OSError):
+            # The header last: without it, nothing here is known to be of a repair.
+            for name in [*filter(_ENTRY.fullmatch, os.listdir(self.folder)), _HEADER]:
+                os.unlink(self.folder / name)
+            os.rmdir(self.folder)
+
+    def _make(self) -> None:
+        """Make the folder, unless it is there: under another name first, so that it appears whole.
+
+        Raises OSError where something else has the name.
+        """
+        from usd_io.write.temporary import make_temporary_folder
+
+        if self._header() == self._run:
+            return
+        made = make_temporary_folder(os.fspath(self._output))
+        try:
+            header = Path(made) / _HEADER
+            header.write_text(json.dumps({"program": "dtrepair", "run": self._run}))
+            os.rename(made, self.folder)
+        except BaseException:
+            shutil.rmtree(made, ignore_errors=True)
+            raise
 
     def _header(self) -> str | None:
+        """The run of the folder, "" where there is none; None where it is not of a repair.
+
+        That is a real directory that only this user can write to, either empty or with a header.
+        """
+        try:
+            status = os.lstat(self.folder)
+        except OSError:
+            return ""
+        mine = not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
+        if not (stat.S_ISDIR(status.st_mode) and mine) or status.st_mode & 0o022:
+            return None
         with suppress(OSError, ValueError, AttributeError):
-            found = json.loads((self.folder / _HEADER).read_text(encoding="utf-8")).get("run")
-            return found if isinstance(found, str) else None
+            if not os.listdir(self.folder):
+                return ""
+            header = json.loads((self.folder / _HEADER).read_text(encoding="utf-8"))
+            found = header.get("run")
+            return found if isinstance(found, str) and found else None
         return None
+
+    def _digest(self, key: str, stream: BinaryIO, size: int) -> bytes:
+        """The digest of the first `size` bytes of an entry, from where reading goes on."""
+        digest = _DIGEST(f"{self._run} {key} ".encode())
+        stream.seek(0)
+        while size > 0 and (block := stream.read(min(size, _BLOCK))):
+            digest.update(block)
+            size -= len(block)
+        return digest.digest()
 
 
 def hash_of_run(

@@ -196,14 +196,15 @@ class _Meshes:
 
     def faces_outwards(self) -> IntArray:
         """Return the triangles (F, 3) as a repair has them: facing out of closed parts."""
-        from dtrepair.repair.surface.containment import oriented_outwards
+        from dtrepair.repair.surface.containment import meshes_oriented_outwards
 
         time, several = self._time, len(self.source.meshes) > 1
-        faces = []
-        for mesh, start, end in zip(self.source.meshes, *self._ends, strict=True):
-            own = outward_faces(mesh, time) if several else mesh.faces
-            faces.append(oriented_outwards(self.rest[start:end], own) + start)
-        return np.concatenate(faces).astype(np.int32)
+        meshes = [
+            (self.rest[start:end], outward_faces(mesh, time) if several else mesh.faces)
+            for mesh, start, end in zip(self.source.meshes, *self._ends, strict=True)
+        ]
+        outwards = zip(meshes_oriented_outwards(meshes), self._ends[0], strict=True)
+        return np.concatenate([faces + start for faces, start in outwards]).astype(np.int32)
 
     @cached_property
     def part_of(self) -> NDArray[np.int64]:

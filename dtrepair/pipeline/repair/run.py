@@ -121,6 +121,7 @@ def repair_here(
         warnings=(*source.warnings, *warnings),
         jitter=jitter,
         attached=repairer.modelled.attached,
+        alone_from=repairer.alone_from,
     )
 
 

@@ -82,13 +82,16 @@ class FrameRepairer:
         self.record = FrameRecorder(source, repairer.bodies, self.modelled)
         self.free = [_free(body) for body in repairer.bodies]
         self.warnings: list[str] = []
-        self.error: Exception | None = None  # why frames could not be repaired together
+        self.error: Exception | None = None  # why frames could not be repaired together ...
+        self.alone_from: float | None = None  # ... and the first of them
         # Called with how many frames' worth of work is done beyond the frames handed out.
         self.progress: Callable[[float], None] | None = None
         self._again = Lock()
 
     def solve(self, poses: Iterable[Pose]) -> Iterator[Solution]:
         """Solve (time, points of each mesh) in order; an error may take a frame's place."""
+        from dtrepair.repair.parallel.process_pool import WorkerLost
+
         iterator = iter(poses)
         first = list(islice(iterator, 2))
         iterator = chain(first, iterator)
@@ -106,10 +109,11 @@ class FrameRepairer:
                     fed.popleft()
                     yield repaired.results
                 return
-            except Cancelled:
+            except (Cancelled, WorkerLost):
                 raise
             except Exception as error:
                 # One window that cannot be solved together must not lose a long run.
+                self.alone_from = (fed or first)[0][0]
                 reason = f"{type(error).__name__}: {error}"
                 frames = f"frames from {fed[0][0]:g}" if fed else "the frames"
                 self.warnings.append(f"{frames} are repaired alone: {reason}")

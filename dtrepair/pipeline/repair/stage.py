@@ -11,8 +11,9 @@ from typing import Unpack
 from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.observer import SILENT, ModelledFound, Observer, stop_if_cancelled, warn
 from dtrepair.pipeline.repair.chunks import choose_chunk, empty_chunk_warnings
+from dtrepair.pipeline.repair.cluster import Workers
 from dtrepair.pipeline.repair.corrections import CorrectionSink
-from dtrepair.pipeline.repair.distributed import Workers, measured_jitter, repair_distributed
+from dtrepair.pipeline.repair.distributed import measured_jitter, repair_distributed
 from dtrepair.pipeline.repair.run import Prepared, Run, open_journal, repair_here
 from dtrepair.pipeline.repair.settings import (
     OutputOptions,

@@ -29,24 +29,24 @@ class EnclosedParts:
     def __init__(
         self, source: Source, *, mode: str = "both", ignored: Sequence[tuple[int, int]] = ()
     ) -> None:
-        from dtrepair.repair.surface.containment import Enclosures, oriented_outwards
+        from dtrepair.repair.surface.containment import Enclosures, meshes_oriented_outwards
 
         self.paths = [mesh.path for mesh in source.meshes]
         self.mode, self.ignored = mode, set(ignored)
         time, several = placing_time(source, source.times), len(source.meshes) > 1
-        rests, faces, owners, start = [], [], [], 0
-        for index, mesh in enumerate(source.meshes):
-            own = outward_faces(mesh, time) if several else mesh.faces
-            rest = source.to_world(mesh, time, mesh.rest) if several else mesh.rest
-            own = oriented_outwards(np.asarray(rest, dtype=np.float64), own)
-            faces.append(weld_map(mesh.rest)[own] + start)
-            rests.append(rest)
-            owners.append(np.full(len(mesh.rest), index))
-            start += len(mesh.rest)
+        if several:
+            rests = [source.to_world(mesh, time, mesh.rest) for mesh in source.meshes]
+            faces = [outward_faces(mesh, time) for mesh in source.meshes]
+        else:
+            rests, faces = [source.meshes[0].rest], [source.meshes[0].faces]
+        outwards = meshes_oriented_outwards(list(zip(rests, faces, strict=True)))
+        sizes = [len(mesh.rest) for mesh in source.meshes]
+        each = zip(source.meshes, outwards, np.cumsum([0, *sizes]), strict=False)
+        faces = [weld_map(mesh.rest)[own] + start for mesh, own, start in each]
         self._enclosures = Enclosures(np.concatenate(rests), np.concatenate(faces).astype(np.int32))
         self._body = np.zeros(self._enclosures.count, dtype=np.int64)
         used = self._enclosures.part >= 0
-        self._body[self._enclosures.part[used]] = np.concatenate(owners)[used]
+        self._body[self._enclosures.part[used]] = np.repeat(np.arange(len(sizes)), sizes)[used]
 
     def __call__(self, frame: Frame, count: SceneCount) -> tuple[EnclosedRecord, ...]:
         """Each pair of meshes once, with `count` of the same frame; inner is outer for parts."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from dtrepair.pipeline.errors import OutputError, UsageError
 
@@ -23,15 +22,12 @@ def writing(path: FilePath) -> Iterator[None]:
 
 
 def check_writable(path: FilePath) -> None:
-    """Refuse an output before any computing: no such directory, a directory, no permission."""
+    """Refuse an output before any computing: no such directory, no file, no permission."""
     from dtrepair.files.atomic import atomic_output
 
-    target = Path(path)
-    if target.is_dir():
-        raise OutputError(f"{path}: cannot be written: it is a directory; name a file")
     try:
         # A trial without the last step: it leaves nothing behind.
-        with writing(path), atomic_output(target):
+        with writing(path), atomic_output(path):
             raise _TrialDone
     except _TrialDone:
         pass
@@ -39,6 +35,30 @@ def check_writable(path: FilePath) -> None:
 
 class _TrialDone(Exception):
     """Ends the trial of `check_writable`."""
+
+
+def is_readable(path: FilePath) -> bool:
+    """Return whether a path is a file that opens as a layer or mesh file."""
+    from dtrepair.files.polygon_mesh import MeshFileError
+    from dtrepair.pipeline.stages.sources import is_stage
+
+    if not os.path.isfile(path):
+        return False
+    if is_stage(os.fspath(path)):
+        from usd_io import UsdIoError, open_stage
+
+        try:
+            open_stage(path)
+        except UsdIoError:
+            return False
+        return True
+    from dtrepair.files.mesh_files import read_mesh
+
+    try:
+        read_mesh(path)
+    except MeshFileError:
+        return False
+    return True
 
 
 def refuse_overwriting(

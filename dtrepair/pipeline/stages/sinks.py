@@ -60,7 +60,7 @@ class StageSink:
         only_frames: bool = False,
     ) -> None:
         from dtrepair import __version__
-        from usd_io import OverrideWriter
+        from usd_io import OverrideWriter, input_digest
 
         if not is_stage(path):
             raise UsageError(
@@ -72,6 +72,8 @@ class StageSink:
         self._own = [set(mesh.times.tolist()) for mesh in self._meshes]
         self._put: list[set[float]] = [set() for _ in self._meshes]
         self._written: set[int] = set()
+        # The parts of a farm may have been solved far apart.
+        self._record = {"input_digest": input_digest(source.opened)} if "chunk" in settings else {}
         self._seen: set[float] = set()
         self._only_frames = only_frames
         self._writer = OverrideWriter(
@@ -93,7 +95,7 @@ class StageSink:
         for index in self._written:
             for time in self._kept_times(index):
                 self._writer.keep(self._meshes[index], time)
-        self._writer.commit(record=record)
+        self._writer.commit(record={**self._record, **record})
         return tuple(self._writer.warnings)
 
     def _kept_times(self, index: int) -> list[float]:

@@ -209,16 +209,18 @@ class StageSource:
 
         Looks at the whole clip, so that the parts of a farm agree.
         """
-        usable = usable_times(self, self.all_times[[0, len(self.all_times) // 2, -1]])
+        usable = usable_times(self, np.unique(self.all_times[[0, len(self.all_times) // 2, -1]]))
         times = usable or [placing_time(self, self.all_times)]
+        corner_of = np.array(list(np.ndindex(2, 2, 2)))
         boxes = [np.stack([mesh.rest.min(axis=0), mesh.rest.max(axis=0)]) for mesh in self.meshes]
-        corners = [
-            self.to_world(mesh, time, box[which, range(3)])
-            for mesh, box in zip(self.meshes, boxes, strict=True)
-            for which in np.ndindex(2, 2, 2)
-            for time in times
-        ]
-        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+        corners = np.concatenate(
+            [
+                self.to_world(mesh, time, box[corner_of, range(3)])
+                for mesh, box in zip(self.meshes, boxes, strict=True)
+                for time in times
+            ]
+        )
+        low, high = corners.min(axis=0), corners.max(axis=0)
         with np.errstate(over="ignore", invalid="ignore"):
             step = float(np.spacing(np.float32(np.abs([low, high]).max())))
         if not step > COARSE * float((high - low).max()):

@@ -41,6 +41,7 @@ class TransferRun:
     clock: Clock
     late: list[str] = field(default_factory=list)  # warnings that come while it runs
     attached: AttachedList = field(default_factory=AttachedList)
+    alone_from: float | None = None  # the first frame that could not be repaired together
 
 
 def move_frames(
@@ -138,6 +139,7 @@ def _repaired(
     repairer.progress = progress.ahead
     yield from repair_frames(moves.frames(), repairer)
     run.late += repairer.warnings
+    run.alone_from = repairer.alone_from
     if repairer.error is not None:
         run.observer.remark(Trouble(repairer.error))
 

@@ -180,6 +180,7 @@ def _transferred(run: TransferRun) -> Report:
         warnings=(*pair.warnings, *late),
         jitter=jitter,
         attached=run.attached,
+        alone_from=run.alone_from,
         transfer=section,
     )
 

@@ -12,7 +12,7 @@ import sys
 import threading
 import traceback
 import warnings
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -29,6 +29,9 @@ Answer = TypeVar("Answer")
 
 # prctl: the signal that a process gets when its parent ends, however that ends.
 _DEATH_SIGNAL = 1
+
+# So often is tried what a process that ended without an answer was at.
+ATTEMPTS = 3
 
 
 def can_fork() -> bool:
@@ -125,15 +128,30 @@ def _pickled(value: object) -> bytes:
     return stream.getvalue()
 
 
+class WorkerLost(RuntimeError):
+    """A process ended without an answer, as the system ends them where memory runs out.
+
+    Attributes:
+        exit_code: what a command should end with.
+    """
+
+    exit_code = 7
+
+    def __init__(self) -> None:
+        """Say what a user can do; what was lost has been tried again before."""
+        super().__init__(
+            f"worker processes ended without an answer, {ATTEMPTS} times; if memory ran out, use "
+            "fewer jobs"
+        )
+
+
 def unpacked(content: bytes) -> Any:
     """Return the answer in what `packed` made, or raise its exception.
 
-    RuntimeError if there is nothing: the process has ended without an answer.
+    WorkerLost if there is nothing: the process has ended without an answer.
     """
     if not content:
-        raise RuntimeError(
-            "a worker process ended without an answer; if memory ran out, use fewer jobs"
-        )
+        raise WorkerLost
     error, answer = pickle.loads(content)
     if error is not None:
         raise error
@@ -155,9 +173,9 @@ def map_in_processes(
     A process is forked when there is an item for it, and sees the state of that moment; from then
     on only items and answers go to and fro. Items are taken when a process is free. With one job,
     or where processes cannot be forked, the calls are made here. Exceptions of a call are raised
-    here; RuntimeError where a process ended without an answer. Processes never outlive the
-    iterator. `ahead` items for each process are on their way at most: answers wait here for an
-    earlier one.
+    here. An item whose process ended without an answer goes to a new one; WorkerLost where that
+    happens again and again. Processes never outlive the iterator. `ahead` items for each process
+    are on their way at most: answers wait here for an earlier one.
     """
     if jobs == 1 or not can_fork():
         yield from map(function, items)
@@ -189,7 +207,8 @@ class _ProcessPool:
         self._function, self._jobs = function, jobs
         self._processes: list[int] = []
         self._idle: list[Connection] = []
-        self._busy: dict[Connection, int] = {}
+        self._busy: dict[Connection, tuple[int, Any]] = {}
+        self._lost: Counter[int] = Counter()  # processes, by the number of the item
         self.answers: dict[int, bytes] = {}
 
     @property
@@ -198,19 +217,25 @@ class _ProcessPool:
 
     def start(self, number: int, item: Any) -> None:
         connection = self._idle.pop() if self._idle else self._fork()
-        self._busy[connection] = number
-        connection.send(item)
+        self._busy[connection] = number, item
+        with suppress(ConnectionError):  # it has ended: nothing will be received
+            connection.send(item)
 
     def receive(self) -> None:
         """Wait for answers."""
         for connection in wait(list(self._busy)):
             assert isinstance(connection, Connection)
-            number = self._busy.pop(connection)
+            number, item = self._busy.pop(connection)
             try:
                 self.answers[number] = connection.recv_bytes()
                 self._idle.append(connection)
             except (EOFError, ConnectionError):
-                self.answers[number] = b""
+                connection.close()
+                self._lost[number] += 1
+                if self._lost[number] < ATTEMPTS:
+                    self.start(number, item)
+                else:
+                    self.answers[number] = b""
 
     def take(self, number: int) -> Any:
         return unpacked(self.answers.pop(number))

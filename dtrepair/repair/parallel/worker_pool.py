@@ -6,6 +6,7 @@ import mmap
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import Pipe
@@ -117,6 +118,9 @@ class ThreadWorkerPool(WorkerPool):
 class ProcessWorkerPool(WorkerPool):
     """Processes that inherit the object when work on it starts; this one takes its share too.
 
+    Raises WorkerLost where one has ended: what it knew of its frames is lost, and work must start
+    over.
+
     Threads gain little here: sparse solves and small numpy calls keep the interpreter's lock.
     """
 
@@ -146,9 +150,9 @@ class ProcessWorkerPool(WorkerPool):
             dtype=np.int64,
         )
         shares = [np.flatnonzero(owners == worker).tolist() for worker in range(self.jobs)]
-        for (_, connection), share in zip(self._workers, shares[1:], strict=True):
+        for worker, share in enumerate(shares[1:], 1):
             if len(share):
-                connection.send((name, [items[k] for k in share], more))
+                self._ask(worker, name, [items[k] for k in share], more)
         answers: list[Any] = [None] * len(items)
         for worker, share in enumerate(shares):
             if not len(share):
@@ -161,8 +165,8 @@ class ProcessWorkerPool(WorkerPool):
 
     def tell(self, name: str, *more: Any) -> None:
         """Call state.name(*more) in every process."""
-        for _, connection in self._workers:
-            connection.send((name, None, more))
+        for worker in range(1, self.jobs):
+            self._ask(worker, name, None, more)
         super().tell(name, *more)
         for worker in range(1, self.jobs):
             self._answer(worker)
@@ -173,6 +177,10 @@ class ProcessWorkerPool(WorkerPool):
             end(process)
             connection.close()
         self._workers = []
+
+    def _ask(self, worker: int, *call: Any) -> None:
+        with suppress(ConnectionError):  # it has ended: no answer will come
+            self._workers[worker - 1][1].send(call)
 
     def _answer(self, worker: int) -> Any:
         try:

@@ -38,7 +38,7 @@ from dtrepair.repair.scene.bodies import (
 )
 from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
 from dtrepair.repair.strain.parts import ConnectedParts
-from dtrepair.repair.surface.containment import Enclosures, oriented_outwards
+from dtrepair.repair.surface.containment import Enclosures, meshes_oriented_outwards
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
 
 
@@ -279,7 +279,8 @@ def make_scene(
         ValueError: bodies, options or pairs that cannot be used.
     """
     ignored, meshes = checked_ignored(ignore, len(bodies)), checked_meshes(bodies)
-    meshes = [(points, oriented_outwards(points, faces)) for points, faces in meshes]
+    outwards = meshes_oriented_outwards(meshes)
+    meshes = [(points, faces) for (points, _), faces in zip(meshes, outwards, strict=True)]
     rest = np.concatenate([points for points, _ in meshes])
     check_clearance(options.clearance, rest)
     vertex_starts = np.cumsum([0, *(len(points) for points, _ in meshes)])

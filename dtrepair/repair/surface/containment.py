@@ -5,6 +5,7 @@ A part is a connected component of the triangles, whatever body it belongs to.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -183,20 +184,41 @@ def oriented_outwards(points: FloatArray, faces: IntArray) -> IntArray:
 
     Such a part has a negative volume; one that lies inside another part is a cavity of it.
     """
-    if len(faces) == 0:
-        return faces
-    enclosures = Enclosures(points, weld_map(points)[faces])
+    return meshes_oriented_outwards([(points, faces)])[0]
+
+
+def meshes_oriented_outwards(meshes: Sequence[tuple[FloatArray, IntArray]]) -> list[IntArray]:
+    """Return the triangles of each mesh, (V, 3) and (F, 3), with such parts turned round.
+
+    Meshes do not matter to each other; those that are right as they are cost as one.
+    """
+    if not any(len(faces) for _, faces in meshes):
+        return [faces for _, faces in meshes]
+    starts = np.cumsum([0, *(len(points) for points, _ in meshes)])
+    ends = np.cumsum([len(faces) for _, faces in meshes])
+    welded = zip(meshes, starts, strict=False)
+    enclosures = Enclosures(
+        np.concatenate([points for points, _ in meshes]),
+        np.concatenate([weld_map(points)[faces] + start for (points, faces), start in welded]),
+    )
     part = enclosures.part_of_face
-    signed = np.bincount(part, np.linalg.det(points[faces] - points.mean(axis=0)))
-    turned = enclosures.closed & (signed < 0.0)
-    if not turned.any():
-        return faces
-    result = np.where(turned[part][:, None], faces[:, [0, 2, 1]], faces)
+    corners = [points[faces] - points.mean(axis=0) for points, faces in meshes if len(faces)]
+    signed = np.bincount(part, np.linalg.det(np.concatenate(corners)))
+    turned = np.split((enclosures.closed & (signed < 0.0))[part], ends[:-1])
+    return [
+        _turned(*mesh, own) if own.any() else mesh[1]
+        for mesh, own in zip(meshes, turned, strict=True)
+    ]
+
+
+def _turned(points: FloatArray, faces: IntArray, turned: BoolArray) -> IntArray:
+    """Return triangles (F, 3) with some (F,) turned round, unless they bound a cavity."""
+    result = np.where(turned[:, None], faces[:, [0, 2, 1]], faces)
     # Only what is oriented outwards tells what is inside of it.
     outwards = Enclosures(points, weld_map(points)[result])
     cavities = outwards(points, np.zeros((0, 2), dtype=np.int32)).parts[:, 0]
-    turned[cavities] = False
-    return np.where(turned[part][:, None], faces[:, [0, 2, 1]], faces)
+    turned = turned & ~np.isin(outwards.part_of_face, cavities)
+    return np.where(turned[:, None], faces[:, [0, 2, 1]], faces)
 
 
 def _grouped(

@@ -231,7 +231,7 @@ def test_dry_run_and_skip_existing(tmp_path: Path) -> None:
     plan = run("keyposes", path, "-o", tmp_path / "b.usdc", "--dry-run")
     assert plan.code == 0 and "2 frames (1 to 11)" in plan.out
     assert sorted(tmp_path.iterdir()) == files
-    (tmp_path / "b.usdc").write_text("old")
+    arm_stage(tmp_path / "b.usdc")
     again = run("keyposes", tmp_path / "no.usd", "-o", tmp_path / "b.usdc", "--skip-existing")
     assert again.code == 0 and "exists" in again.out
 

@@ -195,10 +195,10 @@ def test_dry_run_and_skip_existing_write_nothing(tmp_path: Path) -> None:
     plan = run("repair", path, "-o", tmp_path / "b.usdc", "--dry-run")
     assert plan.code == 0 and sorted(tmp_path.iterdir()) == before
     assert "/Root/Tube" in plan.out and "3 frames (1 to 3)" in plan.out
-    (tmp_path / "b.usdc").write_text("old")
+    old = tube_stage(tmp_path / "b.usdc").read_bytes()
     again = run("repair", tmp_path / "none.usd", "-o", tmp_path / "b.usdc", "--skip-existing")
     assert again.code == 0 and "exists" in again.out
-    assert (tmp_path / "b.usdc").read_text() == "old"
+    assert (tmp_path / "b.usdc").read_bytes() == old
 
 
 def test_verbose_tells_each_frame_on_stderr(tmp_path: Path) -> None:

@@ -165,3 +165,17 @@ def test_progress_that_cannot_be_kept_is_a_warning(tmp_path: Path, clip: Path) -
     done = run("repair", clip, "-o", tmp_path / "b.usdc", "--alone", "--frames", "1:4")
     assert done.code == 0 and "progress cannot be kept" in done.err
     assert (tmp_path / "b.usdc").exists()
+
+
+def test_a_wrong_window_is_solved_again_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path, windows: list[int]
+) -> None:
+    whole, output = tmp_path / "whole.usdc", tmp_path / "b.usdc"
+    assert run("repair", clip, "-o", whole).code == 0
+    interrupted(monkeypatch, clip, output, 3)
+    (entry,) = (tmp_path / ".b.usdc.resume").glob("*.npz")
+    np.savez(entry, vertices=np.zeros(0, dtype=int))  # a file without the points
+    windows.clear()
+    resumed = run("repair", clip, "-o", output, "--resume")
+    assert resumed.code == 0 and resumed.err == "" and len(windows) == 3
+    assert output.read_bytes() == whole.read_bytes()

@@ -277,9 +277,9 @@ def test_dry_run_and_skip_existing_write_nothing(stages: tuple[Path, Path, Path]
         "a.usda",
         "b.usda",
     ]
-    output.write_text("mine")
+    mine = tube_stage(output).read_bytes()
     skipped = run("transfer", source, target, "-o", output, "--skip-existing")
-    assert skipped.code == 0 and "skipped" in skipped.out and output.read_text() == "mine"
+    assert skipped.code == 0 and "skipped" in skipped.out and output.read_bytes() == mine
 
 
 def test_usage_errors(stages: tuple[Path, Path, Path], tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from dtrepair.repair.parallel.process_pool import can_fork
+from dtrepair.report.record import read_report
 from tests.command_line import CLOSED, OPEN, assert_fails, read_samples, run, tube_pose, tube_stage
 
 
@@ -121,8 +122,10 @@ def test_a_trace_tells_why_frames_are_not_repaired_together(
 
     path = tube_stage(tmp_path / "a.usda", (CLOSED, CLOSED, CLOSED))
     monkeypatch.setattr(ClipRepairer, "stream", deep_inside)
-    told = run("repair", path, "-o", tmp_path / "b.usdc", "-vv")
-    assert told.code == 0 and "in deep_inside" in told.err
+    report = tmp_path / "r.json"
+    told = run("repair", path, "-o", tmp_path / "b.usdc", "-vv", "--report", report)
+    assert told.code == 6 and "in deep_inside" in told.err
+    assert read_report(report)["alone_from"] == 1.0 and (tmp_path / "b.usdc").exists()
     assert "the frames are repaired alone: ArithmeticError: no window" in told.err
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 from pathlib import Path
 
 import pytest
@@ -44,3 +46,28 @@ def test_other_places_are_checked_first(tmp_path: Path) -> None:
     assert_fails(run("repair", path, *output, tmp_path), 5, "is a directory")
     assert_fails(run("repair", path, *output, path), 2, "is an input")
     assert not (tmp_path / "b.usdc").exists()
+
+
+def test_what_is_no_file_stays_what_it_is(tmp_path: Path) -> None:
+    path, layer, report = (tmp_path / name for name in ("a.usda", "b.usdc", "r.json"))
+    tube_stage(path, (OPEN, CLOSED))
+    os.mkfifo(layer)
+    os.mkfifo(report)
+    assert_fails(run("repair", path, "-o", layer), 5, "b.usdc", "FIFO")
+    reader = os.open(report, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        assert run("check", path, "--json", report).code == 1
+        validate(json.loads(os.read(reader, 1 << 16)))
+    finally:
+        os.close(reader)
+    assert layer.is_fifo() and report.is_fifo()
+    assert sorted(os.listdir(tmp_path)) == ["a.usda", "b.usdc", "r.json"]
+
+
+def test_a_full_device_is_told(tmp_path: Path) -> None:
+    path, output = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED)), tmp_path / "b.usdc"
+    full = tmp_path / "full"
+    full.symlink_to("/dev/full")
+    done = run("repair", path, "-o", output, "--report", full)
+    assert done.code == 5 and "full: cannot be written: No space left" in done.err
+    assert output.exists() and full.is_char_device()

@@ -126,6 +126,7 @@ def test_frames_that_cannot_be_solved_together_are_solved_alone(
     assert {item.record.status for item in done} == {"clean"}
     assert len(repairer.warnings) == 1
     assert f"frames from {before + 1} are repaired alone: Arith" in repairer.warnings[0]
+    assert repairer.alone_from == before + 1
 
 
 def test_only_unusable_frames(repairer: FrameRepairer) -> None:

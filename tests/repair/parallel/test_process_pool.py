@@ -17,7 +17,12 @@ import pytest
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from dtrepair.repair.parallel.process_pool import can_fork, map_in_processes
+from dtrepair.repair.parallel.process_pool import (
+    ATTEMPTS,
+    WorkerLost,
+    can_fork,
+    map_in_processes,
+)
 from tests.present import present
 
 pytestmark = pytest.mark.skipif(not can_fork(), reason="needs processes that can be forked")
@@ -103,12 +108,33 @@ def test_an_exception_tells_where_it_was_raised() -> None:
         assert "in deep_inside" in note
 
 
-def test_a_killed_process_is_told() -> None:
+def test_a_process_that_is_killed_each_time_is_told(tmp_path: Path) -> None:
     def killed(_: object) -> None:
+        (tmp_path / str(os.getpid())).touch()
         os.kill(os.getpid(), signal.SIGKILL)
 
-    with pytest.raises(RuntimeError, match="fewer jobs"):
+    with pytest.raises(WorkerLost, match="fewer jobs"):
         list(map_in_processes(killed, [0], jobs=2))
+    assert len(list(tmp_path.iterdir())) == ATTEMPTS
+
+
+def test_what_a_killed_process_was_at_is_done_by_another(tmp_path: Path) -> None:
+    def fragile(number: int) -> int:
+        if number in (1, 4) and not (tmp_path / str(number)).exists():
+            (tmp_path / str(number)).touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return number**2
+
+    assert list(map_in_processes(fragile, range(6), jobs=2)) == [0, 1, 4, 9, 16, 25]
+
+
+def test_a_process_that_is_killed_while_it_waits_is_replaced() -> None:
+    items = iter(range(6))
+    answers = map_in_processes(lambda _: os.getpid(), items, jobs=1 + 1, ahead=1)
+    first = next(answers)
+    os.kill(first, signal.SIGKILL)
+    others = set(answers)
+    assert len(others) > 1 and os.getpid() not in others
 
 
 def test_a_signal_during_the_fork_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:

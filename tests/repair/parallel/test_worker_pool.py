@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from dtrepair.repair.parallel.process_pool import can_fork
+from dtrepair.repair.parallel.process_pool import WorkerLost, can_fork
 from dtrepair.repair.parallel.worker_pool import (
     ProcessWorkerPool,
     ThreadWorkerPool,
@@ -91,8 +91,13 @@ def test_processes_share_the_work_and_end() -> None:
 def test_a_killed_worker_is_told() -> None:
     with ProcessWorkerPool(2) as pool:
         pool.start(Work(pool))
-        with pytest.raises(RuntimeError, match="fewer jobs"):
+        with pytest.raises(WorkerLost, match="fewer jobs"):
             pool.map("die", [0, 1])
+        for _ in range(2):  # and again, by those who ask
+            with pytest.raises(WorkerLost):
+                pool.map("squared", [0, 1], 1.0)
+            with pytest.raises(WorkerLost):
+                pool.tell("shift", 1)
 
 
 def test_small_windows_are_not_worth_workers() -> None:

@@ -7,7 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import find_intersections
-from dtrepair.repair.surface.containment import Enclosures
+from dtrepair.repair.surface.containment import (
+    Enclosures,
+    meshes_oriented_outwards,
+    oriented_outwards,
+)
 from tests.meshes import Mesh, grid, icosphere, joined, torus
 
 NONE = np.zeros((0, 2), dtype=np.int32)
@@ -110,3 +114,23 @@ def test_the_cost_of_many_parts_is_small() -> None:
     rest, faces = joined(*[(icosphere(0)[0] + s, icosphere(0)[1]) for s in shifts])
     found = Enclosures(rest, faces)._boxes_inside(rest)
     assert len(found) == 0
+
+
+def test_meshes_are_oriented_as_if_each_were_alone() -> None:
+    inside_out = BALL_FACES[:, ::-1]
+    plane, open_faces = grid(3, 3)
+    # A ball with a cavity, which stays one.
+    hollow, hollow_faces = joined((BALL, BALL_FACES), (SMALL, SMALL_FACES[:, ::-1]))
+    meshes = [
+        (BALL, BALL_FACES),
+        (BALL + AWAY, inside_out),
+        (plane, open_faces),
+        (BALL, BALL_FACES[:0]),
+        (hollow, hollow_faces),
+    ]
+    together = meshes_oriented_outwards(meshes)
+    for mesh, found in zip(meshes, together, strict=True):
+        assert np.array_equal(found, oriented_outwards(*mesh))
+    assert np.array_equal(together[1], inside_out[:, [0, 2, 1]])
+    assert together[0] is BALL_FACES and np.array_equal(together[4], hollow_faces)
+    assert meshes_oriented_outwards([]) == []

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tests.usd_stages import CUBE, cube_file
 from usd_io import OutputError, OverrideWriter, open_stage, read_meshes
-from usd_io.write.atomic_layer import AtomicLayer
+from usd_io.write.atomic_layer import FRAMES_BETWEEN_SAVES, AtomicLayer
 
 REWRITE = """
 import sys, numpy as np, usd_io
@@ -164,3 +165,15 @@ def test_the_file_has_usual_permissions(tmp_path: Path) -> None:
     with AtomicLayer(tmp_path / "out.usdc") as file:
         file.commit()
     assert (tmp_path / "out.usdc").stat().st_mode == plain.stat().st_mode
+
+
+def test_a_removed_folder_does_not_come_back(tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    with AtomicLayer(folder / "out.usdc") as file:
+        shutil.rmtree(folder)
+        for _ in range(FRAMES_BETWEEN_SAVES - 1):
+            file.end_frame()
+        with pytest.raises(OutputError, match="folder was removed"):
+            file.end_frame()
+    assert names_in(tmp_path) == set()

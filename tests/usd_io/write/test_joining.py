@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -31,17 +31,25 @@ from usd_io import (
 
 
 def chunk(
-    path: Path, output: Path, times: Iterable[float], *, change: float = 1.0, **options: Any
+    path: Path,
+    output: Path,
+    times: Iterable[float],
+    *,
+    change: float = 1.0,
+    record: Mapping[str, Any] | None = None,
+    version: str = "1",
+    more: Mapping[str, Any] | None = None,
+    **options: Any,
 ) -> Path:
     """A part of an animation: the frames given are changed."""
-    opened = open_stage(path)
-    with OverrideWriter(opened, output, settings={"change": change}, version="1") as writer:
+    opened, settings = open_stage(path), {"change": 1.0, **(record or {})}
+    with OverrideWriter(opened, output, settings=settings, version=version) as writer:
         for mesh in read_meshes(opened, **options).meshes:
             for time in times:
                 points = read_frame(mesh, time)
                 assert points is not None
                 writer.write(mesh, time, points + np.float32(change))
-        writer.commit(record={"note": output.stem})
+        writer.commit(record={"note": output.stem, **(more or {})})
     return output
 
 
@@ -152,6 +160,38 @@ def test_an_input_that_changed_in_between_is_noticed(tmp_path: Path) -> None:
     third = chunk(path, tmp_path / "c.usdc", [3])
     with pytest.raises(StageError, match="at frame 2; the inputs have changed"):
         join_layers([second, third], tmp_path / "all.usdc")
+
+
+def test_strangers_are_refused(tmp_path: Path) -> None:
+    path = cube_file(tmp_path / "in.usdc", times=range(4))
+    own = {"list": [1, 2], "empty": [], "objects": {"/Root/Cube": {"rigid": True}}, "rest": "4"}
+    split = [chunk(path, tmp_path / "a.usdc", [0], record={**own, "chunk": "1/2"})]
+    split += [chunk(path, tmp_path / "b.usda", [1], record={**own, "chunk": "2/2"})]
+    join_layers(split, tmp_path / "all.usdc")
+    others: list[tuple[dict[str, Any], str]] = [
+        ({"record": {**own, "chunk": "2/2", "change": 20.0}}, r"in change \(1.0 and 20.0\)"),
+        ({"record": {**own, "chunk": "2/2", "frames": "2:3"}}, r"in frames \(none and 2:3\)"),
+        ({"record": {**own, "chunk": "2/2", "list": [1, 3]}}, "in list"),
+        ({"record": {**own, "chunk": "2/2"}, "version": "2"}, r"in version \(1 and 2\)"),
+        ({"record": {**own, "chunk": "2/2"}, "more": {"input_digest": "f00d"}}, "the content of"),
+        ({"record": own, "change": 5.0}, "disagree about"),
+    ]
+    for options, words in others:
+        times = [0, 1] if "change" in options else [1]
+        other = chunk(path, tmp_path / "other.usdc", times, **options)
+        for order in ([*split, other], [split[0], other]):
+            with pytest.raises(StageError, match=words if len(order) > 2 else "missing|differ"):
+                join_layers(order, tmp_path / "bad.usdc", differing=["frames"])
+    assert not (tmp_path / "bad.usdc").exists()
+
+
+def test_ranges_may_differ_in_what_was_chosen(tmp_path: Path) -> None:
+    path = cube_file(tmp_path / "in.usdc", times=range(4))
+    parts = [chunk(path, tmp_path / f"{n}.usdc", [n], record={"frames": str(n)}) for n in range(2)]
+    with pytest.raises(StageError, match=r"in frames \(0 and 1\)"):
+        join_layers(parts, tmp_path / "all.usdc")
+    join_layers(parts, tmp_path / "all.usdc", differing=["frames"])
+    check_joined(tmp_path / "all.usdc", lambda time: time < 2, range(4))
 
 
 def test_different_inputs_are_refused(tmp_path: Path) -> None:

@@ -1,0 +1,50 @@
+"""--skip-existing opens what it finds."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
+
+
+@pytest.mark.parametrize("name", ["b.usdc", "b.usda", "b.obj", "b.ply"])
+def test_only_what_opens_is_done(tmp_path: Path, name: str) -> None:
+    output = tmp_path / name
+    if output.suffix.startswith(".usd"):
+        path = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN))
+    else:
+        path = tube_obj(tmp_path / "a.obj")
+    command = ("repair", path, "-o", output, "--skip-existing")
+    done = run(*command)
+    assert done.code == 0 and "skipped" not in done.out
+    whole = output.read_bytes()
+    done = run(*command)
+    assert done.code == 0 and "exists; skipped" in done.out and done.err == ""
+    for broken in (b"", whole[: len(whole) // 2]):
+        output.write_bytes(broken)
+        done = run(*command)
+        assert done.code == 0 and "exists, but cannot be read: it is written again" in done.err
+        assert output.read_bytes() == whole
+
+
+@pytest.mark.parametrize("command", ["transfer", "keyposes", "join"])
+def test_the_other_commands_too(tmp_path: Path, command: str) -> None:
+    path, part = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN)), tmp_path / "part.usdc"
+    assert run("repair", path, "-o", part).code == 0
+    inputs = {"transfer": [path, path], "keyposes": [path], "join": [part]}[command]
+    output = tmp_path / "b.usdc"
+    output.touch()
+    done = run(command, *inputs, "-o", output, "--skip-existing")
+    assert "written again" in done.err and output.stat().st_size > 0
+    done = run(command, *inputs, "-o", output, "--skip-existing")
+    assert done.code == 0 and "exists; skipped" in done.out
+
+
+def test_what_is_no_file_is_not_done(tmp_path: Path) -> None:
+    path, output = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN)), tmp_path / "b.usdc"
+    os.mkfifo(output)
+    done = run("repair", path, "-o", output, "--skip-existing", "-q")
+    assert_fails(done, 5, "FIFO")

@@ -50,7 +50,7 @@ def print_report(console: Console, report: Report, *, repaired: bool) -> None:
         console.table(header, rows)
     assert report.transfer is not None
     section = report.transfer
-    faces = report.prims[0].triangles
+    faces = sum(prim.triangles for prim in report.prims)
     console.result(
         f"{section.pairs} pairs of triangles ({section.correspondence}); "
         f"{section.unmatched} of {faces} target triangles unmatched"

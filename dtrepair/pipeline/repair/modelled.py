@@ -87,12 +87,13 @@ def modelled_references(
 
     attached: pairs (i, j) of meshes, i <= j, that the user calls attached. For two of their parts
     of which nothing of that tells, the frame with fewest of their pairs shows where. told_by_rest:
-    all rests are known to tell.
+    the rests of meshes that do not move at all tell, too.
     """
     meshes = _Meshes(source, rests, ignored=ignored, attached=attached)
     if meshes.one_part:
         return []
-    meshes.bound |= told_by_rest
+    if told_by_rest:
+        meshes.bound |= [not _is_animated(mesh) for mesh in source.meshes]
     rest = meshes.look(meshes.rest, BIND_POSE)
     known = [rest.of(meshes.tell_by_rests(rest.pairs))]
     if not meshes.bound.all():
@@ -145,9 +146,9 @@ def modelled_parts(
 ) -> ModelledParts:
     """What was modelled as overlapping, by the triangles of all meshes in a row, with its parts.
 
-    By the meshes' own rests: those that have none do not need any; or by `rests`, which are known
-    to tell. attached: as `modelled_references` takes them; without `auto` nothing else counts as
-    modelled.
+    By the meshes' own rests: those that have none do not need any; or by `rests`, which tell of
+    meshes that do not move at all, too. attached: as `modelled_references` takes them; without
+    `auto` nothing else counts as modelled.
     """
     from dtrepair.numerics.attachments import find_attachments
 
@@ -292,6 +293,15 @@ def _is_bound(mesh: SourceMesh) -> bool:
         return False
     moves = bool(mesh.handle.skinned) or len(mesh.handle.times) > 1
     return mesh.has_rest and moves
+
+
+def _is_animated(mesh: SourceMesh) -> bool:
+    """Whether a mesh changes over time, or is moved."""
+    if mesh.handle is None:
+        return False
+    import usd_io
+
+    return len(mesh.handle.times) > 1 or len(usd_io.transform_times(mesh.handle)) > 1
 
 
 def _placed(source: Source, time: float, poses: Sequence[NDArray[np.floating]]) -> FloatArray:

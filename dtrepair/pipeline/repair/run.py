@@ -168,7 +168,7 @@ def make_repairer(
 ) -> tuple[FrameRepairer, list[int | None]]:
     """Build the solver and the counter, once for all frames; count the rests' own intersections.
 
-    told_by_rest: the rests are known to be the pose in which the meshes were modelled together.
+    told_by_rest: meshes that do not move at all are known to lie as they were modelled together.
     """
     from dtrepair.intersect.scene_counts import SceneCounter
     from dtrepair.pipeline.repair.modelled import layer_poses, modelled_references

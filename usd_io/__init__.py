@@ -26,12 +26,11 @@ if TYPE_CHECKING:
         UsageError,
         UsdIoError,
     )
-    from usd_io.read.digest import input_digest
     from usd_io.read.matrices import inverse_matrix, transform_points
     from usd_io.read.mesh import AnimatedMesh, MeshSelection
     from usd_io.read.reader import read_frame, read_meshes, read_points
     from usd_io.read.stage_times import StageTimes, stage_times
-    from usd_io.read.stages import OpenedStage, open_stage
+    from usd_io.read.stages import OpenedStage, input_digest, open_stage
     from usd_io.read.transforms import local_points, transform_times, world_faces, world_matrix
     from usd_io.read.vertex_weights import read_vertex_weights
     from usd_io.times import FrameSpec, parse_frames
@@ -83,13 +82,12 @@ _MODULES = {
         "UsageError",
         "UsdIoError",
     ),
-    "read.digest": ("input_digest",),
     "write.joining": ("join_layers",),
     "read.matrices": ("inverse_matrix", "transform_points"),
     "read.mesh": ("AnimatedMesh", "MeshSelection"),
     "read.reader": ("read_frame", "read_meshes", "read_points"),
     "read.stage_times": ("StageTimes", "stage_times"),
-    "read.stages": ("OpenedStage", "open_stage"),
+    "read.stages": ("OpenedStage", "input_digest", "open_stage"),
     "times": ("FrameSpec", "parse_frames"),
     "read.transforms": ("local_points", "transform_times", "world_faces", "world_matrix"),
     "read.vertex_weights": ("read_vertex_weights",),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -134,3 +135,24 @@ def _check_file(path: str) -> None:
         # Other extensions may still have a plugin; pxr decides, this only helps its message.
         if Sdf.FileFormat.FindByExtension(path) is None:
             raise StageError(f"{path}: not a USD file; expected one of {', '.join(USD_EXTENSIONS)}")
+
+
+def input_digest(stage: OpenedStage | Usd.Stage) -> str:
+    """Return a digest of the content of the layer files of a stage, wherever they lie.
+
+    Layers that are no files of their own, such as those in memory, do not count.
+    """
+    layers = as_stage(stage).GetUsedLayers()
+    files = {layer.realPath.partition("[")[0] for layer in layers} - {""}
+    digest = hashlib.sha256()
+    for content in sorted(_content(file) for file in files):
+        digest.update(content)
+    return digest.hexdigest()
+
+
+def _content(file: str) -> bytes:
+    try:
+        with open(file, "rb") as stream:
+            return hashlib.file_digest(stream, "sha256").digest()
+    except OSError:
+        return b""

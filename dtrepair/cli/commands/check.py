@@ -19,7 +19,7 @@ from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.modelled_text import print_modelled
-from dtrepair.cli.terminal.report_place import put_report
+from dtrepair.cli.terminal.outputs import put_report
 from dtrepair.intersect import MODES
 from dtrepair.pipeline.check import COUNTED_APART, CheckSettings, check_stage
 from dtrepair.pipeline.errors import exit_code

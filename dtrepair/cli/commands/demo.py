@@ -13,8 +13,8 @@ from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
+from dtrepair.cli.terminal.outputs import put_report
 from dtrepair.cli.terminal.repair_text import print_table, say
-from dtrepair.cli.terminal.report_place import put_report
 from dtrepair.pipeline.errors import OutputError, exit_code
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.outputs import writing

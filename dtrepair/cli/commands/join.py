@@ -6,8 +6,8 @@ import click
 
 from dtrepair.cli.options.shared import console_options
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.existing import already_written
 from dtrepair.cli.terminal.failures import one_line_errors
+from dtrepair.cli.terminal.outputs import already_written
 from dtrepair.pipeline.errors import CLEAN
 
 

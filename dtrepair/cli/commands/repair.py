@@ -19,11 +19,10 @@ from dtrepair.cli.options.shared import (
 )
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
-from dtrepair.cli.terminal.existing import already_written
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
+from dtrepair.cli.terminal.outputs import already_written, check_report_place, put_report
 from dtrepair.cli.terminal.repair_text import print_plan, print_table, say
-from dtrepair.cli.terminal.report_place import check_report_place, put_report
 from dtrepair.pipeline.errors import CLEAN, exit_code
 from dtrepair.pipeline.repair.settings import OutputOptions, RepairSettings
 from dtrepair.pipeline.repair.stage import plan_repair, repair_stage

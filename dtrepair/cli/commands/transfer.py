@@ -20,10 +20,9 @@ from dtrepair.cli.options.shared import (
 from dtrepair.cli.options.transfer import transfer_options
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
-from dtrepair.cli.terminal.existing import already_written
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
-from dtrepair.cli.terminal.report_place import check_report_place, put_report
+from dtrepair.cli.terminal.outputs import already_written, check_report_place, put_report
 from dtrepair.cli.terminal.transfer_text import print_plan, print_report, say
 from dtrepair.pipeline.errors import CLEAN, UsageError, exit_code
 from dtrepair.pipeline.selection import ObjectOptions, Selection

@@ -48,8 +48,11 @@ def frames_kept(folder: Path) -> list[Path]:
 
 
 def wait_for_progress(folder: Path, process: subprocess.Popen[str]) -> None:
-    """Wait until a frame is kept; the process must not end before."""
-    while not frames_kept(folder):
+    """Wait until frames are kept; the process must not end before.
+
+    Two: the process has counted the first one when the second one is there.
+    """
+    while len(frames_kept(folder)) < 2:
         assert process.poll() is None, process.communicate()
         time.sleep(0.01)
 

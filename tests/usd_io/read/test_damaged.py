@@ -105,7 +105,8 @@ def test_a_damaged_sample_is_the_fault_of_its_frame(tmp_path: Path, number: int)
     path = cube_file(tmp_path / "in.usdc", times=[1.0, 2.0])
     mesh = read_meshes(open_stage(with_count(path, moved_cube(2.0).tobytes(), number))).meshes[0]
     assert np.array_equal(read_points(mesh, [1.0])[0], moved_cube(1.0))
-    with pytest.raises(FrameError, match=r"/Root/Cube at frame 2: cannot be read \(") as caught:
+    wrong = r"/Root/Cube at frame 2: (cannot be read \(|points should be of type)"
+    with pytest.raises(FrameError, match=wrong) as caught:
         read_frame(mesh, 2.0)
     assert "\n" not in str(caught.value)
 

@@ -1,13 +1,19 @@
-"""Where `--report` goes: a file, or - for standard output, where then nothing else goes."""
+"""What is at an output already, and where `--report` goes: a file, or - for standard output."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.streams import say
 from dtrepair.pipeline.errors import OutputError
-from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting, writing
+from dtrepair.pipeline.stages.outputs import (
+    check_writable,
+    is_readable,
+    refuse_overwriting,
+    writing,
+)
 from dtrepair.report.record import Report, render_report, write_report
 
 STDOUT = "-"
@@ -37,3 +43,14 @@ def put_report(report: Report, path: str | None) -> None:
     elif path is not None:
         with writing(path):
             write_report(report, path)
+
+
+def already_written(output: str, console: Console) -> bool:
+    """Return whether --skip-existing finds a whole output; tell that, and what cannot be read."""
+    if not os.path.exists(output):
+        return False
+    if is_readable(output):
+        console.result(f"{output}: exists; skipped")
+        return True
+    console.warn([f"{output}: exists, but cannot be read: it is written again"])
+    return False

@@ -62,7 +62,8 @@ def closed(shape: Shape, around: int) -> Shape:
 def turned(points: Floats, pivot: Sequence[float], axis: Sequence[float], angle: Floats) -> Floats:
     """Points (V, 3) turned about an axis through a pivot, each by an angle (V,)."""
     way = np.asarray(angle)[:, None] * np.asarray(axis, dtype=float)
-    return Rotation.from_rotvec(way).apply(points - pivot) + pivot
+    found: Floats = Rotation.from_rotvec(way).apply(points - pivot) + pivot
+    return found
 
 
 def joined(shapes: Sequence[Shape]) -> Faces:
@@ -108,7 +109,7 @@ def skirt(frames: int = 24) -> Dressed:
     line = np.stack([np.zeros(30), np.linspace(1.2, 0.0, 30), np.zeros(30)], axis=1)
     bodies, cloths, cores = [], [], []
     for phase in np.linspace(0.0, 2.0 * np.pi, frames):
-        parts, own = [TORSO[0]], []
+        parts, own = [TORSO[0]], list[Floats]()
         for side in (-1.0, 1.0):
             angle, hip = side * np.radians(34.0) * np.sin(phase), (side * 0.11, 0.88, 0.0)
             for points, kept in ((LEG[0], parts), (line, own)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import sys
@@ -45,6 +46,7 @@ class LazyGroup(click.Group):
         if name not in COMMANDS:
             return None
         module = importlib.import_module(f"dtrepair.cli.commands.{name}")
+        gc.freeze()  # what modules hold stays: no collection has to look through it
         command: click.Command = module.command
         return command
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import signal
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 from dtrepair import __all__ as names
 from dtrepair.cli.app import COMMANDS, group
 from dtrepair.pipeline import Cancelled, exit_code
+from dtrepair.pipeline.errors import CANCELLED, INTERNAL, WORKERS
 from tests.command_line import CLOSED, OPEN, read_samples, tube_stage
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
@@ -32,8 +34,8 @@ def test_commands_and_options_exist(line: str) -> None:
 
 def test_every_command_and_exit_code_is_shown() -> None:
     assert {shlex.split(line)[1] for line in LINES} == set(COMMANDS)
-    for code in range(6):
-        assert f"\n| {code} |" in README
+    codes = {*range(WORKERS + 1), INTERNAL, CANCELLED, 128 + signal.SIGTERM}
+    assert codes == {int(code) for code in re.findall(r"^\| (\d+) \|", README, re.MULTILINE)}
 
 
 def test_python_names_are_public() -> None:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     "keyposes",
     epilog="Exit code 0: keys and in-betweens are clean; 1: intersections remain (or were found "
     "by --verify-only); 2: usage; 3: input unusable; 4: some keys failed, the rest is written; "
-    "5: output cannot be written.",
+    "5: output cannot be written; 130 and 143: interrupted, an older output is intact.",
 )
 @click.argument("source_path", metavar="STAGE")
 @click.option("-o", "--output", metavar="OUT", help="The layer to write.")

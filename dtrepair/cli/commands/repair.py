@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     epilog="Exit code 0: every frame is clean; 1: intersections remain, or frames are strained; "
     "2: usage; 3: input unusable; 4: some frames failed, the rest is written; 5: output cannot be "
     "written; 6: frames could not be repaired together, each is written as repaired alone; "
-    "7: workers were lost, nothing is written, --resume goes on.",
+    "7: workers were lost, nothing is written, --resume goes on; 130 and 143: interrupted, as 7.",
 )
 @click.argument("source_path", metavar="STAGE|MESH")
 @click.option("-o", "--output", metavar="OUT", required=True, help="The layer or mesh to write.")

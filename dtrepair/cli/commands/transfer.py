@@ -55,7 +55,9 @@ class GreedyPoses(click.Command):
     cls=GreedyPoses,
     epilog="Exit code 0: done, nothing intersects; 1: the result intersects itself, but is "
     "written; 2: usage; 3: input unusable; 4: some frames failed, the rest is written; 5: output "
-    "cannot be written.",
+    "cannot be written; with --repair also 6: frames could not be repaired together, each is "
+    "written as repaired alone; 7: workers were lost, nothing is written. 130 and 143: "
+    "interrupted, an older output is intact.",
 )
 @click.argument("source_path", metavar="SOURCE")
 @click.argument("target_path", metavar="TARGET")

@@ -41,7 +41,7 @@ def _conclusion(records: tuple[FrameRecord, ...]) -> str:
     triangles = sum(count.triangles for count in counts)
     pairs = sum(count.pairs for count in counts)
     failed = sum(record.status == "failed" for record in records)
-    ending = f"; {counted(failed, 'frame')} could not be read" if failed else ""
+    ending = f"; {counted(failed, 'frame')} could not be used" if failed else ""
     modelled = sum(count.modelled_pairs for count in counts)
     if modelled:
         ending = f", beside {counted(modelled, 'pair')} that were modelled{ending}"

@@ -9,7 +9,7 @@ from dtrepair.wording import counted
 
 
 def print_keys(console: Console, records: tuple[FrameRecord, ...]) -> None:
-    """Print the keys that intersect, or could not be read, where they are only counted."""
+    """Print the keys that intersect, or could not be used, where they are only counted."""
     rows = []
     for record in records:
         label = time_label(record.time)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,7 @@ import numpy as np
 
 from dtrepair.keyposes.tracks import Pose, Track
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired
-from dtrepair.pipeline.stages.frames import Frame, read_frame
+from dtrepair.pipeline.stages.frames import Frame, count_frame, read_frame
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import StageSource
 from dtrepair.report.record import FrameRecord
@@ -28,12 +28,26 @@ class StageKeys:
     are selected and have points; skipped: spans that lack points.
     """
 
-    def __init__(self, source: StageSource, repairer: FrameRepairer, rigid: Sequence[bool]) -> None:
-        """Read all keys; `repairer` solves and verifies frame by frame; `rigid` of each mesh."""
+    def __init__(
+        self,
+        source: StageSource,
+        repairer: FrameRepairer,
+        rigid: Sequence[bool],
+        check: Callable[[], None],
+    ) -> None:
+        """Read all keys, and count those selected; one that collapsed cannot be used.
+
+        repairer: solves and verifies frame by frame; rigid: of each mesh; check: called from time
+        to time, and ends the work by what it raises.
+        """
         self.source, self.repairer, self.rigid = source, repairer, rigid
         times = [float(time) for time in source.all_times]
         self.selected = [time for time in times if time in source.times]
         self.frames = {time: read_frame(source, time) for time in times}
+        self._counts: dict[float, SceneCount | None] = {}
+        for time in self.selected:
+            check()
+            self.frames[time], self._counts[time] = count_frame(repairer.counter, self.frames[time])
         self._usable = [time for time in times if self.frames[time].usable]
         # Of in-betweens: what is interpolated has no shape that it should keep, so they are judged
         # where they are repaired, and keys as they end.
@@ -119,14 +133,14 @@ class StageKeys:
             return self.repairer.finish(frame, None)
         none = Count(0, 0)  # `finish` believes its own counts only
         unmoved = [RepairResult(points, none, none, 0, Status.CLEAN) for points in frame.spaces]
-        return self.repairer.finish(frame, unmoved)
+        return self.repairer.finish(frame, unmoved, self._counts[time])
 
     def repair_key(self, time: float) -> Repaired:
         """Repair a key of the input into `tracks`."""
         frame = self.frames[time]
         if not frame.usable:
             return self.repairer.finish(frame, None)
-        repaired = self._repaired(frame)
+        repaired = self._repaired(frame, self._counts[time])
         tracks = list(self.tracks)
         for index, points in enumerate(repaired.points):
             if points is not None:
@@ -134,12 +148,12 @@ class StageKeys:
         self.tracks = tuple(tracks)
         return repaired
 
-    def _repaired(self, frame: Frame) -> Repaired:
+    def _repaired(self, frame: Frame, before: SceneCount | None = None) -> Repaired:
         try:
             solution: Any = self.repairer.repairer(frame.spaces)
         except Exception as error:
             solution = error
-        return self.repairer.finish(frame, solution)
+        return self.repairer.finish(frame, solution, before)
 
     def write(self, tracks: Sequence[Track], sink: Sink) -> None:
         """Put the keys that were changed or added; others keep the samples of the input."""

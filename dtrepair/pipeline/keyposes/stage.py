@@ -180,7 +180,8 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     warn(observer, rest_warnings(source, prepared.rests, rest_counts))
     tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
     run.clock.lap("factor")
-    keys = StageKeys(source, repairer, [bool(own.rigid) for own in controls.settings])
+    rigid = [bool(own.rigid) for own in controls.settings]
+    keys = StageKeys(source, repairer, rigid, lambda: stop_if_cancelled(observer))
     records = _repair_keys(keys, observer, only_count=sink is None)
     refuse_if_none_usable(source, list(records.values()))
     run.clock.lap("solve")

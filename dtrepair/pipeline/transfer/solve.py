@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dtrepair.pipeline.errors import InputError
 from dtrepair.pipeline.repair.solve import Repaired
 from dtrepair.pipeline.stages.bodies import read_pins
-from dtrepair.pipeline.stages.frames import Frame, frame_time, read_frames, unusable
+from dtrepair.pipeline.stages.frames import Frame, count_frame, frame_time, read_frames, unusable
 from dtrepair.pipeline.stages.sources import MeshSource
 from dtrepair.pipeline.transfer.correspondence import read_arrays
 from dtrepair.pipeline.transfer.inputs import input_errors
@@ -148,14 +148,14 @@ def counted_frames(
     """Count the intersections of frames and leave them as they are."""
     meshes = target.source.meshes
     unchanged = (None,) * len(meshes)
-    for frame in frames:
-        if not frame.usable:
+    for given in frames:
+        start = clock.perf_counter()
+        frame, found = count_frame(counter, given)
+        seconds = clock.perf_counter() - start
+        if found is None:
             yield Repaired(frame, unchanged, frame.spaces, unusable(frame), {})
             continue
-        start = clock.perf_counter()
-        found = counter(frame.spaces)
         count = found.total
-        seconds = clock.perf_counter() - start
         record = FrameRecord(
             time=frame_time(frame),
             status="unchanged" if count.pairs else "clean",

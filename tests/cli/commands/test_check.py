@@ -181,7 +181,7 @@ def test_unusable_frames_end_with_4(tmp_path: Path) -> None:
     del points, stage
     found = run("check", path)
     assert found.code == 4
-    assert "1 frame could not be read" in found.out.splitlines()[-1]
+    assert "1 frame could not be used" in found.out.splitlines()[-1]
     assert "frame 2" in found.err and "NaN" in found.err
     report = run("check", path, "--json", "-").json
     assert [f["status"] for f in report["frames"]] == ["clean", "failed", "unchanged"]

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, Vt
 
-from dtrepair.pipeline import Selection, check_stage, join_layers, plan_repair, repair_stage
+from dtrepair.pipeline import (
+    Cancelled,
+    Observer,
+    Selection,
+    check_stage,
+    join_layers,
+    plan_repair,
+    repair_stage,
+)
+from dtrepair.pipeline.observer import FrameDone
+from dtrepair.pipeline.repair.journal import Journal
 from tests.cgal_reference import cgal_pairs
 from tests.command_line import run, tube_obj
 from tests.meshes import icosphere, joined
@@ -212,3 +223,39 @@ def test_chunks_of_sparse_samples_join_to_one_run(tmp_path: Path) -> None:
         assert samples(output, prim, "extent") == samples(whole, prim, "extent")
     for time in np.arange(0.0, 10.01, 0.5):
         np.testing.assert_array_equal(world(output, time), world(whole, time))
+
+
+class Impatient(Observer):
+    """Ends a run as soon as a frame beyond half of it is written."""
+
+    ended = False
+
+    def remark(self, remark: object) -> None:
+        self.ended |= isinstance(remark, FrameDone) and remark.record.time == 6.0
+
+    def cancelled(self) -> bool:
+        return self.ended
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_sparse_samples_are_resumed_to_the_same_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, alone: bool
+) -> None:
+    stage = passing_balls(tmp_path / "in.usda")
+    whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
+    repair_stage(stage, whole, jobs=1, alone=alone)
+    with pytest.raises(Cancelled):
+        repair_stage(stage, output, jobs=1, alone=alone, observer=Impatient())
+    found: list[bool] = []
+    recall = Journal.recall
+
+    def counted(self: Journal, key: str) -> Any:
+        arrays = recall(self, key)
+        found.append(arrays is not None)
+        return arrays
+
+    monkeypatch.setattr(Journal, "recall", counted)
+    repair_stage(stage, output, jobs=1, alone=alone, resume=True)
+    if alone:  # together, the balls are led apart before any window is solved
+        assert sum(found) >= 6
+    assert output.read_bytes() == whole.read_bytes()

@@ -135,3 +135,19 @@ def test_transform_times_are_the_union_of_the_chain(tmp_path: Path) -> None:
     stage.GetRootLayer().Save()
     reset = read_meshes(open_stage(tmp_path / "shot.usda"), prim="//Inner//").meshes[0]
     assert transform_times(reset).tolist() == [2.5, 5.0]
+
+
+@pytest.mark.parametrize("samples", [{}, {3.0: 7.0, 9.0: 8.0}])
+def test_default_time_is_the_earliest_sample_of_what_is_animated(
+    tmp_path: Path, samples: dict[float, float]
+) -> None:
+    stage = new_stage(tmp_path / "default.usda")
+    UsdGeom.Xform.Define(stage, "/Root/Still").AddTranslateOp().Set((1.0, 0.0, 0.0))
+    moved = UsdGeom.Xform.Define(stage, "/Root/Still/Moved").AddTranslateOp()
+    moved.Set((5.0, 0.0, 0.0))
+    for time, place in samples.items():
+        moved.Set((place, 0.0, 0.0), time)
+    define_cube(stage, "/Root/Still/Moved/Cube")
+    stage.GetRootLayer().Save()
+    mesh = read_meshes(open_stage(tmp_path / "default.usda")).meshes[0]
+    assert world_matrix(mesh, NAN)[3, 0] == (8.0 if samples else 6.0)

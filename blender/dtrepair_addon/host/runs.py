@@ -7,6 +7,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+# Part of the tolerance that leaving out small offsets may cost, so that few vertices move.
+STILL = 0.1
+
 
 def runs(frames: Iterable[int]) -> list[list[int]]:
     """Return frames in order as runs of consecutive ones."""
@@ -61,3 +64,27 @@ def weight_keys(frames: list[int], weights: NDArray[np.floating]) -> list[tuple[
 def moved(before: NDArray[np.floating], after: NDArray[np.floating]) -> NDArray[np.intp]:
     """Return the vertices (M,) that move in any of the frames (T, V, 3): whose bits differ."""
     return np.flatnonzero((np.asarray(before) != np.asarray(after)).any(axis=(0, 2)))
+
+
+def few_shapes(
+    offsets: NDArray[np.floating], tolerance: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return shapes (K, V, 3) and weights (T, K) that add up to offsets (T, V, 3).
+
+    The truncated singular value decomposition (Eckart and Young 1936) of least rank that leaves no
+    vertex farther off than the tolerance; the largest weight of a shape is 1. With a tolerance of
+    0, or where nothing is saved, each frame has its own shape.
+    """
+    frames = len(offsets)
+    flat = np.asarray(offsets, dtype=np.float64).reshape(frames, -1)
+    if tolerance > 0.0:
+        basis = np.linalg.eigh(flat @ flat.T)[1][:, ::-1]
+        for rank in range(1, frames):
+            weights, shapes = basis[:, :rank], basis[:, :rank].T @ flat
+            left = (flat - weights @ shapes).reshape(frames, -1, 3)
+            if np.linalg.norm(left, axis=2).max() <= (1.0 - STILL) * tolerance:
+                largest = weights[np.abs(weights).argmax(axis=0), np.arange(rank)]
+                found = (shapes * largest[:, None]).reshape(rank, -1, 3)
+                still = np.linalg.norm(found, axis=2) <= STILL * tolerance / rank
+                return np.where(still[:, :, None], 0.0, found), weights / largest
+    return flat.reshape(frames, -1, 3), np.eye(frames)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..host.exchange import SampledMesh
-from ..host.runs import moved, run_name, runs, weight_keys
+from ..host.runs import few_shapes, moved, run_name, runs, weight_keys
 from .sampling import SceneError, cage_only, evaluated, kept_frame
 
 PREFIX = "dtrepair"
@@ -35,12 +35,18 @@ def needs_keys(mesh: SampledMesh, points: NDArray[np.float32]) -> bool:
 
 
 def apply(
-    original: Any, frames: Sequence[int], mesh: SampledMesh, points: NDArray[np.float32]
+    original: Any,
+    frames: Sequence[int],
+    mesh: SampledMesh,
+    points: NDArray[np.float32],
+    tolerance: float = 0.0,
 ) -> Applied:
     """Return a copy of an object with shape keys that lead to the points (T, V, 3) at the frames.
 
     The keys hold offsets before the modifiers; what a modifier makes of an offset is measured on
-    the evaluated mesh. The original gets hidden, and is not changed.
+    the evaluated mesh. The original gets hidden, and is not changed. Each run of frames has as few
+    keys as leave no vertex farther off than the tolerance, a part of the size of the mesh; with 0
+    each frame has its own.
 
     Raises:
         SceneError: modifiers add or remove vertices.
@@ -54,7 +60,7 @@ def apply(
     basis = _basis(copy)
     with cage_only([copy]), kept_frame(bpy.context.scene):
         offsets, off = _offsets(copy, basis, frames, mesh.points, points)
-        names = _keyed(copy, basis, list(frames), offsets)
+        names = _keyed(copy, basis, list(frames), offsets, tolerance * size_of(basis))
     original.hide_set(True)
     original.hide_render = True
     return Applied(copy, tuple(names), off)
@@ -137,18 +143,38 @@ def _solved(jacobian: NDArray[np.float64], left: NDArray[np.float64]) -> NDArray
 
 
 def _keyed(
-    copy: Any, basis: NDArray[np.float32], frames: list[int], offsets: NDArray[np.float64]
+    copy: Any,
+    basis: NDArray[np.float32],
+    frames: list[int],
+    offsets: NDArray[np.float64],
+    tolerance: float,
 ) -> list[str]:
     """Add shape keys for each run of changed frames, and key their values."""
     changed = [f for f, offset in zip(frames, offsets, strict=True) if offset.any()]
     names = []
     for run in runs(changed):
-        for frame in run:
-            key = copy.shape_key_add(name=f"{PREFIX} {run_name([frame])}", from_mix=False)
-            _set_points(copy, key, basis + offsets[frames.index(frame)])
-            _key_values(key, weight_keys([frame], np.ones(1)))
+        shapes, weights = few_shapes(offsets[[frames.index(f) for f in run]], tolerance)
+        for number, shape in enumerate(shapes):
+            name = run_name(run) if len(shapes) == 1 else f"{run_name(run)} {number + 1}"
+            key = copy.shape_key_add(name=f"{PREFIX} {name}", from_mix=False)
+            _set_points(copy, key, basis + shape)
+            _key_values(key, weight_keys(run, weights[:, number]))
             names.append(key.name)
     return names
+
+
+def size_of(points: NDArray[np.floating]) -> float:
+    """Return the diagonal of the box around points (V, 3)."""
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def discard(applied: Applied, original: Any, hidden: tuple[bool, bool]) -> None:
+    """Take a copy away again; the original is hidden as it was, in the viewport and in renders."""
+    mesh = applied.object.data
+    bpy.data.objects.remove(applied.object)
+    bpy.data.meshes.remove(mesh)
+    original.hide_set(hidden[0])
+    original.hide_render = hidden[1]
 
 
 def _set_points(target: Any, key: Any, points: NDArray[np.floating]) -> None:

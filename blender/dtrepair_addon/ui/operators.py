@@ -12,6 +12,7 @@ from ..host.interpreter import NoInterpreterError
 from ..host.process import WorkerError
 from ..scene.jobs import Job
 from ..scene.marks import clear, mark, polygons_of, triangles_of, world
+from ..scene.roles import Roles
 from ..scene.sampling import SceneError
 from . import overlay
 from .preferences import interpreter
@@ -95,7 +96,10 @@ class _Work:
         if self.command == "repair":
             settings |= {"clearance": chosen.clearance, "alone": chosen.alone}
         python, frames = interpreter(), chosen_frames(context.scene)
-        self._job = Job(self.command, python, context.selected_objects, frames, settings)
+        names = ("colliders", "ignored", "pin", "direction")
+        roles = Roles(**{n: getattr(chosen, n) for n in names}, towards=tuple(chosen.towards))
+        selected = context.selected_objects
+        self._job = Job(self.command, python, selected, frames, settings, roles)
         _Work.running = True
 
     def _end(self, context: Any) -> None:
@@ -158,15 +162,15 @@ class DTREPAIR_OT_repair(_Work, bpy.types.Operator):
     command = "repair"
 
     def _finish(self, context: Any, told: dict[str, Any]) -> None:
-        copies = self._job.apply(told)
+        copies, dirty = self._job.apply(told)
         for each in copies:
             each.object.select_set(True)
             context.view_layer.objects.active = each.object
         overlay.hide()
         self._warn()
-        left = [f"{f['frame']:g}" for f in told["frames"] if f["status"] != "clean"]
+        left = {int(f["frame"]) for f in told["frames"] if f["status"] != "clean"} | set(dirty)
         if left:
-            self.report({"WARNING"}, f"not clean: frames {', '.join(left)}")
+            self.report({"WARNING"}, f"not clean: frames {', '.join(map(str, sorted(left)))}")
         self.report({"INFO"}, f"{len(copies)} objects changed" if copies else "all was clean")
 
 

@@ -48,6 +48,10 @@ class DTREPAIR_PT_main(bpy.types.Panel):
             layout.prop(settings, "frames")
         for name in ("modelled", "clearance", "alone"):
             layout.prop(settings, name)
+        for name in ("colliders", "ignored", "pin", "direction"):
+            layout.prop(settings, name)
+        if settings.direction:
+            layout.prop(settings, "towards")
         if _Work.running:
             row = layout.row()
             row.progress(factor=settings.progress, text=settings.state)

@@ -47,6 +47,25 @@ class DTREPAIR_settings(bpy.types.PropertyGroup):
         name="Each frame for itself",
         description="Clean frames keep every bit, but the correction may jitter",
     )
+    colliders: bpy.props.PointerProperty(
+        type=bpy.types.Collection,
+        name="Colliders",
+        description="Its meshes take part, selected or not, and never move",
+    )
+    ignored: bpy.props.PointerProperty(
+        type=bpy.types.Collection,
+        name="Ignored together",
+        description="Contacts between any two of its meshes do not count",
+    )
+    pin: bpy.props.StringProperty(
+        name="Pins", description="Vertex group of what stays: weight 1 is fixed, 0 free"
+    )
+    direction: bpy.props.StringProperty(
+        name="Led", description="Vertex group of what is led along the direction below"
+    )
+    towards: bpy.props.FloatVectorProperty(
+        name="Direction", subtype="DIRECTION", default=(0.0, 0.0, 1.0), description="In the world"
+    )
     contacts: bpy.props.CollectionProperty(type=DTREPAIR_contact)
     active: bpy.props.IntProperty()
     progress: bpy.props.FloatProperty(min=0.0, max=1.0)

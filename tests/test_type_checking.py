@@ -12,7 +12,14 @@ MYPY: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["too
 
 def test_every_folder_of_python_is_checked_strictly() -> None:
     assert MYPY["strict"] is True
-    assert set(MYPY["files"]) == {"dtrepair", "usd_io", "tests", "benchmarks", "examples"}
+    assert set(MYPY["files"]) == {
+        "dtrepair",
+        "usd_io",
+        "tests",
+        "benchmarks",
+        "examples",
+        "blender",
+    }
 
 
 def test_only_warp_kernels_are_left_out() -> None:

@@ -29,6 +29,7 @@ class SceneCount:
     met: number of pairs between meshes (i, j), i <= j, that meet; (i, i) is one with itself.
     every_pair: all pairs (K, 2) of triangles of the meshes in a row, whatever the mode.
     modelled: the pairs (M, 2) among them that were modelled.
+    pairs: the pairs (P, 2) among them that count.
     """
 
     total: CountRecord
@@ -37,6 +38,7 @@ class SceneCount:
     met: dict[tuple[int, int], int] = field(default_factory=dict)
     every_pair: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 2), np.int32))
     modelled: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 2), np.int32))
+    pairs: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 2), np.int32))
 
 
 class SceneCounter:
@@ -130,4 +132,4 @@ class SceneCounter:
             modelled_triangles=int(only_modelled.sum()),
             modelled_pairs=len(modelled),
         )
-        return SceneCount(total, tuple(each), intersecting, met, every, modelled)
+        return SceneCount(total, tuple(each), intersecting, met, every, modelled, pairs)

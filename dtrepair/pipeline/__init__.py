@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from dtrepair.pipeline.observer import FrameDone as FrameDone
     from dtrepair.pipeline.observer import ModelledFound as ModelledFound
     from dtrepair.pipeline.observer import Observer as Observer
+    from dtrepair.pipeline.observer import PairsFound as PairsFound
     from dtrepair.pipeline.observer import ProgressKept as ProgressKept
     from dtrepair.pipeline.observer import SpansDone as SpansDone
     from dtrepair.pipeline.observer import Trouble as Trouble
@@ -59,6 +60,7 @@ _HOMES = {
     "Observer": "observer",
     "OutputError": "errors",
     "OutputOptions": "repair.settings",
+    "PairsFound": "observer",
     "PipelineError": "errors",
     "Plan": "stages.plan",
     "PlannedMesh": "stages.plan",
@@ -95,6 +97,7 @@ __all__ = [
     "Observer",
     "OutputError",
     "OutputOptions",
+    "PairsFound",
     "PipelineError",
     "Plan",
     "PlannedMesh",

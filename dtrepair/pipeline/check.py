@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 from dtrepair import __version__
 from dtrepair.intersect import MODES
 from dtrepair.pipeline.errors import UsageError, plain_errors
-from dtrepair.pipeline.observer import SILENT, Observer, Progress, warn
+from dtrepair.pipeline.observer import SILENT, Observer, PairsFound, Progress, warn
 from dtrepair.pipeline.repair.modelled import modelled_parts
 from dtrepair.pipeline.repair.modelled_parts import ModelledParts, tell_modelled
 from dtrepair.pipeline.repair.records import contact_records
@@ -157,7 +157,7 @@ def _check(
     enclosed = EnclosedParts(source, mode=settings.mode, ignored=ignored)
     with (
         Progress(observer, "checking", len(source.times)) as progress,
-        closing(_records(source, counter, enclosed, modelled, jobs)) as found,
+        closing(_records(source, counter, enclosed, modelled, jobs, observer)) as found,
     ):
         records = tuple(progress.over(found))
     refuse_if_none_usable(source, records)
@@ -213,14 +213,15 @@ def _records(
     enclosed: EnclosedParts,
     modelled: ModelledParts,
     jobs: int | None,
+    observer: Observer,
 ) -> Generator[FrameRecord]:
-    def count(frame: Frame) -> FrameRecord:
+    def count(frame: Frame) -> tuple[FrameRecord, PairsFound | None]:
         start = clock.perf_counter()
         frame, found = count_frame(counter, frame)
         if found is None:
-            return unusable(frame)
+            return unusable(frame), None
         each = zip(source.meshes, found.each, strict=True)
-        return FrameRecord(
+        record = FrameRecord(
             time=frame_time(frame),
             status="unchanged" if found.total.pairs else "clean",
             before=found.total,
@@ -231,6 +232,9 @@ def _records(
             enclosed=enclosed(frame, found),
             modelled=modelled.in_frame(frame.time, found, frame.spaces, found, frame.spaces),
         )
+        return record, PairsFound(record.time, found.pairs)
 
-    for _, record in side_by_side(count, read_frames(source, source.times), jobs=jobs):
+    for _, (record, pairs) in side_by_side(count, read_frames(source, source.times), jobs=jobs):
+        if pairs is not None:
+            observer.remark(pairs)
         yield record

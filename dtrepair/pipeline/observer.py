@@ -6,6 +6,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dtrepair.pipeline.errors import Cancelled
 from dtrepair.report.modelled import AttachedList
 from dtrepair.report.record import FrameRecord
@@ -65,7 +68,21 @@ class CorrectionWritten:
     error: float
 
 
-Remark = ModelledFound | FrameDone | SpansDone | Trouble | ProgressKept | CorrectionWritten
+@dataclass(frozen=True, eq=False)
+class PairsFound:
+    """The pairs (K, 2) of triangles that count in a frame of a check.
+
+    Triangles are numbered through all meshes in a row, in the order of the report's prims;
+    polygons are split into fans from their first corner.
+    """
+
+    time: float | None
+    pairs: NDArray[np.int32]
+
+
+Remark = (
+    ModelledFound | FrameDone | PairsFound | SpansDone | Trouble | ProgressKept | CorrectionWritten
+)
 
 
 class Observer:

@@ -6,9 +6,17 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_type_hints
 
+import numpy as np
 import pytest
 
-from dtrepair.pipeline import Cancelled, CheckSettings, Selection, UsageError, check_stage
+from dtrepair.pipeline import (
+    Cancelled,
+    CheckSettings,
+    PairsFound,
+    Selection,
+    UsageError,
+    check_stage,
+)
 from dtrepair.pipeline.check import CheckChoices
 from dtrepair.pipeline.stages.sources import StageSource
 from dtrepair.repair.surface.containment import Enclosures
@@ -34,6 +42,20 @@ def test_a_check_says_nothing_and_finds_what_the_command_finds(
     told = run("check", clip, "--json", "-").json
     assert told["summary"] == report.document()["summary"]
     assert told["settings"] == report.document()["settings"]
+
+
+def test_an_observer_hears_which_triangles_intersect(clip: Path) -> None:
+    heard = Listener()
+    report = check_stage(clip, observer=heard)
+    found = [remark for remark in heard.remarks if isinstance(remark, PairsFound)]
+    assert [each.time for each in found] == [record.time for record in report.frames]
+    for each, record in zip(found, report.frames, strict=True):
+        assert record.before is not None
+        assert len(each.pairs) == record.before.pairs
+        assert len(np.unique(each.pairs)) == record.before.triangles
+    ignored = Listener()
+    check_stage(clip, ignore=("/Root/Tube,/Root/Tube",), observer=ignored)
+    assert not any(len(r.pairs) for r in ignored.remarks if isinstance(r, PairsFound))
 
 
 def test_a_check_is_cancelled(clip: Path) -> None:

@@ -1,0 +1,1 @@
+"""What Blender does around the worker, without bpy: files, processes, frames and offsets."""

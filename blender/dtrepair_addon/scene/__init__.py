@@ -1,0 +1,1 @@
+"""Meshes out of the scene, and results into it."""

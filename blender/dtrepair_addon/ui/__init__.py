@@ -1,0 +1,1 @@
+"""What the artist sees: panel, operators, overlay and preferences."""

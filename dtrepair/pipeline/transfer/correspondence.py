@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from dataclasses import dataclass, replace
+from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dtrepair.files.archives import DAMAGE, check_archive
 from dtrepair.pipeline.errors import USAGE, InputError, UsageError
 from dtrepair.pipeline.stages.outputs import writing
 from dtrepair.pipeline.transfer.inputs import input_errors
@@ -142,10 +144,14 @@ def read_arrays(path: str, needed: str) -> dict[str, NDArray[Any]]:
     if not os.path.isfile(path):
         raise InputError(f"{path}: cannot be read: no such file")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        data = Path(path).read_bytes()
+        check_archive(data)
+        with np.load(BytesIO(data), allow_pickle=False) as archive:
             content = {name: archive[name] for name in archive.files}
-    except (zipfile.BadZipFile, ValueError, EOFError, OSError, AttributeError):
-        raise InputError(f"{path}: is not an npz archive; write it with numpy.savez") from None
+    except (*DAMAGE, AttributeError) as error:
+        raise InputError(
+            f"{path}: is not an npz archive ({error}); write it with numpy.savez"
+        ) from None
     if needed not in content:
         names = ", ".join(sorted(content)) or "nothing"
         raise InputError(f"{path}: expected the entry {needed!r}, got {names}")

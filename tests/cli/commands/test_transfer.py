@@ -127,6 +127,8 @@ def test_markers_as_npz(animals: Animals, tmp_path: Path) -> None:
     assert_fails(run(*arguments, *output, tmp_path / "no.npz"), 3, "no such file")
     (tmp_path / "bad.npz").write_text("nothing")
     assert_fails(run(*arguments, *output, tmp_path / "bad.npz"), 3, "is not an npz")
+    np.savez_compressed(tmp_path / "bad.npz", markers=np.zeros(2**26))
+    assert_fails(run(*arguments, *output, tmp_path / "bad.npz"), 3, "unpacks to")
 
 
 def test_swapped_markers_are_named(animals: Animals, tmp_path: Path) -> None:

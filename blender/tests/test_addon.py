@@ -114,6 +114,36 @@ def test_cancel_leaves_the_scene_as_it_was(hero: Any) -> None:
     assert state(hero) == before
 
 
+def test_a_repair_is_undone_in_one_step(hero: Any) -> None:
+    bpy.context.scene.frame_set(3)
+    bpy.context.scene.dtrepair.span = "CURRENT"
+    before = state(hero)
+    bpy.ops.ed.undo_push(message="before")
+    assert bpy.ops.dtrepair.repair("EXEC_DEFAULT", True) == {"FINISHED"}
+    assert bpy.data.objects.get("Hero repaired") and hero.hide_render
+    bpy.ops.ed.undo()
+    assert state(bpy.data.objects["Hero"]) == before
+
+
+def test_what_no_shape_key_can_hold_is_refused_before_the_work(hero: Any) -> None:
+    hero.modifiers.new("Mirror", "MIRROR")
+    before = state(hero)
+    with pytest.raises(RuntimeError, match="modifiers add"):
+        bpy.ops.dtrepair.repair()
+    assert state(hero) == before
+    assert bpy.ops.dtrepair.check() == {"FINISHED"}  # which only looks
+
+
+def test_the_cage_below_a_subdivision_is_repaired_and_the_modifier_stays(hero: Any) -> None:
+    hero.modifiers.new("Subdivision", "SUBSURF").levels = 1
+    bpy.context.scene.frame_set(3)
+    bpy.context.scene.dtrepair.span = "CURRENT"
+    assert bpy.ops.dtrepair.repair() == {"FINISHED"}
+    copy = bpy.data.objects["Hero repaired"]
+    assert hero.modifiers["Subdivision"].show_viewport
+    assert copy.modifiers["Subdivision"].show_viewport
+
+
 def test_a_missing_interpreter_is_told(hero: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DTREPAIR_PYTHON", os.devnull + "/none")
     before = state(hero)

@@ -18,7 +18,8 @@ from typing import Any
 from .exchange import Request, write_request
 from .interpreter import passed_on
 
-PACKAGE = __name__.rsplit(".", 2)[0]
+# The folder of the add-on, which the worker runs as a package whatever Blender calls it.
+PACKAGE = Path(__file__).parents[1]
 # The add-on's folder comes last, so that nothing beside it hides what the worker's Python has.
 _START = "import runpy, sys; sys.path.append(sys.argv.pop(1)); runpy.run_module(sys.argv.pop(1), "
 _START += "run_name='__main__', alter_sys=True)"
@@ -90,15 +91,9 @@ class Worker:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _started(self, python: Path) -> subprocess.Popen[str]:
-        package = Path(__file__).parents[1]
-        outside = package
-        for _ in PACKAGE.split("."):
-            outside = outside.parent
-        name = PACKAGE
-        if not (outside / Path(*PACKAGE.split("."))).samefile(package):  # an extension: bl_ext....
-            outside, name = package.parent, package.name
+        module = f"{PACKAGE.name}.worker.main"
         return subprocess.Popen(
-            [python, "-P", "-c", _START, str(outside), f"{name}.worker.main", str(self.folder)],
+            [python, "-P", "-c", _START, str(PACKAGE.parent), module, str(self.folder)],
             stdout=subprocess.PIPE,
             stderr=self._errors,
             stdin=subprocess.DEVNULL,

@@ -15,7 +15,7 @@ from ..host.process import Worker
 from .marks import Contact, contacts
 from .roles import Roles, ignored_names, taking_part, with_roles
 from .sampling import SceneError, sample
-from .shape_keys import Applied, apply, discard, needs_keys
+from .shape_keys import Applied, apply, discard, needs_keys, refuse_added_vertices
 
 # How far off a vertex may be for fewer shape keys, as a part of the size of its mesh.
 TOLERANCE = 1e-4
@@ -51,6 +51,8 @@ class Job:
             raise SceneError("no mesh is selected; select what should take part")
         self.frames = tuple(frames)
         meshes = sample(self.objects, self.frames)
+        if command == "repair":
+            refuse_added_vertices(self.objects, meshes)
         self.meshes: list[SampledMesh] = with_roles(self.objects, meshes, roles)
         settings = {**settings, "ignore": ignored_names(self.objects, roles)}
         request = Request(command, self.frames, tuple(self.meshes), settings)

@@ -34,6 +34,19 @@ def needs_keys(mesh: SampledMesh, points: NDArray[np.float32]) -> bool:
     return bool(len(moved(mesh.points, points)))
 
 
+def refuse_added_vertices(objects: Sequence[Any], meshes: Sequence[SampledMesh]) -> None:
+    """Raise SceneError where shape keys cannot hold what a repair may find."""
+    for each, mesh in zip(objects, meshes, strict=True):
+        if len(each.data.vertices) != mesh.points.shape[1]:
+            raise SceneError(
+                f"{each.name}: its modifiers add or remove vertices, so that no shape key can hold "
+                "the result; apply or switch off all but deforming ones, subdivision may stay"
+            )
+        keys = each.data.shape_keys
+        if keys is not None and not keys.use_relative:
+            raise SceneError(f"{each.name}: its shape keys are absolute; make them relative")
+
+
 def apply(
     original: Any,
     frames: Sequence[int],
@@ -47,15 +60,7 @@ def apply(
     the evaluated mesh. The original gets hidden, and is not changed. Each run of frames has as few
     keys as leave no vertex farther off than the tolerance, a part of the size of the mesh; with 0
     each frame has its own.
-
-    Raises:
-        SceneError: modifiers add or remove vertices.
     """
-    if len(original.data.vertices) != mesh.points.shape[1]:
-        raise SceneError(
-            f"{original.name}: its modifiers add vertices, so that no shape key can hold the "
-            "result; apply or switch off all but deforming ones, subdivision may stay"
-        )
     copy = _copied(original)
     basis = _basis(copy)
     with cage_only([copy]), kept_frame(bpy.context.scene):
@@ -84,8 +89,6 @@ def _basis(target: Any) -> NDArray[np.float32]:
     """Return the points (V, 3) that new shape keys are relative to."""
     if target.data.shape_keys is None:
         target.shape_key_add(name="Basis", from_mix=False)
-    if not target.data.shape_keys.use_relative:
-        raise SceneError(f"{target.name}: its shape keys are absolute; make them relative")
     return points_of_key(target.data.shape_keys.reference_key)
 
 

@@ -18,7 +18,8 @@ from . import overlay
 from .preferences import interpreter
 from .settings import chosen_frames
 
-FAILURES = (NoInterpreterError, SceneError, ValueError, WorkerError)
+# The last is what Blender raises of an object that was deleted in the meantime.
+FAILURES = (NoInterpreterError, SceneError, ValueError, WorkerError, ReferenceError)
 # Seconds between two looks at the worker.
 TICK = 0.2
 

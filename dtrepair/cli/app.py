@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import importlib
 import os
 import sys
@@ -46,7 +45,6 @@ class LazyGroup(click.Group):
         if name not in COMMANDS:
             return None
         module = importlib.import_module(f"dtrepair.cli.commands.{name}")
-        gc.freeze()  # what modules hold stays: no collection has to look through it
         command: click.Command = module.command
         return command
 

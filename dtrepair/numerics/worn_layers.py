@@ -25,7 +25,7 @@ from dtrepair.numerics.geometry import (
     unique_edges,
     vector_areas,
 )
-from dtrepair.numerics.wrapping import Wrapping, wrapping
+from dtrepair.numerics.worn_measure import Solid, worn_measure
 
 BoolArray = NDArray[np.bool_]
 
@@ -40,7 +40,7 @@ class LayerOptions:
         parallel: Least cosine between the normals of a vertex and of what it lies over.
         share: Least fraction of the area of either part that has something parallel nearby.
         clear: Least mean side: +1 where all of it lies outside, 0 where the parts take turns.
-        worn: An open part is a layer over what it goes round by this share, see `wrapping`.
+        worn: An open part is a layer over what it goes round by this share, see `worn_measure`.
         poses: How many poses tell at most.
     """
 
@@ -178,14 +178,23 @@ def find_worn(
     parts: Parts, first: int, second: int, pose: int, *, options: LayerOptions = LayerOptions()
 ) -> WornLayer | None:
     """Return the layer that an open part is which goes round the other, however far away it is."""
-    best, found = Wrapping(options.worn, 1.0), None
+    points, best = parts.poses[pose], options.worn
+    found: WornLayer | None = None
     for top, under in ((first, second), (second, first)):
-        if not parts.closed[top]:
-            round_it = wrapping(parts.poses[pose], parts.triangles[top], parts.triangles[under])
-            if round_it.share >= best.share:
-                own = parts.vertices[top]
-                sides = np.full(len(own), round_it.side)
-                best, found = round_it, WornLayer(top, under, own, sides, np.full(len(own), np.inf))
+        if parts.closed[top]:
+            continue
+        solids = (Solid(points, parts.triangles[k], bool(parts.closed[k])) for k in (top, under))
+        worn = worn_measure(*solids)
+        if worn.share >= best:
+            own = parts.vertices[top]
+            radial = points[own] - points[own].mean(axis=0)
+            radial -= np.outer(radial @ worn.axis, worn.axis)
+            outwards = np.einsum(
+                "ij,ij,i->", parts.normals(top, pose), radial, parts.area_shares(top)
+            )
+            sides = np.full(len(own), 1.0 if outwards >= 0.0 else -1.0)
+            best = worn.share
+            found = WornLayer(top, under, own, sides, np.full(len(own), np.inf))
     return found
 
 

@@ -76,7 +76,7 @@ class FrameOptions:
     closes: FairingOptions = field(default_factory=lambda: FairingOptions(first=4.0, highest=10.0))
     push: RegionalPushOptions = field(default_factory=RegionalPushOptions)
     mend: MendOptions = field(default_factory=MendOptions)
-    relax: RelaxOptions = field(default_factory=RelaxOptions)
+    relax: RelaxOptions = field(default_factory=lambda: RelaxOptions(first=1.0, longer=1.0))
     edges: EdgeLengthOptions = field(default_factory=EdgeLengthOptions)
     cure: CureOptions = field(default_factory=lambda: CureOptions(rounds=2))
     borrow: float = 0.8

@@ -38,7 +38,7 @@ class CureOptions:
     full_rings: int = 4
     faded_rings: int = 12
     dearest: float = 3.0
-    relax: RelaxOptions = field(default_factory=RelaxOptions)
+    relax: RelaxOptions = field(default_factory=lambda: RelaxOptions(first=1.0, longer=1.0))
 
 
 class Flaws(Protocol):

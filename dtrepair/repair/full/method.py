@@ -16,6 +16,7 @@ from dtrepair.repair.full.cure import CureOptions, Flaws, cure
 from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
 from dtrepair.repair.full.pull_back import PullBackOptions, pull_back
 from dtrepair.repair.full.relax import RelaxOptions, relax
+from dtrepair.repair.full.settle import SettleOptions, Settling
 from dtrepair.repair.full.stage_log import StageLog
 from dtrepair.repair.result import Solved
 from dtrepair.repair.surface.defects import find_defects
@@ -32,6 +33,7 @@ class FullOptions:
         cycles: Of relaxing, in a round of tightening.
         pull_back: Rigid bodies back towards the input.
         relax: All others back towards the input.
+        settle: What touches nothing back to its place, between cycles of relaxing.
         edges: Edges that are crushed or drawn out, brought back.
         unbend: Zipped creases opened.
         cure: How both are cured.
@@ -45,6 +47,7 @@ class FullOptions:
     cycles: int = 3
     pull_back: PullBackOptions = field(default_factory=PullBackOptions)
     relax: RelaxOptions = field(default_factory=RelaxOptions)
+    settle: SettleOptions = field(default_factory=SettleOptions)
     edges: EdgeLengthOptions = field(default_factory=EdgeLengthOptions)
     unbend: DihedralOptions = field(default_factory=DihedralOptions)
     cure: CureOptions = field(default_factory=CureOptions)
@@ -128,6 +131,11 @@ class FullMethod:
         if "relax" not in self.skip:
             start = time.perf_counter()
             rings = options.relax.acceptance.reach_rings
+            settling = None
+            # What has a direction would lose it.
+            if "settle" not in self.skip and not phases.steering:
+                bad = phases.known.triangles
+                settling = Settling(surface, original, bad, options=options.settle)
             points, cycles = relax(
                 surface,
                 original,
@@ -137,6 +145,7 @@ class FullMethod:
                 reach=reach_of(surface, points - original, rings=rings),
                 scale=phases.scale,
                 steering=phases.steering,
+                settling=settling,
                 options=options.relax,
             )
             log.add("relax", points, start, folds=folds, iterations=cycles)

@@ -21,6 +21,7 @@ from dtrepair.repair.full.acceptance import (
 )
 from dtrepair.repair.full.biharmonic_fill import Filled
 from dtrepair.repair.full.push import PushOptions
+from dtrepair.repair.full.settle import Settling
 from dtrepair.repair.full.steering import Steering
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface
@@ -32,9 +33,14 @@ class RelaxOptions:
 
     Args:
         step: Largest motion of a vertex in a cycle, units of the size: gaps are linear about it.
+        first: Largest factor of the step at first, as little is in the way then, ...
+        of_moved: ... which is no longer than so many times the root mean square displacement: a
+            long step beside a small contact spoils it.
+        longer: Factor of the following steps after a cycle that gained and needed no rolling back.
         pile: So many moving bodies are a pile.
         pile_step: Factor of the step in a pile, whose bodies go as a whole rather than bend.
-        shortening: Factor of the following steps after a cycle that could not be made clean.
+        shortening: The same after any other cycle, down to the step; after one that could not be
+            made clean it becomes still shorter.
         force_decay: Factor of the contact forces after such a cycle, which they did not suit.
         tries: Solves of a cycle, each with the gaps that the one before closed.
         few: Fraction of new gaps up to which one round of the step is enough: the other forces
@@ -47,6 +53,9 @@ class RelaxOptions:
         volume_weight: What missing volume counts next to the distortion.
         missing: As long as more than this fraction of the volume is missing, ...
         more: ... relaxing goes on for up to so many times its cycles.
+        settle: Strains by which what is far from all contacts may go back to its place, one after
+            another: a push moves the whole mesh, most of which needs not to move at all.
+        settle_after: Cycles before each of them.
         arap, gaps, pressure: Numbers of the elastic terms.
         look: The rough step that finds the gaps that matter.
         solve: The step itself.
@@ -54,6 +63,9 @@ class RelaxOptions:
     """
 
     step: float = 0.01
+    first: float = 3.0
+    of_moved: float = 2.5
+    longer: float = 1.4
     pile: int = PushOptions.pile
     pile_step: float = 2.0
     shortening: float = 0.7
@@ -67,6 +79,8 @@ class RelaxOptions:
     volume_weight: float = 0.3
     missing: float = 0.01
     more: int = 2
+    settle: tuple[float, ...] = (0.15, 0.25)
+    settle_after: int = 2
     arap: ArapOptions = field(default_factory=ArapOptions)
     gaps: GapOptions = field(default_factory=GapOptions)
     pressure: PressureOptions = field(default_factory=PressureOptions)
@@ -87,6 +101,7 @@ def relax(
     reach: FloatArray,
     scale: float = 1.0,
     steering: Steering | None = None,
+    settling: Settling | None = None,
     options: RelaxOptions = RelaxOptions(),
 ) -> tuple[FloatArray, int]:
     """Return the pose of least distortion between a clean one and its original, and the cycles.
@@ -98,12 +113,24 @@ def relax(
 
     cycles: at most, unless volume is missing; folds: so many are allowed; reach: (V,) scales the
     motion of each vertex; scale: factor of the step (see `contact_scale`); steering: regions that
-    stay on the line of their direction.
+    stay on the line of their direction; settling: takes what is far from all contacts back to its
+    place, where it stays.
     """
     if not reach.any():
         return points, 0
     state = Relaxation(surface, original, points, folds, reach, scale, options, steering)
-    history = [state.best[0]]
+    done = 0
+    for strain in options.settle if settling is not None else ():
+        done += _relaxed(state, options.settle_after)
+        state.settle(settling, strain)
+    done += _relaxed(state, max(cycles - done, 1))
+    return state.best[1], done
+
+
+def _relaxed(state: Relaxation, cycles: int) -> int:
+    """Relax for so many cycles, fewer where they gain nothing; return how many."""
+    options, history = state.options, [state.best[0]]
+    state.failures = 0
     for cycle in range(options.more * cycles):
         state.cycle()
         history.append(state.best[0])
@@ -116,7 +143,7 @@ def relax(
         if cycle >= options.stalled:
             if history[-1 - options.stalled] - history[-1] < options.enough:
                 break
-    return state.best[1], len(history) - 1
+    return len(history) - 1
 
 
 class Relaxation:
@@ -140,28 +167,54 @@ class Relaxation:
         moving = surface.cluster_of_body[surface.cluster_maxima(reach) > 0.0]
         self.pile = len(np.unique(moving)) >= options.pile
         step = options.step * scale
-        self.step = options.pile_step * step if self.pile else step
+        self._least_step = options.pile_step * step if self.pile else step
+        moved = float(np.sqrt((lengths(points - original) ** 2).mean()))
+        farthest = min(options.first * self._least_step, options.of_moved * moved)
+        # What is led along a direction would leave it by long steps.
+        self._longer = 1.0 if steering else options.longer
+        self.step = self._least_step if steering else max(self._least_step, farthest)
         self.system = ArapSystem(surface, original, region=reach > 0, options=options.arap)
         self.gaps = Gaps(surface, reach, options=options.gaps)
         self.pressure = VolumePressure(surface, original, reach, options=options.pressure)
-        self.best = self._value(), points
+        self._last = self._value()
+        self.best = self._last, points
         self.failures, self._pull = 0, np.zeros(surface.count)
 
     def cycle(self) -> None:
         """Take one step; the pose stays where it is if it cannot be made clean."""
+        step, self._collided = self.step, False
         right = self._right_hand_side()
         self._find_gaps(right)
         solved = self._solved(right)
         if solved is None:
-            self.failures += 1
-            self.step *= self.options.shortening
+            self.failures += step <= self._least_step
+            self.step = min(self._least_step, self.options.shortening * step)
             self.gaps.forces *= self.options.force_decay
             return
         self.points, self.known = solved
-        self.failures = 0
-        value = self._value()
-        if value < self.best[0]:
-            self.best = value, self.points
+        self.failures, last = 0, self._last
+        self._last = self._value()
+        if self._last < self.best[0]:
+            self.best = self._last, self.points
+        worse = self._collided or self._last >= last
+        factor = self.options.shortening if worse else self._longer
+        self.step = max(min(self._least_step, step), factor * step)
+
+    def settle(self, settling: Settling, strain: float) -> None:
+        """Take back what is far from all contacts; it stays there, and the best pose is this."""
+        best = self.best[1]
+        known = self.known if best is self.points else find_defects(self.surface, best)
+        settled, still = settling(best, known, folds=self.folds, strain=strain)
+        if not still.any():
+            return
+        self.points, self.known = settled
+        self.reach = settling.reach(still)
+        self.system = ArapSystem(
+            self.surface, self.original, region=self.reach > 0, options=self.options.arap
+        )
+        self.gaps.mobility = self.pressure.reach = self.reach
+        self._last = self._value()
+        self.best = self._last, self.points
 
     def _value(self) -> float:
         """Return the distortion and missing volume: what relaxing lowers."""
@@ -220,6 +273,7 @@ class Relaxation:
             changed = self.gaps.add_defects(defects)
             few = changed <= options.few * np.count_nonzero(self.gaps.forces)
             rounds = 1 if few else options.solve.rounds
+        self._collided = True
         return roll_back(
             surface, current, trial, defects, folds=self.folds, options=options.acceptance
         )

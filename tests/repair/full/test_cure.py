@@ -9,7 +9,7 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.elastic.dihedral_angles import DihedralAngles, bent_edges
 from dtrepair.repair.elastic.edge_lengths import EdgeLengths
 from dtrepair.repair.full.cure import CureOptions, cure
-from dtrepair.repair.full.method import FullMethod
+from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.full.relax import RelaxOptions
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface
@@ -115,9 +115,11 @@ def test_a_repair_bends_no_more_edges_than_the_input_has() -> None:
     surface = Surface(rest, faces)
     pose = points / surface.size
     before = bent_edges(surface, pose).sum()
-    zipped = FullMethod(surface, skip=("unbend",))(pose).points
+    # Short steps zip the crease up.
+    options = FullOptions(relax=RelaxOptions(first=1.0, longer=1.0, settle=()))
+    zipped = FullMethod(surface, skip=("unbend",), options=options)(pose).points
     assert bent_edges(surface, zipped).sum() > before
-    solved = FullMethod(surface)(pose)
+    solved = FullMethod(surface, options=options)(pose)
     assert solved.stages[-1].name == "unbend"
     assert bent_edges(surface, solved.points).sum() <= before
     assert len(find_defects(surface, solved.points).crossings) == 0

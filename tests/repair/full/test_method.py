@@ -192,8 +192,4 @@ def test_a_crumpled_first_phase_is_followed_by_another() -> None:
     first, second = (stage for stage in solved.stages if stage.name == "fill")
     assert (first.crossings, second.crossings) == (0, 0)
     assert second.distortion < PhaseOptions.tightenable < first.distortion
-    first_will_do = FullOptions(phases=PhaseOptions(tightenable=np.inf))
-    one = FullMethod(surface, options=first_will_do)(pose)
-    assert distortion(pose, solved.points, surface.edges) < 0.7 * distortion(
-        pose, one.points, surface.edges
-    )
+    assert distortion(pose, solved.points, surface.edges) < second.distortion

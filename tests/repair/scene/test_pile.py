@@ -83,7 +83,7 @@ def test_a_body_that_has_far_to_go_does_not_hold_up_the_return_of_others() -> No
         bodies = [BodyRange(k * size, (k + 1) * size, 99.0) for k in range(count)]
         surface = Surface(points, faces, bodies=bodies)
         shifts = np.repeat([10.0, *[0.5] * (count - 1)], size)[:, None] * [0.0, 0.0, 0.002]
-        reach, options = np.ones(len(points)), RelaxOptions(step=0.001)
+        reach, options = np.ones(len(points)), RelaxOptions(step=0.001, first=1.0)
         pose = surface.rest + shifts
         back, _ = relax(
             surface, surface.rest, pose, cycles=1, folds=0, reach=reach, options=options

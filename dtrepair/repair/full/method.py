@@ -132,8 +132,8 @@ class FullMethod:
             start = time.perf_counter()
             rings = options.relax.acceptance.reach_rings
             settling = None
-            # What has a direction would lose it.
-            if "settle" not in self.skip and not phases.steering:
+            # What has a direction would lose it, and free bodies lean on each other.
+            if not ("settle" in self.skip or phases.steering or surface.clusters > 1):
                 bad = phases.known.triangles
                 settling = Settling(surface, original, bad, options=options.settle)
             points, cycles = relax(

@@ -170,9 +170,10 @@ class Relaxation:
         self._least_step = options.pile_step * step if self.pile else step
         moved = float(np.sqrt((lengths(points - original) ** 2).mean()))
         farthest = min(options.first * self._least_step, options.of_moved * moved)
-        # What is led along a direction would leave it by long steps.
-        self._longer = 1.0 if steering else options.longer
-        self.step = self._least_step if steering else max(self._least_step, farthest)
+        # Long steps would lead off a direction, and dent what lies against another body.
+        careful = bool(steering) or surface.clusters > 1
+        self._longer = 1.0 if careful else options.longer
+        self.step = self._least_step if careful else max(self._least_step, farthest)
         self.system = ArapSystem(surface, original, region=reach > 0, options=options.arap)
         self.gaps = Gaps(surface, reach, options=options.gaps)
         self.pressure = VolumePressure(surface, original, reach, options=options.pressure)

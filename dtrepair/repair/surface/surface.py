@@ -160,6 +160,11 @@ class Surface(Topology):
             return np.arange(len(self.bodies), dtype=np.int32)
         return self.ties.cluster_of_body
 
+    @property
+    def clusters(self) -> int:
+        """How many there are of bodies, or groups of tied ones, that move freely."""
+        return len(np.unique(self.cluster_of_body))
+
     @cached_property
     def diffusion_factors(self) -> list[tuple[slice | NDArray[np.intp], Factor]]:
         """The vertices of each cluster of bodies that may move, and the factor of M + lambda L.

@@ -82,7 +82,7 @@ def test_steadier_and_hardly_farther_than_frames_alone(swung: Swung) -> None:
     contact = [index for index in range(30) if repairer(frames[index]).before.pairs]
     together = np.mean([displacements(frames[i], repaired[i]).mean() for i in contact])
     apart = np.mean([displacements(frames[i], alone[i]).mean() for i in contact])
-    assert together < 2.5 * apart
+    assert together < 3.5 * apart
 
 
 def test_result_accelerates_no_more_than_the_input(swung: Swung) -> None:

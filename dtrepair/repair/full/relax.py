@@ -120,9 +120,10 @@ def relax(
         return points, 0
     state = Relaxation(surface, original, points, folds, reach, scale, options, steering)
     done = 0
-    for strain in options.settle if settling is not None else ():
-        done += _relaxed(state, options.settle_after)
-        state.settle(settling, strain)
+    if settling is not None:
+        for strain in options.settle:
+            done += _relaxed(state, options.settle_after)
+            state.settle(settling, strain)
     done += _relaxed(state, max(cycles - done, 1))
     return state.best[1], done
 

@@ -77,7 +77,7 @@ def command(
     Keys are the samples of the points, and of the transforms where several meshes meet. Each is
     repaired for itself; clean ones stay bit for bit. Then N in-betweens of each span between keys
     are counted exactly as USD interpolates them. Where some intersect, the two keys are moved
-    by up to 2 % of the diagonal at a time, if that is enough; else in-betweens are repaired and
+    by up to 2 % of their size at a time, if that is enough; else in-betweens are repaired and
     added as keys, the fewest that were found. Spans between new keys have N samples each, too.
 
     \b

@@ -54,12 +54,12 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "clearance": {
         "type": float,
         "metavar": "D",
-        "help": "Distance that contacts keep, stage units.",
+        "help": "Distance that contacts keep, in stage units.",
     },
     "maximum_displacement": {
         "type": float,
         "metavar": "D",
-        "help": "No vertex moves farther, stage units; default: no limit.",
+        "help": "No vertex moves farther, in stage units; default: no limit.",
     },
     "rest_contacts": {
         "type": click.Choice(REST_CONTACTS),

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import InputError
-from dtrepair.pipeline.stages.sources import Source, placing_time
+from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time
 from dtrepair.report.record import FrameRecord, PrimRecord
 
 if TYPE_CHECKING:
@@ -106,6 +106,31 @@ def prim_records(
         )
         for mesh, count in zip(source.meshes, counts, strict=False)
     )
+
+
+def stretches(source: Source, mesh: SourceMesh, time: float) -> tuple[float, float]:
+    """Return the least and the largest factor from lengths of a mesh to stage units.
+
+    Raises FrameError where its transform is none.
+    """
+    corners = source.to_world(mesh, time, np.concatenate([np.zeros((1, 3)), np.eye(3)]))
+    found = np.linalg.svd(corners[1:] - corners[0], compute_uv=False)
+    return float(found.min()), float(found.max())
+
+
+def told_size(source: Source, mesh: SourceMesh, time: float, points: NDArray[Any]) -> float:
+    """Return the diagonal of the box of points (V, 3) of a mesh, local space, in stage units.
+
+    A transform that is none leaves them as they are.
+    """
+    from dtrepair.numerics.geometry import diagonal
+    from usd_io import FrameError
+
+    try:
+        unit = stretches(source, mesh, time)[1]
+    except (FrameError, np.linalg.LinAlgError):
+        unit = 1.0
+    return unit * diagonal(points)
 
 
 def mode_warnings(source: Source, mode: str) -> list[str]:

@@ -97,9 +97,12 @@ class Heartbeat:
 
 
 def heartbeat(tell: Callable[[str], None]) -> Heartbeat | None:
-    """Return a heartbeat that beats until the command ends; None on a terminal, and without one."""
+    """Return a heartbeat that beats until the command ends; None on a terminal, and without one.
+
+    None as well where the environment has DTREPAIR_HEARTBEAT=0.
+    """
     context = click.get_current_context(silent=True)
-    if context is None or sys.stderr.isatty():
+    if context is None or sys.stderr.isatty() or os.environ.get("DTREPAIR_HEARTBEAT") == "0":
         return None
     beat, over = Heartbeat(tell), threading.Event()
     context.call_on_close(over.set)

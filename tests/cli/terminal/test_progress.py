@@ -18,6 +18,11 @@ from dtrepair.pipeline.observer import Progress
 from tests.command_line import run, tube_obj
 
 
+@pytest.fixture(autouse=True)
+def wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DTREPAIR_HEARTBEAT", raising=False)
+
+
 def test_lines_come_after_half_a_minute_and_then_less_often() -> None:
     seconds, lines, waited = [100.0], list[str](), list[float]()
     beat = Heartbeat(lines.append, now=lambda: seconds[0])
@@ -81,6 +86,9 @@ def test_it_is_silent_when_quiet_on_a_terminal_and_without_a_command(
     ConsoleObserver(Console())
     with click.Context(click.Command("repair")):
         ConsoleObserver(Console(quiet=True))
+        with monkeypatch.context() as patched:
+            patched.setenv("DTREPAIR_HEARTBEAT", "0")
+            ConsoleObserver(Console())
         monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
         ConsoleObserver(Console())
         assert not beating()

@@ -8,9 +8,9 @@ from collections.abc import Iterable, Sequence
 NAMED = 3
 
 
-def counted(count: int, noun: str) -> str:
-    """A number and what it counts: "1 pair", "2 pairs"."""
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+def counted(count: int, noun: str, several: str | None = None) -> str:
+    """A number and what it counts: "1 pair", "2 pairs"; `several`: another plural."""
+    return f"{count} {noun if count == 1 else several or noun + 's'}"
 
 
 def length(share: float, size: float | None) -> str:

@@ -118,19 +118,21 @@ def stretches(source: Source, mesh: SourceMesh, time: float) -> tuple[float, flo
     return float(found.min()), float(found.max())
 
 
-def told_size(source: Source, mesh: SourceMesh, time: float, points: NDArray[Any]) -> float:
-    """Return the diagonal of the box of points (V, 3) of a mesh, local space, in stage units.
-
-    A transform that is none leaves them as they are.
-    """
-    from dtrepair.numerics.geometry import diagonal
+def told_unit(source: Source, mesh: SourceMesh, time: float) -> float:
+    """Return how many stage units a length of a mesh is told as; 1 of a transform that is none."""
     from usd_io import FrameError
 
     try:
-        unit = stretches(source, mesh, time)[1]
+        return stretches(source, mesh, time)[1] or 1.0
     except (FrameError, np.linalg.LinAlgError):
-        unit = 1.0
-    return unit * diagonal(points)
+        return 1.0
+
+
+def told_size(source: Source, mesh: SourceMesh, time: float, points: NDArray[Any]) -> float:
+    """Return the diagonal of the box of points (V, 3) of a mesh, local space, in stage units."""
+    from dtrepair.numerics.geometry import diagonal
+
+    return told_unit(source, mesh, time) * diagonal(points)
 
 
 def mode_warnings(source: Source, mode: str) -> list[str]:

@@ -58,7 +58,8 @@ WALLS = {
         "terminal": "",
     },
     "dtrepair.pipeline": {
-        "__init__": "check join transfer keyposes repair stages observer selection errors",
+        "__init__": "page check join transfer keyposes repair stages observer selection errors",
+        "page": "repair stages observer selection errors",
         "keyposes": "repair stages observer selection errors",
         "join": "stages selection errors",
         "check": "repair stages observer selection errors",
@@ -68,6 +69,14 @@ WALLS = {
         "observer": "errors",
         "selection": "errors",
         "errors": "",
+    },
+    "dtrepair.report": {
+        "page": "modelled",
+        "joining": "record modelled",
+        "record": "sections schema modelled",
+        "sections": "",
+        "modelled": "",
+        "schema": "",
     },
     "dtrepair.repair": {
         "__init__": "repairer result options",

@@ -52,12 +52,22 @@ def make_view(
     up: ArrayLike = (0, 1, 0),
     azimuth: float = 25.0,
     elevation: float = 12.0,
+    rotation: NDArray[np.float64] | None = None,
 ) -> View:
     """Return a view that shows all `poses` (each (V, 3)); angles in degrees, from the front.
 
-    The front is +Z where Y is up and -Y where Z is up.
+    The front is +Z where Y is up and -Y where Z is up. A `rotation` (3, 3) replaces the angles.
     """
     points = np.concatenate([np.asarray(pose, dtype=np.float64) for pose in poses])
+    if rotation is None:
+        rotation = _turned(up, azimuth, elevation)
+    seen = points @ rotation.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    size = float(max(high[0] - low[0], high[1] - low[1]))
+    return View(rotation, (low + high) / 2, 0.53 * size if size > 0 else 1.0)
+
+
+def _turned(up: ArrayLike, azimuth: float, elevation: float) -> NDArray[np.float64]:
     upward = np.asarray(up, dtype=np.float64)
     front = np.array([0.0, 0, 1]) if abs(upward[2]) < 0.5 else np.array([0.0, -1, 0])
     right = np.cross(upward, front)
@@ -65,11 +75,7 @@ def make_view(
     sideways = np.cos(a) * right - np.sin(a) * front
     level = np.sin(a) * right + np.cos(a) * front
     towards = np.cos(e) * level + np.sin(e) * upward
-    rotation = np.stack([sideways, np.cross(towards, sideways), towards])
-    seen = points @ rotation.T
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    size = float(max(high[0] - low[0], high[1] - low[1]))
-    return View(rotation, (low + high) / 2, 0.53 * size if size > 0 else 1.0)
+    return np.stack([sideways, np.cross(towards, sideways), towards])
 
 
 def best_view(
@@ -78,12 +84,16 @@ def best_view(
     intersecting: NDArray[np.bool_],
     *,
     up: ArrayLike = (0, 1, 0),
+    others: Sequence[ArrayLike] = (),
 ) -> View:
-    """Return the one of twelve views around the object that shows most of the intersections."""
-    best, most = make_view([points], up=up), 0
+    """Return the one of twelve views around the object that shows most of the intersections.
+
+    others: more poses that the view has to show whole.
+    """
+    best, most = make_view([points, *others], up=up), 0
     for azimuth in (25, -25, 60, -60, 0, 90, -90, 130, -130, 155, -155, 180):
-        view = make_view([points], up=up, azimuth=azimuth)
-        triangle = _visible(view, np.asarray(points, dtype=np.float64), faces, 96)[0]
+        view = make_view([points, *others], up=up, azimuth=azimuth)
+        triangle = visible(view, np.asarray(points, dtype=np.float64), faces, 96)[0]
         shown = int(intersecting[triangle[triangle >= 0]].sum())
         if shown > 1.15 * most:  # later views must be clearly better than the usual one
             best, most = view, shown
@@ -96,21 +106,27 @@ def render(
     *,
     view: View,
     intersecting: NDArray[np.bool_] | None = None,
+    objects: NDArray[np.integer] | None = None,
     size: int = 640,
     options: RenderOptions = RenderOptions(),
 ) -> Image:
-    """Draw a mesh (V, 3), (F, 3); return (size, size, 3) uint8. `intersecting`: (F,) drawn red."""
+    """Draw a mesh (V, 3), (F, 3); return (size, size, 3) uint8.
+
+    intersecting: which triangles (F,) are red. objects: the number (F,) of the object of each,
+    which gives it a colour.
+    """
     positions = np.asarray(points, dtype=np.float64)
     colours, samples = options.colours, options.samples
     fine = size * samples
-    triangle, weights = _visible(view, positions, faces, fine, chunk=options.chunk)
+    triangle, weights = visible(view, positions, faces, fine, chunk=options.chunk)
     hit = triangle >= 0
     chosen = triangle[hit]
     corners = vertex_normals(positions, faces) @ view.rotation.T
     normal = np.einsum("pk,pkd->pd", weights[hit], corners[faces[chosen]])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     flat = _facing(view, positions, faces)[chosen]
-    colour = np.where((flat > 0)[:, None], colours.surface, colours.back)
+    surface = np.asarray(colours.surface if objects is None else colours.of(objects[chosen]))
+    colour = np.where((flat > 0)[:, None], surface, colours.back)
     if intersecting is not None:
         colour = np.where(
             np.asarray(intersecting, bool)[chosen, None], colours.intersecting, colour
@@ -139,7 +155,7 @@ def _facing(
     )
 
 
-def _visible(
+def visible(
     view: View,
     points: NDArray[np.float64],
     faces: NDArray[np.int32],

@@ -4,27 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import InputError
-from dtrepair.pipeline.stages.frames import count_frame, make_counter, read_frame
+from dtrepair.pipeline.stages.frames import Frame, count_frame, make_counter, read_frame
 from dtrepair.pipeline.stages.sources import Source, time_label
+
+if TYPE_CHECKING:
+    from dtrepair.numerics.attachments import Attachments
 
 
 @dataclass(frozen=True)
 class SceneFrame:
-    """World points (V, 3), the mask (F,) of intersecting triangles, and their number."""
+    """World points (V, 3), the mask (F,) of intersecting triangles, their number, pairs (P, 2)."""
 
     points: NDArray[np.float64]
     intersecting: NDArray[np.bool_]
     triangles: int
+    pairs: NDArray[np.int32]
 
 
 class WorldScene:
-    """The meshes of a source joined in world space; `faces` (F, 3)."""
+    """The meshes of a source joined in world space; `faces` (F, 3), `objects` (F,) their meshes.
+
+    attachments: contacts that were modelled, and do not count.
+    """
 
     def __init__(
         self,
@@ -33,25 +40,43 @@ class WorldScene:
         mode: str = "both",
         ignored: Sequence[tuple[int, int]] = (),
         device: str = "cpu",
+        attachments: Attachments | None = None,
     ) -> None:
         self.source = source
-        self._counter = make_counter(source, mode=mode, ignored=ignored, device=device)
+        self._counter = make_counter(
+            source, mode=mode, ignored=ignored, device=device, attachments=attachments
+        )
         starts = np.cumsum([0, *(len(mesh.rest) for mesh in source.meshes)])
         meshes = zip(source.meshes, starts, strict=False)
         self.faces = np.concatenate([mesh.faces + start for mesh, start in meshes]).astype(np.int32)
+        sizes = [len(mesh.faces) for mesh in source.meshes]
+        self.objects = np.repeat(np.arange(len(sizes)), sizes)
 
     def __call__(self, time: float) -> SceneFrame:
         """Read a frame and count its intersections; a failure where it has no points."""
         frame, found = count_frame(self._counter, read_frame(self.source, time))
         if found is None:
-            reason = frame.failure or f"{frame.blocked}: the sample is blocked"
-            raise InputError(f"{self.source.name}, frame {time_label(time)}: {reason}")
+            raise self._refused(frame)
+        mask = np.concatenate(found.intersecting)
+        return SceneFrame(self._placed(frame), mask, found.total.triangles, found.pairs)
+
+    def points(self, time: float) -> NDArray[np.float64]:
+        """Read a frame only: world points (V, 3)."""
+        frame = read_frame(self.source, time)
+        if not frame.usable:
+            raise self._refused(frame)
+        return self._placed(frame)
+
+    def _refused(self, frame: Frame) -> InputError:
+        reason = frame.failure or f"{frame.blocked}: the sample is blocked"
+        return InputError(f"{self.source.name}, frame {time_label(frame.time)}: {reason}")
+
+    def _placed(self, frame: Frame) -> NDArray[np.float64]:
         placed: list[NDArray[Any]] = [
-            self.source.to_world(mesh, time, part)
+            self.source.to_world(mesh, frame.time, part)
             for mesh, part in zip(self.source.meshes, frame.points, strict=True)
         ]
-        mask = np.concatenate(found.intersecting)
-        return SceneFrame(np.concatenate(placed), mask, found.total.triangles)
+        return np.concatenate(placed)
 
     def worst(self) -> int:
         """Index of the frame with most intersecting triangles; of several the first."""

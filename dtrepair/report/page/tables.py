@@ -1,0 +1,166 @@
+"""The tables of a page: objects, pairs of objects, strains, what was modelled, frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+from dtrepair.report.modelled import ModelledList, place
+from dtrepair.report.page.advice import Frames, frame_links
+from dtrepair.report.page.content import Contact
+from dtrepair.report.page.sections import keyposes_table, transfer_table
+from dtrepair.report.page.table import Cell, Markup, html_table
+
+Colours = Sequence[tuple[float, float, float]]
+
+
+def tables(report: Mapping[str, Any], colours: Colours = ()) -> str:
+    """Return all tables of a report; colours: of the objects, as pictures have them."""
+    frames = report["frames"]
+    return "\n".join(
+        (
+            _objects(report, colours),
+            _pairs(report),
+            _strains(frames),
+            _modelled(report["summary"].get("modelled")),
+            transfer_table(report.get("transfer")),
+            keyposes_table(report.get("keyposes")),
+            _frames(frames),
+        )
+    )
+
+
+def smaller_contacts(frames: Frames, contacts: Sequence[Contact]) -> str:
+    """Return a table of the contacts that have no picture, folded up."""
+    rows: list[list[Cell]] = []
+    for contact in contacts:
+        if contact.png or contact.view:
+            continue
+        first, last, worst = contact.frames
+        links = [frame_links(frames, range(first, last + 1)), frame_links(frames, [worst])]
+        counts = ["" if count is None else str(count) for count in contact.triangles]
+        who = pair_name(contact.first, contact.second)
+        rows.append([*counts, *(Markup(each) for each in links), who])
+    if not rows:
+        return ""
+    table = html_table(["triangles before", "after", "frames", "worst", "between"], rows)
+    title = f"Smaller contacts ({len(rows)})"
+    return f"<details><summary><h2>{title}</h2></summary>{table}</details>"
+
+
+def pair_name(first: str, second: str) -> str:
+    """Return what two objects are called together, or one with itself."""
+    return f"{first} with itself" if first == second else f"{first} and {second}"
+
+
+def _objects(report: Mapping[str, Any], colours: Colours) -> str:
+    """Each object: its size, what intersected in all frames, how far it was moved at most."""
+    frames = report["frames"]
+    moved = any(prim.get("motion") for frame in frames for prim in frame["prims"])
+    names = ("displacement_max", "rigid_rms", "edge_change", "edge_distortion")
+    header = ["vertices", "triangles", "intersecting at rest", "in all frames before", "after"]
+    if moved:
+        header += ["largest move", "as a whole (rms)", "edges against input", "against rest"]
+    rows: list[list[Cell]] = []
+    for number, prim in enumerate(report["prims"]):
+        own = [p for frame in frames for p in frame["prims"] if p["path"] == prim["path"]]
+        counts = [sum(p[w]["triangles"] for p in own if p[w]) for w in ("before", "after")]
+        rest = "" if prim["rest_intersections"] is None else str(prim["rest_intersections"])
+        row: list[Cell] = [str(prim["vertices"]), str(prim["triangles"]), rest]
+        row += [str(count) if own else "" for count in counts]
+        if moved:
+            motions = [p["motion"] for p in own if p.get("motion")]
+            row += [f"{max(m[n] for m in motions):.2%}" if motions else "" for n in names]
+        rows.append([*row, Markup(_key(colours, number) + escape(prim["path"]))])
+    return "<h2>Objects</h2>" + html_table([*header, "object"], rows)
+
+
+def _key(colours: Colours, number: int) -> str:
+    """Return a patch of the colour that an object has in pictures."""
+    if number >= len(colours):
+        return ""
+    red, green, blue = (round(255 * part) for part in colours[number])
+    return f'<span class=key style="background:rgb({red},{green},{blue})"></span>'
+
+
+def _pairs(report: Mapping[str, Any]) -> str:
+    """Each pair of objects that met: pairs of triangles over all frames, the frames, the worst."""
+    if len(report["prims"]) < 2:
+        return ""
+    frames = report["frames"]
+    rows: list[list[Cell]] = []
+    for met in report["summary"].get("contacts", ()):
+        both = (met["first"], met["second"])
+        found = {
+            number: contact
+            for number, frame in enumerate(frames)
+            for contact in frame.get("contacts", ())
+            if (contact["first"], contact["second"]) == both
+        }
+        worst = max(found, key=lambda k: (found[k]["after"], found[k]["before"]))
+        left = [number for number, contact in found.items() if contact["after"]]
+        links = [frame_links(frames, numbers) for numbers in (found, left, [worst])]
+        rows.append(
+            [
+                str(met["before"]),
+                str(met["after"]),
+                *(Markup(each) for each in links),
+                pair_name(*both),
+            ]
+        )
+    ignored = report["settings"].get("ignore") or ()
+    note = f"<p>Not counted: contacts of {escape('; '.join(ignored))}</p>" if ignored else ""
+    header = ["pairs before", "after", "frames", "frames left", "worst", "between"]
+    table = html_table(header, rows) if rows else "<p>No contacts.</p>"
+    return f"<h2>Pairs of objects</h2>{table}{note}"
+
+
+def _strains(frames: Frames) -> str:
+    """What is beyond the bounds, or would have been, frame by frame."""
+    rows: list[list[Cell]] = []
+    for number, frame in enumerate(frames):
+        for strain in frame.get("left", {}).get("strains", ()):
+            where = ", ".join(f"{each:.4g}" for each in strain["place"])
+            values = [f"{strain[name]:.4g}" for name in ("value", "bound")]
+            part = f"{strain['part']} of {strain['parts']}"
+            link = Markup(frame_links(frames, [number]))
+            told = [strain["kind"], *values, part, str(strain["vertex"]), where, strain["body"]]
+            rows.append([link, *told])
+    if not rows:
+        return ""
+    header = ["frame", "measure", "value", "bound", "part", "vertex", "place", "object"]
+    return "<h2>Strained beyond the bounds</h2>" + html_table(header, rows)
+
+
+def _modelled(section: Mapping[str, Any] | None) -> str:
+    """Return a table of the contacts that were modelled, by pairs of parts, over all frames."""
+    if section is None:
+        return ""
+    every = ModelledList.from_document(section)
+    rows: list[list[Cell]] = [
+        [
+            *(str(number) for number in vars(record.counts).values()),
+            place(record.centre),
+            f"{record.first} and {record.second}",
+        ]
+        for record in every.listed
+    ]
+    if every.others.counts.pairs_before or every.others.counts.pairs_after:
+        numbers = [str(number) for number in vars(every.others.counts).values()]
+        rows.append([*numbers, "", "others"])
+    header = ["pairs before", "after", "triangles before", "after", "around", "between"]
+    return f"<h2>Modelled contacts, which stay</h2>{html_table(header, rows)}"
+
+
+def _frames(frames: Frames) -> str:
+    header = ["frame", "before", "after", "largest move", "seconds", "status"]
+    rows: list[list[Cell]] = []
+    for number, frame in enumerate(frames):
+        counts = [str(frame[k]["triangles"]) if frame[k] else "" for k in ("before", "after")]
+        state = frame["status"] + (f": {frame['message']}" if frame["message"] else "")
+        link = Markup(frame_links(frames, [number]))
+        move = f"{frame['displacement_max']:.2%}"
+        rows.append([link, *counts, move, f"{frame['seconds']:.2f}", state])
+    table = html_table(header, rows, numbered=True)
+    return f"<details open><summary><h2>Frames</h2></summary>{table}</details>"

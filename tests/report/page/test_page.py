@@ -1,0 +1,306 @@
+"""The HTML page: self-contained, closed to the outside, with the numbers of the report."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from dataclasses import replace
+from hashlib import sha256
+from typing import Any
+
+import pytest
+
+from dtrepair.diagnosis import Diagnosis, RemainingContact, Strain, StrainKind
+from dtrepair.report.modelled import LISTED, bounded
+from dtrepair.report.page.content import Contact, PageContent
+from dtrepair.report.page.page import make_page
+from dtrepair.report.record import (
+    ContactRecord,
+    CountRecord,
+    FramePrimRecord,
+    FrameRecord,
+    MotionRecord,
+    PrimRecord,
+    Report,
+)
+from dtrepair.report.sections import (
+    KeyposesRecord,
+    MarkersRecord,
+    SamplesRecord,
+    SpanRecord,
+    TransferRecord,
+)
+from tests.report.modelled_records import record
+from tests.report.page.tags import parsed
+
+
+def document(count: int = 40, **changes: Any) -> dict[str, Any]:
+    frames = [
+        FrameRecord(
+            time=float(k),
+            status="clean",
+            before=CountRecord(triangles=10 * k, pairs=k),
+            after=CountRecord(),
+            displacement_max=0.001 * k,
+        )
+        for k in range(1, count + 1)
+    ]
+    values = {
+        "command": "repair",
+        "version": "1",
+        "input": "a <b> & c.usd",
+        "output": "out.usdc",
+        "seconds": {"total": 2.0},
+        "prims": (PrimRecord(path="/A", vertices=8, triangles=12, rest_intersections=3),),
+        "frames": (*frames, FrameRecord(time=None, status="failed", message="bad <points>")),
+    }
+    return Report(**{**values, **changes}).document()
+
+
+CONTACT = Contact(
+    first="/A",
+    second="/B",
+    frames=(2, 6, 4),
+    triangles=(12, 3),
+    png=b"\x89PNG",
+    view={"frames": [3, 4], "worst": 1, "arrays": [], "data": ""},
+)
+CONTENT = PageContent(
+    contacts=(CONTACT, replace(CONTACT, png=b"", view=None, second="/A")),
+    measures={"volume": [None, *[-0.01] * 40], "jitter": [None] * 41},
+    colours=[(1.0, 0.5, 0.0)],
+)
+
+
+def test_page_is_well_formed_and_needs_nothing_else() -> None:
+    page = make_page(document(), CONTENT)
+    tags = parsed(page)
+    assert not [tag for tag, _ in tags if tag in ("link", "iframe", "object", "base", "form")]
+    assert not [a for _, a in tags if {"src", "href"} & set(a) and not a["src"].startswith("data:")]
+    images = [attributes["src"] for tag, attributes in tags if tag == "img"]
+    assert images == ["data:image/png;base64,iVBORw=="]
+
+
+def test_only_its_own_scripts_run_and_nothing_is_loaded() -> None:
+    page = make_page(document(), CONTENT)
+    (policy,) = [a["content"] for tag, a in parsed(page) if "http-equiv" in a]
+    assert "default-src 'none'" in policy and "connect-src" not in policy
+    scripts = re.findall(r"<script>(.*?)</script>", page, flags=re.DOTALL)
+    hashes = [base64.b64encode(sha256(s.encode()).digest()).decode() for s in scripts]
+    assert re.findall(r"'sha256-([^']*)'", policy) == hashes
+    assert [name in scripts[k] for k, name in enumerate(("uPlot", "THREE", "goTo"))] == [True] * 3
+
+
+def test_without_contacts_there_is_no_viewer() -> None:
+    page = make_page(document())
+    assert page.count("<script>") == 2 and "TrackballControls=" not in page
+    assert "<div id=viewer>" not in page
+
+
+def test_names_and_messages_are_escaped() -> None:
+    page = make_page(document())
+    assert "a &lt;b&gt; &amp; c.usd" in page and "<b> &" not in page
+    assert "bad &lt;points&gt;" in page
+
+
+HOSTILE = (
+    "</script><script>hacked=1</script>",
+    '"><img src=x onerror=hacked=1>',
+    "' onmouseover='hacked=1",
+    "<!--<script>",
+    "{choices}\u2028</title>",
+)
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_names_stay_text(name: str) -> None:
+    plain = hostile_page("name")
+    page = hostile_page(name)
+    tags, expected = (
+        [(tag, sorted(attributes)) for tag, attributes in parsed(text)] for text in (page, plain)
+    )
+    assert tags == expected
+    assert content_of(page)["told"][1] == f"Frame default: failed: {name}"
+
+
+def hostile_page(name: str) -> str:
+    """A page in which every text that comes from outside is the name."""
+    strain = Strain(
+        body=name,
+        part=1,
+        parts=1,
+        kind=StrainKind.EDGES,
+        value=9.0,
+        bound=1.0,
+        vertex=0,
+        place=(0.0, 0.0, 0.0),
+    )
+    left = Diagnosis(contacts=(RemainingContact(name, name, 3),), strains=(strain,))
+    count = CountRecord(triangles=2, pairs=1)
+    frames = (
+        FrameRecord(
+            time=1.0,
+            status="strained",
+            message=name,
+            before=count,
+            after=count,
+            left=left,
+            contacts=(ContactRecord(name, name, 1, 1),),
+            prims=(FramePrimRecord(path=name, before=count, after=count),),
+        ),
+        FrameRecord(time=None, status="failed", message=name),
+    )
+    prims = [
+        PrimRecord(path=path, vertices=1, triangles=1, rest_intersections=None)
+        for path in (name, "/B")
+    ]
+    report = Report(
+        command="repair",
+        version=name,
+        input=name,
+        output=name,
+        device=name,
+        warnings=(name,),
+        settings={"ignore": [name]},
+        prims=tuple(prims),
+        frames=frames,
+    ).document()
+    contact = replace(CONTACT, first=name, second=name, frames=(0, 0, 0))
+    content = PageContent(contacts=(contact, replace(contact, png=b"", view=None)))
+    return make_page(report, content, notes=[name])
+
+
+def content_of(page: str) -> dict[str, Any]:
+    """What the scripts of a page read."""
+    found = re.search(r'<script type="application/json" id=data>(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    content: dict[str, Any] = json.loads(found[1])
+    return content
+
+
+def test_the_chart_has_every_frame() -> None:
+    content = content_of(make_page(document(), CONTENT))
+    lines = {line["name"]: line["values"] for line in content["series"]}
+    assert lines["before"] == [10 * k for k in range(1, 41)] + [None]
+    assert lines["largest move"][19] == pytest.approx(2.0)  # per cent
+    assert lines["change of volume"] == [None] + [1.0] * 40
+    assert lines["failed"] == [None] * 40 + [0.9]
+    assert "jitter" not in lines and "modelled" not in lines and "strained" not in lines
+    # The default time has no place among numbers: frames are numbered through.
+    assert content["x"] == list(range(41)) and content["labels"][-1] == "default"
+    assert content["contacts"][0]["worst"] == 4 and content["contacts"][0]["view"]["worst"] == 1
+
+
+def test_times_are_the_places_of_frames() -> None:
+    frames = tuple(FrameRecord(time=t, status="skipped") for t in (-1.5, 3.0, 10.0))
+    content = content_of(make_page(document(frames=frames)))
+    assert content["x"] == [-1.5, 3.0, 10.0] and content["labels"] == ["-1.5", "3", "10"]
+
+
+def test_contacts_have_a_picture_or_a_row() -> None:
+    page = make_page(document(), CONTENT)
+    assert page.count("<figure") == 1 and "/A and /B, frame 5: 12 → 3 triangles" in page
+    assert "Smaller contacts (1)" in page and "<td>/A with itself</td>" in page
+    assert '<button class=frame data-go="2">3 to 7</button>' in page
+    assert "background:rgb(255,128,0)" in page
+
+
+def test_totals_and_table() -> None:
+    page = make_page(document())
+    assert "40 of 41" in page and "<b>8200</b>triangles before" in page
+    assert "frames failed" in page
+    rows = re.findall(r'<tr data-frame="(\d+)"><td><button [^>]*>(.*?)</button>', page)
+    assert rows[0] == ("0", "1") and rows[40] == ("40", "default")
+    assert "<td>3</td><td></td><td></td><td>/A</td>" in page
+
+
+def test_objects_and_pairs_have_their_numbers() -> None:
+    moved = MotionRecord(
+        displacement_max=0.02, rigid_rms=0.01, edge_distortion=0.0, edge_change=0.005
+    )
+    count, none = CountRecord(triangles=4, pairs=2), CountRecord()
+    frames = tuple(
+        FrameRecord(
+            time=float(k),
+            status="clean",
+            before=count,
+            after=none,
+            prims=(FramePrimRecord(path="/A", before=count, after=none, motion=moved),),
+            contacts=(ContactRecord("/A", "/B", 2 + k, 0),),
+        )
+        for k in range(3)
+    )
+    prims = tuple(
+        PrimRecord(path=path, vertices=8, triangles=12, rest_intersections=0)
+        for path in ("/A", "/B")
+    )
+    page = make_page(document(frames=frames, prims=prims))
+    parsed(page)
+    assert "<td>12</td><td>0</td><td>2.00%</td><td>1.00%</td><td>0.50%</td>" in page
+    assert '<td>9</td><td>0</td><td><button class=frame data-go="0">0 to 2</button></td>' in page
+    assert '<td><button class=frame data-go="2">2</button></td><td>/A and /B</td>' in page
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_small_reports(count: int) -> None:
+    parsed(make_page(document(count, frames=document_frames(count))))
+
+
+def document_frames(count: int) -> tuple[FrameRecord, ...]:
+    return tuple(FrameRecord(time=None, status="skipped") for _ in range(count))
+
+
+def transfer_section() -> TransferRecord:
+    return TransferRecord(
+        correspondence="markers",
+        target="/A",
+        pairs=7,
+        unmatched=7,
+        unmatched_area=0.1,
+        largest_hole=7,
+        source_used=0.5,
+        root_scale=1.5,
+        residual_median=0.25,
+        markers=MarkersRecord(
+            count=9, distance_median=0.01, distance_max=0.4, suspects=(3, 5), swapped=((3, 5),)
+        ),
+    )
+
+
+def test_a_transfer_has_a_table_of_its_own() -> None:
+    assert "<h2>Transfer</h2>" not in make_page(document())
+    page = make_page(document(transfer=transfer_section()))
+    parsed(page)
+    assert "<td>3, 5</td><td>markers to look at</td>" in page
+    assert "<td>0.25</td><td>residual, median</td>" in page
+    assert "<td></td><td>residual, 95 % below</td>" in page
+    assert "<td>50.0%</td>" in page and "1.0%, 40.0%" in page
+
+
+def test_modelled_contacts_have_a_table_of_their_own() -> None:
+    assert "<h2>Modelled" not in make_page(document())
+    listed = bounded([record(1 + number, 50 - number) for number in range(LISTED + 1)])
+    frames = (FrameRecord(time=1.0, status="clean", modelled=listed),)
+    page = make_page(document(frames=frames))
+    parsed(page)
+    assert "<td>50 0 0</td><td>/Hero/Body part 1 (412 triangles" in page
+    others = 50 - LISTED
+    assert f"<td>{others}</td><td>0</td><td>{2 * others}</td><td>0</td><td></td>" in page
+
+
+def test_poses_between_keys_have_a_table_of_their_own() -> None:
+    assert "Between the keys" not in make_page(document())
+    span = SpanRecord(
+        start=1.0,
+        end=5.0,
+        before=SamplesRecord(samples=8, dirty=3, pairs=20),
+        after=SamplesRecord(samples=16, dirty=1, pairs=2),
+        left=(2.5,),
+        added=(3.0, 4.0),
+    )
+    section = KeyposesRecord(interpolation="linear", skipped=0, spans=(span,))
+    page = make_page(document(keyposes=section))
+    parsed(page)
+    cells = ["8", "3", "1", "20", "2", "3, 4", "2.5", "1 to 5"]
+    assert "".join(f"<td>{cell}</td>" for cell in cells) in page

@@ -76,6 +76,7 @@ WALLS = {
         "record": "sections schema modelled",
         "sections": "",
         "modelled": "",
+        "fields": "",
         "schema": "",
     },
     "dtrepair.repair": {
@@ -87,7 +88,8 @@ WALLS = {
         "separation": f"scene full {_SOLVERS}",
         "scene": f"strain full paper {_SOLVERS}",
         "strain": "",
-        "full": _SOLVERS,
+        "full": f"stage_log {_SOLVERS}",
+        "stage_log": f"{_SOLVERS}",
         "paper": _SOLVERS,
         "parallel": "surface options",
         "elastic": "surface options",

@@ -140,7 +140,7 @@ class RelaxFramesOptions:
         rings: Edge rings around collapsed edges that are relaxed; they fade over as many more.
     """
 
-    agreement: tuple[float, ...] = (0.4,) * 6 + (4.0,) * 5
+    agreement: tuple[float, ...] = (0.5,) * 6 + (3.0,) * 4
     attached: tuple[float, ...] = (0.1,) * 8 + (1.0,) * 4
     still: float = 2e-4
     width: float = 1.5

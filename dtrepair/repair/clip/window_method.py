@@ -24,8 +24,12 @@ from dtrepair.repair.clip.restore_shape import (
     relax_frames,
     restore_shapes,
 )
-from dtrepair.repair.clip.settle_frames import SettleFramesOptions, settle_frames
-from dtrepair.repair.clip.tighten_frames import TightenOptions, tighten_frames
+from dtrepair.repair.clip.tighten_frames import (
+    SettleFramesOptions,
+    TightenOptions,
+    settle_frames,
+    tighten_frames,
+)
 from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import Surface

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, diagonal
-from dtrepair.repair.clip.settle_frames import SettleFramesOptions, settle_frames
+from dtrepair.repair.clip.tighten_frames import SettleFramesOptions, settle_frames
 from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.full.settle import Settling
 from dtrepair.repair.parallel.worker_pool import WorkerPool

@@ -65,7 +65,7 @@ def test_blocks_of_a_page_are_run_in_their_order(tmp_path: Path) -> None:
     [
         ("```python\nopen('made', 'w').close()\n```\n```python\nopen('made')\n```\n", True),
         ("```python\nraise SystemExit(1)\n```\n", False),
-        ("```sh\ndtrepair check nothing.usd\n```\n", False),
+        ("```sh\ndtrepair nonsense\n```\n", False),
     ],
 )
 def test_a_page_that_does_not_run_is_told(tmp_path: Path, block: str, fine: bool) -> None:

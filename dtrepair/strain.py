@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
+from dtrepair.wording import length
+
 
 class StrainKind(StrEnum):
     """What was measured."""
@@ -20,12 +22,12 @@ class StrainKind(StrEnum):
 
 _WORDS: Mapping[StrainKind, str] = {
     StrainKind.EDGES: "{0:.0f} edges four times longer or shorter, at most {1:.0f} may be",
-    StrainKind.DRIFT: "{0:.3f} of the diagonal off what it is attached to, at most {1:.3f}",
-    StrainKind.SLIDE: "a twentieth of what is attached is {0:.4f} of the diagonal off, "
-    "at most {1:.4f}",
+    StrainKind.DRIFT: "{0} off what it is attached to, at most {1}",
+    StrainKind.SLIDE: "a twentieth of what is attached is {0} off, at most {1}",
     StrainKind.VOLUME: "volume changed by {0:.0%}, at most {1:.0%}",
-    StrainKind.FLIPS: "a patch of {0:.3f} of the diagonal turned over, at most {1:.3f}",
+    StrainKind.FLIPS: "a patch {0} wide turned over, at most {1}",
 }
+_LENGTHS = (StrainKind.DRIFT, StrainKind.SLIDE, StrainKind.FLIPS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,10 +40,11 @@ class Strain:
             over several parts the worst one.
         parts: How many parts the body has.
         kind: What was measured.
-        value: Number that was measured; lengths over the diagonal, volumes as fractions.
+        value: Number that was measured; lengths over the size, volumes as fractions.
         bound: What the number may be at most.
         vertex: The vertex of the body where it is worst.
         place: Where that is in the input, in the space of the scene.
+        size: What lengths are fractions of, the diagonal of the scene; None where it is not known.
     """
 
     body: str
@@ -52,6 +55,7 @@ class Strain:
     bound: float
     vertex: int
     place: tuple[float, float, float]
+    size: float | None = None
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> Strain:
@@ -67,7 +71,10 @@ class Strain:
     @property
     def measure(self) -> str:
         """Say what was measured, with the number and its bound."""
-        return _WORDS[self.kind].format(self.value, self.bound)
+        numbers = (self.value, self.bound)
+        if self.kind in _LENGTHS:
+            return _WORDS[self.kind].format(*(length(number, self.size) for number in numbers))
+        return _WORDS[self.kind].format(*numbers)
 
     def __str__(self) -> str:
         """Say what was measured, and where it is worst."""

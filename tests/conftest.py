@@ -14,6 +14,9 @@ from hypothesis import settings
 settings.register_profile("fixed", derandomize=True, database=None, deadline=None, max_examples=40)
 settings.load_profile("fixed")
 
+# On a busy machine any command may take so long that it would tell how far it is.
+os.environ["DTREPAIR_HEARTBEAT"] = "0"
+
 # Each process of the tests needs a gigabyte at times.
 MOST_PROCESSES = 8
 

@@ -40,6 +40,16 @@ CRUSHED = Strain(
 )
 
 
+def test_lengths_of_strains_are_told_in_units_and_in_per_cent_of_the_size() -> None:
+    loose = replace(CRUSHED, kind=StrainKind.DRIFT, value=0.031, bound=0.02)
+    assert loose.measure == "3.1 % of the size off what it is attached to, at most 2 % of the size"
+    sized = replace(loose, size=180.0)
+    assert sized.measure == "5.58 (3.1 %) off what it is attached to, at most 3.6 (2 %)"
+    turned = replace(sized, kind=StrainKind.FLIPS)
+    assert turned.measure == "a patch 5.58 (3.1 %) wide turned over, at most 3.6 (2 %)"
+    assert replace(CRUSHED, size=180.0).measure == CRUSHED.measure
+
+
 def test_contacts_are_named_with_their_numbers_and_what_holds_them() -> None:
     found = Diagnosis(contacts=(OWN, BOTH, RIGID), advice=(Advice.RAISE_DIFFUSION, Advice.HELD))
     assert sentence(found, LEFT) == (

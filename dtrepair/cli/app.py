@@ -9,16 +9,14 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 import click
+from click.shell_completion import CompletionItem
 
 from dtrepair import __version__
+from dtrepair.cli.exit_codes import MEANINGS, exit_codes
+from dtrepair.cli.options.verbosity import verbosity_options
 from dtrepair.cli.terminal.interrupts import Interrupts, exit_code, watched
 from dtrepair.cli.terminal.streams import open_closed_streams, say, show_exception
 from dtrepair.pipeline.errors import OUTPUT, PipelineError
-
-EPILOG = """Exit codes: 0 done and clean; 1 intersections remain (or found, by check), or frames are
-strained; 2 usage; 3 input unusable; 4 some frames failed (the rest is written); 5 output cannot be
-written; 6 frames could not be repaired together (each is written as repaired alone); 7 workers were
-lost (nothing is written); 70 internal error; 130 and 143 interrupted."""
 
 # Name: summary. The module has the name of the command and holds a function `command`.
 COMMANDS = {
@@ -48,6 +46,29 @@ class LazyGroup(click.Group):
         command: click.Command = module.command
         return command
 
+    def resolve_command(
+        self, context: click.Context, arguments: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find a command; of an unknown one tell which may be meant."""
+        name = arguments[0]
+        if name not in COMMANDS and name[:1].isalpha() and not context.resilient_parsing:
+            from difflib import get_close_matches
+
+            near = get_close_matches(name.lower(), COMMANDS, n=1)
+            meant = f" (did you mean {near[0]}?)" if near else ""
+            context.fail(f"no such command: {name}{meant}")
+        return super().resolve_command(context, arguments)
+
+    def shell_complete(self, context: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Complete names of commands without importing any."""
+        if not incomplete[:1].isalnum() and incomplete:
+            return super().shell_complete(context, incomplete)
+        return [
+            CompletionItem(name, help=summary)
+            for name, summary in COMMANDS.items()
+            if name.startswith(incomplete)
+        ]
+
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write names and summaries without importing anything."""
         with formatter.section("Commands"):
@@ -56,11 +77,12 @@ class LazyGroup(click.Group):
 
 @click.group(
     cls=LazyGroup,
-    epilog=EPILOG,
+    epilog=exit_codes(*MEANINGS),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
+@verbosity_options
 @click.version_option(__version__, prog_name="dtrepair", message="%(prog)s %(version)s")
-def group() -> None:
+def group(**verbosity: object) -> None:
     """Find and repair self-intersections of meshes and animated characters.
 
     Works on USD stages (usd, usda, usdc, usdz) and mesh files (obj, ply, off, stl, glb).

@@ -58,7 +58,7 @@ class CorrectionWritten:
     """A layer of corrections is written: "shapes" or "offsets", of so many vertices and bytes.
 
     shapes: their number, of offsets that of frames. error: the largest distance of a vertex from
-    where the repair has it, as a part of the diagonal of its mesh.
+    where the repair has it, as a part of the diagonal of its mesh, `size`, in stage units.
     """
 
     form: str
@@ -66,6 +66,7 @@ class CorrectionWritten:
     vertices: int
     bytes: int
     error: float
+    size: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,8 @@
 
 Counts follow the definition of the whole package: pairs of triangles that share no vertex (vertices
 at one float32 position count as one) and have a common point, in float32 coordinates.
-Displacements are relative to the bounding-box diagonal. Times are time codes; `null` is the default
-time of USD, or a mesh file, which has no time.
+Displacements are relative to the bounding-box diagonal, which frames tell as `size`. Times are time
+codes; `null` is the default time of USD, or a mesh file, which has no time.
 """
 
 from __future__ import annotations
@@ -52,12 +52,17 @@ class MotionRecord:
 
 @dataclass(frozen=True)
 class FramePrimRecord:
-    """Counts of one mesh in one frame, and of several meshes how each moved: None if not."""
+    """Counts of one mesh in one frame, and of several meshes how each moved: None if not.
+
+    size: the diagonal of its bounding box before the repair, stage units, of which displacements
+    are fractions; None where nothing was to move.
+    """
 
     path: str
     before: CountRecord | None
     after: CountRecord | None
     motion: MotionRecord | None = None
+    size: float | None = None
 
 
 @dataclass(frozen=True)
@@ -123,6 +128,9 @@ class FrameRecord:
     def document(self) -> dict[str, Any]:
         """Return the frame as plain values; what is modelled or left only where something is."""
         content = asdict(self)
+        for prim in content["prims"]:
+            if prim["size"] is None:
+                del prim["size"]
         for name in ("modelled", "left"):
             if not getattr(self, name):
                 del content[name]

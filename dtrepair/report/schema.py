@@ -63,6 +63,7 @@ _ENCLOSED = _object(inner=_TEXT, outer=_TEXT, parts=_COUNT)
 # that counts: the vertex and the part, from 1, are numbers within the object. Lengths are fractions
 # of the diagonal, volumes of that of the part.
 _STRAIN = _object(
+    "size",
     body=_TEXT,
     part=_COUNT,
     parts=_COUNT,
@@ -71,6 +72,7 @@ _STRAIN = _object(
     bound=_AMOUNT,
     vertex=_COUNT,
     place={"type": "array", "items": {"type": "number"}},
+    size={"type": ["number", "null"], "minimum": 0},
 )
 # What a repair left of all objects, and what may be done about it: see `dtrepair.diagnosis`.
 _LEFT = _object(
@@ -137,7 +139,15 @@ _FRAME = _object(
     normal_consistency={"type": "number"},
     prims={
         "type": "array",
-        "items": _object("motion", path=_TEXT, before=_COUNTS, after=_COUNTS, motion=_MOTION),
+        "items": _object(
+            "motion",
+            "size",
+            path=_TEXT,
+            before=_COUNTS,
+            after=_COUNTS,
+            motion=_MOTION,
+            size=_AMOUNT,
+        ),
     },
     contacts={"type": "array", "items": _CONTACT},
     modelled=_MODELLED_LIST,

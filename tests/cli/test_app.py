@@ -61,8 +61,12 @@ def test_python_m_dtrepair(tmp_path: Path) -> None:
 
 def test_usage_errors_are_one_line() -> None:
     assert_fails(run("chek"), 2, "chek", "--help")
+    assert_fails(run("chek", "a.obj"), 2, "no such command: chek (did you mean check?)")
+    assert_fails(run("-q", "Repiar"), 2, "(did you mean repair?)")
+    assert "mean" not in run("xyzzy").err
     assert_fails(run("check"), 2, "STAGE|MESH", "dtrepair check --help")
     assert_fails(run("check", "a.obj", "--nonsense"), 2, "--nonsense")
+    assert_fails(run("repair", "a.obj", "--clearence", "1"), 2, "mean", "--clearance")
     assert_fails(run("check", "a.obj", "--mode", "all"), 2, "--mode")
     assert_fails(run("check", "a.obj", "--jobs", "0"), 2, "--jobs")
 

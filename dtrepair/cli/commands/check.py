@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import click
 
-from dtrepair.cli.options.config import kept_tables
+from dtrepair.cli.exit_codes import exit_codes
 from dtrepair.cli.options.fields import field_option
+from dtrepair.cli.options.file_names import FILE
+from dtrepair.cli.options.sections import Command
+from dtrepair.cli.options.settings import as_settings
 from dtrepair.cli.options.shared import (
     ATTACH,
     IGNORE,
-    console_options,
     jobs_option,
     run_options,
     selection_options,
 )
+from dtrepair.cli.options.verbosity import console_options
 from dtrepair.cli.terminal.check_text import print_check
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
@@ -22,17 +25,22 @@ from dtrepair.cli.terminal.modelled_text import print_modelled
 from dtrepair.cli.terminal.outputs import put_report
 from dtrepair.intersect import MODES
 from dtrepair.pipeline.check import COUNTED_APART, CheckSettings, check_stage
-from dtrepair.pipeline.errors import exit_code
-from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.errors import INPUT, OUTPUT, exit_code
 from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
 
 
 @click.command(
     "check",
-    epilog="Exit code 0: nothing intersects; 1: something does; 3: input unusable; "
-    "4: some frames are unusable.",
+    cls=Command,
+    epilog=exit_codes(
+        INPUT,
+        OUTPUT,
+        clean="nothing intersects",
+        remaining="something does",
+        frames="some frames are unusable",
+    ),
 )
-@click.argument("source_path", metavar="STAGE|MESH")
+@click.argument("source_path", type=FILE, metavar="STAGE|MESH")
 @click.option("--json", "json_path", metavar="F|-", help="Write a JSON report; - is stdout.")
 @IGNORE
 @ATTACH
@@ -55,7 +63,7 @@ from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
     is_flag=True,
     help="List the pairs of parts whose contacts count as modelled, and where they are.",
 )
-@selection_options
+@as_settings(CheckSettings, selection_options)
 @run_options
 @jobs_option
 @console_options
@@ -64,12 +72,8 @@ def command(
     *,
     source_path: str,
     json_path: str | None,
-    mode: str,
-    ignore: tuple[str, ...],
-    attach: tuple[str, ...],
-    rest_contacts: str,
     modelled: bool,
-    selection: Selection,
+    settings: CheckSettings,
     device: str,
     jobs: int | None,
     console: Console,
@@ -90,14 +94,6 @@ def command(
     if json_path is not None and json_path != "-":
         refuse_overwriting(json_path, source_path)
         check_writable(json_path)
-    settings = CheckSettings(
-        selection=selection,
-        mode=mode,
-        ignore=ignore,
-        attach=attach,
-        tables=kept_tables(),
-        rest_contacts=rest_contacts,
-    )
     observer = ConsoleObserver(console)
     report = check_stage(source_path, settings, jobs=jobs, device=device, observer=observer)
     if json_path != "-":

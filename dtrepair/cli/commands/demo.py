@@ -8,22 +8,38 @@ from typing import Any
 import click
 import numpy as np
 
-from dtrepair.cli.options.shared import console_options, run_options
+from dtrepair.cli.exit_codes import exit_codes
+from dtrepair.cli.options.file_names import FILE
+from dtrepair.cli.options.sections import Command
+from dtrepair.cli.options.shared import run_options
+from dtrepair.cli.options.verbosity import console_options
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.outputs import put_report
 from dtrepair.cli.terminal.repair_text import print_table, say
-from dtrepair.pipeline.errors import OutputError, exit_code
+from dtrepair.pipeline.errors import ALONE, FRAMES, INPUT, OUTPUT, WORKERS, OutputError, exit_code
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.outputs import writing
 
 PRIM = "/Character/Body"
 
 
-@click.command("demo")
-@click.argument("directory", metavar="[DIR]", default="demo_out")
+@click.command(
+    "demo",
+    cls=Command,
+    epilog=exit_codes(
+        INPUT,
+        FRAMES,
+        OUTPUT,
+        ALONE,
+        WORKERS,
+        clean="every frame is clean",
+        remaining="intersections remain",
+    ),
+)
+@click.argument("directory", type=FILE, metavar="[DIR]", default="demo_out")
 @click.option(
     "--frames",
     "frame_count",

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import click
 
-from dtrepair.cli.options.shared import console_options
+from dtrepair.cli.exit_codes import exit_codes
+from dtrepair.cli.options.file_names import FILE
+from dtrepair.cli.options.sections import Command
+from dtrepair.cli.options.verbosity import console_options
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.outputs import already_written
-from dtrepair.pipeline.errors import CLEAN
+from dtrepair.pipeline.errors import CLEAN, INPUT, OUTPUT
 
 
-@click.command("join")
-@click.argument("chunks", metavar="CHUNK...", nargs=-1, required=True)
-@click.option("-o", "--output", metavar="OUT", required=True, help="The layer to write.")
+@click.command("join", cls=Command, epilog=exit_codes(INPUT, OUTPUT, clean="written"))
+@click.argument("chunks", type=FILE, metavar="CHUNK...", nargs=-1, required=True)
+@click.option("-o", "--output", type=FILE, metavar="OUT", required=True, help="The layer to write.")
 @click.option(
     "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, and can be read."
 )

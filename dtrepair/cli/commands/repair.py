@@ -2,51 +2,58 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
-from dtrepair.cli.options.config import kept_tables
+from dtrepair.cli.exit_codes import exit_codes
 from dtrepair.cli.options.distributed import distributed_option
+from dtrepair.cli.options.file_names import FILE
 from dtrepair.cli.options.method import method_options
 from dtrepair.cli.options.output import output_options
+from dtrepair.cli.options.sections import Command
+from dtrepair.cli.options.settings import as_settings
 from dtrepair.cli.options.shared import (
-    console_options,
     jobs_option,
     object_options,
     run_options,
     selection_options,
 )
+from dtrepair.cli.options.verbosity import console_options
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.outputs import already_written, check_report_place, put_report
 from dtrepair.cli.terminal.repair_text import print_plan, print_table, say
-from dtrepair.pipeline.errors import CLEAN, exit_code
-from dtrepair.pipeline.repair.settings import OutputOptions, RepairSettings
+from dtrepair.pipeline.errors import ALONE, CLEAN, FRAMES, INPUT, OUTPUT, exit_code
+from dtrepair.pipeline.repair.settings import RepairSettings
 from dtrepair.pipeline.repair.stage import plan_repair, repair_stage
-from dtrepair.pipeline.selection import ObjectOptions, Selection
-
-if TYPE_CHECKING:
-    from dtrepair.repair.options import RepairOptions
 
 
 @click.command(
     "repair",
-    epilog="Exit code 0: every frame is clean; 1: intersections remain, or frames are strained; "
-    "2: usage; 3: input unusable; 4: some frames failed, the rest is written; 5: output cannot be "
-    "written; 6: frames could not be repaired together, each is written as repaired alone; "
-    "7: workers were lost, nothing is written, --resume goes on; 130 and 143: interrupted, as 7.",
+    cls=Command,
+    epilog=exit_codes(
+        INPUT,
+        FRAMES,
+        OUTPUT,
+        ALONE,
+        clean="every frame is clean",
+        remaining="intersections remain, or frames are strained",
+        workers="workers were lost, nothing is written, --resume goes on",
+    ),
 )
-@click.argument("source_path", metavar="STAGE|MESH")
-@click.option("-o", "--output", metavar="OUT", required=True, help="The layer or mesh to write.")
+@click.argument("source_path", type=FILE, metavar="STAGE|MESH")
+@click.option(
+    "-o", "--output", type=FILE, metavar="OUT", required=True, help="The layer or mesh to write."
+)
 @click.option(
     "--rest",
+    type=FILE,
     metavar="STAGE|MESH|TIME",
     help="Rest pose; default: the default-time points, else the frame with fewest intersections.",
 )
-@object_options
 @click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
 @click.option("--resume", is_flag=True, help="Go on with an interrupted run of the same command.")
 @click.option(
@@ -58,11 +65,9 @@ if TYPE_CHECKING:
     metavar="K/N",
     help="Part K of N of the frames, for a farm; `join` gives what one run would have given.",
 )
-@output_options
 @distributed_option
 @click.option("--alone", is_flag=True, help="Repair each frame for itself, not steady in time.")
-@selection_options
-@method_options
+@as_settings(RepairSettings, object_options, output_options, selection_options, method_options)
 @run_options
 @jobs_option
 @console_options
@@ -71,29 +76,21 @@ def command(
     *,
     source_path: str,
     output: str,
-    rest: str | None,
-    objects: ObjectOptions,
+    settings: RepairSettings,
     report_path: str | None,
-    resume: bool,
     skip_existing: bool,
     dry_run: bool,
-    chunk: str | None,
-    writing: OutputOptions,
-    distributed: str | None,
-    alone: bool,
-    selection: Selection,
-    options: RepairOptions,
-    device: str,
     jobs: int | None,
     console: Console,
+    **running: Any,
 ) -> int:
     """Repair the self-intersections of a USD stage or a mesh file.
 
     A stage gives a layer over it that holds new points only. Frames are repaired together, so that
     the correction is steady in time and eases in before a contact; frames away from contacts stay
     bit for bit as they are. Several meshes are repaired together in world space. A mesh file gives
-    a mesh file with the same vertices and faces. The largest move of a frame is told as a part of
-    the bounding-box diagonal of its mesh.
+    a mesh file with the same vertices and faces. Lengths are in stage units, with per cent of the
+    size, the diagonal of the bounding box, in brackets.
 
     Single objects may have settings of their own: tables [[prim]] in the file of --config with a
     path and any of diffusion, mobility (0 to 1), rigid, pin, direction, attach and layer, or
@@ -108,40 +105,13 @@ def command(
     check_report_place(report_path, console, source_path, others=[output])
     if skip_existing and already_written(output, console):
         return CLEAN
-    settings = RepairSettings(
-        selection=selection,
-        options=options,
-        objects=objects,
-        tables=kept_tables(),
-        rest=rest,
-        alone=alone,
-        chunk=chunk,
-        writing=writing,
-    )
-    observer = ConsoleObserver(console, say)
+    inputs = (source_path, output, settings)
+    running["observer"] = ConsoleObserver(console, say)
     if dry_run:
-        plan = plan_repair(
-            source_path,
-            output,
-            settings,
-            resume=resume,
-            distributed=distributed,
-            device=device,
-            observer=observer,
-        )
-        print_plan(console, plan)
+        print_plan(console, plan_repair(*inputs, **running))
         return CLEAN
     clean_up_if_forced(output)
-    report = repair_stage(
-        source_path,
-        output,
-        settings,
-        resume=resume,
-        distributed=distributed,
-        jobs=jobs,
-        device=device,
-        observer=observer,
-    )
+    report = repair_stage(*inputs, jobs=jobs, **running)
     put_report(report, report_path)
     print_table(console, report.frames, output)
     return exit_code(report)

@@ -6,17 +6,22 @@ import os
 
 import click
 
-from dtrepair.cli.options.shared import console_options
+from dtrepair.cli.exit_codes import exit_codes
+from dtrepair.cli.options.file_names import FILE
+from dtrepair.cli.options.sections import Command
+from dtrepair.cli.options.verbosity import console_options
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
-from dtrepair.pipeline.errors import CLEAN, InputError
+from dtrepair.pipeline.errors import CLEAN, INPUT, OUTPUT, InputError
 from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
 
 
-@click.command("report")
-@click.argument("report_path", metavar="REPORT.json")
-@click.option("-o", "--output", metavar="OUT.html", required=True, help="The page to write.")
+@click.command("report", cls=Command, epilog=exit_codes(INPUT, OUTPUT, clean="written"))
+@click.argument("report_path", type=FILE, metavar="REPORT.json")
+@click.option(
+    "-o", "--output", type=FILE, metavar="OUT.html", required=True, help="The page to write."
+)
 @click.option(
     "--pictures",
     "count",

@@ -2,39 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import click
-from click.core import ParameterSource
 
-from dtrepair.cli.options.config import kept_tables
-from dtrepair.cli.options.method import METHOD_NAMES, method_options
-from dtrepair.cli.options.shared import (
-    SCENE_NAMES,
-    console_options,
-    jobs_option,
-    key_selection_options,
-    run_options,
-    scene_options,
-)
-from dtrepair.cli.options.transfer import transfer_options
+from dtrepair.cli.exit_codes import exit_codes
+from dtrepair.cli.options.file_names import FILE
+from dtrepair.cli.options.sections import Command
+from dtrepair.cli.options.shared import jobs_option, run_options
+from dtrepair.cli.options.transfer import transfer_settings
+from dtrepair.cli.options.verbosity import console_options
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.outputs import already_written, check_report_place, put_report
 from dtrepair.cli.terminal.transfer_text import print_plan, print_report, say
-from dtrepair.pipeline.errors import CLEAN, UsageError, exit_code
-from dtrepair.pipeline.selection import ObjectOptions, Selection
-from dtrepair.pipeline.transfer.options import TransferOptions
+from dtrepair.pipeline.errors import CLEAN, FRAMES, INPUT, OUTPUT, exit_code
 from dtrepair.pipeline.transfer.run import files_of, plan_transfer, transfer_stage
 from dtrepair.pipeline.transfer.settings import TransferSettings
 
-if TYPE_CHECKING:
-    from dtrepair.repair.options import RepairOptions
 
-
-class GreedyPoses(click.Command):
+class GreedyPoses(Command):
     """A command whose --poses takes all words up to the next option."""
 
     def parse_args(self, context: click.Context, arguments: list[str]) -> list[str]:
@@ -53,23 +40,32 @@ class GreedyPoses(click.Command):
 @click.command(
     "transfer",
     cls=GreedyPoses,
-    epilog="Exit code 0: done, nothing intersects; 1: the result intersects itself, but is "
-    "written; 2: usage; 3: input unusable; 4: some frames failed, the rest is written; 5: output "
-    "cannot be written; with --repair also 6: frames could not be repaired together, each is "
-    "written as repaired alone; 7: workers were lost, nothing is written. 130 and 143: "
-    "interrupted, an older output is intact.",
+    epilog=exit_codes(
+        INPUT,
+        FRAMES,
+        OUTPUT,
+        clean="done, nothing intersects",
+        remaining="the result intersects itself, but is written",
+        alone="with --repair: frames could not be repaired together, each is written as repaired "
+        "alone",
+        workers="with --repair: workers were lost, nothing is written",
+    ),
 )
-@click.argument("source_path", metavar="SOURCE")
-@click.argument("target_path", metavar="TARGET")
-@click.option("-o", "--output", metavar="OUT", required=True, help="The stage or layer to write.")
+@click.argument("source_path", type=FILE, metavar="SOURCE")
+@click.argument("target_path", type=FILE, metavar="TARGET")
+@click.option(
+    "-o", "--output", type=FILE, metavar="OUT", required=True, help="The stage or layer to write."
+)
 @click.option(
     "--poses",
+    type=FILE,
     multiple=True,
     metavar="FILE...",
     help="Poses of SOURCE: mesh files, time codes 1, 2, ...; or one animated stage.",
 )
-@click.option("--rest", metavar="STAGE|MESH|TIME", help="Rest pose of SOURCE; default as repair.")
-@transfer_options
+@click.option(
+    "--rest", type=FILE, metavar="STAGE|MESH|TIME", help="Rest pose of SOURCE; default as repair."
+)
 @click.option("--repair", is_flag=True, help="Repair each frame; the target's rest is its rest.")
 @click.option(
     "--alone/--together",
@@ -81,9 +77,7 @@ class GreedyPoses(click.Command):
     "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, and can be read."
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
-@scene_options
-@key_selection_options
-@method_options
+@transfer_settings
 @run_options
 @jobs_option
 @console_options
@@ -93,20 +87,13 @@ def command(
     source_path: str,
     target_path: str,
     output: str,
-    poses: tuple[str, ...],
-    rest: str | None,
-    transfer: TransferOptions,
-    objects: ObjectOptions,
-    repair: bool,
-    alone: bool | None,
-    selection: Selection,
-    options: RepairOptions,
+    settings: TransferSettings,
+    report_path: str | None,
+    skip_existing: bool,
+    dry_run: bool,
     device: str,
     jobs: int | None,
     console: Console,
-    skip_existing: bool,
-    dry_run: bool,
-    report_path: str | None,
 ) -> int:
     """Give TARGET the motion of SOURCE (deformation transfer).
 
@@ -127,18 +114,6 @@ def command(
     """
     if skip_existing and already_written(output, console):
         return CLEAN
-    if not repair:
-        _refuse_without_repair()
-    settings = TransferSettings(
-        selection=selection,
-        options=transfer,
-        poses=poses,
-        rest=rest,
-        repair=options if repair else None,
-        objects=objects,
-        tables=kept_tables() if repair else (),
-        alone=alone if repair else None,
-    )
     read, written = files_of(source_path, target_path, settings)
     check_report_place(report_path, console, *read, others=[output, *written])
     observer = ConsoleObserver(console, say)
@@ -148,15 +123,6 @@ def command(
         print_plan(console, plan_transfer(*inputs, device=device, observer=observer))
         return CLEAN
     report = transfer_stage(*inputs, jobs=jobs, device=device, observer=observer)
-    print_report(console, report, repaired=repair)
+    print_report(console, report, repaired=settings.repair is not None)
     put_report(report, report_path)
     return exit_code(report)
-
-
-def _refuse_without_repair() -> None:
-    """Refuse options that only a repair has; a file of --config may serve `repair` as well."""
-    context = click.get_current_context()
-    for name in (*METHOD_NAMES, *SCENE_NAMES, "alone"):
-        if context.get_parameter_source(name) == ParameterSource.COMMANDLINE:
-            option = name.replace("_", "-")
-            raise UsageError(f"--{option}: has no effect without --repair")

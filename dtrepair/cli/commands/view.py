@@ -6,10 +6,14 @@ from collections.abc import Sequence
 
 import click
 
-from dtrepair.cli.options.shared import console_options, selection_options
+from dtrepair.cli.exit_codes import exit_codes
+from dtrepair.cli.options.file_names import FILE
+from dtrepair.cli.options.sections import Command
+from dtrepair.cli.options.shared import selection_options
+from dtrepair.cli.options.verbosity import console_options
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import one_line_errors
-from dtrepair.pipeline.errors import CLEAN, UsageError
+from dtrepair.pipeline.errors import CLEAN, INPUT, OUTPUT, UsageError
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting, writing
 from dtrepair.pipeline.stages.sources import open_source, time_label
@@ -18,10 +22,14 @@ from dtrepair.pipeline.stages.world_mesh import WorldScene
 _PICTURES = (".png", ".jpg", ".jpeg")
 
 
-@click.command("view")
-@click.argument("source_path", metavar="STAGE|MESH")
-@click.option("--before", metavar="STAGE|MESH", help="The unrepaired input, shown beside it.")
-@click.option("--screenshot", metavar="F.png", help="Write a picture and open no window.")
+@click.command("view", cls=Command, epilog=exit_codes(INPUT, OUTPUT, clean="shown, or written"))
+@click.argument("source_path", type=FILE, metavar="STAGE|MESH")
+@click.option(
+    "--before", type=FILE, metavar="STAGE|MESH", help="The unrepaired input, shown beside it."
+)
+@click.option(
+    "--screenshot", type=FILE, metavar="F.png", help="Write a picture and open no window."
+)
 @selection_options
 @console_options
 @one_line_errors

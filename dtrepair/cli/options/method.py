@@ -54,12 +54,12 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "clearance": {
         "type": float,
         "metavar": "D",
-        "help": "Distance that contacts keep, stage units.",
+        "help": "Distance that contacts keep, in stage units.",
     },
     "maximum_displacement": {
         "type": float,
         "metavar": "D",
-        "help": "No vertex moves farther, stage units; default: no limit.",
+        "help": "No vertex moves farther, in stage units; default: no limit.",
     },
     "rest_contacts": {
         "type": click.Choice(REST_CONTACTS),
@@ -83,42 +83,42 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "iterations": {
         "type": int,
         "metavar": "N",
-        "help": "Most iterations; --method paper.",
+        "help": "Most iterations.",
     },
     "regularization": {
         "type": float,
         "metavar": "BETA",
-        "help": "Weight of the shape; --method paper.",
+        "help": "Weight of the shape.",
     },
-    "optimizer": {"type": click.Choice(OPTIMIZERS), "help": "--method paper."},
-    "energy": {"type": click.Choice(ENERGIES), "help": "--method paper."},
+    "optimizer": {"type": click.Choice(OPTIMIZERS), "help": "What makes steps of gradients."},
+    "energy": {"type": click.Choice(ENERGIES), "help": "What is lowered."},
     "laplacian": {
         "type": click.Choice(LAPLACIANS),
-        "help": "Pose that the Laplacian is of; --method paper.",
+        "help": "Pose that the Laplacian is of.",
     },
     "kernel_exponent": {
         "type": int,
         "metavar": "A",
-        "help": "Of the height, odd; default: 1. --method paper.",
+        "help": "Of the height, odd; default: 1.",
     },
     "kernel_power": {
         "type": float,
         "metavar": "Q",
-        "help": "Of the distance; default: 1. --method paper.",
+        "help": "Of the distance; default: 1.",
     },
     "learning_rate": {
         "type": float,
         "metavar": "RATE",
-        "help": "Of the optimiser; default: what suits it. --method paper.",
+        "help": "Of the optimiser; default: what suits it.",
     },
     "brake_band": {
         "type": float,
         "metavar": "S",
-        "help": "Of momentum-brake, standard deviations; default: 3. --method paper.",
+        "help": "Of momentum-brake, standard deviations; default: 3.",
     },
     "brake_mask": {
         "type": click.Choice(BRAKE_MASKS),
-        "help": "What momentum-brake stops: a component (default) or a vertex. --method paper.",
+        "help": "What momentum-brake stops: a component (default) or a vertex.",
     },
 }
 # Options of the full method alone.

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import wraps
 from typing import Any
 
 import click
 
 from dtrepair.cli.options.config import read_config
 from dtrepair.cli.options.fields import Function, as_object, field_option
-from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.options.file_names import FILE
 from dtrepair.pipeline.selection import KEYS, ObjectOptions, Selection
 
 _SELECTION: dict[str, dict[str, Any]] = {
@@ -88,22 +87,6 @@ def object_options(function: Function) -> Function:
     return as_object(ObjectOptions, "objects", _OBJECTS)(function)
 
 
-def console_options(function: Function) -> Function:
-    """Add -q and -v; the command gets `console`."""
-
-    @wraps(function)
-    def wrapper(*, quiet: bool, verbose: int, **options: Any) -> Any:
-        return function(console=Console(quiet=quiet, verbosity=verbose), **options)
-
-    return _with(
-        wrapper,
-        (
-            click.option("-q", "--quiet", is_flag=True, help="Print errors only."),
-            click.option("-v", "--verbose", count=True, help="Say more; -vv shows tracebacks."),
-        ),
-    )
-
-
 def run_options(function: Function) -> Function:
     """Add --device and --config."""
     return _with(
@@ -118,6 +101,7 @@ def run_options(function: Function) -> Function:
             ),
             click.option(
                 "--config",
+                type=FILE,
                 metavar="F.toml",
                 is_eager=True,
                 expose_value=False,

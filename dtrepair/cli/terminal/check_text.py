@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.strain_text import frames_of
 from dtrepair.pipeline.stages.sources import time_label
 from dtrepair.report.record import FrameRecord, Report
 from dtrepair.wording import counted
@@ -69,11 +70,9 @@ def enclosed_lines(records: Sequence[FrameRecord]) -> list[str]:
             )
             who, lie = ("a part", "lies") if most == 1 else (f"{most} parts", "lie")
             what = f"{who} of {inner} {lie} wholly inside another part of it"
-        when = f" in {len(own)} of {looked} frames"
+        when = f" in {frames_of(own)}"
         if len(own) == looked:
             when = " in every frame" if looked > 1 else ""
-        elif len(own) == 1:
-            when = f" in frame {time_label(own[0].time)}"
         told.append(f"{what}{when}")
     if len(frames) > NAMED:
         told.append(f"{len(frames) - NAMED} more lie wholly inside others")

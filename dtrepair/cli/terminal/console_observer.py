@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.interrupts import current_interrupts
 from dtrepair.cli.terminal.modelled_text import modelled_line
-from dtrepair.cli.terminal.progress_bar import ProgressBar, wanted
+from dtrepair.cli.terminal.progress import ProgressBar, heartbeat, wanted
 from dtrepair.cli.terminal.repair_text import correction_line
 from dtrepair.pipeline.observer import (
     CorrectionWritten,
@@ -24,7 +24,7 @@ SayFrame = Callable[[Console, FrameDone], None]
 
 
 class ConsoleObserver(Observer):
-    """Prints warnings, frames with -v and where errors come from with -vv; shows progress.
+    """Prints warnings, frames with -v and where errors come from with -vv; tells progress.
 
     Ctrl-C ends a run by a KeyboardInterrupt of its own, so that `cancelled` never does.
     """
@@ -33,22 +33,29 @@ class ConsoleObserver(Observer):
         """Print on a console; `say_frame` prints what became of a frame; None: nothing does."""
         self.console, self._say_frame = console, say_frame
         self._bar: ProgressBar | None = None
+        self._heartbeat = None if console.quiet else heartbeat(console.tell)
 
     def start(self, phase: str, total: int) -> None:
-        """Show a progress bar where one is wanted."""
+        """Show a progress bar where one is wanted, else a line now and then."""
         if not self.console.quiet and wanted(total):
             self._bar = ProgressBar(phase, total)
+        if self._heartbeat is not None:
+            self._heartbeat.start(phase, total)
 
     def advance(self, done: float) -> None:
         """Move the bar."""
         if self._bar is not None:
             self._bar.show(done)
+        if self._heartbeat is not None:
+            self._heartbeat.advance(done)
 
     def end(self) -> None:
         """Take the bar away."""
         if self._bar is not None:
             self._bar.close()
             self._bar = None
+        if self._heartbeat is not None:
+            self._heartbeat.end()
 
     def warning(self, text: str) -> None:
         """Print a warning."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.strain_text import strain_lines
+from dtrepair.cli.terminal.strain_text import frames_of, strain_lines
 from dtrepair.diagnosis import Status, concerns
 from dtrepair.pipeline.observer import CorrectionWritten, FrameDone
 from dtrepair.pipeline.repair.records import REMEDIES
@@ -15,7 +15,7 @@ from dtrepair.pipeline.selection import NUMBERS, ObjectSettings
 from dtrepair.pipeline.stages.plan import Plan
 from dtrepair.pipeline.stages.sources import time_label
 from dtrepair.report.record import FrameRecord, MotionRecord, summarize
-from dtrepair.wording import counted
+from dtrepair.wording import counted, length
 
 # So many contacts are named in a line of advice.
 _NAMED = 3
@@ -42,7 +42,7 @@ def correction_line(done: CorrectionWritten) -> str:
     moved = f"{counted(done.vertices, 'point')} moved, {size}"
     if done.form == "offsets":
         return f"offsets of {counted(done.shapes, 'frame')}: {moved}"
-    near = f"within {done.error:.1e} of the diagonal"
+    near = f"within {length(done.error, done.size)}"
     return f"{counted(done.shapes, 'blend shape')}: {moved}; repaired points are met {near}"
 
 
@@ -93,21 +93,36 @@ def _print_contacts(
         console.table(["pairs before", "after", "of", "and"], rows)
     rows = []
     for path, motions in motions_of(records).items():
-        largest = max(motion.displacement_max for motion in motions)
-        rigid = max(motion.rigid_rms for motion in motions)
-        change = max(motion.edge_change for motion in motions)
-        rows.append([f"{largest:.4f}", f"{rigid:.4f}", f"{change:.4f}", path])
+        largest = max(motions, key=lambda own: own[0].displacement_max)
+        rigid = max(motions, key=lambda own: own[0].rigid_rms)
+        change = max(motion.edge_change for motion, _ in motions)
+        lengths = (
+            length(largest[0].displacement_max, largest[1]),
+            length(rigid[0].rigid_rms, rigid[1]),
+        )
+        rows.append([*lengths, f"{change:.4f}", path])
     if rows:
         console.table(["largest move", "as a whole", "edges changed", "mesh"], rows)
 
 
-def motions_of(records: tuple[FrameRecord, ...]) -> dict[str, list[MotionRecord]]:
-    """How each mesh that was moved, of several ones, moved in the frames."""
-    found: dict[str, list[MotionRecord]] = {}
+def motions_of(
+    records: tuple[FrameRecord, ...],
+) -> dict[str, list[tuple[MotionRecord, float | None]]]:
+    """How each mesh that was moved, of several ones, moved in the frames, and its size there."""
+    found: dict[str, list[tuple[MotionRecord, float | None]]] = {}
     for prim in (prim for record in records for prim in record.prims):
         if prim.motion is not None:
-            found.setdefault(prim.path, []).append(prim.motion)
+            found.setdefault(prim.path, []).append((prim.motion, prim.size))
     return found
+
+
+def largest_move(record: FrameRecord) -> str:
+    """The largest move of a frame, that of the mesh which moved most for its size."""
+    if record.displacement_max == 0.0:
+        return "0"
+    moved = [prim for prim in record.prims if prim.motion is not None] or record.prims
+    most = max(moved, key=lambda prim: prim.motion.displacement_max if prim.motion else 0.0)
+    return length(record.displacement_max, most.size)
 
 
 def print_table(console: Console, records: tuple[FrameRecord, ...], output: str) -> None:
@@ -119,7 +134,7 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
             rows.append([label, "", "", "", record.status])
         elif record.before.pairs:
             numbers = [str(record.before.triangles), str(record.after.triangles)]
-            rows.append([label, *numbers, f"{record.displacement_max:.4f}", record.status])
+            rows.append([label, *numbers, largest_move(record), record.status])
     if rows:
         console.table(["frame", "before", "after", "largest move", "status"], rows)
     totals = summarize(records)
@@ -137,27 +152,33 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
         )
     if totals["strained"]:
         console.result(f"{counted(totals['strained'], 'frame')} strained: see the lines below")
-    close = sum(record.left.too_close > 0 for record in records)
+    close = [record for record in records if record.left.too_close]
     if close:
-        where = f"in {counted(close, 'frame')}"
-        console.result(f"{where} pairs stay closer than --clearance: the report has their numbers")
+        where = in_frames(close)
+        console.result(f"{where}pairs stay closer than --clearance: the report has their numbers")
     for line in (*strain_lines(records), *advice_lines(records)):
         console.result(line)
     console.result(f"written: {output}")
 
 
+def in_frames(records: Sequence[FrameRecord]) -> str:
+    """In which frames something is; nothing for a pose without a time."""
+    where = frames_of(records)
+    return f"in {where} " if where else ""
+
+
 def advice_lines(records: Sequence[FrameRecord]) -> Iterator[str]:
-    """What is left and what to do about it: one line for each kind, with its number of frames."""
-    frames: Counter[str] = Counter()
+    """What is left and what to do about it: one line for each kind, with its frames."""
+    frames: dict[str, list[FrameRecord]] = {}
     objects: dict[str, Counter[str]] = {}
     for record in records:
         found = concerns(record.left, Status(record.status), remedies=REMEDIES)
         for advice, concerned in found.items():
-            frames[advice] += 1
+            frames.setdefault(advice, []).append(record)
             objects.setdefault(advice, Counter()).update(concerned)
-    for advice, number in frames.most_common():
+    for advice, own in sorted(frames.items(), key=lambda item: -len(item[1])):
         told = [text for text, _ in objects[advice].most_common()]
         more = f" and {len(told) - _NAMED} more" if told[_NAMED:] else ""
-        where = f"in {counted(number, 'frame')} " if len(records) > 1 else ""
+        where = in_frames(own) if len(records) > 1 else ""
         end = f": {advice}" if advice else ""
         yield f"advice: {where}{'; '.join(told[:_NAMED])}{more}{end}"

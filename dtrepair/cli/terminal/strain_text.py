@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from dtrepair.diagnosis import KEPT, LEFT_OUT, Advice, Strain
 from dtrepair.pipeline.repair.records import REMEDIES
 from dtrepair.pipeline.stages.sources import time_label
 from dtrepair.report.record import FrameRecord
+from dtrepair.wording import frame_list
 
-# So many lines are told, and so many frames in a line: the report has all of them.
-LINES, FRAMES = 8, 6
+# So many lines are told: the report has all of them.
+LINES = 8
 
 
 def strain_lines(records: Sequence[FrameRecord]) -> Iterator[str]:
@@ -31,14 +32,15 @@ def strain_lines(records: Sequence[FrameRecord]) -> Iterator[str]:
         yield f"strained: {len(every) - LINES} more parts and measures: the report has them"
 
 
+def frames_of(records: Iterable[FrameRecord]) -> str:
+    """Return which frames there are, as "frame 2" or "frames 2, 12:19"; nothing without a time."""
+    times = {record.time for record in records if record.time is not None}
+    return f"{'frame' if len(times) == 1 else 'frames'} {frame_list(times)}" if times else ""
+
+
 def _frames(records: Sequence[FrameRecord], worst: FrameRecord) -> str:
     """Return in which frames it is, and in which of them it is worst."""
-    if worst.time is None:
-        return ""
-    # Two patches of a part may be beyond the bounds in one frame.
-    labels = list(dict.fromkeys(time_label(record.time) for record in records))
-    if len(labels) == 1:
-        return f"frame {labels[0]}: "
-    more = f" and {len(labels) - FRAMES} more" if len(labels) > FRAMES else ""
-    listed = ", ".join(labels[:FRAMES])
-    return f"frames {listed}{more}, worst in {time_label(worst.time)}: "
+    where = frames_of(records)
+    if where.startswith("frames"):
+        where += f", worst in {time_label(worst.time)}"
+    return f"{where}: " if where else ""

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dtrepair.keyposes.tracks import Pose, Track
+from dtrepair.pipeline.repair.records import in_stage_units
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired
-from dtrepair.pipeline.stages.frames import Frame, count_frame, read_frame
+from dtrepair.pipeline.stages.frames import Frame, count_frame, read_frame, told_size
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import StageSource
 from dtrepair.report.record import FrameRecord
@@ -184,13 +185,15 @@ class StageKeys:
         strains = self._strains.get(time, ())
         if record is not None:
             strains = self.repairer.repairer.strains(*spaces)
-        left = _with_strains(record, strains, after.total.pairs)
+        meshes = self.source.meshes
+        sizes = [told_size(self.source, m, time, pose) for m, pose in zip(meshes, old, strict=True)]
+        left = in_stage_units(_with_strains(record, strains, after.total.pairs), sizes)
         status = "clean" if not after.total.pairs else "improved"
         if left.strains:
             status = "strained"
         elif after.total.pairs >= max(before.total.pairs, 1):
             status = "unchanged"
-        prims = zip(self.source.meshes, before.each, after.each, strict=True)
+        prims = zip(meshes, before.each, after.each, sizes, strict=True)
         return replace(
             record or FrameRecord(time=time, status=status, message="added key"),
             status=status,
@@ -199,7 +202,10 @@ class StageKeys:
             after=after.total,
             displacement_max=max(float(part.max()) for part in moved),
             displacement_mean=float(np.concatenate(moved).mean()),
-            prims=tuple(FramePrimRecord(path=m.path, before=b, after=a) for m, b, a in prims),
+            prims=tuple(
+                FramePrimRecord(mesh.path, first, last, size=size)
+                for mesh, first, last, size in prims
+            ),
             modelled=self.repairer.modelled.in_frame(time, before, spaces[0], after, spaces[1]),
         )
 

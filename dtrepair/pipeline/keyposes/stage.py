@@ -36,7 +36,7 @@ from dtrepair.pipeline.stages.frames import mode_warnings, prim_records, refuse_
 from dtrepair.pipeline.stages.object_settings import recorded
 from dtrepair.pipeline.stages.outputs import FilePath
 from dtrepair.pipeline.stages.plan import Plan, make_plan
-from dtrepair.pipeline.stages.rest import Rest, choose_rests, rest_warnings
+from dtrepair.pipeline.stages.rest import Rest, choose_rests, rest_warnings, thin_warnings
 from dtrepair.pipeline.stages.sinks import Sink, open_sink
 from dtrepair.pipeline.stages.sources import StageSource, is_stage, open_source
 from dtrepair.report.record import FrameRecord, Report, summarize
@@ -154,6 +154,7 @@ def _prepared(
     try:
         clock.lap("read")
         rests = choose_rests(source, settings.rest, device=there)
+        warn(observer, thin_warnings(source, rests, controls.settings, run.options.clearance))
         yield _Prepared(run, settings, source, controls, rests, sink)
     finally:
         if sink is not None:

@@ -14,7 +14,7 @@ from dtrepair.numerics.geometry import diagonal
 from dtrepair.numerics.low_rank import fewest_shapes
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.observer import CorrectionWritten, Observer
-from dtrepair.pipeline.stages.frames import Frame, read_frame
+from dtrepair.pipeline.stages.frames import Frame, read_frame, told_size
 from dtrepair.pipeline.stages.sources import Source, StageSource, is_stage
 
 if TYPE_CHECKING:
@@ -92,6 +92,7 @@ class CorrectionSink:
         self._moved = [_Moved() for _ in source.meshes]
         self._corrections: list[Correction] | None = None
         self._error = 0.0
+        self._size: float | None = None
         self._warnings: list[str] = []
 
     def put(self, index: int, time: float, points: NDArray[np.float32] | None) -> None:
@@ -116,7 +117,7 @@ class CorrectionSink:
 
     def settle(self, tolerance: float = TOLERANCE) -> None:
         """Find shapes that leave no vertex farther off than a part of the diagonal of its mesh."""
-        self._corrections, self._error = [], 0.0
+        self._corrections, self._error, self._size = [], 0.0, None
         for mesh, moved in zip(self._source.meshes, self._moved, strict=True):
             vertices, offsets, stretches = moved.together()
             if not len(vertices):
@@ -126,7 +127,10 @@ class CorrectionSink:
             if self.form == "shapes":
                 found = fewest_shapes(offsets, tolerance * size, scales=stretches)
                 left = np.linalg.norm(found.displacements - offsets, axis=2) * stretches
-                self._error = max(self._error, float(left.max()) / size)
+                error = float(left.max()) / size
+                if error >= self._error:
+                    time = moved.times[0]
+                    self._error, self._size = error, told_size(self._source, mesh, time, mesh.rest)
                 shapes, weights = found.shapes, found.weights
             self._corrections.append(
                 self._held(mesh.handle, vertices, np.array(times), shapes, weights)
@@ -199,6 +203,7 @@ class CorrectionSink:
                 vertices=sum(len(own.vertices) for own in self._corrections),
                 bytes=os.path.getsize(self.path),
                 error=self._error,
+                size=self._size,
             )
         )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair import diagnosis
-from dtrepair.diagnosis import Advice, Status, merged, sentence
+from dtrepair.diagnosis import Advice, Diagnosis, Status, merged, sentence
 from dtrepair.numerics.geometry import FloatArray, IntArray, pair_keys, unique_edges
 from dtrepair.pipeline.repair.modelled_parts import ModelledParts
-from dtrepair.pipeline.stages.frames import Frame, frame_time
+from dtrepair.pipeline.stages.frames import Frame, frame_time, told_size
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.record import (
     ContactRecord,
@@ -63,15 +63,15 @@ class FrameRecorder:
         old = [np.asarray(part, np.float64) for part in frame.spaces]
         new = [np.asarray(part, np.float64) for part in spaces]
         moved = [displacements(a, b) for a, b in zip(old, new, strict=True)]
-        prims = []
+        sizes, prims = self._sizes(frame, old), []
         for index, mesh in enumerate(self.source.meshes):
             motion = None
             if len(old) > 1:
                 motion = self._motion(index, old[index], new[index], moved[index])
             counts = before.each[index], after.each[index]
-            prims.append(FramePrimRecord(mesh.path, *counts, motion=motion))
+            prims.append(FramePrimRecord(mesh.path, *counts, motion=motion, size=sizes[index]))
         status = _status(before, after, results)
-        left = merged(result.diagnosis for result in results)
+        left = in_stage_units(merged(result.diagnosis for result in results), sizes)
         return FrameRecord(
             time=frame_time(frame),
             status=status,
@@ -93,6 +93,14 @@ class FrameRecorder:
                 self._normal_consistency(old, new) if any(part.any() for part in moved) else 1.0
             ),
         )
+
+    def _sizes(self, frame: Frame, poses: Sequence[FloatArray]) -> list[float]:
+        """Diagonals of the meshes in stage units, which are those of a space that they share."""
+        from dtrepair.numerics.geometry import diagonal
+
+        if len(poses) > 1:
+            return [diagonal(pose) for pose in poses]
+        return [told_size(self.source, self.source.meshes[0], frame.time, poses[0])]
 
     def _geodesic(self, points: Sequence[FloatArray], count: SceneCount) -> float:
         """How far apart along a mesh triangles are that still intersect: the worst of all."""
@@ -140,6 +148,16 @@ class FrameRecorder:
     @cached_property
     def _edges(self) -> list[IntArray]:
         return [unique_edges(mesh.faces) for mesh in self.source.meshes]
+
+
+def in_stage_units(left: Diagnosis, sizes: Sequence[float]) -> Diagnosis:
+    """Return what is left with lengths in stage units, given the diagonals of the meshes in them.
+
+    Only a single mesh is repaired in a space of its own, which may be stretched.
+    """
+    if len(sizes) > 1 or not left.strains:
+        return left
+    return replace(left, strains=tuple(replace(own, size=sizes[0]) for own in left.strains))
 
 
 def contact_records(

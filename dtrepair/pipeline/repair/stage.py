@@ -35,7 +35,7 @@ from dtrepair.pipeline.stages.frames import mode_warnings
 from dtrepair.pipeline.stages.object_settings import recorded
 from dtrepair.pipeline.stages.outputs import FilePath
 from dtrepair.pipeline.stages.plan import Plan, make_plan
-from dtrepair.pipeline.stages.rest import choose_rests
+from dtrepair.pipeline.stages.rest import choose_rests, thin_warnings
 from dtrepair.pipeline.stages.sinks import Sink, open_sink
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.repair.options import RepairOptions
@@ -152,6 +152,7 @@ def _prepared(
         clock.lap("read")
         stop_if_cancelled(observer)
         rests = choose_rests(source, settings.rest, device=there)
+        warn(observer, thin_warnings(source, rests, controls.settings, options.clearance))
         stop_if_cancelled(observer)
         chunk = choose_chunk(source, parse_chunk(settings.chunk), alone=run.alone)
         warn(observer, empty_chunk_warnings(chunk, settings.chunk))

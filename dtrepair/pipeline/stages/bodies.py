@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
+from dtrepair.pipeline.stages.frames import stretches
 from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import Rest
@@ -255,12 +256,10 @@ def in_units_of_frames(source: Source, options: RepairOptions) -> RepairOptions:
     lengths = options.clearance or options.maximum_displacement is not None
     if not lengths or len(source.meshes) > 1 or not isinstance(source, StageSource):
         return options
-    mesh, time = source.meshes[0], float(source.times[0])
-    corners = source.to_world(mesh, time, np.concatenate([np.zeros((1, 3)), np.eye(3)]))
-    stretch = np.linalg.svd(corners[1:] - corners[0], compute_uv=False)
+    least, most = stretches(source, source.meshes[0], float(source.times[0]))
     limit = options.maximum_displacement
     return replace(
         options,
-        clearance=options.clearance / float(stretch.min()) if options.clearance else 0.0,
-        maximum_displacement=None if limit is None else limit / float(stretch.max()),
+        clearance=options.clearance / least if options.clearance else 0.0,
+        maximum_displacement=None if limit is None else limit / most,
     )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import InputError
-from dtrepair.pipeline.stages.sources import Source, placing_time
+from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time
 from dtrepair.report.record import FrameRecord, PrimRecord
 
 if TYPE_CHECKING:
@@ -106,6 +106,33 @@ def prim_records(
         )
         for mesh, count in zip(source.meshes, counts, strict=False)
     )
+
+
+def stretches(source: Source, mesh: SourceMesh, time: float) -> tuple[float, float]:
+    """Return the least and the largest factor from lengths of a mesh to stage units.
+
+    Raises FrameError where its transform is none.
+    """
+    corners = source.to_world(mesh, time, np.concatenate([np.zeros((1, 3)), np.eye(3)]))
+    found = np.linalg.svd(corners[1:] - corners[0], compute_uv=False)
+    return float(found.min()), float(found.max())
+
+
+def told_unit(source: Source, mesh: SourceMesh, time: float) -> float:
+    """Return how many stage units a length of a mesh is told as; 1 of a transform that is none."""
+    from usd_io import FrameError
+
+    try:
+        return stretches(source, mesh, time)[1] or 1.0
+    except (FrameError, np.linalg.LinAlgError):
+        return 1.0
+
+
+def told_size(source: Source, mesh: SourceMesh, time: float, points: NDArray[Any]) -> float:
+    """Return the diagonal of the box of points (V, 3) of a mesh, local space, in stage units."""
+    from dtrepair.numerics.geometry import diagonal
+
+    return told_unit(source, mesh, time) * diagonal(points)
 
 
 def mode_warnings(source: Source, mode: str) -> list[str]:

@@ -11,10 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import InputError, UsageError
-from dtrepair.pipeline.selection import Selection
-from dtrepair.pipeline.stages.frames import count_frame, make_counter, read_frames
+from dtrepair.pipeline.selection import ObjectSettings, Selection
+from dtrepair.pipeline.stages.frames import (
+    count_frame,
+    make_counter,
+    read_frames,
+    told_unit,
+)
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, open_source, time_label
 from dtrepair.wording import counted, listed
+
+# A clearance may be this part of the thickness of what moves, before it is questioned.
+THIN = 0.1
 
 
 @dataclass(frozen=True)
@@ -74,6 +82,35 @@ def rest_warnings(
         yield (
             f"rest poses that intersect themselves: {listed(faulty)}; they are what is repaired "
             "towards: name better ones with --rest"
+        )
+
+
+def thin_warnings(
+    source: Source, rests: Sequence[Rest], settings: Sequence[ObjectSettings], clearance: float
+) -> Iterator[str]:
+    """Question a clearance, in stage units, that is wide for how thick the rest poses are.
+
+    Meshes that move as a whole, or not at all, may be as thin as they like.
+    """
+    from dtrepair.repair.surface.thickness import thinnest
+
+    if not 0.0 < clearance < math.inf:
+        return
+    thin = []
+    for mesh, rest, own in zip(source.meshes, rests, settings, strict=True):
+        if mesh.collider or own.rigid or own.mobility == 0.0:
+            continue
+        unit = told_unit(source, mesh, float(source.times[0]))
+        thickness = unit * thinnest(rest.points, mesh.faces, clearance / (THIN * unit))
+        if thickness < clearance / THIN:
+            thin.append((thickness, mesh.path))
+    if thin:
+        thickness, path = min(thin)
+        more = f" (and {counted(len(thin) - 1, 'other mesh', 'other meshes')})" if thin[1:] else ""
+        yield (
+            f"--clearance {clearance:g} is more than a tenth of the thickness of {path}{more}, "
+            f"{thickness:.3g} where it is thin: that takes long, and bends what is thin; "
+            f"is {THIN * thickness:.2g} enough?"
         )
 
 

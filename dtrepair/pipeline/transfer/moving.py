@@ -15,6 +15,7 @@ from dtrepair.pipeline.repair.solve import Repaired, repair_frames
 from dtrepair.pipeline.stages.bodies import make_bodies, read_controls
 from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.frames import make_counter
+from dtrepair.pipeline.stages.rest import thin_warnings
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.transfer.inputs import PoseFiles
 from dtrepair.pipeline.transfer.pair import Pair
@@ -113,8 +114,10 @@ def _repaired(
     target, options = joined.source, settings.repair
     assert options is not None
     controls = read_controls(target, settings.objects, settings.tables)
-    warn(run.observer, controls.warnings)
-    placed = make_bodies(target, list(joined.rests), controls, mode=options.mode)
+    rests = list(joined.rests)
+    thin = thin_warnings(target, rests, controls.settings, options.clearance)
+    warn(run.observer, [*controls.warnings, *thin])
+    placed = make_bodies(target, rests, controls, mode=options.mode)
     pins = None if moves.pins is None else joined.split(moves.pins.mask(len(joined.points)))
     bodies = [
         body if pins is None or pins[index] is None else replace(body, pin=pins[index])
@@ -132,7 +135,7 @@ def _repaired(
         {},
         run.clock,
     )
-    repairer, counts = make_repairer(repair, target, list(joined.rests), bodies, told_by_rest=True)
+    repairer, counts = make_repairer(repair, target, rests, bodies, told_by_rest=True)
     rest_counts += counts
     tell_modelled(run.observer, repairer.modelled, asked=controls.attached, unclear=placed.met)
     run.attached = repairer.modelled.attached

@@ -62,6 +62,10 @@ def test_the_best_pose_within_the_bounds_is_kept_and_told(arm: Path, tmp_path: P
     assert strain["body"] == PRIM and strain["value"] > strain["bound"]
     place = read_samples(arm, PRIM)[2.0][strain["vertex"]]
     assert np.allclose(place, strain["place"], atol=1e-5)
+    size = np.linalg.norm(np.ptp(read_samples(arm, PRIM)[2.0], axis=0))
+    assert strain["size"] == second["prims"][0]["size"] == pytest.approx(size)
+    wide = f"a patch {strain['value'] * size:.4g} ({100 * strain['value']:.3g} %) wide turned over"
+    assert wide in line and wide in second["message"]
     assert run("check", out).code == 1
     page = tmp_path / "r.html"
     assert run("report", told, "-o", page, "--pictures", 0).code == 0
@@ -96,4 +100,5 @@ def test_key_poses_are_judged_too(tmp_path: Path) -> None:
         assert done.code == 1 and "strained: frame 2: " in done.out
         second = read_report(told)["frames"][1]
         assert second["status"] == "strained" and (second["after"]["pairs"] == 0) == pairs
-        assert second["left"]["strains"]
+        (size,) = {strain["size"] for strain in second["left"]["strains"]}
+        assert size == second["prims"][0]["size"] > 1

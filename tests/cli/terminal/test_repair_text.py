@@ -1,10 +1,18 @@
 """Advice of many frames: one line for each kind."""
 
-from pathlib import Path
+from __future__ import annotations
 
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
 import trimesh
 
-from dtrepair.cli.terminal.repair_text import advice_lines
+from dtrepair.cli.terminal.repair_text import advice_lines, largest_move
 from dtrepair.diagnosis import (
     EASE,
     Advice,
@@ -14,7 +22,7 @@ from dtrepair.diagnosis import (
     RemainingEnclosure,
     Status,
 )
-from dtrepair.report.record import FrameRecord
+from dtrepair.report.record import CountRecord, FramePrimRecord, FrameRecord, MotionRecord
 from tests.command_line import CLOSED, OPEN, run, tube_stage
 from tests.meshes import knot
 
@@ -36,16 +44,53 @@ def test_frames_that_differ_by_counts_share_a_line() -> None:
     )
     meaning = Status.IMPROVED.meaning
     assert list(advice_lines(found)) == [
-        "advice: in 2 frames /A still intersects itself; /A and /B still intersect: "
+        "advice: in frames 0, 2 /A still intersects itself; /A and /B still intersect: "
         f"{meaning}: raise the diffusion",
-        f"advice: in 1 frame /A still intersects itself: {meaning}: free pinned vertices",
+        f"advice: in frame 1 /A still intersects itself: {meaning}: free pinned vertices",
     ]
+
+
+def test_a_move_is_told_in_stage_units_and_per_cent() -> None:
+    count = CountRecord()
+    still = FramePrimRecord("/A", count, count, size=8.0)
+    far = MotionRecord(displacement_max=0.05, rigid_rms=0.0, edge_distortion=0.0, edge_change=0.0)
+    moved = FramePrimRecord("/B", count, count, motion=far, size=4.0)
+    frame = FrameRecord(time=1.0, status="clean", displacement_max=0.05)
+    assert largest_move(replace(frame, prims=(still, moved))) == "0.2 (5 %)"
+    assert largest_move(replace(frame, prims=(still,))) == "0.4 (5 %)"
+    assert largest_move(replace(frame, displacement_max=0.0)) == "0"
+
+
+def test_units_are_those_of_the_stage(tmp_path: Path) -> None:
+    from pxr import Gf, Usd, UsdGeom
+
+    told = []
+    for scale in (1.0, 100.0):
+        path = tube_stage(tmp_path / f"{scale:g}.usda", (CLOSED,))
+        stage = Usd.Stage.Open(str(path))
+        tube = UsdGeom.Xformable(stage.GetPrimAtPath("/Root/Tube"))
+        tube.AddTransformOp().Set(Gf.Matrix4d().SetScale(scale))
+        stage.GetRootLayer().Save()
+        done = run("repair", path, "-o", tmp_path / "out.usdc", "--report", tmp_path / "r.json")
+        (line,) = [line for line in done.out.splitlines() if line.endswith(" clean")]
+        (size,) = [prim["size"] for prim in report_of(tmp_path / "r.json")["prims"]]
+        move, share = re.findall(r"([\d.]+) \(([\d.]+) %\)", line)[0]
+        assert float(move) == pytest.approx(float(share) / 100 * size, rel=0.01)
+        told.append((float(move), float(share), float(size)))
+    assert np.divide(told[1], told[0]) == pytest.approx([100.0, 1.0, 100.0], rel=0.01)
+
+
+def report_of(path: Path) -> dict[str, Any]:
+    """The only frame of a report."""
+    (frame,) = json.loads(path.read_text())["frames"]
+    assert isinstance(frame, dict)
+    return frame
 
 
 def test_few_contacts_are_named() -> None:
     found = records(*(of(RemainingContact(f"/A{n}", f"/A{n}", 1)) for n in range(5)))
     (line,) = advice_lines(found)
-    assert "; /A2 still intersects itself and 2 more: fewer" in line and "in 5 frames" in line
+    assert "; /A2 still intersects itself and 2 more: fewer" in line and "in frames 0:4 " in line
 
 
 def test_a_limit_is_called_what_the_command_line_calls_it() -> None:
@@ -60,7 +105,7 @@ def test_frames_that_are_much_deformed_are_told() -> None:
         Diagnosis(deformations=(Deformation("/A", 2.1, 0.49),)),
         status=Status.CLEAN,
     )
-    assert list(advice_lines(found)) == [f"advice: in 2 frames /A is much deformed: {EASE}"]
+    assert list(advice_lines(found)) == [f"advice: in frames 0, 1 /A is much deformed: {EASE}"]
 
 
 def test_a_single_frame_needs_no_number() -> None:
@@ -76,7 +121,7 @@ def test_a_clip_that_cannot_be_solved_has_one_line_of_advice(tmp_path: Path) -> 
     done = run("repair", path, "-o", tmp_path / "b.usdc", *limit)
     assert done.code == 1
     advice = [line for line in done.out.splitlines() if line.startswith("advice: ")]
-    assert len(advice) == 1 and "in 4 frames /Root/Tube still intersects itself: " in advice[0]
+    assert len(advice) == 1 and "in frames 2:5 /Root/Tube still intersects itself: " in advice[0]
     assert advice[0].endswith(": raise --maximum-displacement, or raise the diffusion")
 
 
@@ -92,4 +137,4 @@ def test_pairs_closer_than_the_clearance_are_told(tmp_path: Path) -> None:
     # The strands move out of contact, and no farther.
     options = ["--clearance", "0.3", "--maximum-displacement", "0.2"]
     done = run("repair", tmp_path / "a.obj", "-o", tmp_path / "b.obj", *options)
-    assert done.code == 0 and "in 1 frame pairs stay closer than --clearance" in done.out
+    assert done.code == 0 and "\npairs stay closer than --clearance" in done.out

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dtrepair.cli.terminal.strain_text import FRAMES, LINES, strain_lines
+from dtrepair.cli.terminal.strain_text import LINES, strain_lines
 from dtrepair.diagnosis import KEPT, LEFT_OUT, Advice, Diagnosis, Status, Strain, StrainKind
 from dtrepair.report.record import FrameRecord
 
@@ -49,8 +49,10 @@ def test_a_pose_without_a_time_and_what_was_taken_at_any_cost() -> None:
 
 
 def test_many_frames_and_parts_are_counted() -> None:
-    (line,) = strain_lines([record(float(time), HAND) for time in range(FRAMES + 3)])
-    assert " 5 and 3 more, worst in 0: " in line
+    (line,) = strain_lines([record(float(time), HAND) for time in range(9)])
+    assert line.startswith("strained: frames 0:8, worst in 0: ")
+    (line,) = strain_lines([record(2.0 * time, HAND) for time in range(9)])
+    assert " 8, 10 and 3 more, worst in 0: " in line
     parts = [replace(HAND, part=part) for part in range(1, LINES + 3)]
     lines = list(strain_lines([record(1.0, *parts)]))
     assert len(lines) == LINES + 1 and lines[-1].startswith("strained: 2 more parts and measures")

@@ -7,6 +7,8 @@ left out.
 
 from __future__ import annotations
 
+from itertools import chain
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -29,32 +31,33 @@ def read_obj(data: bytes) -> PolygonMesh:
         if not words:
             continue
         try:
-            if line.rstrip().endswith("\\"):
+            if words[-1].endswith("\\"):
                 raise ValueError("a line continued by a backslash; write it as one line")
             if words[0] == "v":
                 points.append(_floats(words[1:4], 3))
             elif words[0] == "vt":
                 texture.append([*_floats(words[1:3], 1), 0.0][:2])
             elif words[0] == "f":
-                corners = [_corner(word, len(points), len(texture)) for word in words[1:]]
+                vertices, rows = _corners(words[1:], len(points), len(texture))
                 face_lines.append(number)
-                polygons.append([vertex for vertex, _ in corners])
-                texture_corners.extend(row for _, row in corners)
+                polygons.append(vertices)
+                texture_corners += rows
         except ValueError as error:
             raise MeshFileError(f"line {number}: {error}") from None
-    for number, polygon in zip(face_lines, polygons, strict=True):
-        if polygon and max(polygon) >= len(points):
-            # Counted from 1, as in the file.
-            raise MeshFileError(
-                f"line {number}: expected vertex indices up to {len(points)} (the vertex count), "
-                f"got {max(polygon) + 1}"
-            )
+    if max(chain.from_iterable(polygons), default=-1) >= len(points):
+        highest = [max(polygon, default=-1) for polygon in polygons]
+        first = next(row for row, index in enumerate(highest) if index >= len(points))
+        # Counted from 1, as in the file.
+        raise MeshFileError(
+            f"line {face_lines[first]}: expected vertex indices up to {len(points)} (the vertex "
+            f"count), got {highest[first] + 1}"
+        )
     more: dict[str, Any] = {"original": text}
     # Some exporters leave indices of coordinates that they did not write.
-    rows = [row if row < len(texture) else -1 for row in texture_corners]
-    if texture and any(row >= 0 for row in rows):
+    if any(0 <= row < len(texture) for row in texture_corners):
         more["texture"] = np.asarray(texture)
-        more["texture_corners"] = np.asarray(rows, dtype=np.int32)
+        written = [row if row < len(texture) else -1 for row in texture_corners]
+        more["texture_corners"] = np.asarray(written, dtype=np.int32)
     return polygon_mesh("obj", points, polygons, **more)
 
 
@@ -62,10 +65,10 @@ def write_obj(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
     """Return the bytes of an OBJ file with `points` (V, 3); untouched vertices keep their text."""
     if mesh.format == "obj":
         return _patched(mesh, points)
-    lines = [f"v {_text(row)}" for row in points]
+    lines = [f"v {text}" for text in _texts(points)]
     rows = None
     if mesh.texture is not None and mesh.texture_corners is not None:
-        lines += [f"vt {_text(row)}" for row in mesh.texture]
+        lines += [f"vt {text}" for text in _texts(mesh.texture)]
         rows = mesh.texture_corners
     start = 0
     for count in mesh.counts:
@@ -85,25 +88,28 @@ def _patched(mesh: PolygonMesh, points: NDArray[np.float64]) -> bytes:
     if not moved.any():
         return text.encode("utf-8", errors="surrogateescape")
     result = []
+    texts = iter(_texts(points[moved]))
     vertex = 0
     for line in text.split("\n"):
         words = line.split()
         kind = words[0] if words else ""
         if kind == "v":
             if moved[vertex]:
-                line = " ".join(["v", _text(points[vertex]), *words[4:]])
+                line = " ".join(["v", next(texts), *words[4:]])
             vertex += 1
         elif kind == "f":
-            line = " ".join(["f", *(_without_normal(word) for word in words[1:])])
+            if "/" in line:
+                words = [_without_normal(word) for word in words]
+            line = " ".join(words)
         if kind != "vn":
             result.append(line)
     return "\n".join(result).encode("utf-8", errors="surrogateescape")
 
 
-def _text(row: NDArray[np.float64]) -> str:
-    """Return a point or texture coordinate as words of a line."""
+def _texts(rows: NDArray[np.float64]) -> list[str]:
+    """Return points or texture coordinates (N, K) as words of a line each."""
     # The shortest text that reads back as the same float32: what was counted is what is written.
-    return " ".join(str(value) for value in row.astype(np.float32))
+    return [" ".join(words) for words in rows.astype(np.float32).astype(np.str_).tolist()]
 
 
 def _without_normal(word: str) -> str:
@@ -117,16 +123,18 @@ def _floats(words: list[str], least: int) -> list[float]:
     if len(words) < least:
         raise ValueError(f"expected {least} numbers, got {len(words)}")
     values = [float(word) for word in words]
-    if not np.isfinite(values).all():
+    if not all(map(isfinite, values)):
         raise ValueError("expected finite numbers, got NaN or infinity")
     return values
 
 
-def _corner(word: str, vertices: int, textures: int) -> tuple[int, int]:
-    """Return vertex and texture row (-1 for none) of a face's corner, counted from 0."""
-    indices = word.split("/")
-    row = _index(indices[1], textures) if len(indices) > 1 and indices[1] else -1
-    return _index(indices[0], vertices), row
+def _corners(words: list[str], vertices: int, textures: int) -> tuple[list[int], list[int]]:
+    """Return vertex and texture row (-1 for none) of each corner of a face, counted from 0."""
+    if not any("/" in word for word in words):
+        return [_index(word, vertices) for word in words], [-1] * len(words)
+    indices = [[*word.split("/"), ""] for word in words]
+    rows = [_index(texture, textures) if texture else -1 for _, texture, *_ in indices]
+    return [_index(vertex, vertices) for vertex, *_ in indices], rows
 
 
 def _index(word: str, count: int) -> int:
@@ -134,9 +142,10 @@ def _index(word: str, count: int) -> int:
 
     Raises ValueError for 0 and for an index before the first entry.
     """
-    # OBJ counts from 1; a negative index counts back from the newest entry.
     index = int(word)
-    index = index - 1 if index > 0 else count + index
-    if index < 0 or word.lstrip("+-") == "0":
+    if index > 0:
+        return index - 1
+    # A negative index counts back from the newest entry.
+    if index == 0 or count + index < 0:
         raise ValueError(f"expected an index from 1, or a valid negative one, got {word}")
-    return index
+    return count + index

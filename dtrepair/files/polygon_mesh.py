@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -73,7 +74,8 @@ def polygon_mesh(
     """
     coordinates = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     counts = np.fromiter((len(p) for p in polygons), dtype=np.int32, count=len(polygons))
-    flat = np.concatenate([np.asarray(p) for p in polygons]) if len(polygons) else np.zeros(0)
+    given = polygons if isinstance(polygons, np.ndarray) else list(chain.from_iterable(polygons))
+    flat = np.asarray(given).reshape(-1)
     if flat.dtype.kind == "f" and not (flat == np.floor(flat)).all():
         raise MeshFileError("expected whole numbers as face indices, got others")
     corners = flat.astype(np.int64)

@@ -83,12 +83,9 @@ def vertex_areas(points: FloatArray, faces: IntArray) -> FloatArray:
 
 def unique_edges(faces: IntArray) -> IntArray:
     """Return the edges (E, 2) of faces (F, 3), each once, i < j, sorted."""
-    if len(faces) == 0:
-        return np.zeros((0, 2), dtype=np.int32)
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    edges = edges[edges[:, 0] < edges[:, 1]]
+    low, high = _sides_of(faces)
     # Sorting and comparing neighbours is several times faster than numpy's unique on large meshes.
-    keys = np.sort(edges[:, 0].astype(np.int64) << 32 | edges[:, 1].astype(np.int64))
+    keys = np.sort((low << 32 | high)[low < high])
     keys = keys[np.concatenate([keys[:1] == keys[:1], keys[1:] != keys[:-1]])]
     return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)
 
@@ -98,13 +95,13 @@ def shared_edges(faces: IntArray) -> NDArray[np.int64]:
 
     Three or more triangles around one edge give all their pairs.
     """
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    triangles = np.tile(np.arange(len(faces)), 3)
-    order = np.lexsort((triangles, edges[:, 1], edges[:, 0]))
-    edges, triangles = edges[order], triangles[order]
+    low, high = _sides_of(faces)
+    keys = low << 32 | high
+    order = np.argsort(keys, kind="stable")
+    keys, triangles = keys[order], order // 3
     by_step = []
-    for step in range(1, len(edges)):
-        same = (edges[step:] == edges[:-step]).all(axis=1)
+    for step in range(1, len(keys)):
+        same = keys[step:] == keys[:-step]
         if not same.any():
             break
         by_step.append(np.stack([triangles[:-step][same], triangles[step:][same]], axis=1))
@@ -113,16 +110,22 @@ def shared_edges(faces: IntArray) -> NDArray[np.int64]:
     return distinct
 
 
+def _sides_of(faces: IntArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the smaller and the larger end (3F,) of the sides of faces (F, 3), face by face."""
+    starts = np.asarray(faces, dtype=np.int64)
+    ends = starts.take([1, 2, 0], axis=1)
+    return np.minimum(starts, ends).ravel(), np.maximum(starts, ends).ravel()
+
+
 def adjacency(faces: IntArray, count: int) -> tuple[IntArray, IntArray]:
     """Return the neighbours of `count` vertices as compressed rows.
 
     indptr (count + 1,): where the row of each vertex starts; indices (2E,): neighbours, sorted.
     """
-    edges = unique_edges(faces)
-    both = np.concatenate([edges, edges[:, ::-1]])
-    both = both[np.lexsort((both[:, 1], both[:, 0]))]
-    starts = np.searchsorted(both[:, 0], np.arange(count + 1))
-    return starts.astype(np.int32), np.ascontiguousarray(both[:, 1])
+    low, high = unique_edges(faces).astype(np.int64).T
+    keys = np.sort(np.concatenate([low << 32 | high, high << 32 | low]))
+    starts = np.searchsorted(keys, np.arange(count + 1) << 32)
+    return starts.astype(np.int32), (keys & 0xFFFFFFFF).astype(np.int32)
 
 
 def components(faces: IntArray, count: int) -> IntArray:

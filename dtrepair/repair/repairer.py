@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,9 +15,7 @@ from dtrepair.diagnosis import Status, Strain
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import as_numpy
 from dtrepair.numerics.threads import one_thread
-from dtrepair.repair.clip.clip_repairer import ClipRepairer, window_method
-from dtrepair.repair.clip.window_stream import ClipOptions, MakeMethod
-from dtrepair.repair.independent import poses_at_once, repair_poses
+from dtrepair.repair.independent import IndependentOptions, poses_at_once, repair_poses
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import RepairResult
 from dtrepair.repair.scene.bodies import Body, about_centre
@@ -26,6 +24,11 @@ from dtrepair.repair.scene.diagnosis import strains_of
 from dtrepair.repair.scene.scene import Scene, make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.solution_cache import Memory, remembering
+
+if TYPE_CHECKING:
+    # The stages of clips are loaded for clips only.
+    from dtrepair.repair.clip.clip_repairer import ClipRepairer
+    from dtrepair.repair.clip.window_stream import ClipOptions, MakeMethod
 
 
 class SceneRepairer:
@@ -40,7 +43,8 @@ class SceneRepairer:
         device: "cpu", "cuda", "cuda:N" or "auto": a GPU for the method "paper", where there is one.
         ignore: Pairs of bodies, by index, whose contacts are neither repaired nor counted; (k, k)
             are those of a body with itself.
-        clip: Numbers of the stages of clips and single poses, and the sizes of windows.
+        clip: Numbers of the stages of clips and single poses, and the sizes of windows; default:
+            `ClipOptions()`.
         references: Poses that show which contacts were modelled; see `Scene`.
         layer_poses: Poses that show which part lies over which; default: the rest.
 
@@ -59,8 +63,8 @@ class SceneRepairer:
         references: Sequence[Reference] = (),
         layer_poses: Sequence[Reference] = (),
     ) -> None:
-        self._clip = clip or ClipOptions()
-        numbers = self._clip.independent
+        self._clip = clip
+        self._independent = numbers = IndependentOptions() if clip is None else clip.independent
         choices = options or RepairOptions()
         self.scene = make_scene(
             bodies, choices, ignore, references, layer_poses, strain=numbers.strain
@@ -100,13 +104,17 @@ class SceneRepairer:
 
     def make_animator(self, memory: Memory | None = None) -> ClipRepairer:
         """Return a repairer of frames that keeps solved windows in a memory, and looks them up."""
-        make_method: MakeMethod = partial(window_method, self.options, self._clip)
+        from dtrepair.repair.clip.clip_repairer import ClipRepairer, window_method
+        from dtrepair.repair.clip.window_stream import ClipOptions
+
+        numbers = self._clip or ClipOptions()
+        make_method: MakeMethod = partial(window_method, self.options, numbers)
         if memory is not None:
             make_method = remembering(make_method, memory)
         return ClipRepairer(
             self.scene,
             self.meshes,
-            options=self._clip,
+            options=numbers,
             make_method=make_method,
             poses_at_once=self.poses_at_once,
         )
@@ -129,7 +137,7 @@ class SceneRepairer:
     @one_thread()
     def batch(self, poses: Sequence[Sequence[Any]]) -> list[list[RepairResult]]:
         """Repair many poses, each for itself: on a GPU `poses_at_once` are solved at once."""
-        numbers = self._clip.independent
+        numbers = self._independent
         results = repair_poses(self.scene, self.meshes, poses, options=numbers)
         if self._undirected is None:
             return results
@@ -148,7 +156,7 @@ class SceneRepairer:
         if self.options.method == "paper" or not self.scene.direction.any():
             return None
         scene = replace(self.scene, direction=np.zeros_like(self.scene.direction))
-        return scene, WeldedMeshes(scene, None, full=self._clip.independent.full)
+        return scene, WeldedMeshes(scene, None, full=self._independent.full)
 
 
 class Repairer:

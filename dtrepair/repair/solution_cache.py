@@ -13,18 +13,21 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from itertools import chain
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.diagnosis import Diagnosis, Status
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.clip.window_stream import MakeMethod, WindowSolver
 from dtrepair.repair.parallel.process_pool import in_batches, map_in_processes
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.result import Count, RepairResult, Stage
 from dtrepair.repair.surface.surface import Surface
+
+if TYPE_CHECKING:
+    # Single poses are remembered as well, and need no stages of clips.
+    from dtrepair.repair.clip.window_stream import MakeMethod, WindowSolver
 
 Arrays = Mapping[str, NDArray[Any]]
 # Poses, and their results if they are known.

@@ -232,6 +232,8 @@ def test_vertex_normals_of_a_square() -> None:
         ("a.obj", "v 0 0 nan\n", "line 1: expected finite"),
         ("a.obj", "v 0 0 0\nf 1 2 3\n", "line 2: expected vertex indices up to 1 .* got 3"),
         ("a.obj", "v 0 0 0\nf 0 1 1\n", "line 2: expected an index from 1"),
+        ("a.obj", "v 0 0 0\nf 00 1 1\nv 0 0 0\n", "line 2: expected an index from 1"),
+        ("a.obj", "v 0 0 0\nf 1/0 1/1 1/1\n", "line 2: expected an index from 1"),
         ("a.obj", "v 0 0 0\nf 1 1 \\\n1\n", "line 2: a line continued"),
         ("a.obj", "v 0 0 0\n", "expected a mesh with faces"),
         ("a.obj", "", "the file is empty .*; export it again"),

@@ -13,6 +13,9 @@ import signal, sys
 handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
 import dtrepair.pipeline
 assert not {"numpy", "pxr", "torch", "scipy"} & set(sys.modules), "the import should be light"
+import dtrepair.repair.repairer
+heavy = {"pxr", "torch", "dtrepair.repair.clip.window_method"}
+assert not heavy & set(sys.modules), "a single pose needs no stage, no tensors and no clip"
 from dtrepair.pipeline import check_stage, repair_stage, join_layers, Selection
 check_stage(sys.argv[1])
 repair_stage(sys.argv[1], sys.argv[2], selection=Selection(frames="1"))

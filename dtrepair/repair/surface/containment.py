@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -78,8 +79,12 @@ class Enclosures:
         self._face_order, self._face_starts = _grouped(self.part_of_face, self.count)
         order, self._starts = _grouped(label, self.count)
         self._vertices = used[order]
-        self.closed = closed_parts(faces, self.part_of_face, self.count)
         self._meant: dict[tuple[int, int], bool] = {}
+
+    @cached_property
+    def closed(self) -> BoolArray:
+        """Which parts have every edge run through as often one way as the other."""
+        return closed_parts(self.faces, self.part_of_face, self.count)
 
     def __call__(self, points: FloatArray, pairs: IntArray) -> Enclosed:
         """Return what a pose (V, 3) with the intersecting `pairs` (K, 2) of triangles encloses.
@@ -203,8 +208,10 @@ def meshes_oriented_outwards(meshes: Sequence[tuple[FloatArray, IntArray]]) -> l
     )
     part = enclosures.part_of_face
     corners = [points[faces] - points.mean(axis=0) for points, faces in meshes if len(faces)]
-    signed = np.bincount(part, np.linalg.det(np.concatenate(corners)))
-    turned = np.split((enclosures.closed & (signed < 0.0))[part], ends[:-1])
+    negative = np.bincount(part, np.linalg.det(np.concatenate(corners))) < 0.0
+    if not negative.any():
+        return [faces for _, faces in meshes]
+    turned = np.split((enclosures.closed & negative)[part], ends[:-1])
     return [
         _turned(*mesh, own) if own.any() else mesh[1]
         for mesh, own in zip(meshes, turned, strict=True)

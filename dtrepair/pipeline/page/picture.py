@@ -32,7 +32,7 @@ class PictureOptions:
     """
 
     contacts: int = 3
-    closeup: CloseupOptions = field(default_factory=lambda: CloseupOptions(size=560))
+    closeup: CloseupOptions = field(default_factory=lambda: CloseupOptions(size=480))
 
 
 def write_picture(

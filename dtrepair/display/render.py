@@ -167,49 +167,64 @@ def visible(
     seen = points @ view.rotation.T - view.centre
     pixels = seen / view.half_size * (size / 2) * (1, -1, 1) + (size / 2, size / 2, 0)
     corners = pixels[faces]
-    low = np.clip(np.floor(corners[..., :2].min(axis=1)), 0, size).astype(np.int64)
-    high = np.clip(np.ceil(corners[..., :2].max(axis=1)), 0, size).astype(np.int64)
-    extent = np.maximum((high - low).max(axis=1), 0)
+    low, high = (
+        np.clip(np.floor(ends[..., :2]), 0, size).astype(np.int64)
+        for ends in (corners.min(axis=1), corners.max(axis=1) + 1)
+    )
+    width, height = (high - low).T
     nearest = np.full(size * size, -np.inf)
     triangle = np.full(size * size, -1, dtype=np.int64)
     weights = np.zeros((size * size, 3))
-    # Triangles of similar extent are drawn together, each over a square of candidate pixels.
-    classes = np.where(extent > 0, np.ceil(np.log2(np.maximum(extent, 1))), -1).astype(int)
-    for level in np.unique(classes[classes >= 0]):
-        members = np.flatnonzero(classes == level)
-        side = 2 ** int(level)
-        for part in np.array_split(members, -(-len(members) * side * side // chunk)):
-            found = _fragments(corners[part], low[part], side, size)
-            row, pixel, bary = found
-            depth = np.einsum("pk,pk->p", bary, corners[part][row][:, :, 2])
-            front = depth > nearest[pixel]
-            row, pixel, bary, depth = row[front], pixel[front], bary[front], depth[front]
-            order = np.argsort(depth, kind="stable")  # the nearest is written last
-            row, pixel, bary, depth = row[order], pixel[order], bary[order], depth[order]
-            nearest[pixel], triangle[pixel], weights[pixel] = depth, part[row], bary
+    drawn = np.flatnonzero((width > 0) & (height > 0))
+    parts = np.cumsum((width * height)[drawn]) // chunk
+    for part in np.split(drawn, np.flatnonzero(np.diff(parts)) + 1):
+        row, pixel, bary = _fragments(corners[part], low[part, 1], height[part], size)
+        depth = np.einsum("pk,pk->p", bary, corners[part][row][:, :, 2])
+        front = depth > nearest[pixel]
+        row, pixel, bary, depth = row[front], pixel[front], bary[front], depth[front]
+        order = np.argsort(depth, kind="stable")  # the nearest is written last
+        row, pixel, bary, depth = row[order], pixel[order], bary[order], depth[order]
+        nearest[pixel], triangle[pixel], weights[pixel] = depth, part[row], bary
     return triangle, weights
 
 
 def _fragments(
-    corners: NDArray[np.float64], low: NDArray[np.int64], side: int, size: int
+    corners: NDArray[np.float64], low: NDArray[np.int64], height: NDArray[np.int64], size: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return row, pixel and barycentric weights of each pixel centre inside a triangle."""
-    steps = np.arange(side)
-    x = low[:, 0, None, None] + steps[None, None, :]
-    y = low[:, 1, None, None] + steps[None, :, None]
+    """Return row, pixel and barycentric weights of each pixel centre inside a triangle.
+
+    low, height: the first line of pixels (N,) of each triangle, and how many it touches.
+    """
+    row, y = _spread(height)
+    y += low[row]
+    middle = (y + 0.5)[:, None]
+    start, end = corners[row], corners[row][:, [1, 2, 0]]
+    # Where each edge crosses the line: all candidates lie between the crossings.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = (middle - start[..., 1]) / (end[..., 1] - start[..., 1])
+        cross = start[..., 0] + along * (end[..., 0] - start[..., 0])
+    cross[~((along >= 0) & (along <= 1))] = np.nan
+    met = ~np.isnan(cross).all(axis=1)
+    row, y, cross = row[met], y[met], cross[met]
+    first = np.clip(np.floor(np.nanmin(cross, axis=1) - 0.5), 0, size).astype(np.int64)
+    last = np.clip(np.ceil(np.nanmax(cross, axis=1) + 0.5), 0, size).astype(np.int64)
+    line, x = _spread(np.maximum(last - first, 0))
+    row, y, x = row[line], y[line], x + first[line]
+    (ax, ay), (bx, by), (cx, cy) = (corners[row, k, :2].T for k in range(3))
     px, py = x + 0.5, y + 0.5
-    (ax, ay), (bx, by), (cx, cy) = (
-        (corners[:, k, 0, None, None], corners[:, k, 1, None, None]) for k in range(3)
-    )
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     safe = np.where(area == 0, 1, area)
     u = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / safe
     v = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / safe
-    inside = (u >= 0) & (v >= 0) & (u + v <= 1) & (area != 0) & (x < size) & (y < size)
-    row, iy, ix = np.nonzero(inside)
-    pixel = (low[row, 1] + iy) * size + low[row, 0] + ix
-    bary = np.stack([u[inside], v[inside], 1 - u[inside] - v[inside]], axis=1)
-    return row, pixel, bary
+    inside = (u >= 0) & (v >= 0) & (u + v <= 1) & (area != 0)
+    u, v = u[inside], v[inside]
+    return row[inside], (y * size + x)[inside], np.stack([u, v, 1 - u - v], axis=1)
+
+
+def _spread(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return for counts (N,) the numbers 0, 0, 0, 1, 1, ... and how often each was there before."""
+    owner = np.repeat(np.arange(len(counts)), counts)
+    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def png_bytes(image: Image) -> bytes:
@@ -229,6 +244,13 @@ def _pillow() -> tuple[Any, Any, Any]:
     return Images, ImageDraw, ImageFont
 
 
+def _fitting(caption: str, size: float, width: float, fonts: Any) -> Any:
+    """Return a font of a size, or of a smaller one in which a caption is no wider."""
+    while size > 5 and fonts.load_default(size=size).getlength(caption) > width:
+        size *= 0.9
+    return fonts.load_default(size=size)
+
+
 def save_pictures(
     path: str | os.PathLike[str],
     images: Sequence[Image],
@@ -245,7 +267,7 @@ def save_pictures(
     height, width = images[0].shape[:2]
     columns = columns or len(images)
     rows = -(-len(images) // columns)
-    band = max(width // 13, 20) if captions else 0
+    band = max(min(width, height) // 13, 20) if captions else 0
     background = tuple(round(255 * value) for value in colours.background)
     sheet = images_of.new("RGB", (columns * width, rows * (height + band)), background)
     pen = draw_on.Draw(sheet)
@@ -254,7 +276,7 @@ def save_pictures(
         sheet.paste(images_of.fromarray(image), (x, y))
         if index < len(captions):
             place = (x + width // 2, y + height + band // 2)
-            font = fonts.load_default(size=0.55 * band)
+            font = _fitting(captions[index], 0.55 * band, 0.96 * width, fonts)
             pen.text(place, captions[index], fill=(60, 60, 64), font=font, anchor="mm")
     with atomic_output(path) as temporary:
         sheet.save(temporary)

@@ -126,3 +126,15 @@ def test_without_pillow_the_error_names_the_cure(
     with pytest.raises(ImportError, match="pip install pillow"):
         save_pictures(tmp_path / "a.png", [image])
     assert not (tmp_path / "a.png").exists()
+
+
+def test_long_captions_are_written_smaller(tmp_path: Path) -> None:
+    from PIL import Image
+
+    images = [np.full((200, 200, 3), 250, dtype=np.uint8)]
+    for length in (10, 30):
+        save_pictures(tmp_path / "p.png", images, captions=["M" * length])
+        with Image.open(tmp_path / "p.png") as sheet:
+            band = np.asarray(sheet.convert("L"))[200:]
+        columns = np.flatnonzero((band < 200).any(axis=0))
+        assert columns[0] > 1 and columns[-1] < 198

@@ -7,6 +7,7 @@ import click
 from dtrepair.cli.exit_codes import exit_codes
 from dtrepair.cli.options.fields import field_option
 from dtrepair.cli.options.file_names import FILE
+from dtrepair.cli.options.reporting import report_options
 from dtrepair.cli.options.sections import Command
 from dtrepair.cli.options.settings import as_settings
 from dtrepair.cli.options.shared import (
@@ -22,11 +23,10 @@ from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.modelled_text import print_modelled
-from dtrepair.cli.terminal.outputs import put_report
+from dtrepair.cli.terminal.outputs import STDOUT, Reports, check_report_places, put_reports
 from dtrepair.intersect import MODES
 from dtrepair.pipeline.check import COUNTED_APART, CheckSettings, check_stage
 from dtrepair.pipeline.errors import INPUT, OUTPUT, exit_code
-from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
 
 
 @click.command(
@@ -41,7 +41,7 @@ from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
     ),
 )
 @click.argument("source_path", type=FILE, metavar="STAGE|MESH")
-@click.option("--json", "json_path", metavar="F|-", help="Write a JSON report; - is stdout.")
+@report_options("--json")
 @IGNORE
 @ATTACH
 @field_option(
@@ -71,7 +71,7 @@ from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
 def command(
     *,
     source_path: str,
-    json_path: str | None,
+    reports: Reports,
     modelled: bool,
     settings: CheckSettings,
     device: str,
@@ -89,17 +89,15 @@ def command(
     Example:
         dtrepair check shot.usd --prim "/Hero//" --frames 1:100x10
         dtrepair check hero.usd --modelled
-        dtrepair check body.obj --json -
+        dtrepair check body.obj --report -
     """
-    if json_path is not None and json_path != "-":
-        refuse_overwriting(json_path, source_path)
-        check_writable(json_path)
+    check_report_places(reports, console, source_path)
     observer = ConsoleObserver(console)
     report = check_stage(source_path, settings, jobs=jobs, device=device, observer=observer)
-    if json_path != "-":
+    if reports.report != STDOUT:
         if modelled:
             print_modelled(console, report)
         print_check(console, report)
-    put_report(report, json_path)
+    put_reports(report, reports, observer)
     console.refuse_lost_results()
     return exit_code(report)

@@ -17,7 +17,7 @@ from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
-from dtrepair.cli.terminal.outputs import put_report
+from dtrepair.cli.terminal.outputs import Reports, put_reports
 from dtrepair.cli.terminal.repair_text import print_table, say
 from dtrepair.pipeline.errors import ALONE, FRAMES, INPUT, OUTPUT, WORKERS, OutputError, exit_code
 from dtrepair.pipeline.stages.devices import device_of_method
@@ -118,7 +118,7 @@ def _repair(source: Path, output: Path, report_path: Path, device: str, console:
     clean_up_if_forced(str(output))
     observer = ConsoleObserver(console, say)
     report = repair_stage(str(source), str(output), device=device, observer=observer)
-    put_report(report, str(report_path))
+    put_reports(report, Reports(str(report_path)))
     print_table(console, report.frames, str(output))
     return exit_code(report)
 
@@ -134,9 +134,10 @@ def _draw(source: Path, output: Path, picture: Path) -> None:
     counter = SceneCounter([before.rest], [before.faces])
     points = usd_io.read_points(before, before.times)
     worst = max(range(len(points)), key=lambda k: counter([points[k]]).total.triangles)
-    view = best_view(points[worst], before.faces, counter([points[worst]]).intersecting[0])
-    images, captions = [], []
     repaired = usd_io.read_points(after, before.times[worst : worst + 1])[0]
+    marked = counter([points[worst]]).intersecting[0]
+    view = best_view(points[worst], before.faces, marked, others=[repaired])
+    images, captions = [], []
     for name, pose in (("before", points[worst]), ("after", repaired)):
         count = counter([pose])
         images.append(render(pose, before.faces, view=view, intersecting=count.intersecting[0]))

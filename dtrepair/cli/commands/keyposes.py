@@ -8,6 +8,7 @@ from dtrepair.cli.exit_codes import exit_codes
 from dtrepair.cli.options.file_names import FILE
 from dtrepair.cli.options.keyposes import key_options
 from dtrepair.cli.options.method import method_options
+from dtrepair.cli.options.reporting import report_options
 from dtrepair.cli.options.sections import Command
 from dtrepair.cli.options.settings import as_settings
 from dtrepair.cli.options.shared import (
@@ -22,7 +23,7 @@ from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
 from dtrepair.cli.terminal.keyposes_text import print_keys, print_spans
-from dtrepair.cli.terminal.outputs import already_written, check_report_place, put_report
+from dtrepair.cli.terminal.outputs import Reports, already_written, check_report_places, put_reports
 from dtrepair.cli.terminal.repair_text import print_plan, print_table, say
 from dtrepair.pipeline.errors import CLEAN, INPUT, OUTPUT, UsageError, exit_code
 from dtrepair.pipeline.keyposes.settings import KeyposeSettings
@@ -49,7 +50,7 @@ from dtrepair.pipeline.keyposes.stage import plan_keyposes, repair_keyposes
     metavar="STAGE|MESH|TIME",
     help="Rest pose; default: the default-time points, else the key with fewest intersections.",
 )
-@click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
+@report_options()
 @click.option(
     "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, and can be read."
 )
@@ -65,7 +66,7 @@ def command(
     output: str | None,
     settings: KeyposeSettings,
     verify_only: bool,
-    report_path: str | None,
+    reports: Reports,
     skip_existing: bool,
     dry_run: bool,
     device: str,
@@ -87,7 +88,7 @@ def command(
     """
     if verify_only == (output is not None):
         raise UsageError("name an output with -o OUT, or --verify-only, which writes nothing")
-    check_report_place(report_path, console, source_path, others=[output])
+    check_report_places(reports, console, source_path, others=[output])
     if output is not None and skip_existing and already_written(output, console):
         return CLEAN
     if output is not None:
@@ -98,7 +99,7 @@ def command(
         print_plan(console, plan_keyposes(*inputs, device=device, observer=observer))
         return CLEAN
     report = repair_keyposes(*inputs, jobs=jobs, device=device, observer=observer)
-    put_report(report, report_path)
+    put_reports(report, reports, observer)
     if output is not None:
         print_table(console, report.frames, output)
     else:

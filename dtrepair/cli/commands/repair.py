@@ -11,6 +11,7 @@ from dtrepair.cli.options.distributed import distributed_option
 from dtrepair.cli.options.file_names import FILE
 from dtrepair.cli.options.method import method_options
 from dtrepair.cli.options.output import output_options
+from dtrepair.cli.options.reporting import report_options
 from dtrepair.cli.options.sections import Command
 from dtrepair.cli.options.settings import as_settings
 from dtrepair.cli.options.shared import (
@@ -24,7 +25,7 @@ from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
-from dtrepair.cli.terminal.outputs import already_written, check_report_place, put_report
+from dtrepair.cli.terminal.outputs import Reports, already_written, check_report_places, put_reports
 from dtrepair.cli.terminal.repair_text import print_plan, print_table, say
 from dtrepair.pipeline.errors import ALONE, CLEAN, FRAMES, INPUT, OUTPUT, exit_code
 from dtrepair.pipeline.repair.settings import RepairSettings
@@ -54,7 +55,7 @@ from dtrepair.pipeline.repair.stage import plan_repair, repair_stage
     metavar="STAGE|MESH|TIME",
     help="Rest pose; default: the default-time points, else the frame with fewest intersections.",
 )
-@click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
+@report_options()
 @click.option("--resume", is_flag=True, help="Go on with an interrupted run of the same command.")
 @click.option(
     "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, and can be read."
@@ -77,7 +78,7 @@ def command(
     source_path: str,
     output: str,
     settings: RepairSettings,
-    report_path: str | None,
+    reports: Reports,
     skip_existing: bool,
     dry_run: bool,
     jobs: int | None,
@@ -102,7 +103,7 @@ def command(
         dtrepair repair shot.usd --prim "/Hero//" -o shot_repaired.usdc --report report.json
         dtrepair repair body.obj -o body_repaired.obj
     """
-    check_report_place(report_path, console, source_path, others=[output])
+    check_report_places(reports, console, source_path, others=[output])
     if skip_existing and already_written(output, console):
         return CLEAN
     inputs = (source_path, output, settings)
@@ -112,6 +113,6 @@ def command(
         return CLEAN
     clean_up_if_forced(output)
     report = repair_stage(*inputs, jobs=jobs, **running)
-    put_report(report, report_path)
+    put_reports(report, reports, running["observer"])
     print_table(console, report.frames, output)
     return exit_code(report)

@@ -6,6 +6,7 @@ import click
 
 from dtrepair.cli.exit_codes import exit_codes
 from dtrepair.cli.options.file_names import FILE
+from dtrepair.cli.options.reporting import report_options
 from dtrepair.cli.options.sections import Command
 from dtrepair.cli.options.shared import jobs_option, run_options
 from dtrepair.cli.options.transfer import transfer_settings
@@ -14,7 +15,7 @@ from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.interrupts import clean_up_if_forced
-from dtrepair.cli.terminal.outputs import already_written, check_report_place, put_report
+from dtrepair.cli.terminal.outputs import Reports, already_written, check_report_places, put_reports
 from dtrepair.cli.terminal.transfer_text import print_plan, print_report, say
 from dtrepair.pipeline.errors import CLEAN, FRAMES, INPUT, OUTPUT, exit_code
 from dtrepair.pipeline.transfer.run import files_of, plan_transfer, transfer_stage
@@ -72,7 +73,7 @@ class GreedyPoses(Command):
     default=None,
     help="Repair frames for themselves (default for pose files) or steady in time (stages).",
 )
-@click.option("--report", "report_path", metavar="F.json|-", help="Write a JSON report.")
+@report_options()
 @click.option(
     "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, and can be read."
 )
@@ -88,7 +89,7 @@ def command(
     target_path: str,
     output: str,
     settings: TransferSettings,
-    report_path: str | None,
+    reports: Reports,
     skip_existing: bool,
     dry_run: bool,
     device: str,
@@ -115,7 +116,7 @@ def command(
     if skip_existing and already_written(output, console):
         return CLEAN
     read, written = files_of(source_path, target_path, settings)
-    check_report_place(report_path, console, *read, others=[output, *written])
+    check_report_places(reports, console, *read, others=[output, *written])
     observer = ConsoleObserver(console, say)
     inputs = (source_path, target_path, output, settings)
     clean_up_if_forced(output)
@@ -124,5 +125,5 @@ def command(
         return CLEAN
     report = transfer_stage(*inputs, jobs=jobs, device=device, observer=observer)
     print_report(console, report, repaired=settings.repair is not None)
-    put_report(report, report_path)
+    put_reports(report, reports, observer)
     return exit_code(report)

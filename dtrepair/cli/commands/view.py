@@ -13,14 +13,13 @@ from dtrepair.cli.options.shared import selection_options
 from dtrepair.cli.options.verbosity import console_options
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import one_line_errors
+from dtrepair.cli.terminal.outputs import check_picture_name
 from dtrepair.pipeline.errors import CLEAN, INPUT, OUTPUT, UsageError
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting, writing
 from dtrepair.pipeline.stages.sources import open_source, time_label
 from dtrepair.pipeline.stages.world_mesh import WorldScene
 from dtrepair.wording import counted
-
-_PICTURES = (".png", ".jpg", ".jpeg")
 
 
 @click.command("view", cls=Command, epilog=exit_codes(INPUT, OUTPUT, clean="shown, or written"))
@@ -58,8 +57,7 @@ def command(
 
     if screenshot is not None:
         refuse_overwriting(screenshot, source_path, before)
-        if not screenshot.lower().endswith(_PICTURES):
-            raise UsageError(f"{screenshot}: name the picture .png, .jpg or .jpeg")
+        check_picture_name(screenshot)
         check_writable(screenshot)
     elif not has_polyscope():
         raise UsageError(
@@ -128,11 +126,15 @@ def _draw(scenes: Sequence[WorldScene], names: Sequence[str], screenshot: str) -
     time = float(scenes[0].source.times[scenes[0].worst()])
     frames = [scene(time) for scene in scenes]
     first = frames[0]
-    view = best_view(first.points, scenes[0].faces, first.intersecting, up=scenes[0].source.up)
+    others = [frame.points for frame in frames[1:]]
+    faces, up = scenes[0].faces, scenes[0].source.up
+    view = best_view(first.points, faces, first.intersecting, up=up, others=others)
     images, captions = [], []
     for name, scene, frame in zip(names, scenes, frames, strict=True):
-        mask = frame.intersecting
-        images.append(render(frame.points, scene.faces, view=view, intersecting=mask))
+        mask, objects = frame.intersecting, scene.objects
+        images.append(
+            render(frame.points, scene.faces, view=view, intersecting=mask, objects=objects)
+        )
         title = f"{name}, " if len(names) > 1 else ""
         captions.append(f"{title}frame {time_label(time)}: {frame.triangles} intersecting")
     try:

@@ -62,7 +62,11 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "help": "Take --poses, or the blend shapes of SOURCE, as shapes; write UsdSkel blend "
         "shapes."
     },
-    "picture": {"metavar": "F.png", "help": "Draw the registered source over the target."},
+    "registration": {
+        "type": FILE,
+        "metavar": "F.png",
+        "help": "Draw the registered source over the target.",
+    },
 }
 
 

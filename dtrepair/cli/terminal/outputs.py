@@ -1,13 +1,15 @@
-"""What is at an output already, and where `--report` goes: a file, or - for standard output."""
+"""What is at an output already, and where `--report` and `--picture` go."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.streams import say
-from dtrepair.pipeline.errors import OutputError
+from dtrepair.pipeline.errors import OutputError, UsageError
+from dtrepair.pipeline.observer import SILENT, Observer
 from dtrepair.pipeline.stages.outputs import (
     check_writable,
     is_readable,
@@ -17,32 +19,63 @@ from dtrepair.pipeline.stages.outputs import (
 from dtrepair.report.record import Report, render_report, write_report
 
 STDOUT = "-"
+PAGES = (".html", ".htm")
+PICTURES = (".png", ".jpg", ".jpeg")
 
 
-def check_report_place(
-    path: str | None, console: Console, *inputs: str | None, others: Iterable[str | None] = ()
+@dataclass(frozen=True)
+class Reports:
+    """Where a report goes, and a picture; None: nowhere."""
+
+    report: str | None = None
+    picture: str | None = None
+
+
+def check_report_places(
+    reports: Reports, console: Console, *inputs: str | None, others: Iterable[str | None] = ()
 ) -> None:
-    """Refuse a file that cannot be written, an input, or one of the `others`, outputs as well.
+    """Refuse files that cannot be written, inputs, each other, and the `others`, outputs as well.
 
     Standard output is kept for a report that goes there.
     """
-    if path == STDOUT:
+    others = list(others)
+    if reports.picture is not None:
+        check_picture_name(reports.picture)
+        refuse_overwriting(reports.picture, *inputs, others=others)
+        check_writable(reports.picture)
+        others.append(reports.picture)
+    if reports.report == STDOUT:
         console.results_on_stderr = True
-    elif path is not None:
-        refuse_overwriting(path, *inputs, others=others)
-        check_writable(path)
+    elif reports.report is not None:
+        refuse_overwriting(reports.report, *inputs, others=others)
+        check_writable(reports.report)
 
 
-def put_report(report: Report, path: str | None) -> None:
-    """Write a report where it was asked for; nothing for None. Raises OutputError."""
+def check_picture_name(path: str) -> None:
+    """Refuse a name that does not end as a picture does."""
+    if not path.lower().endswith(PICTURES):
+        raise UsageError(f"{path}: name the picture .png, .jpg or .jpeg")
+
+
+def put_reports(report: Report, reports: Reports, observer: Observer = SILENT) -> None:
+    """Write what was asked for: a report as JSON or page, and a picture. Raises OutputError."""
+    path = reports.report
     if path == STDOUT:
         error = say(render_report(report), newline=False)
         # Whoever closed a pipe wants no more of it.
         if error is not None and not isinstance(error, BrokenPipeError):
             raise OutputError(f"standard output: cannot be written: {error.strerror}")
+    elif path is not None and path.lower().endswith(PAGES):
+        from dtrepair.pipeline.page.write import write_page
+
+        write_page(report, path, observer=observer)
     elif path is not None:
         with writing(path):
             write_report(report, path)
+    if reports.picture is not None:
+        from dtrepair.pipeline.page.picture import write_picture
+
+        write_picture(report, reports.picture, observer=observer)
 
 
 def already_written(output: str, console: Console) -> bool:

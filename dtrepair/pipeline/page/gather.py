@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dtrepair.display.closeups import CloseupOptions, contact_view, draw_closeups
 from dtrepair.display.colours import Colours
 from dtrepair.display.contact_events import ContactEvent, FramePairs, contact_events
-from dtrepair.display.render import png_bytes
+from dtrepair.display.render import Image, View, png_bytes
 from dtrepair.pipeline.observer import SILENT, Observer, Progress
 from dtrepair.pipeline.page.clip import PosedClip
 from dtrepair.pipeline.page.contact_data import DataOptions, contact_data
@@ -51,10 +51,7 @@ def gather_content(
 ) -> PageContent:
     """Return what the page of a report shows beside its numbers. Raises PipelineError."""
     clip = PosedClip(report, run)
-    looked = clip.looked_at(options.frames)
-    with Progress(observer, "looking at contacts", len(looked)) as progress:
-        pairs = {index: clip.pairs(index) for index in progress.over(looked)}
-    events = contact_events(pairs, run.first.faces)
+    events = find_events(clip, options=options, observer=observer)
     shown, others = events[: options.contacts], events[options.contacts : options.listed]
     with Progress(observer, "drawing contacts", len(shown)) as progress:
         contacts = tuple(
@@ -62,10 +59,37 @@ def gather_content(
             for event in progress.over(shown)
         )
     return PageContent(
-        contacts=(*contacts, *(_listed(clip, event) for event in others)),
+        contacts=(*contacts, *(listed_event(clip, event) for event in others)),
         measures=frame_measures(run, len(report["frames"])),
         colours=_colours(len(run.first.source.meshes)),
     )
+
+
+def find_events(
+    clip: PosedClip, *, options: PageOptions = PageOptions(), observer: Observer = SILENT
+) -> list[ContactEvent]:
+    """Return the contact events of a clip, the worst first."""
+    looked = clip.looked_at(options.frames)
+    with Progress(observer, "looking at contacts", len(looked)) as progress:
+        pairs = {index: clip.pairs(index) for index in progress.over(looked)}
+    return contact_events(pairs, clip.run.first.faces)
+
+
+def draw_event(
+    clip: PosedClip, event: ContactEvent, options: CloseupOptions = CloseupOptions()
+) -> tuple[Image, View]:
+    """Return the picture of an event in its worst frame, and the view that it is seen in."""
+    scene, poses = clip.run.first, clip.poses(event.worst)
+    up = scene.source.up
+    view = contact_view(poses, scene.faces, worst_triangles(event), up=up, options=options)
+    image = draw_closeups(poses, scene.faces, view, objects=scene.objects, up=up, options=options)
+    return image, view
+
+
+def worst_triangles(event: ContactEvent) -> NDArray[np.int64]:
+    """Return the triangles (K,) of an event in its worst frame, before or after."""
+    both = [own.get(event.worst, ()) for own in (event.before, event.after)]
+    return np.union1d(*both).astype(np.int64)
 
 
 def _colours(count: int) -> list[tuple[float, float, float]]:
@@ -73,7 +97,7 @@ def _colours(count: int) -> list[tuple[float, float, float]]:
     return [(red, green, blue) for red, green, blue in Colours().of(np.arange(count)).tolist()]
 
 
-def _listed(clip: PosedClip, event: ContactEvent) -> Contact:
+def listed_event(clip: PosedClip, event: ContactEvent) -> Contact:
     """Return a contact without a picture."""
     run, worst = clip.run, event.worst
     first, second = _objects(event, clip.pairs(worst), run.first.objects)
@@ -90,15 +114,10 @@ def _listed(clip: PosedClip, event: ContactEvent) -> Contact:
 
 def _contact(clip: PosedClip, event: ContactEvent, limit: int, options: PageOptions) -> Contact:
     """Return a contact with its picture, and what the viewer shows of it."""
-    scene, worst = clip.run.first, event.worst
-    poses, up = clip.poses(worst), clip.run.first.source.up
-    triangles = np.union1d(event.before.get(worst, ()), event.after.get(worst, ())).astype(np.int64)
-    view = contact_view(poses, scene.faces, triangles, up=up, options=options.closeup)
-    image = draw_closeups(
-        poses, scene.faces, view, objects=scene.objects, up=up, options=options.closeup
-    )
+    image, view = draw_event(clip, event, options.closeup)
+    triangles = worst_triangles(event)
     data = contact_data(clip, event, triangles, view, limit=limit, options=options.data)
-    return replace(_listed(clip, event), png=png_bytes(image), view=data)
+    return replace(listed_event(clip, event), png=png_bytes(image), view=data)
 
 
 def _objects(

@@ -1,4 +1,4 @@
-"""Write the page of a report, and one picture of its worst contacts."""
+"""Write the page of a report."""
 
 from __future__ import annotations
 

@@ -53,12 +53,14 @@ def match(pair: Pair, options: TransferOptions) -> Correspondence:
         with writing(options.save_correspondence):
             faces = [mesh[1] for mesh in meshes]
             write_correspondence(options.save_correspondence, found.pairs, *faces)
-    if options.picture is not None:
+    if options.registration is not None:
         try:
-            with writing(options.picture):
-                draw_registration(options.picture, *meshes, found.pairs, found.registered, up=up)
+            with writing(options.registration):
+                draw_registration(
+                    options.registration, *meshes, found.pairs, found.registered, up=up
+                )
         except ImportError as error:
-            undrawn = f"{options.picture}: not drawn: {error}"
+            undrawn = f"{options.registration}: not drawn: {error}"
             return replace(found, warnings=(undrawn, *found.warnings))
     return found
 

@@ -33,7 +33,7 @@ class TransferOptions:
         ground: keep the lowest vertex on the source's ground.
         pin: target vertices that stay at rest: name of a primvar or GeomSubset, or an npz of
             `vertices` and `positions`.
-        picture: PNG to draw the registered source over the target to.
+        registration: PNG to draw the registered source over the target to.
         shapes: take the poses as shapes, and write UsdSkel blend shapes.
     """
 
@@ -48,7 +48,7 @@ class TransferOptions:
     root_scale: float | None = None
     ground: bool = False
     pin: str | None = None
-    picture: str | None = None
+    registration: str | None = None
     shapes: bool = False
 
     def __post_init__(self) -> None:

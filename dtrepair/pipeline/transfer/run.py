@@ -128,7 +128,7 @@ def files_of(source: str, target: str, settings: TransferSettings) -> tuple[list
     """Return the files that a transfer reads, and those that it writes besides its output."""
     options = settings.options
     read = (options.markers, options.correspondence, options.pin)
-    written = (options.save_correspondence, options.picture)
+    written = (options.save_correspondence, options.registration)
     return (
         [source, target, *settings.poses, *(path for path in read if path)],
         [path for path in written if path is not None],

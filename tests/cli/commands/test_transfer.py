@@ -54,7 +54,7 @@ def transferred(animals: Animals) -> tuple[Path, Outcome]:
         *("transfer", folder / "source.obj", folder / "target.obj", "--poses", *poses(folder)),
         *("--markers", folder / "m.cons", "-o", folder / "out.usdc"),
         *("--report", folder / "r.json", "--save-correspondence", folder / "c.npz"),
-        *("--picture", folder / "p.png"),
+        *("--registration", folder / "p.png"),
     )
     return folder, done
 

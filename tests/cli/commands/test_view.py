@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 
 from dtrepair.cli.commands import view
 from dtrepair.display import viewer
@@ -26,8 +27,6 @@ def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def red_pixels(path: Path) -> NDArray[np.bool_]:
-    from PIL import Image
-
     with Image.open(path) as picture:
         pixels = np.asarray(picture.convert("RGB")).astype(int)
     return (pixels[..., 0] > 100) & (pixels[..., 1] < 60) & (pixels[..., 2] < 60)
@@ -43,6 +42,18 @@ def test_a_picture_of_before_and_after(tmp_path: Path) -> None:
     assert red.shape[1] == 2 * 640
     # The worst frame of the input is taken, and only the input intersects there.
     assert red[:, :640].sum() > 50 and red[:, 640:].sum() == 0
+
+
+def test_nothing_of_either_pose_is_cropped(tmp_path: Path) -> None:
+    stage = tube_stage(tmp_path / "a.usda", (CLOSED,))
+    long = tube_stage(tmp_path / "b.usda", (0.1,))  # unrolled it is much longer
+    picture = tmp_path / "p.png"
+    assert run("view", long, "--before", stage, "--screenshot", picture).code == 0
+    with Image.open(picture) as image:
+        pixels = np.asarray(image.convert("RGB"))[:640]
+    for half in (pixels[:, :640], pixels[:, 640:]):
+        border = np.concatenate([half[0], half[-1], half[:, 0], half[:, -1]])
+        assert (border == half[0, 0]).all() and (half != half[0, 0]).any()
 
 
 def test_frames_choose_what_is_drawn(tmp_path: Path) -> None:

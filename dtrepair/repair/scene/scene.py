@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import counted_between
-from dtrepair.numerics.attachments import Attachments, Reference, find_attachments
+from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
@@ -23,6 +23,7 @@ from dtrepair.numerics.geometry import (
     unique_edges,
     weld_map,
 )
+from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.numerics.worn_layers import Layers, Parts, median_of_parts
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene.bodies import (

@@ -155,7 +155,7 @@ def test_errors_of_outputs_carry_their_code(inputs: tuple[str, str], tmp_path: P
     with pytest.raises(UsageError, match="is an input of this run"):
         transfer_stage(*inputs, inputs[1])
     with pytest.raises(UsageError, match="another output"):
-        both = TransferOptions(picture="p.png", save_correspondence="p.png")
+        both = TransferOptions(save_correspondence="o.usda")
         transfer_stage(*inputs, "o.usda", options=both)
     with pytest.raises(OutputError, match="no directory") as caught:
         transfer_stage(*inputs, str(tmp_path / "no" / "o.usda"))

@@ -25,7 +25,11 @@ SHOWN = {
 
 
 def test_every_script_is_run() -> None:
-    assert {path.name for path in FOLDER.glob("*.py")} == {*SHOWN, "shapes.py"}
+    assert {path.name for path in FOLDER.glob("*.py")} == {
+        *SHOWN,
+        "dressed_character.py",
+        "shapes.py",
+    }
 
 
 @pytest.mark.parametrize("name", SHOWN)
@@ -53,6 +57,19 @@ def test_animation_example_writes_into_a_folder(tmp_path: Path) -> None:
     subprocess.run(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
     assert run("check", folder / "shot.usda").code == 1
     assert run("check", folder / "shot_repaired.usdc").code == 0
+
+
+def test_dressed_character_is_clean_at_rest_and_comes_through_its_clothes(tmp_path: Path) -> None:
+    from tests.command_line import run
+
+    path = tmp_path / "dressed.usda"
+    command = [sys.executable, "-W", "error", str(FOLDER / "dressed_character.py"), str(path)]
+    subprocess.run(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
+    report = run("check", path, "--frames", "1,5", "--json", "-").json
+    first, fifth = (frame["before"] for frame in report["frames"])
+    assert first["pairs"] == 0 and fifth["inter_pairs"] > 100
+    assert not fifth["modelled_pairs"]
+    assert len(report["prims"]) == 3
 
 
 def test_shapes_are_closed_and_wound_outward(monkeypatch: pytest.MonkeyPatch) -> None:

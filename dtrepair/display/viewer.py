@@ -6,12 +6,19 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dtrepair.display.colours import Colours
+from dtrepair.display.player import Player
+
+# Frames that are kept: to go back to them, or play them again, counts nothing twice.
+KEPT = 64
+# How opaque the first mesh is where the others are laid over it.
+OVERLAID = 0.4
 
 Frame = tuple[NDArray[np.floating], NDArray[np.bool_]]
 
@@ -43,10 +50,11 @@ def has_display() -> bool:
 
 
 class Viewer:
-    """Meshes side by side, with a slider over their frames.
+    """Meshes side by side or over one another, with a panel to go through their frames.
 
     labels: name of each frame. up: up axis (3,). headless: without a window, for pictures only.
-    spacing: from one mesh to the next, in widths of the first.
+    spacing: from one mesh to the next, in widths of the first. contacts: index of a frame -> lines
+    that say what meets in the first mesh. rate: frames per second when it plays.
 
     Raises:
         ImportError: polyscope is not installed; with the cure.
@@ -63,38 +71,26 @@ class Viewer:
         headless: bool = False,
         spacing: float = 1.15,
         colours: Colours = Colours(),
+        contacts: Callable[[int], Sequence[str]] | None = None,
+        rate: float = 24.0,
     ) -> None:
         self._spacing, self._colours = spacing, colours
-        try:
-            import polyscope
-        except ImportError:
-            raise ImportError("the window needs polyscope: pip install 'dtrepair[view]'") from None
-        self._polyscope: Any = polyscope
-        self._meshes, self._labels = tuple(meshes), tuple(labels)
-        polyscope.set_verbosity(0)
-        polyscope.set_program_name("dtrepair")
-        polyscope.set_use_prefs_file(False)
-        if headless:
-            polyscope.set_allow_headless_backends(True)
-        try:
-            polyscope.init("openGL3_egl" if headless else "auto")
-        except RuntimeError:
-            # Its handler at exit complains about a polyscope that was never initialised.
-            polyscope.init("openGL_mock")
-            raise
-        # Seconds: no imgui.ini in the user's folder.
-        self._polyscope.imgui.GetIO().IniSavingRate = 1e9
-        polyscope.remove_all_structures()
-        polyscope.set_up_dir("z_up" if np.asarray(up, dtype=np.float64)[2] > 0.5 else "y_up")
-        polyscope.set_ground_plane_mode("shadow_only")
-        self._index = first
+        self._polyscope = _started(headless)
+        self._names, self._faces = [m.name for m in meshes], [m.faces for m in meshes]
+        self._frames = [lru_cache(KEPT)(mesh.frame) for mesh in meshes]
+        self._labels = tuple(labels)
+        self._contacts = lru_cache(KEPT)(contacts) if contacts is not None else None
+        self._player = Player(len(labels), self._severity, first=first, rate=rate)
+        self._overlaid = self._heat = self._smooth = False
+        self._polyscope.set_up_dir("z_up" if np.asarray(up, dtype=np.float64)[2] > 0.5 else "y_up")
+        self._polyscope.set_ground_plane_mode("shadow_only")
         self._structures: list[Any] = []
-        self._place(first)
-        polyscope.reset_camera_to_home_view()
+        self._place()
+        self._polyscope.reset_camera_to_home_view()
 
     def show(self) -> None:
         """Open the window and return when it is closed."""
-        self._polyscope.set_user_callback(self._slider)
+        self._polyscope.set_user_callback(self._panel)
         self._polyscope.show()
         self._polyscope.clear_user_callback()
 
@@ -105,31 +101,90 @@ class Viewer:
         with atomic_output(path) as temporary:
             self._polyscope.screenshot(os.fspath(temporary), transparent_bg=False)
 
-    def _place(self, index: int) -> None:
-        """Show a frame: new points and colours."""
-        frames = [mesh.frame(index) for mesh in self._meshes]
+    def _severity(self, index: int) -> int:
+        """How many triangles of the first mesh intersect in a frame."""
+        return int(np.count_nonzero(self._frames[0](index)[1]))
+
+    @property
+    def _comparable(self) -> bool:
+        """Whether there are two meshes with the same vertices, so that moves can be shown."""
+        sizes = {len(frame(self._player.index)[0]) for frame in self._frames}
+        return len(self._frames) > 1 and len(sizes) == 1
+
+    def _place(self) -> None:
+        """Show the frame of the player: new points and colours."""
+        frames = [frame(self._player.index) for frame in self._frames]
         width = float(np.ptp(frames[0][0][:, 0]))
-        for column, (mesh, (points, red)) in enumerate(zip(self._meshes, frames, strict=True)):
-            placed = points + np.array([self._spacing * column * width, 0.0, 0.0])
+        for column, (name, faces) in enumerate(zip(self._names, self._faces, strict=True)):
+            points, red = frames[column]
+            aside = 0.0 if self._overlaid else self._spacing * column * width
+            placed = points + np.array([aside, 0.0, 0.0])
             if column == len(self._structures):
-                self._structures.append(
-                    self._polyscope.register_surface_mesh(mesh.name, placed, mesh.faces)
-                )
+                self._structures.append(self._polyscope.register_surface_mesh(name, placed, faces))
             else:
                 self._structures[column].update_vertex_positions(placed)
+            structure = self._structures[column]
             colours = np.where(
                 np.asarray(red)[:, None], self._colours.intersecting, self._colours.surface
             )
-            self._structures[column].add_color_quantity(
-                "intersecting", colours, defined_on="faces", enabled=True
+            heat = self._heat and column > 0 and self._comparable
+            structure.add_color_quantity(
+                "intersecting", colours, defined_on="faces", enabled=not heat
             )
+            if heat:
+                moved = np.linalg.norm(points - frames[0][0], axis=1)
+                structure.add_scalar_quantity("moved", moved, enabled=True)
+            structure.set_smooth_shade(self._smooth)
+            structure.set_transparency(OVERLAID if self._overlaid and column == 0 else 1.0)
 
-    def _slider(self) -> None:
-        if len(self._labels) < 2:
-            return
-        imgui = self._polyscope.imgui
-        changed, index = imgui.SliderInt("frame", self._index, 0, len(self._labels) - 1)
-        imgui.TextUnformatted(f"time {self._labels[index]}")
-        if changed:
-            self._index = index
-            self._place(index)
+    def _panel(self) -> None:
+        """Draw the controls, and do what they ask for."""
+        imgui, player, changed = self._polyscope.imgui, self._player, False
+        if player.count > 1:
+            label = self._labels[player.index].replace("%", "%%")
+            moved, index = imgui.SliderInt("time", player.index, 0, player.count - 1, label)
+            changed |= moved and player.go(index)
+            if imgui.Button("stop" if player.playing else "play"):
+                player.play(not player.playing)
+            imgui.SameLine()
+            if imgui.Button("next worst frame"):
+                player.play(False)
+                changed |= player.next_worst()
+            changed |= player.tick()
+        if len(self._frames) > 1:
+            overlaid, self._overlaid = imgui.Checkbox("one over the other", self._overlaid)
+            changed |= overlaid
+        if self._comparable:
+            heat, self._heat = imgui.Checkbox("how far it moved", self._heat)
+            changed |= heat
+        smooth, self._smooth = imgui.Checkbox("smooth shading", self._smooth)
+        if changed or smooth:
+            self._place()
+        if self._contacts is not None:
+            lines = self._contacts(player.index)
+            imgui.TextUnformatted("what intersects:" if lines else "nothing intersects")
+            for line in lines:
+                imgui.BulletText(line.replace("%", "%%"))
+
+
+def _started(headless: bool) -> Any:
+    """Return polyscope, ready and empty. Raises ImportError, RuntimeError."""
+    try:
+        import polyscope
+    except ImportError:
+        raise ImportError("the window needs polyscope: pip install 'dtrepair[view]'") from None
+    polyscope.set_verbosity(0)
+    polyscope.set_program_name("dtrepair")
+    polyscope.set_use_prefs_file(False)
+    if headless:
+        polyscope.set_allow_headless_backends(True)
+    try:
+        polyscope.init("openGL3_egl" if headless else "auto")
+    except RuntimeError:
+        # Its handler at exit complains about a polyscope that was never initialised.
+        polyscope.init("openGL_mock")
+        raise
+    # Seconds: no imgui.ini in the user's folder.
+    polyscope.imgui.GetIO().IniSavingRate = 1e9
+    polyscope.remove_all_structures()
+    return polyscope

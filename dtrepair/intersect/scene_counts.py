@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from dtrepair.diagnosis import CountRecord
 from dtrepair.intersect import MODES
 from dtrepair.intersect.detector import Detector
-from dtrepair.intersect.ignored import counted_between
+from dtrepair.intersect.ignored import collapsed, counted_between
 from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import weld_map
 
@@ -85,13 +85,16 @@ class SceneCounter:
     def __call__(self, points: Sequence[ArrayLike]) -> SceneCount:
         """Count the intersections of one frame: points (V, 3) of each mesh, rounded to float32.
 
-        Vertices of one mesh at one float32 position count as one.
+        Vertices of one mesh at one float32 position count as one. Raises CollapsedPoseError where
+        so many triangles lie at one place that their pairs cannot be kept.
         """
         together = np.concatenate([np.asarray(pose) for pose in points]).astype(np.float32)
         welded = [
             weld_map(pose) + start for pose, start in zip(points, self._vertices, strict=False)
         ]
-        every = pairs = self._detector(together, weld=np.concatenate(welded).astype(np.int32))
+        weld = np.concatenate(welded).astype(np.int32)
+        self._check_places(weld)
+        every = pairs = self._detector(together, weld=weld)
         owner = self._owner[pairs]
         keep = counted_between(owner, mode=self.mode, ignored=self.ignored)
         pairs = pairs[keep]
@@ -133,3 +136,14 @@ class SceneCounter:
             modelled_pairs=len(modelled),
         )
         return SceneCount(total, tuple(each), intersecting, met, every, modelled, pairs)
+
+    def _check_places(self, weld: NDArray[np.int32]) -> None:
+        """Raise CollapsedPoseError where triangles that became one vertex have too many pairs.
+
+        The detector counts none of these pairs: their triangles share a vertex.
+        """
+        first, second, third = weld[self._detector.faces].T
+        numbers = np.bincount(first[(first == second) & (second == third)]).astype(np.int64)
+        triangles = len(self._owner)
+        if (numbers * (numbers - 1) // 2).sum() > self._detector.limits.of(triangles)[1]:
+            raise collapsed(triangles)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import click
 import pytest
 from click.shell_completion import BashComplete
 
 from dtrepair.cli.app import COMMANDS, group
+from dtrepair.cli.exit_codes import MEANINGS
 
 
 def test_commands_are_completed_without_importing_them(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -45,9 +48,17 @@ def test_words_are_completed(words: str, values: list[str]) -> None:
     assert [f"{item.type} {item.value}" for item in found] == values
 
 
-def test_a_shell_may_ask() -> None:
-    asked = {"_DTREPAIR_COMPLETE": "zsh_source"}
+def test_shells_are_told_as_the_page_says() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "command_line.md").read_text(encoding="utf-8")
+    asked = re.findall(r"_DTREPAIR_COMPLETE=(\w+) dtrepair", page)
+    assert asked == ["bash_source", "zsh_source", "fish_source"]
+    environment = {**os.environ, "_DTREPAIR_COMPLETE": asked[1]}
     done = subprocess.run(
-        [sys.executable, "-m", "dtrepair"], env={**os.environ, **asked}, capture_output=True
+        [sys.executable, "-m", "dtrepair"], env=environment, capture_output=True, check=True
     )
-    assert done.returncode == 0 and b"#compdef dtrepair" in done.stdout
+    assert b"#compdef dtrepair" in done.stdout
+
+
+def test_the_page_has_the_exit_codes() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "command_line.md").read_text(encoding="utf-8")
+    assert [int(code) for code in re.findall(r"^\| (\d+) \|", page, re.MULTILINE)] == list(MEANINGS)

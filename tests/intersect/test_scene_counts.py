@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dtrepair.intersect.ignored import CollapsedPoseError
 from dtrepair.intersect.scene_counts import SceneCounter
 from tests.meshes import grid, icosphere
 
@@ -52,6 +53,20 @@ def test_meshes_that_touch_count_although_their_vertices_coincide() -> None:
     seams, cut = points[faces.reshape(-1)], np.arange(3 * len(faces)).reshape(-1, 3)
     whole = SceneCounter([seams], [cut.astype(np.int32)])
     assert whole([seams]).total.pairs == 0
+
+
+def test_a_mesh_at_one_point_has_collapsed_although_its_vertices_are_one() -> None:
+    points, faces = icosphere(4)  # 5,120 triangles, 13 million pairs
+    counter = SceneCounter([points], [faces])
+    assert counter([points]).total.pairs == 0
+    for place in (0.0 * points, 0.0 * points + [1.0, 2.0, 3.0]):
+        with pytest.raises(CollapsedPoseError, match="of its 5,120 triangles lie at one place"):
+            counter([place])
+
+
+def test_what_is_hidden_by_a_scale_of_nothing_is_no_fault() -> None:
+    points, faces = icosphere(2)
+    assert SceneCounter([points], [faces])([0.0 * points]).total.pairs == 0
 
 
 def test_unknown_mode_is_refused() -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable, Iterator
+from functools import cache
 
 import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_info, threadpool_limits
+from threadpoolctl import ThreadpoolController, threadpool_limits
 
 import dtrepair
 from dtrepair.numerics import threads
@@ -21,10 +22,16 @@ from dtrepair.transfer import Pins, Transfer
 from tests.meshes import bent_tube, icosphere
 
 
+@cache
+def libraries() -> ThreadpoolController:
+    """The libraries of linear algebra, looked for once: that takes longer than a solve."""
+    torch.ones(2).sum()  # loads OpenMP
+    return ThreadpoolController()
+
+
 def numbers() -> set[int]:
     """Threads that each library of linear algebra would use, called from this thread."""
-    torch.ones(2).sum()  # loads OpenMP
-    return {library["num_threads"] for library in threadpool_info()}
+    return {library["num_threads"] for library in libraries().info()}
 
 
 @pytest.fixture(autouse=True)

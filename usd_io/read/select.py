@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from pxr import Sdf, Tf, Usd, UsdGeom
@@ -144,7 +144,16 @@ def _no_match(stage: Usd.Stage, prim: str | None, exclude: str | None) -> Except
     return SelectionError(
         f"prim expression {prim!r}: no match among the active, defined and loaded meshes"
         + ("" if exclude is None else f" that {exclude!r} does not exclude")
+        + _examples(_matching_meshes(stage, None, None))
     )
+
+
+def _examples(meshes: Sequence[Usd.Prim], named: int = 3) -> str:
+    """Say which meshes there are, the first of them by name."""
+    if not meshes:
+        return "; the stage has none"
+    more = f" and {len(meshes) - named} more" if len(meshes) > named else ""
+    return f"; the stage has {', '.join(str(mesh.GetPath()) for mesh in meshes[:named])}{more}"
 
 
 def _instance_of(prim: Usd.Prim) -> Usd.Prim:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from pxr import Sdf, Usd
 
+from usd_io.crate_check import check_crates
 from usd_io.diagnostics import DAMAGE, no_diagnostics
 from usd_io.errors import StageError, UsageError, one_line
 from usd_io.paths import same_file
@@ -135,6 +137,8 @@ def _check_file(path: str) -> None:
         # Other extensions may still have a plugin; pxr decides, this only helps its message.
         if Sdf.FileFormat.FindByExtension(path) is None:
             raise StageError(f"{path}: not a USD file; expected one of {', '.join(USD_EXTENSIONS)}")
+    with suppress(OSError):  # pxr tells what cannot be read
+        check_crates(path)
 
 
 def input_digest(stage: OpenedStage | Usd.Stage) -> str:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from pxr import Sdf
 
+from usd_io.crate_check import check_crates
 from usd_io.diagnostics import DAMAGE, no_diagnostics, reading
 from usd_io.errors import StageError, UsageError, one_line, time_text
 from usd_io.paths import check_output_path, relative_asset_path, same_file
@@ -93,6 +95,8 @@ def join_layers(
 
 def _open_chunk(path: str) -> _Chunk:
     """Open one input of a join. Raises StageError where it is no output of this package."""
+    with suppress(OSError):  # pxr tells what cannot be read
+        check_crates(path)
     try:
         with no_diagnostics():
             layer = Sdf.Layer.FindOrOpen(path)

@@ -19,6 +19,7 @@ from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting, writing
 from dtrepair.pipeline.stages.sources import open_source, time_label
 from dtrepair.pipeline.stages.world_mesh import WorldScene
+from dtrepair.wording import counted
 
 
 @click.command("view", cls=Command, epilog=exit_codes(INPUT, OUTPUT, clean="shown, or written"))
@@ -42,9 +43,10 @@ def command(
 ) -> int:
     """Look at a stage or mesh, its intersecting triangles in red.
 
-    The window has a slider over the frames and needs polyscope (pip install 'dtrepair[view]'). A
-    screenshot shows the frame with most intersections among --frames; without polyscope or a
-    display it is drawn without them.
+    The window needs polyscope (pip install 'dtrepair[view]'). It has a slider over the time codes,
+    plays, goes to the next worst frame, lists what intersects, lays before and after over one
+    another, and colours how far points moved. A screenshot shows the frame with most intersections
+    among --frames; without polyscope or a display it is drawn without them.
 
     \b
     Example:
@@ -96,9 +98,17 @@ def _show(scenes: Sequence[WorldScene], names: Sequence[str], screenshot: str | 
 
     meshes = [viewed(name, scene) for name, scene in zip(names, scenes, strict=True)]
     labels = [time_label(time) for time in times]
+
+    def contacts(index: int) -> list[str]:
+        met = scenes[0].meetings(times[index])
+        return [
+            f"{first} with {'itself' if first == second else second}: {counted(count, 'pair')}"
+            for first, second, count in met
+        ]
+
     first = scenes[0].worst() if screenshot is not None else 0
     try:
-        viewer = Viewer(meshes, labels, up=scenes[0].source.up, first=first)
+        viewer = Viewer(meshes, labels, up=scenes[0].source.up, first=first, contacts=contacts)
     except RuntimeError:
         return False
     if screenshot is None:

@@ -56,7 +56,6 @@ class FrameOptions:
             own, in the mean over the vertices.
         alone_shares: Shares of the way from where a frame was solved alone to its place among its
             neighbours that are tried in turn.
-        relax_smoothed: Shares of the increment smoothed in time that are tried in turn.
     """
 
     stale: float = 2e-5
@@ -76,12 +75,13 @@ class FrameOptions:
     closes: FairingOptions = field(default_factory=lambda: FairingOptions(first=4.0, highest=10.0))
     push: RegionalPushOptions = field(default_factory=RegionalPushOptions)
     mend: MendOptions = field(default_factory=MendOptions)
-    relax: RelaxOptions = field(default_factory=lambda: RelaxOptions(first=1.0, longer=1.0))
+    relax: RelaxOptions = field(
+        default_factory=lambda: RelaxOptions(first=1.0, longer=1.0, tries=2)
+    )
     edges: EdgeLengthOptions = field(default_factory=EdgeLengthOptions)
     cure: CureOptions = field(default_factory=lambda: CureOptions(rounds=2))
     borrow: float = 0.8
     alone_shares: tuple[float, ...] = (0.75, 0.5, 0.25)
-    relax_smoothed: tuple[float, ...] = (1.0, 0.5, 0.25)
 
 
 class Chain(NamedTuple):

@@ -18,12 +18,10 @@ from dtrepair.repair.clip.frame_options import (
 )
 from dtrepair.repair.clip.regional_push import regional_push
 from dtrepair.repair.elastic.edge_lengths import EdgeLengths
-from dtrepair.repair.full.acceptance import acceptable, changed_defects
 from dtrepair.repair.full.cure import cure
 from dtrepair.repair.full.mend import mend
 from dtrepair.repair.full.relax import Relaxation
 from dtrepair.repair.parallel.worker_pool import WorkerPool
-from dtrepair.repair.surface.defects import Defects
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
@@ -62,7 +60,6 @@ class WindowFrames:
         self._detected: dict[int, FloatArray] = {}
         self._pairs: dict[int, IntArray] = {}
         self._relaxations: dict[int, Relaxation] = {}
-        self._before: dict[int, tuple[FloatArray, Defects]] = {}
         self._in_fold: dict[int, BoolArray] = {}
 
     def pairs(self, surface: Surface, frame: int) -> IntArray:
@@ -210,37 +207,26 @@ class WindowFrames:
             self.options.relax,
         )
 
-    def relaxed(self, surface: Surface, frame: int) -> float:
-        """Relax a frame by a cycle; the increment is in `added`. The largest motion is returned."""
-        relaxation = self._relaxations[frame]
-        self._before[frame] = relaxation.points, relaxation.known
+    def relaxed(self, surface: Surface, frame: int, weight: float) -> float:
+        """Relax a frame by a cycle, pulled to the displacement in `added`; it has its own after.
+
+        weight: of that pull, next to the edges. The largest motion of a vertex is returned.
+        """
+        relaxation, before = self._relaxations[frame], self.original[frame]
+        relaxation.system.hold(before + self.added[frame], weight)
+        points = relaxation.points
         relaxation.cycle()
-        increment = relaxation.points - self._before[frame][0]
-        self.added[frame] = increment
-        return float(lengths(increment).max(initial=0.0))
+        self.added[frame] = relaxation.points - before
+        return float(lengths(relaxation.points - points).max(initial=0.0))
 
     def evened(self, surface: Surface, block: int, kernel: FloatArray) -> None:
         """Smooth `added` in time for a block of vertices."""
         own = self._vertices(block)
         self.added[:, own] = apply_in_time(kernel, self.added[:, own])
 
-    def settled(self, surface: Surface, frame: int) -> None:
-        """Take the smoothed increment in `added` instead of its own, as far as it is clean."""
-        relaxation = self._relaxations[frame]
-        points, known = self._before[frame]
-        own = relaxation.points - points
-        smooth = self.added[frame] * (relaxation.reach > 0.0)[:, None]
-        for share in self.options.relax_smoothed:
-            pose = points + (1.0 - share) * own + share * smooth
-            defects = changed_defects(surface, known, points, pose)
-            if acceptable(defects, relaxation.folds):
-                relaxation.points, relaxation.known = pose, defects
-                return
-
     def relaxation(self, surface: Surface, frame: int) -> None:
         """Put into `added` what relaxing moved a frame by, and forget how it got there."""
         self.added[frame] = self._relaxations.pop(frame).points - self.poses[frame]
-        del self._before[frame]
 
     def cured(self, surface: Surface, frame: int) -> None:
         """Bring edges of a clean frame back that are crushed or drawn out, into `added`."""

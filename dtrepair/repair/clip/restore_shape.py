@@ -1,8 +1,8 @@
 """Frames back to their shapes: what pushing bent, stretched or squeezed in a clip is taken back.
 
-Bodies of a scene are unbent as wholes. Attached parts, and what collapsed, get what single poses
-get, as-rigid-as-possible cycles between gaps that stay open, in lockstep: the increments of a cycle
-are smoothed in time and taken as far as each frame stays clean.
+Bodies of a scene are unbent as wholes. Single skins, attached parts and what collapsed get what
+single poses get, as-rigid-as-possible cycles between gaps that stay open, in lockstep: each frame
+is pulled to where its neighbours ask it to be as well, so that it accelerates little.
 """
 
 from __future__ import annotations
@@ -125,21 +125,23 @@ class RelaxFramesOptions:
     """Lockstep relaxation of a window.
 
     Args:
-        cycles: Cycles at most.
+        agreement: For each cycle, the weight, next to the edges, by which frames are pulled to
+            where their neighbours ask them to be: little first, as it holds them back, then more.
+        attached: The same where parts are attached, whose frames were solved each for itself: they
+            have farther to go.
         still: Relaxing ends when no vertex moves farther in a cycle, units of the size.
-        width: Standard deviation, in frames, of the smoothing of the increments.
+        width: Standard deviation, in frames, of the smoothing of what cures.
         spread: Standard deviation, in frames, over which the relaxed region comes and goes.
         faint: Vertices that would take part by less are left out.
         collapse: Edges shorter than this part of what they were, or longer than its inverse, are
             collapsed.
         collapsed, collapsed_share: More such edges in a frame, and more than this share of all,
-            have it relaxed around them: it would be strained. Single skins with fewer are left
-            as they are: relaxed from 10 on, a walking human moved by .0065 of the diagonal instead
-            of .0071, but its jitter rose from 1.0e-3 to 1.3e-3.
+            have it relaxed around them, or cured: it would be strained.
         rings: Edge rings around collapsed edges that are relaxed; they fade over as many more.
     """
 
-    cycles: int = 12
+    agreement: tuple[float, ...] = (0.5,) * 6 + (3.0,) * 4
+    attached: tuple[float, ...] = (0.1,) * 8 + (1.0,) * 4
     still: float = 2e-4
     width: float = 1.5
     spread: float = 2.0
@@ -151,9 +153,10 @@ class RelaxFramesOptions:
 
 
 def relax_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFramesOptions()) -> None:
-    """Relax the clean frames of a window: wherever parts are attached, else where the options ask.
+    """Relax the clean frames of a window wherever they were displaced.
 
-    A frame that still intersects stays as it is.
+    A frame that still intersects stays as it is. Bodies that move freely lean on each other: of
+    them only what collapsed is relaxed.
     """
     surface = state.surface
     poses = zip(state.original, state.poses, strict=True)
@@ -165,8 +168,8 @@ def relax_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFrame
     frames = [
         frame for frame, pairs in enumerate(state.pairs) if len(pairs) == 0 and reach[frame].any()
     ]
-    kernel = gaussian_kernel(state.frames, options.width)
-    state.relax(frames, reach, kernel, cycles=options.cycles, still=options.still)
+    agreement = options.agreement if surface.ties is None else options.attached
+    state.relax(frames, reach, agreement, still=options.still)
 
 
 def cure_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFramesOptions()) -> None:
@@ -185,7 +188,7 @@ def _reach(
     surface: Surface, before: FloatArray, after: FloatArray, options: RelaxFramesOptions
 ) -> NDArray[np.float32]:
     """Return how far each vertex (V,) takes part, 0 to 1."""
-    if surface.ties is not None:
+    if surface.clusters == 1:
         return reach_of(surface, after - before, rings=options.rings).astype(np.float32)
     collapsed, count = collapsed_vertices(surface, before, after, options.collapse)
     if count <= max(options.collapsed, options.collapsed_share * len(surface.edges)):

@@ -24,7 +24,12 @@ from dtrepair.repair.clip.restore_shape import (
     relax_frames,
     restore_shapes,
 )
-from dtrepair.repair.clip.tighten_frames import TightenOptions, tighten_frames
+from dtrepair.repair.clip.tighten_frames import (
+    SettleFramesOptions,
+    TightenOptions,
+    settle_frames,
+    tighten_frames,
+)
 from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import Surface
@@ -115,6 +120,7 @@ class WindowOptions:
         tighten: Back towards the input.
         relax: Clean frames back towards the shapes of their inputs.
         steady: Frames that stand out from their neighbours.
+        settle: What touches nothing back to its place.
         restore: Back to the shapes of bodies.
         ease: Faint displacements left out.
         attached: What is other where parts are attached.
@@ -126,6 +132,7 @@ class WindowOptions:
     tighten: TightenOptions = field(default_factory=TightenOptions)
     relax: RelaxFramesOptions = field(default_factory=RelaxFramesOptions)
     steady: SteadyOptions = field(default_factory=SteadyOptions)
+    settle: SettleFramesOptions = field(default_factory=SettleFramesOptions)
     restore: RestoreShapeOptions = field(default_factory=RestoreShapeOptions)
     ease: EaseOptions = field(default_factory=EaseOptions)
     attached: AttachedOptions = field(default_factory=AttachedOptions)
@@ -192,6 +199,7 @@ class WindowMethod:
         if self.clearance == 0.0:
             if not tied:
                 tighten_frames(state, self.tighten, options=options.tighten)
+            settle_frames(state, options=options.settle)
             relax_frames(state, options=options.relax)
         if not tied:
             steady_frames(state, options=options.steady)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.temporal import steady_weights
 from dtrepair.repair.clip.frame_options import Alone, Chain, FrameOptions, Springs
 from dtrepair.repair.clip.frame_steps import WindowFrames
 from dtrepair.repair.parallel.worker_pool import WorkerPool
@@ -68,6 +70,8 @@ class WindowState:
         self.springs: Springs = np.zeros(0, dtype=np.int64)
         pool.start(self.work)
         self.pairs: list[IntArray] = pool.map("pairs", self._every)
+        # Those of the input.
+        self.found = self.pairs
         self.scale = contact_scale(surface, np.concatenate(self.pairs))
 
     @property
@@ -166,26 +170,31 @@ class WindowState:
         self,
         frames: list[int],
         reach: NDArray[np.float32],
-        kernel: FloatArray,
+        agreement: Sequence[float],
         *,
-        cycles: int,
         still: float,
     ) -> None:
         """Relax clean frames in step, until no vertex moves farther than `still` in a cycle.
 
-        reach (T, V): what takes part; kernel (T, T): smooths the increments in time.
+        reach (T, V): what takes part; agreement: for each cycle, the weight by which frames are
+        pulled to where the others ask them to be (see `steady_weights`).
         """
+        moved, others = self.work.added, np.setdiff1d(self._every, frames)
+        moved[:] = self.poses - self.original
+        # Halfway between where a frame is and where it should be: all of them move at a time.
+        halfway = 0.5 * (np.eye(len(self.frames)) + steady_weights(self.frames))
+        if len(self.frames) < 3:
+            halfway = np.eye(len(self.frames))
         self.pool.map("relaxing", frames, reach, self.scale)
-        for _ in range(cycles):
-            self.work.added[:] = 0.0
-            largest = self.pool.map("relaxed", frames)
-            self.pool.map("evened", self._blocks, kernel)
-            self.pool.map("settled", frames)
+        for weight in agreement:
+            self.pool.map("evened", self._blocks, halfway)
+            largest = self.pool.map("relaxed", frames, weight)
+            moved[others] = self.poses[others] - self.original[others]
             if max(largest, default=0.0) < still:
                 break
-        self.work.added[:] = 0.0
+        moved[:] = 0.0
         self.pool.map("relaxation", frames)
-        self.work.extra += self.work.added
+        self.work.extra += moved
         self.evaluate()
 
     def cure(self, frames: list[int], kernel: FloatArray) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -54,7 +53,7 @@ class ArapSystem:
         self._kernels = arap_kernels
         self._warp = start_warp()
         self._surface, self._anchor = surface, surface.options.anchor
-        self._original = np.ascontiguousarray(original)
+        self._original = self._home = np.ascontiguousarray(original)
         if region is None:
             region = np.ones(surface.count, dtype=bool)
         self._turning = np.flatnonzero(surface.dilate(region))
@@ -65,6 +64,14 @@ class ArapSystem:
             self._array(laplacian.indices.astype(np.int32), self._warp.int32),
             self._array(laplacian.data, self._warp.float64),
         ]
+        self._own: tuple[sparse.csr_matrix, Factor] | None = None
+
+    def hold(self, home: FloatArray, weight: float) -> None:
+        """Pull vertices to places (V, 3) as well, by a weight next to that of the edges."""
+        anchor = self._surface.options.anchor
+        if self._anchor != anchor + weight:
+            self._anchor, self._own = anchor + weight, None
+        self._home = (anchor * self._original + weight * home) / (anchor + weight)
 
     def target(self, points: FloatArray) -> FloatArray:
         """Return the right-hand side (V, 3) of a step from `points`, zero beyond a small region."""
@@ -78,15 +85,15 @@ class ArapSystem:
         rows = np.arange(count) if self._inner is None else self._inner
         inputs = [self._array(rows, warp.int32), *self._matrix, original, rotations, edges]
         warp.launch(self._kernels.rotated_edges, dim=len(rows), inputs=inputs, device="cpu")
-        right: FloatArray = edges.numpy() + self._anchored(self._original)
+        right: FloatArray = edges.numpy() + self._anchored(self._home)
         return right
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the pose (V, 3) of a right-hand side, or the motion of its change."""
         if self._inner is None:
-            return self._surface.arap_factor(right)
+            return self._surface.arap_factor_with(self._anchor)(right)
         result = np.zeros_like(right)
-        result[self._inner] = self._own[1](right[self._inner])
+        result[self._inner] = self._region()[1](right[self._inner])
         return result
 
     def image(self, points: FloatArray) -> FloatArray:
@@ -95,15 +102,16 @@ class ArapSystem:
             right: FloatArray = self._surface.laplacian @ points + self._anchored(points)
             return right
         result = self._anchored(points)
-        result[self._inner] += self._own[0] @ points
+        result[self._inner] += self._region()[0] @ points
         return result
 
-    @cached_property
-    def _own(self) -> tuple[sparse.csr_matrix, Factor]:
-        """Rows of the Laplacian of a small region, and the factor of its block of the system."""
-        rows = self._surface.laplacian[self._inner]
-        anchor = sparse.diags(self._anchor * self._surface.mass[self._inner])
-        return rows, Factor(rows[:, self._inner] + anchor)
+    def _region(self) -> tuple[sparse.csr_matrix, Factor]:
+        """Return rows of the Laplacian of a small region, and the factor of its block."""
+        if self._own is None:
+            rows = self._surface.laplacian[self._inner]
+            anchor = sparse.diags(self._anchor * self._surface.mass[self._inner])
+            self._own = rows, Factor(rows[:, self._inner] + anchor)
+        return self._own
 
     def _anchored(self, points: FloatArray) -> FloatArray:
         if self._inner is None:

@@ -17,8 +17,8 @@ from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
 from dtrepair.repair.full.pull_back import PullBackOptions, pull_back
 from dtrepair.repair.full.relax import RelaxOptions, relax
 from dtrepair.repair.full.settle import SettleOptions, Settling
-from dtrepair.repair.full.stage_log import StageLog
 from dtrepair.repair.result import Solved
+from dtrepair.repair.stage_log import StageLog
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import Surface
 

@@ -12,8 +12,8 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.work import work_done
 from dtrepair.repair.full.biharmonic_fill import FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import Pushed, PushOptions, push
-from dtrepair.repair.full.stage_log import StageLog
 from dtrepair.repair.full.steering import Steering, SteeringOptions
+from dtrepair.repair.stage_log import StageLog
 from dtrepair.repair.surface.defects import Defects, contact_scale, find_defects
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import Surface

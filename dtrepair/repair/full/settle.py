@@ -91,6 +91,13 @@ class Settling:
         fading = self.surface.rings_from(still, rings) / rings
         return np.where(self.surface.stiff, 0.0, fading)
 
+    def kept(self, points: FloatArray, strain: float) -> FloatArray:
+        """Return the fraction (V,) of the displacements of a pose (V, 3) that is kept."""
+        kept = np.ones(self.surface.count)
+        for near, far in self._bands:
+            kept = np.minimum(kept, self._kept(points, near, far, strain))
+        return kept
+
     def _kept(self, points: FloatArray, near: float, far: float, strain: float) -> FloatArray:
         """Return the fraction (V,) of the displacements that is kept with one band."""
         moved, distance = lengths(points - self.original), self.distance

@@ -102,6 +102,7 @@ class Surface(Topology):
         attachments: Attachments | None = None,
     ) -> None:
         self.options = options
+        self._arap_factors: dict[float, Factor] = {}
         self.bodies = tuple(bodies or (BodyRange(0, len(rest), 99.0),))
         sizes = [body.stop - body.start for body in self.bodies]
         self.body_of_vertex = np.repeat(np.arange(len(self.bodies)), sizes)
@@ -188,10 +189,18 @@ class Surface(Topology):
             factors.append((own, Factor(sparse.diags(self.mass[own]) + strong)))
         return factors
 
-    @cached_property
+    @property
     def arap_factor(self) -> Factor:
         """Factor of L + anchor M for the as-rigid-as-possible steps."""
-        return Factor(self.laplacian + self.options.anchor * sparse.diags(self.mass))
+        return self.arap_factor_with(self.options.anchor)
+
+    def arap_factor_with(self, anchor: float) -> Factor:
+        """Return the factor of L + anchor M, made once for each anchor."""
+        factor = self._arap_factors.get(anchor)
+        if factor is None:
+            factor = Factor(self.laplacian + anchor * sparse.diags(self.mass))
+            self._arap_factors[anchor] = factor
+        return factor
 
     @cached_property
     def cover(self) -> IntArray:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dtrepair.repair import repairer
 from dtrepair.repair.clip import window_stream
 from dtrepair.report.record import read_report
 from tests.command_line import CLOSED, OPEN, assert_fails, read_samples, run, tube_stage
@@ -25,7 +24,6 @@ def small_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows of 12 frames that overlap by 4."""
     small = partial(window_stream.ClipOptions, window=12, overlap=4)
     monkeypatch.setattr(window_stream, "ClipOptions", small)
-    monkeypatch.setattr(repairer, "ClipOptions", small)
     monkeypatch.setattr("dtrepair.pipeline.repair.stage.open_journal", lambda *some, **more: None)
 
 

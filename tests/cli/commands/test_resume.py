@@ -34,7 +34,6 @@ def windows(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Small windows, and the number of those that were solved, not remembered."""
     small = partial(window_stream.ClipOptions, window=WINDOW, overlap=OVERLAP)
     monkeypatch.setattr(window_stream, "ClipOptions", small)
-    monkeypatch.setattr(repairer, "ClipOptions", small)
     solved: list[int] = []
     solve = WindowMethod.__call__
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -120,9 +121,11 @@ class FakeViewer:
         up: Any,
         first: int = 0,
         headless: bool = False,
+        contacts: Callable[[int], list[str]],
     ) -> None:
         FakeViewer.made = self
         self.meshes, self.labels, self.first, self.up = meshes, labels, first, up
+        self.contacts = contacts
         self.shown = False
 
     def show(self) -> None:
@@ -146,6 +149,9 @@ def test_the_window_gets_both_meshes_and_all_frames(
     points, red = made.meshes[0].frame(1)
     assert len(points) == 200 and red.sum() > 0
     assert not made.meshes[0].frame(0)[1].any()
+    (line,) = made.contacts(1)
+    assert line.startswith("/Root/Tube with itself: ") and line.endswith(" pairs")
+    assert made.contacts(0) == []
 
 
 def test_a_screenshot_of_the_window_shows_the_worst_frame(

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from dtrepair import RepairOptions
 from dtrepair.pipeline import join_layers, repair_stage
-from dtrepair.repair import repairer
 from dtrepair.repair.clip import window_stream
 from tests.command_line import CLOSED, OPEN, read_samples, tube_stage
 
@@ -26,7 +25,6 @@ def small_windows() -> Iterator[None]:
     small = partial(window_stream.ClipOptions, window=8, overlap=2)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(window_stream, "ClipOptions", small)
-        patch.setattr(repairer, "ClipOptions", small)
         yield
 
 

@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from scipy import sparse
 
 from dtrepair import Body, Detector, Repairer, RepairOptions, SceneRepairer, Status
 from dtrepair.files.mesh_files import read_mesh
 from dtrepair.numerics.geometry import weld_map
 from dtrepair.numerics.metrics import displacements, jitter
 from dtrepair.numerics.operators import Factor
+from dtrepair.repair.clip.restore_shape import RelaxFramesOptions
 from dtrepair.repair.clip.window_stream import ClipOptions
 from tests.meshes import icosphere, swept
 from usd_io import open_stage, read_meshes, read_points
@@ -110,14 +112,24 @@ def test_contacts_ease_in_and_out(swung: Swung) -> None:
     assert size[0] == size[-1] == 0.0
 
 
-def test_one_factor_for_all_frames_and_clips() -> None:
+def test_the_same_factors_for_all_frames_and_clips(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of diffusion and one for each weight of agreement; small regions have their own."""
     rest, faces, frames = swing()
+    sizes: list[int] = []
+    made = Factor.__init__
+
+    def counted(factor: Factor, matrix: sparse.spmatrix) -> None:
+        made(factor, matrix)
+        sizes.append(factor.size)
+
+    monkeypatch.setattr(Factor, "__init__", counted)
     repairer = Repairer(rest, faces)
-    before = Factor.count
     repairer.animation(frames[8:22])
-    assert Factor.count == before + 1
+    weights = set(RelaxFramesOptions().agreement)
+    assert sizes.count(len(rest)) <= 1 + len(weights)
+    sizes.clear()
     repairer.animation(frames[10:20])
-    assert Factor.count == before + 1
+    assert sizes.count(len(rest)) == 0
 
 
 def test_deterministic_whatever_the_number_of_threads(swung: Swung) -> None:

@@ -1,0 +1,113 @@
+"""The stages that the pictures of the documentation are made of: all meshes are made in code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Usd, UsdGeom
+
+from dtrepair.demo.character import make_character
+from examples import dressed_character
+from examples.shapes import Mesh, arm, ball, tube
+from usd_io import AuthoredMesh, write_animation
+
+Floats = NDArray[np.float64]
+
+
+def still(path: Path, meshes: dict[str, Mesh]) -> Path:
+    """Write meshes by name, at time 1."""
+    made = [
+        AuthoredMesh(f"/Scene/{name}", faces, points=[points])
+        for name, (points, faces) in meshes.items()
+    ]
+    write_animation(path, made, times=[1.0])
+    return path
+
+
+def lifted(path: Path, meshes: dict[str, Mesh], poses: dict[str, Floats] | None = None) -> Path:
+    """Write meshes by name: the bind pose at the default time, bent upwards at time 1.
+
+    poses: points to bend of meshes that are somewhere else than in the bind pose.
+    """
+    made = []
+    for name, (points, faces) in meshes.items():
+        pose = (poses or {}).get(name, points)
+        bent = pose + np.stack([0 * pose[:, 0], 0.06 * pose[:, 0] ** 2, 0 * pose[:, 0]], axis=1)
+        made.append(AuthoredMesh(f"/Scene/{name}", faces, points=[points, bent], rest=points))
+    write_animation(path, made, times=[0.0, 1.0])
+    return path
+
+
+def along(line: Floats, radius: float) -> Mesh:
+    """A tube along a line (N, 2) of the x-y plane."""
+    return tube(line, radius, 20)
+
+
+def straight(start: tuple[float, float], end: tuple[float, float], rows: int = 60) -> Floats:
+    """Points (rows, 2) of a line."""
+    return np.linspace(start, end, rows)
+
+
+def arm_and_ball(folder: Path) -> Path:
+    """ball.usda: a ball deep in the middle of an arm; the primvar `ends` fades from 1 to 0."""
+    points, faces = arm(0.0, rows=80, around=20)
+    centred, round_faces = ball(0.3)
+    meshes = {
+        "Arm": (points, faces),
+        "Ball": (centred + np.array([1.0, 0.28, 0.0]), round_faces),
+    }
+    path = still(folder / "ball.usda", meshes)
+    stage = Usd.Stage.Open(str(path))
+    primvar = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/Scene/Arm")).CreatePrimvar(
+        "ends", Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex
+    )
+    far = np.clip((np.abs(points[:, 0] - 1.0) - 0.3) / 0.6, 0.0, 1.0)
+    primvar.Set((far * far * (3.0 - 2.0 * far)).tolist())
+    stage.Save()
+    return path
+
+
+def sword(folder: Path) -> Path:
+    """sword.usda: a thin straight bar that lies in the surface of a thick arm."""
+    meshes = {
+        "Arm": along(straight((0.0, 0.0), (1.6, 0.0), 80), 0.16),
+        "Sword": along(straight((0.4, 0.15), (2.0, 0.23), 80), 0.03),
+    }
+    return still(folder / "sword.usda", meshes)
+
+
+def knob(folder: Path) -> Path:
+    """knob.usda: a stick that ends in a ball, as modelled, and a finger that comes into it."""
+    head = ball(0.24)
+    finger = along(straight((0.5, 0.28), (0.5, 0.9), 40), 0.08)
+    meshes = {
+        "Stick": along(straight((0.0, 0.0), (1.4, 0.0)), 0.09),
+        "Knob": (head[0] + np.array([1.48, 0.0, 0.0]), head[1]),
+        "Finger": finger,
+    }
+    return lifted(folder / "knob.usda", meshes, {"Finger": finger[0] - np.array([0.0, 0.3, 0.0])})
+
+
+def mistake(folder: Path) -> Path:
+    """mistake.usda: a finger lies in an arm in the bind pose already; apart.usda: it does not."""
+    finger = along(straight((0.4, 0.06), (1.0, 0.5), 40), 0.08)
+    meshes = {"Arm": along(straight((0.0, 0.0), (1.4, 0.0)), 0.12), "Finger": finger}
+    apart = {**meshes, "Finger": (finger[0] + np.array([0.0, 0.3, 0.0]), finger[1])}
+    still(folder / "apart.usda", apart)
+    return lifted(folder / "mistake.usda", meshes)
+
+
+def dressed(folder: Path) -> Path:
+    """dressed.usda: the example of a dressed character."""
+    dressed_character.main(folder / "dressed.usda")
+    return folder / "dressed.usda"
+
+
+def hugging(folder: Path) -> Path:
+    """hugging.usda: the deepest pose of the character of the demo."""
+    body = make_character(3)
+    mesh = AuthoredMesh("/Character/Body", body.quads, points=[body.points[1]], rest=body.rest)
+    write_animation(folder / "hugging.usda", mesh, times=[1.0])
+    return folder / "hugging.usda"

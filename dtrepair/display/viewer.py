@@ -164,7 +164,7 @@ class Viewer:
             lines = self._contacts(player.index)
             imgui.TextUnformatted("what intersects:" if lines else "nothing intersects")
             for line in lines:
-                imgui.BulletText(line.replace("%", "%%"))
+                imgui.TextUnformatted(f"  {line}")
 
 
 def _started(headless: bool) -> Any:

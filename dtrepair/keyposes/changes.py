@@ -121,3 +121,17 @@ def scaled(old: Pose, new: Pose, scale: float) -> Pose:
     moved = (old != new).any(axis=1)
     farther = old + scale * (new.astype(np.float64) - old)
     return np.where(moved[:, None], farther.astype(np.float32), old)
+
+
+def reach_of(
+    change: Change, before: Sequence[Track], after: Sequence[Track], *, interpolation: str
+) -> tuple[float, float]:
+    """Return the times between which a change of the keys of tracks has an effect."""
+    low, high = np.inf, -np.inf
+    for index, time, _ in change.keys:
+        first, last = after[index].reach(time, interpolation=interpolation)
+        # Interpolated keys differ everywhere from what a mesh was before its first change.
+        if before[index].original is not None and not before[index].changed:
+            first, last = -np.inf, np.inf
+        low, high = min(low, first), max(high, last)
+    return low, high

@@ -5,13 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 
-from dtrepair.keyposes.changes import Change, ChangeOptions, changes
+from dtrepair.keyposes.changes import Change, ChangeOptions, changes, reach_of
 from dtrepair.keyposes.options import KeyOptions
-from dtrepair.keyposes.spans import KeyPoses, Sample, Solver, Span
+from dtrepair.keyposes.spans import (
+    KeyPoses,
+    Sample,
+    Solver,
+    Span,
+    Trial,
+    cost_of,
+    parts_of,
+    places_for,
+)
 from dtrepair.keyposes.tracks import Pose, Track
 
 
@@ -109,12 +117,6 @@ class _Search:
     def poses(self, tracks: Sequence[Track], time: float) -> tuple[Pose, ...]:
         return tuple(track.at(time, interpolation=self.options.interpolation) for track in tracks)
 
-    def parts(self, span: tuple[float, float], added: Sequence[float]) -> list[tuple[float, float]]:
-        """Return a span split at the keys that were added in it."""
-        start, end = span
-        times = [start, *sorted(time for time in added if start < time < end), end]
-        return list(pairwise(times))
-
     def measure(self, tracks: Sequence[Track], part: tuple[float, float]) -> tuple[Sample, ...]:
         start, end = part
         count = self.options.samples
@@ -137,7 +139,7 @@ class _Search:
     def samples(self, spans: Sequence[tuple[float, float]]) -> list[tuple[Sample, ...]]:
         """Return the samples of spans, those of their parts one after the other."""
         return [
-            tuple(sample for part in self.parts(span, self.added) for sample in self.known[part])
+            tuple(sample for part in parts_of(span, self.added) for sample in self.known[part])
             for span in spans
         ]
 
@@ -154,8 +156,10 @@ class _Search:
         """Move or add keys until a span is clean or nothing helps."""
         hopeless: set[tuple[float, float]] = set()
         for _ in range(self.numbers.trials * (self.options.extra + 1)):
-            parts = self.parts(span, self.added)
-            dirty = {part: _cost(part, self.known[part]) for part in parts if part not in hopeless}
+            parts = parts_of(span, self.added)
+            dirty = {
+                part: cost_of(part, self.known[part]) for part in parts if part not in hopeless
+            }
             part = max(dirty, key=lambda item: dirty[item], default=None)
             if part is None or dirty[part] == 0.0:
                 return
@@ -165,14 +169,14 @@ class _Search:
             else:
                 self.accept(trial)
 
-    def best_trial(self, part: tuple[float, float], *, full: bool) -> _Trial | None:
+    def best_trial(self, part: tuple[float, float], *, full: bool) -> Trial | None:
         """Return the change that leaves least, None where none leaves less.
 
         full: no more keys may be added.
         """
-        best: _Trial | None = None
-        options, cost = self.options, _cost(part, self.known[part])
-        for time in _places(self.known[part]):
+        best: Trial | None = None
+        options, cost = self.options, cost_of(part, self.known[part])
+        for time in places_for(self.known[part]):
             poses = self.poses(self.tracks, time)
             for start in self.starts(part, time, poses):
                 found = self.settled(time, start)
@@ -221,7 +225,7 @@ class _Search:
         self.check()
         return start if not self.solver.pairs(time, start) else self.solver.repair(time, start)
 
-    def measured(self, change: Change, part: tuple[float, float]) -> _Trial | None:
+    def measured(self, change: Change, part: tuple[float, float]) -> Trial | None:
         """Return what a change leaves, mainly of `part`; None where a key gets pairs by it."""
         if not change.keys:
             return None
@@ -244,38 +248,28 @@ class _Search:
         added: tuple[float, ...],
         change: Change,
         part: tuple[float, float],
-    ) -> _Trial:
+    ) -> Trial:
         """Measure the spans that a change of keys reaches."""
         self.check()
-        low, high = self.reached(tracks, change)
+        interpolation = self.options.interpolation
+        low, high = reach_of(change, self.tracks, tracks, interpolation=interpolation)
         before = after = inside = 0.0
         known: dict[tuple[float, float], tuple[Sample, ...]] = {}
         for span in self.spans:
             if span[0] >= high or span[1] <= low:
                 continue
-            before += sum(_cost(item, self.known[item]) for item in self.parts(span, self.added))
-            for item in self.parts(span, added):
+            before += sum(cost_of(item, self.known[item]) for item in parts_of(span, self.added))
+            for item in parts_of(span, added):
                 reached = (item[0] < high and item[1] > low) or item not in self.known
                 known[item] = self.measure(tracks, item) if reached else self.known[item]
-                cost = _cost(item, known[item])
+                cost = cost_of(item, known[item])
                 after += cost
                 inside += cost if part[0] <= item[0] and item[1] <= part[1] else 0.0
-        others = before - _cost(part, self.known[part]) if part in self.known else 0.0
+        others = before - cost_of(part, self.known[part]) if part in self.known else 0.0
         solved = inside == 0.0 and after <= others
-        return _Trial(tuple(tracks), added, known, solved, before - after)
+        return Trial(tuple(tracks), added, known, solved, before - after)
 
-    def reached(self, tracks: Sequence[Track], change: Change) -> tuple[float, float]:
-        """Return the times between which a change of keys has an effect."""
-        low, high = np.inf, -np.inf
-        for index, time, _ in change.keys:
-            first, last = tracks[index].reach(time, interpolation=self.options.interpolation)
-            # Interpolated keys differ everywhere from what a mesh was before its first change.
-            if self.tracks[index].original is not None and not self.tracks[index].changed:
-                first, last = -np.inf, np.inf
-            low, high = min(low, first), max(high, last)
-        return low, high
-
-    def accept(self, trial: _Trial) -> None:
+    def accept(self, trial: Trial) -> None:
         """Go on from a trial."""
         self.tracks, self.added = trial.tracks, trial.added
         self.known |= trial.known
@@ -284,8 +278,8 @@ class _Search:
         """Take back added keys that a clean span does not need."""
         start, end = span
         for time in [t for t in sorted(self.added) if start < t < end]:
-            parts = self.parts(span, self.added)
-            if any(_cost(part, self.known[part]) for part in parts):
+            parts = parts_of(span, self.added)
+            if any(cost_of(part, self.known[part]) for part in parts):
                 return
             keys = [
                 (index, time, track.at(time))
@@ -297,26 +291,3 @@ class _Search:
             trial = self.trial(tracks, added, Change(keys, ()), span)
             if trial.gain >= 0.0:
                 self.accept(trial)
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """The state after a change; whether it is all that is needed, and how much the cost fell."""
-
-    tracks: tuple[Track, ...]
-    added: tuple[float, ...]
-    known: dict[tuple[float, float], tuple[Sample, ...]]
-    solved: bool
-    gain: float
-
-
-def _cost(part: tuple[float, float], samples: Sequence[Sample]) -> float:
-    """Return pairs integrated over time, so that finer samples cost no more."""
-    return (part[1] - part[0]) * sum(sample.pairs for sample in samples) / len(samples)
-
-
-def _places(samples: Sequence[Sample]) -> list[float]:
-    """Return where a key may help: amid samples that are not clean, and at the worst."""
-    dirty = [sample for sample in samples if sample.pairs]
-    worst = max(dirty, key=lambda sample: sample.pairs).time
-    return list(dict.fromkeys([0.5 * (dirty[0].time + dirty[-1].time), worst]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 from dtrepair.keyposes.tracks import Pose, Track
@@ -46,3 +47,33 @@ class KeyPoses:
 
     tracks: tuple[Track, ...]
     spans: tuple[Span, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """The state after a change; whether it is all that is needed, and how much the cost fell."""
+
+    tracks: tuple[Track, ...]
+    added: tuple[float, ...]
+    known: dict[tuple[float, float], tuple[Sample, ...]]
+    solved: bool
+    gain: float
+
+
+def parts_of(span: tuple[float, float], added: Sequence[float]) -> list[tuple[float, float]]:
+    """Return a span split at the keys that were added in it."""
+    start, end = span
+    times = [start, *sorted(time for time in added if start < time < end), end]
+    return list(pairwise(times))
+
+
+def cost_of(part: tuple[float, float], samples: Sequence[Sample]) -> float:
+    """Return pairs integrated over time, so that finer samples cost no more."""
+    return (part[1] - part[0]) * sum(sample.pairs for sample in samples) / len(samples)
+
+
+def places_for(samples: Sequence[Sample]) -> list[float]:
+    """Return where a key may help: amid samples that are not clean, and at the worst."""
+    dirty = [sample for sample in samples if sample.pairs]
+    worst = max(dirty, key=lambda sample: sample.pairs).time
+    return list(dict.fromkeys([0.5 * (dirty[0].time + dirty[-1].time), worst]))

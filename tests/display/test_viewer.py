@@ -154,7 +154,7 @@ def test_the_slider_shows_time_codes_and_chooses_a_frame(
     assert window._player.index == 1
     assert np.array_equal(window._structures[0].points, viewed("before").frame(1)[0])
     seen = pressed(window, imgui)
-    assert "time 50 %%" in seen and "what intersects:" in seen and "/A: 3 pairs" in seen
+    assert "time 50 %%" in seen and "what intersects:" in seen and "  /A: 3 pairs" in seen
     pressed(window, imgui, time=0)
     assert "nothing intersects" in pressed(window, imgui)
 

@@ -199,3 +199,19 @@ def picked(vertices: Vertices, count: int) -> Vertices:
     if len(vertices) <= count:
         return vertices
     return vertices[np.linspace(0, len(vertices) - 1, count).round().astype(np.int64)]
+
+
+def shares_of_way(scene: Scene, shapes: tuple[BodyShape, BodyShape]) -> tuple[float, float] | None:
+    """Return the fractions of a way that two bodies go; None where neither may move.
+
+    The least sum of squared displacements over both surfaces: the larger one goes less.
+    """
+    freedom = []
+    for shape in shapes:
+        if scene.direction[shape.vertices].any():
+            return None
+        mobility = scene.mobility[shape.vertices]
+        whole = mobility.min() == mobility.max()
+        freedom.append(mobility.min() / (shape.area or 1.0) if whole else 0.0)
+    total = sum(freedom)
+    return None if total == 0.0 else (freedom[0] / total, freedom[1] / total)

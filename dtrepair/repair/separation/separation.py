@@ -17,7 +17,7 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from dtrepair.numerics.temporal import eased_in_time
-from dtrepair.numerics.worn_measure import Solid, WornOptions, worn_measure
+from dtrepair.numerics.worn_measure import WornOptions
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
 from dtrepair.repair.separation.penetration import (
@@ -26,6 +26,7 @@ from dtrepair.repair.separation.penetration import (
     Penetration,
     PenetrationOptions,
     find_inside,
+    shares_of_way,
 )
 from dtrepair.repair.separation.untangling import (
     UntanglingOptions,
@@ -34,6 +35,7 @@ from dtrepair.repair.separation.untangling import (
     length_along,
     shortest_direction,
 )
+from dtrepair.repair.separation.worn_pairs import WornPairs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,8 +140,7 @@ class _Separation:
         self.scene, self.mesh, self.frames, self.sheets = scene, mesh, frames, sheets
         self.poses, self.options = poses, options
         self.shapes: dict[int, BodyShape] = {}
-        # Of two bodies the worn one and its wearer; None where neither is worn.
-        self.worn: dict[tuple[int, int], tuple[int, int] | None] = {}
+        self.worn = WornPairs(scene, self._shape, options.worn)
 
     def contacts(self, pairs: Sequence[IntArray]) -> Iterator[Contact]:
         """Yield bodies that meet and of which one may move, those with most pairs first."""
@@ -152,7 +153,7 @@ class _Separation:
             cluster = self.mesh.surface.cluster_of_body
             if first != second and cluster[first] == cluster[second]:
                 continue  # what is attached is not led apart
-            shares = self._shares(first, second)
+            shares = shares_of_way(self.scene, (self._shape(first), self._shape(second)))
             if shares is None:
                 continue
             run: list[int] = []
@@ -211,7 +212,7 @@ class _Separation:
         for pose, before in zip(poses, met, strict=True):
             frees = partial(self._frees, contact, pose, before)
             lengths.append(length_along(frees, way, farthest, options=options))
-        if self._worn_of(contact) is not None:
+        if self.worn.of(contact.first, contact.second) is not None:
             # What is worn goes no farther than where it still was: pushing does the rest.
             farthest = max(length for length in lengths if length is not None)
         self._shift(contact, way, [farthest if own is None else own for own in lengths])
@@ -244,35 +245,8 @@ class _Separation:
         after, all_after = self._met(contact, moved)
         gone, left = before - after, self.options.left
         frees = after <= left * before and all_after <= all_before - (1.0 - left) * gone
-        return frees and not self._takes_off(contact, pose, moved)
-
-    def _takes_off(self, contact: Contact, pose: FloatArray, moved: FloatArray) -> bool:
-        """Return whether one body, worn by the other in the rest, goes round it no longer.
-
-        A ring that is rigid or stiff may have to leave: it cannot give way.
-        """
-        worn = self._worn_of(contact)
-        if worn is None:
-            return False
-        before, after = (self._around(worn, points) for points in (pose, moved))
-        return after < self.options.worn.kept * before
-
-    def _worn_of(self, contact: Contact) -> tuple[int, int] | None:
-        """Return the worn body of a contact and its wearer, by the rest; None where none is."""
         both = contact.first, contact.second
-        if both not in self.worn:
-            self.worn[both] = None
-            soft = not any(self.scene.is_stiff(body) for body in both)
-            for order in (both, both[::-1]) if soft else ():
-                if self._around(order, self.scene.rest) >= self.options.worn.worn:
-                    self.worn[both] = order
-        return self.worn[both]
-
-    def _around(self, both: tuple[int, int], points: FloatArray) -> float:
-        """Return how much the first of two bodies goes round the second in a pose (V, 3)."""
-        outer, inner = (self._shape(body) for body in both)
-        solids = (Solid(points, shape.faces, shape.closed) for shape in (outer, inner))
-        return worn_measure(*solids, options=self.options.worn).share
+        return frees and not self.worn.takes_off(*both, pose, moved)
 
     def _met(self, contact: Contact, pose: FloatArray) -> tuple[int, int]:
         """Return the pairs between the bodies of a contact, and all pairs of either, in a pose."""
@@ -318,22 +292,6 @@ class _Separation:
             slender = found.depth > options.slender * found.width
             deep |= found.depth > thick and (stiff or (large and (sheets or slender)))
         return deep
-
-    def _shares(self, first: int, second: int) -> tuple[float, float] | None:
-        """Return the fractions of a way that two bodies go; None where neither may move.
-
-        The least sum of squared displacements over both surfaces: the larger one goes less.
-        """
-        freedom = []
-        for body in (first, second):
-            own = self._shape(body).vertices
-            if self.scene.direction[own].any():
-                return None
-            mobility = self.scene.mobility[own]
-            whole = mobility.min() == mobility.max()
-            freedom.append(mobility.min() / (self._shape(body).area or 1.0) if whole else 0.0)
-        total = sum(freedom)
-        return None if total == 0.0 else (freedom[0] / total, freedom[1] / total)
 
     def _shape(self, body: int) -> BodyShape:
         if body not in self.shapes:

@@ -106,11 +106,7 @@ class Surface(Topology):
         self.bodies = tuple(bodies or (BodyRange(0, len(rest), 99.0),))
         sizes = [body.stop - body.start for body in self.bodies]
         self.body_of_vertex = np.repeat(np.arange(len(self.bodies)), sizes)
-        self.ties: TieSystem | None = None
-        if attachments is not None:
-            owner = self.body_of_vertex.astype(np.int32)
-            number = len(self.bodies)
-            self.ties = tie_system(attachments, faces, owner, number, options=options.ties)
+        self.ties = self._tied(attachments, faces)
         super().__init__(faces, len(rest), links=self.ties and self.ties.links)
         self.size = extent(rest) or 1.0
         self.rest = rest / self.size
@@ -122,11 +118,7 @@ class Surface(Topology):
             self.laplacian.sort_indices()
         self.uniform = uniform_laplacian(faces, self.count)
         self.mass = lumped_mass(self.rest, faces)
-        # Vertices all of whose triangles lie in zones: they may be buried by design.
-        self.in_zone = np.zeros(self.count, dtype=bool)
-        if attachments is not None:
-            self.in_zone[faces[attachments.triangles]] = True
-            self.in_zone[faces[~attachments.triangles]] = False
+        self.in_zone = _in_zones(attachments, faces, self.count)
         whole = [(body.start, body.stop) for body in self.bodies if body.rigid]
         self.rigid = RigidBodies(whole, self.mass, options=options.rigid)
         self.fixed = self.mobility == 0.0
@@ -153,6 +145,13 @@ class Surface(Topology):
         )
         self.direction = direction
         self.face_direction = None if direction is None else _unit(direction[faces].sum(axis=1))
+
+    def _tied(self, attachments: Attachments | None, faces: IntArray) -> TieSystem | None:
+        """Return the ties of what is attached; None where nothing is."""
+        if attachments is None:
+            return None
+        owner = self.body_of_vertex.astype(np.int32)
+        return tie_system(attachments, faces, owner, len(self.bodies), options=self.options.ties)
 
     @cached_property
     def cluster_of_body(self) -> IntArray:
@@ -257,3 +256,12 @@ class Surface(Topology):
 def _unit(vectors: FloatArray) -> FloatArray:
     length = lengths(vectors)[:, None]
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
+def _in_zones(attachments: Attachments | None, faces: IntArray, count: int) -> BoolArray:
+    """Return the vertices (V,) all of whose triangles lie in zones: buried by design, perhaps."""
+    result = np.zeros(count, dtype=bool)
+    if attachments is not None:
+        result[faces[attachments.triangles]] = True
+        result[faces[~attachments.triangles]] = False
+    return result

@@ -34,15 +34,15 @@ def test_a_script_writes_the_bytes_of_the_command_line(
 ) -> None:
     outputs = [tmp_path / "a.usda", tmp_path / "b.usda", tmp_path / "c.usda"]
     told = tmp_path / "r.json"
-    done = run("keyposes", swing, "-o", outputs[0], "--samples", 5, "--report", told)
+    done = run("keyposes", swing, "-o", outputs[0], "--samples", 2, "--report", told)
     capsys.readouterr()
-    report = repair_keyposes(swing, str(outputs[1]), keys=KeyOptions(samples=5), jobs=1)
+    report = repair_keyposes(swing, str(outputs[1]), keys=KeyOptions(samples=2), jobs=1)
     captured = capsys.readouterr()
     assert captured.out == captured.err == ""
     assert exit_code(report) == done.code == 0
     settings = KeyposeSettings.from_report(read_report(told)["settings"])
     assert settings == KeyposeSettings.from_report(report.settings)
-    assert settings.keys == KeyOptions(samples=5)
+    assert settings.keys == KeyOptions(samples=2)
     repair_keyposes(swing, str(outputs[2]), settings)
     assert outputs[0].read_bytes() == outputs[1].read_bytes() == outputs[2].read_bytes()
     assert report.document()["keyposes"] == read_report(told)["keyposes"]

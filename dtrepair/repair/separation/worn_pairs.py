@@ -1,0 +1,56 @@
+"""Which of two bodies is worn by the other, and whether leading them apart would take it off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.worn_measure import Solid, WornOptions, worn_measure
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.separation.penetration import BodyShape
+
+
+class WornPairs:
+    """Answers for the bodies of a scene; what the rest tells of two of them is found once.
+
+    Args:
+        scene: The bodies.
+        shape: The shape of a body.
+        options: From when on a body is worn.
+    """
+
+    def __init__(
+        self, scene: Scene, shape: Callable[[int], BodyShape], options: WornOptions
+    ) -> None:
+        self._scene, self._shape, self._options = scene, shape, options
+        # Of two bodies the worn one and its wearer; None where neither is worn.
+        self._known: dict[tuple[int, int], tuple[int, int] | None] = {}
+
+    def of(self, first: int, second: int) -> tuple[int, int] | None:
+        """Return the worn one of two bodies and its wearer, by the rest; None where none is."""
+        both = first, second
+        if both not in self._known:
+            self._known[both] = None
+            soft = not any(self._scene.is_stiff(body) for body in both)
+            for order in (both, both[::-1]) if soft else ():
+                if self._around(order, self._scene.rest) >= self._options.worn:
+                    self._known[both] = order
+        return self._known[both]
+
+    def takes_off(self, first: int, second: int, before: FloatArray, after: FloatArray) -> bool:
+        """Return whether one of two bodies, worn in the rest, goes round the other no longer.
+
+        before, after: poses (V, 3). A ring that is rigid or stiff may have to leave: it cannot
+        give way.
+        """
+        worn = self.of(first, second)
+        if worn is None:
+            return False
+        kept = self._options.kept * self._around(worn, before)
+        return self._around(worn, after) < kept
+
+    def _around(self, both: tuple[int, int], points: FloatArray) -> float:
+        """Return how much the first of two bodies goes round the second in a pose (V, 3)."""
+        outer, inner = (self._shape(body) for body in both)
+        solids = (Solid(points, shape.faces, shape.closed) for shape in (outer, inner))
+        return worn_measure(*solids, options=self._options).share

@@ -89,17 +89,6 @@ class WorldScene:
         listed = [(paths[i], paths[j], count) for (i, j), count in met.items() if count]
         return sorted(listed, key=lambda own: -own[2])
 
-    def meetings(self, time: float) -> list[tuple[str, str, int]]:
-        """Which meshes intersect in a frame, or one itself: paths, and pairs of triangles.
-
-        Those with most come first; a frame without points has none.
-        """
-        _, found = count_frame(self._counter, read_frame(self.source, time))
-        met = found.met if found is not None else {}
-        paths = [mesh.path for mesh in self.source.meshes]
-        listed = [(paths[i], paths[j], count) for (i, j), count in met.items() if count]
-        return sorted(listed, key=lambda own: -own[2])
-
     def worst(self) -> int:
         """Index of the frame with most intersecting triangles; of several the first."""
         times = self.source.times.tolist()

@@ -7,13 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector
-from dtrepair.numerics.attachments import (
-    AttachmentOptions,
-    Attachments,
-    Reference,
-    find_attachments,
-)
+from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.overlaps import AttachmentOptions, find_attachments
 from tests.meshes import Mesh, icosphere, joined, tube
 
 
@@ -134,3 +130,43 @@ def test_without_references_nothing_is_modelled() -> None:
     mesh, _ = sleeve()
     found = find_attachments(mesh[1], len(mesh[0]), [])
     assert not found.modelled(pairs_of(mesh)).any() and not found.triangles.any()
+
+
+def test_zones_end_within_the_reach_or_a_few_edges() -> None:
+    mesh, _ = sleeve(far=1.0)
+    near, usual, wide = (attached(mesh, reach=4.0, rings=n).triangles for n in (0, 3, 99))
+    assert near.sum() < wide.sum() and not (near & ~wide).any()
+    # Here the reach is more than three edges.
+    assert (usual == near).all()
+
+
+def cape(inside_out: bool) -> Mesh:
+    """A trunk, and half a tube behind it whose upper rim is sunk in it."""
+    trunk, (points, faces) = tube(24, 40, 0.2, 2.4), tube(24, 24, 0.3, 2.0)
+    faces = faces[(points[:, 1] <= 1e-9)[faces].all(axis=1)]
+    used, number = np.unique(faces, return_inverse=True)
+    sheet = points[used]
+    sheet[:, :2] *= np.where(sheet[:, 2:] > 0.85, 0.6, 1.0)
+    own = number.reshape(-1, 3).astype(np.int32)
+    return joined(trunk, (sheet, own[:, [0, 2, 1]] if inside_out else own))
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_a_body_is_not_attached_to_its_cape_all_over(inside_out: bool) -> None:
+    mesh = cape(inside_out)
+    found = attached(mesh)
+    assert found.pairs_of_parts == [(0, 1)]
+    assert not whole_length(mesh[0], found)
+    # What a tube encloses is attached to it, as an arm in its sleeve.
+    trunk, collar = tube(24, 40, 0.2, 2.4), tube(24, 24, 0.25, 1.2)
+    around = joined(trunk, collar)
+    rim = len(trunk[0]) + np.flatnonzero(collar[0][:, 2] > 0.55)
+    around[0][rim, :2] *= 0.6
+    assert whole_length(around[0], attached(around))
+
+
+def whole_length(points: FloatArray, found: Attachments) -> bool:
+    """Whether ties of the trunk lie far below the sunken rim."""
+    own = points[found.ties.vertices[found.part_of[found.ties.triangles] == 1]]
+    assert (own[:, 2] > 0.3).any()
+    return bool((own[:, 2] < -0.3).any())

@@ -36,17 +36,17 @@ class ReferenceOptions:
     """Which frames tell where no bind pose does.
 
     Args:
-        samples: Frames of the whole clip that are looked at, at most.
+        samples: Frames of the whole clip that are looked at for where parts meet, at most: with
+            few of them a place is taken as modelled that another frame shows to be clear.
+        layer_samples: Frames that are looked at for which part lies over which.
         least: With fewer of them nothing is told: a pose or two may just be bad.
         nearly_all: Two parts are attached where they meet in this share of them.
-        asked_samples: Frames that are looked at for meshes that the user calls attached, which
-            may meet in few of them.
     """
 
-    samples: int = 9
+    samples: int = 33
+    layer_samples: int = 9
     least: int = 5
     nearly_all: float = 0.9
-    asked_samples: int = 33
 
 
 class _Look(NamedTuple):
@@ -108,7 +108,7 @@ def modelled_references(
     told = np.concatenate([look.keys for look in known])
     looks = [
         look.of(meshes.asked(look.pairs) & ~np.isin(look.keys, told))
-        for look in meshes.looks(options.asked_samples)
+        for look in meshes.looks(options.samples)
     ]
     every = (look.reference(asked=True) for look in _where_fewest(looks, 1))
     return [*found, *every]
@@ -132,7 +132,7 @@ def layer_poses(
     shared = not any(rest.of_frame for rest in rests) or len(rests) == 1
     if shared and len(rest.pairs) == 0:
         return [rest.reference()]
-    looks = [look.reference() for look in meshes.looks(options.samples)]
+    looks = [look.reference() for look in meshes.looks(options.layer_samples)]
     return [rest.reference(), *looks] if shared or not looks else looks
 
 
@@ -150,7 +150,7 @@ def modelled_parts(
     meshes that do not move at all, too. attached: as `modelled_references` takes them; without
     `auto` nothing else counts as modelled.
     """
-    from dtrepair.numerics.attachments import find_attachments
+    from dtrepair.numerics.overlaps import find_attachments
 
     if not (auto or attached):
         return ModelledParts(source, None)

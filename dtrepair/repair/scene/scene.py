@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import counted_between
-from dtrepair.numerics.attachments import Attachments, Reference, find_attachments
+from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
@@ -23,8 +23,11 @@ from dtrepair.numerics.geometry import (
     unique_edges,
     weld_map,
 )
-from dtrepair.numerics.worn_layers import Layers, Parts, median_of_parts
+from dtrepair.numerics.overlaps import find_attachments
+from dtrepair.numerics.worn.layers import Layers, median_of_parts
+from dtrepair.numerics.worn.parts import Parts
 from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.scene.attached_parts import AttachedParts
 from dtrepair.repair.scene.bodies import (
     STIFF,
     Body,
@@ -165,12 +168,14 @@ class Scene:
             every = self.detector(self.centred_rest, weld=self.rest_weld)
             known = (Reference(self.rest, every),)
         parts = Parts(own.faces, own.part, own.closed, [pose.points for pose in known])
-        return Layers(
-            parts,
-            [pose.pairs for pose in known],
-            numbers=self._layer_numbers(),
-            attached=lambda a, b: bool(self._attached(np.array([[a, b]], dtype=np.int32))[0]),
-        )
+        pairs = [self.attached_parts.unmodelled(pose.pairs) for pose in known]
+        zone = self.attached_parts.zone
+        return Layers(parts, pairs, numbers=self._layer_numbers(), zone=zone)
+
+    @cached_property
+    def attached_parts(self) -> AttachedParts:
+        """What the parts of `enclosures` have to do with each other by attachments."""
+        return AttachedParts(self.attachments, self.enclosures.faces, self.enclosures.part)
 
     def _layer_numbers(self) -> IntArray:
         """How far out each part lies: the median of what its triangles are told, 0 if nothing."""
@@ -245,17 +250,7 @@ class Scene:
         found = self.enclosures(points, pairs)
         parts = found.parts[~found.meant]
         parts = parts[self.counted(self.body_of_part[parts])]
-        return parts[~self._attached(parts)]
-
-    def _attached(self, parts: IntArray) -> NDArray[np.bool_]:
-        """Return which parts (K, 2) of `enclosures` are attached to each other, (K,)."""
-        if self.attachments is None:
-            return np.zeros(len(parts), dtype=bool)
-        corners = self.rest_weld[self.faces]
-        name = np.zeros(self.enclosures.count, dtype=np.int64)
-        name[self.enclosures.part[corners[:, 0]]] = self.attachments.part_of
-        known = set(self.attachments.pairs_of_parts)
-        return np.array([tuple(sorted(both)) in known for both in name[parts].tolist()], dtype=bool)
+        return parts[~self.attached_parts.attached(parts)]
 
     def counted(self, bodies: NDArray[np.integer]) -> NDArray[np.bool_]:
         """Return which contacts (K,) count, given by the two bodies (K, 2) that they join."""

@@ -27,7 +27,8 @@ from dtrepair.numerics.geometry import (
 )
 from dtrepair.numerics.operators import Factor, cotangent_laplacian
 from dtrepair.numerics.temporal import gaussian_kernel, undamped
-from dtrepair.numerics.worn_layers import WornLayer, vertex_normals
+from dtrepair.numerics.worn.parts import vertex_normals
+from dtrepair.numerics.worn.sides import WornLayer
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.surface.rays import windings
 
@@ -142,6 +143,9 @@ class _Lift:
         self.own = parts.vertices[layer.top]
         self.faces, self.other_faces = parts.triangles[layer.top], parts.triangles[layer.under]
         self.closed = bool(parts.closed[layer.under])
+        self.covered = np.ones(len(self.other_faces), dtype=bool)
+        if layer.covered is not None:
+            self.covered = np.isin(self.other_faces, layer.covered).any(axis=1)
         # All vertices at one place of the rest move along.
         self.place = np.full(len(scene.rest), -1)
         self.place[self.own] = np.arange(len(self.own))
@@ -166,6 +170,7 @@ class _Lift:
             self.led &= facing
         self.stiffness = laplacian @ sparse.diags(1.0 / self.mass) @ laplacian
         self.fixed = scene.mobility[self.own] == 0.0
+        self.fixed[np.searchsorted(self.own, scene.attached_parts.held(layer.top))] = True
         self.turn = options.turn * min(
             extent(rest), extent(scene.rest[parts.vertices[layer.under]])
         )
@@ -233,7 +238,7 @@ class _Lift:
         rows, best = np.arange(len(led)), distance.argmin(axis=1)
         closest, normal = closest[rows, best], normals[near[rows, best]]
         height = dots(points[led] - closest, normal)
-        lost = np.isfinite(distance[rows, best]) & (height < 0.0)
+        lost = np.isfinite(distance[rows, best]) & (height < 0.0) & self.covered[near[rows, best]]
         if self.closed and lost.any():
             where = np.flatnonzero(lost)
             lost[where] = windings(points[led][where], corners) > 0

@@ -17,7 +17,7 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from dtrepair.numerics.temporal import eased_in_time
-from dtrepair.numerics.worn_measure import WornOptions
+from dtrepair.numerics.worn.measure import WornOptions
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
 from dtrepair.repair.separation.penetration import (

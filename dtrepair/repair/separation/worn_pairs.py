@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.numerics.worn_measure import Solid, WornOptions, worn_measure
+from dtrepair.numerics.worn.measure import Solid, WornOptions, worn_measure
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.separation.penetration import BodyShape
 

@@ -102,3 +102,12 @@ def test_a_check_takes_for_modelled_what_a_repair_does(tmp_path: Path, how: str)
     counted, repaired = check_stage(path).frames, repair_stage(path, tmp_path / "b.usda").frames
     assert counted[-1].before is not None and counted[-1].before.modelled_pairs
     assert [frame.before for frame in counted] == [frame.before for frame in repaired]
+
+
+def test_a_frame_between_others_tells_where_parts_meet_least(tmp_path: Path) -> None:
+    bends = np.full(24, 0.5)
+    bends[6] = 0.1
+    many = arm_stage(tmp_path / "a.usda", bends, rest=False)
+    found = modelled_parts(open_source(str(many), Selection()))
+    showing = [reference for reference in found.references if len(reference.pairs)]
+    assert [reference.name for reference in showing] == ["frame 7"]

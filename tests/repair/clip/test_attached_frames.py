@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from dtrepair.intersect.detector import Detector
-from dtrepair.numerics.attachments import Reference, find_attachments
+from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.numerics.temporal import gaussian_kernel
 from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.parallel.worker_pool import WorkerPool

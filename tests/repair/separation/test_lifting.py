@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.repairer import SceneRepairer
@@ -160,3 +162,26 @@ def test_a_swallowed_ring_is_still_worn_and_clean() -> None:
     assert [result.status for result in results] == ["clean", "clean"]
     ring = results[1].points
     assert radius(ring).min() > 0.25 and np.abs(ring[:, 2]).max() < 0.1
+
+
+def test_a_cape_is_lifted_off_what_came_through_and_stays_on_the_shoulders() -> None:
+    trunk, (points, faces) = tube(24, 40, 0.2, 2.4), tube(24, 24, 0.26, 2.0)
+    faces = faces[(points[:, 1] <= 1e-9)[faces].all(axis=1)]
+    used, number = np.unique(faces, return_inverse=True)
+    cape = points[used]
+    cape[:, :2] *= np.where(cape[:, 2:] > 0.85, 0.6, 1.0)
+    rest = np.concatenate([trunk[0], cape])
+    sheet = cape, number.reshape(-1, 3).astype(np.int32)
+    pairs = Detector(rest, joined(trunk, sheet)[1])(rest)
+    reference = Reference(rest, pairs)
+    bodies = [Body(*trunk), Body(*sheet)]
+    scene = make_scene(bodies, RepairOptions(rest_contacts="auto"), (), [reference])
+    # A bump of the trunk comes through the cape behind its middle.
+    bump = np.exp(-(((trunk[0] - [0.0, -0.2, -0.5]) / 0.25) ** 2).sum(axis=1))
+    before = np.concatenate([trunk[0] + 0.08 * bump[:, None] * [0.0, -1.0, 0.0], cape])
+    assert len(scene.pairs(before, scene.rest_weld))
+    after = lifted(scene, before)[0]
+    assert len(scene.pairs(after, scene.rest_weld)) == 0
+    assert (after[: len(trunk[0])] == before[: len(trunk[0])]).all()
+    moved = np.linalg.norm(after - before, axis=1)[len(trunk[0]) :]
+    assert moved[cape[:, 2] > 0.85].max() < 1e-6 < moved.max()

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from dtrepair.diagnosis import StrainKind
 from dtrepair.intersect.detector import Detector
-from dtrepair.numerics.attachments import Attachments, Reference, find_attachments
+from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
+from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.repair.strain.meter import Excess, StrainMeter, StrainOptions
 from dtrepair.repair.strain.parts import ConnectedParts
 from tests.meshes import Mesh, icosphere, joined, torus, tube

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.numerics.worn_measure import Solid, share_around, worn_measure
+from dtrepair.numerics.worn.measure import Solid, share_around, worn_measure
 from tests.meshes import Mesh, icosphere, joined, torus, tube
 
 ARM = tube(24, 40, 0.2, 4.0)

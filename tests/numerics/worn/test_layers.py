@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.numerics.worn_layers import (
-    LayerOptions,
-    Layers,
-    Parts,
-    WornLayer,
-    median_of_parts,
-)
+from dtrepair.numerics.worn.layers import Layers, median_of_parts
+from dtrepair.numerics.worn.parts import Parts
+from dtrepair.numerics.worn.sides import LayerOptions, WornLayer
 from tests.meshes import Mesh, icosphere, joined, torus, tube
 
 ARM = tube(24, 40, 0.2, 4.0)
@@ -95,3 +91,39 @@ def test_stricter_options_see_no_layer() -> None:
     parts = parts_of(ARM, SLEEVE, closed=(True, False))
     options = LayerOptions(near=0.01, worn=1.1)
     assert Layers(parts, [NO_PAIRS], options=options).between(0, 1) is None
+
+
+def caped() -> tuple[Mesh, Mesh]:
+    """A trunk, and half a tube behind it whose upper rim is sunk in it."""
+    points, faces = tube(24, 24, 0.26, 2.0)
+    behind = points[:, 1] <= 1e-9
+    cape = points.copy()
+    cape[:, :2] *= np.where(points[:, 2:] > 0.7, 0.6, 1.0 + 0.3 * (0.7 - points[:, 2:]))
+    faces = faces[behind[faces].all(axis=1)]
+    used, number = np.unique(faces, return_inverse=True)
+    return tube(24, 40, 0.2, 2.4), (cape[used], number.reshape(-1, 3).astype(np.int32))
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_an_attached_sheet_is_a_layer_where_it_is_not_attached(inside_out: bool) -> None:
+    trunk, cape = caped()
+    sheet = reversed_faces(cape) if inside_out else cape
+    parts = parts_of(trunk, sheet, closed=(True, False))
+    sunk = len(trunk[0]) + np.flatnonzero(cape[0][:, 2] > 0.6)
+    zones = {(1, 0): sunk.astype(np.int32), (0, 1): np.zeros(0, dtype=np.int32)}
+    found = Layers(parts, [NO_PAIRS], zone=lambda a, b: zones[a, b]).between(0, 1)
+    assert found is not None and (found.top, found.under) == (1, 0)
+    assert len(found.vertices) == len(cape[0]) - len(sunk)
+    assert not np.isin(found.vertices, sunk).any()
+    assert (found.sides == (-1.0 if inside_out else 1.0)).all()
+    # What it does not lie over, the front, has no side.
+    assert found.covered is not None and len(found.covered)
+    assert (trunk[0][found.covered][:, 1] < 0.15).all()
+
+
+def test_an_attached_arm_is_no_layer_of_its_body() -> None:
+    arm = tube(16, 20, 0.05, 1.2)[0] + [0.27, 0.0, 0.0], tube(16, 20, 0.05, 1.2)[1]
+    trunk = tube(24, 40, 0.2, 2.4)
+    none = np.zeros(0, dtype=np.int32)
+    parts = parts_of(trunk, arm, closed=(True, False))
+    assert Layers(parts, [NO_PAIRS], zone=lambda a, b: none).between(0, 1) is None

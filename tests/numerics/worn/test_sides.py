@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dtrepair.numerics.worn_layers import Parts, find_worn
+from dtrepair.numerics.worn.parts import Parts
+from dtrepair.numerics.worn.sides import find_worn
 from tests.meshes import icosphere
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]

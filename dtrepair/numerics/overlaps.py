@@ -1,0 +1,266 @@
+"""Finds attachments: the overlaps of connected parts in poses that show them as modelled.
+
+The corners of triangles that intersect, and what of a part lies behind the other one and is
+connected to them, are the seeds of an overlap; its zone is grown from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from dtrepair.numerics.attachments import Attachments, Reference, Ties
+from dtrepair.numerics.closest_point import barycentric, nearest_triangles
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    components,
+    dots,
+    extent,
+    lengths,
+    unique_edges,
+    vector_areas,
+)
+
+BoolArray = NDArray[np.bool_]
+KeyArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttachmentOptions:
+    """How far a zone reaches, and what is attached as a whole.
+
+    Args:
+        reach: Geodesic growth of a zone beyond the overlap, in rms sizes of the overlap: a joint
+            that bends slides by about that much. It is at least one edge of the mesh.
+        rings: A triangle belongs to a zone if it begins within the reach, and lies wholly within
+            that or within so many edges of the overlap.
+        enclosed: Behind a part with a border lies only what it encloses by this winding number, as
+            a sleeve its arm: not a whole body behind its cape.
+        whole: A part of which more than this share is in or behind a larger one is attached as a
+            whole: eyes, teeth, buttons.
+    """
+
+    reach: float = 1.0
+    rings: int = 3
+    enclosed: float = 0.75
+    whole: float = 0.5
+
+
+def find_attachments(
+    faces: IntArray,
+    count: int,
+    references: Sequence[Reference],
+    *,
+    options: AttachmentOptions = AttachmentOptions(),
+) -> Attachments:
+    """Find what the references show as attached.
+
+    Args:
+        faces: Triangles (F, 3) of all objects, whose vertices at one position of the rest are one.
+        count: Number of vertices.
+        references: Poses with their intersecting pairs; contacts of a part with itself are no
+            attachments.
+    """
+    label = components(faces, count)
+    used = np.unique(label[faces]) if len(faces) else np.zeros(0, dtype=np.int32)
+    part_of_vertex = np.full(count, -1, dtype=np.int32)
+    place = np.searchsorted(used, label)
+    known = (place < len(used)) & np.isin(label, used)
+    part_of_vertex[known] = place[known]
+    part_of = part_of_vertex[faces[:, 0]] if len(faces) else np.zeros(0, dtype=np.int32)
+    keys: list[KeyArray] = [np.zeros(0, dtype=np.int64)]
+    ties = [Ties(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)))]
+    for reference in references:
+        overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
+        for first, second in overlaps.attached():
+            for zone_keys, tie in overlaps.zones(first, second):
+                keys.append(zone_keys)
+                ties.append(tie)
+    merged = Ties(*(np.concatenate(column) for column in zip(*ties, strict=True)))
+    return Attachments(part_of, np.unique(np.concatenate(keys)), merged)
+
+
+class _Overlaps:
+    """The overlaps of the parts of one reference pose."""
+
+    def __init__(
+        self,
+        faces: IntArray,
+        part_of_vertex: IntArray,
+        part_of: IntArray,
+        reference: Reference,
+        options: AttachmentOptions,
+    ) -> None:
+        self.faces, self.part_of_vertex, self.part_of = faces, part_of_vertex, part_of
+        self.points, self.options = reference.points, options
+        self.parts = int(part_of.max(initial=-1)) + 1
+        between = part_of[reference.pairs]
+        crossing = between[:, 0] != between[:, 1]
+        self.pairs = reference.pairs[crossing]
+        sides = np.sort(between[crossing], axis=1).astype(np.int64)
+        self.key_of_pair = sides[:, 0] * self.parts + sides[:, 1]
+        edges = unique_edges(faces)
+        length = lengths(self.points[edges[:, 0]] - self.points[edges[:, 1]])
+        both = np.concatenate([edges, edges[:, ::-1]])
+        weights = np.concatenate([length, length]) + np.finfo(np.float32).tiny
+        shape = (len(part_of_vertex), len(part_of_vertex))
+        self.graph = sparse.csr_matrix((weights, (both[:, 0], both[:, 1])), shape=shape)
+        self.edge_length = np.full(len(part_of_vertex), 0.0)
+        np.maximum.at(self.edge_length, both[:, 0], np.concatenate([length, length]))
+        self._own: dict[int, tuple[IntArray, IntArray]] = {}
+        order = np.argsort(part_of_vertex, kind="stable").astype(np.int32)
+        self._order = order
+        self._starts = np.searchsorted(part_of_vertex[order], np.arange(self.parts + 1))
+        self._face_order = np.argsort(part_of, kind="stable").astype(np.int32)
+        self._face_starts = np.searchsorted(part_of[self._face_order], np.arange(self.parts + 1))
+
+    @cached_property
+    def open(self) -> BoolArray:
+        """Which parts (P,) have a border."""
+        edges = np.sort(self.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        keys = edges[:, 0].astype(np.int64) * len(self.points) + edges[:, 1]
+        found, counts = np.unique(keys, return_counts=True)
+        result = np.zeros(self.parts, dtype=bool)
+        result[self.part_of_vertex[found[counts == 1] // len(self.points)]] = True
+        return result
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """Vector area (V, 3) of the triangles around each vertex."""
+        areas = np.repeat(vector_areas(self.points, self.faces), 3, axis=0)
+        flat = self.faces.ravel()
+        columns = [np.bincount(flat, areas[:, k], len(self.points)) for k in range(3)]
+        return np.stack(columns, axis=1)
+
+    def attached(self) -> list[tuple[int, int]]:
+        """Return the pairs of parts that intersect."""
+        keys = np.unique(self.key_of_pair)
+        return [(int(key // self.parts), int(key % self.parts)) for key in keys]
+
+    def vertices(self, part: int) -> IntArray:
+        """Return the vertices of a part, ascending."""
+        return self._order[self._starts[part] : self._starts[part + 1]]
+
+    def triangles(self, part: int) -> IntArray:
+        """Return the triangles of a part, ascending."""
+        return self._face_order[self._face_starts[part] : self._face_starts[part + 1]]
+
+    def zones(self, first: int, second: int) -> list[tuple[KeyArray, Ties]]:
+        """Return the zone keys and ties of both parts of an attached pair."""
+        own = self.pairs[self.key_of_pair == first * self.parts + second]
+        seeds, whole = {}, False
+        for part, other in ((first, second), (second, first)):
+            seeds[part], encloses = self._seeds(part, other, own)
+            whole |= encloses
+        found = []
+        for part, other in ((first, second), (second, first)):
+            triangles = self.triangles(part)
+            if not whole:
+                zone = self._grown(seeds[part])
+                near = zone | self._ringed(seeds[part])
+                corners = self.faces[triangles]
+                triangles = triangles[zone[corners].any(axis=1) & near[corners].all(axis=1)]
+            keys = triangles.astype(np.int64) * self.parts + other
+            found.append((keys, self._ties(np.flatnonzero(seeds[part]), other)))
+        return found
+
+    def _seeds(self, part: int, other: int, pairs: IntArray) -> tuple[BoolArray, bool]:
+        """Return seeds (V,) of a part towards another one, and whether it is all attached."""
+        corners = self.faces[pairs.ravel()].ravel()
+        mask = np.zeros(len(self.points), dtype=bool)
+        mask[corners[self.part_of_vertex[corners] == part]] = True
+        touched = np.flatnonzero(mask)
+        mask[self._behind(part, other)] = True
+        own = self.vertices(part)
+        share = mask[own].mean()
+        if share > self.options.whole and len(own) < len(self.vertices(other)):
+            mask[own] = True
+            return mask, True
+        # What lies behind counts only if it is connected to the contact through what is behind:
+        # a far shell does not.
+        inner = np.flatnonzero(mask)
+        label = csgraph.connected_components(self.graph[inner][:, inner], directed=False)[1]
+        near = np.isin(label, np.unique(label[np.isin(inner, touched)]))
+        mask[inner[~near]] = False
+        return mask, False
+
+    def _behind(self, part: int, other: int) -> IntArray:
+        """Return the vertices of a part behind, or enclosed by, another one, within its box."""
+        own, triangles = self.vertices(part), self.triangles(other)
+        corners = self.points[self.faces[triangles]]
+        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        points = self.points[own]
+        own = np.asarray(own[((points >= low) & (points <= high)).all(axis=1)])
+        if len(own) == 0:
+            return own
+        points = self.points[own]
+        if self.open[other]:
+            around = np.abs(_enclosure(points, corners))
+            return np.asarray(own[around > self.options.enclosed])
+        nearest, closest = nearest_triangles(points, corners)
+        weights = barycentric(closest, corners[nearest])
+        normals = self.normals[self.faces[triangles[nearest]]]
+        normal = np.einsum("ik,ikj->ij", weights, normals)
+        return np.asarray(own[dots(points - closest, normal) < 0.0])
+
+    def _grown(self, seeds: BoolArray) -> BoolArray:
+        """Return the seeds (V,) grown over their part by the reach of each of their clusters."""
+        zone = seeds.copy()
+        inner = np.flatnonzero(seeds)
+        label = csgraph.connected_components(self.graph[inner][:, inner], directed=False)[1]
+        for cluster in range(label.max(initial=-1) + 1):
+            own = inner[label == cluster]
+            centred = self.points[own] - self.points[own].mean(axis=0)
+            size = float(np.sqrt(dots(centred, centred).mean()))
+            limit = max(self.options.reach * size, float(self.edge_length[own].mean()))
+            distance = csgraph.dijkstra(self.graph, indices=own, min_only=True, limit=limit)
+            zone |= np.isfinite(distance)
+        return zone
+
+    def _ringed(self, seeds: BoolArray) -> BoolArray:
+        """Return the vertices (V,) within a few edges of the seeds."""
+        zone = seeds.copy()
+        for _ in range(self.options.rings):
+            zone[self.graph[np.flatnonzero(zone)].indices] = True
+        return zone
+
+    def _ties(self, seeds: NDArray[np.integer], other: int) -> Ties:
+        """Return ties of each seed to the nearest triangle of another part."""
+        triangles = self.triangles(other)
+        corners = self.points[self.faces[triangles]]
+        if len(seeds) == 0:
+            return Ties(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)))
+        nearest, closest = nearest_triangles(self.points[seeds], corners)
+        weights = barycentric(closest, corners[nearest])
+        return Ties(seeds.astype(np.int32), triangles[nearest], weights)
+
+
+def _enclosure(points: FloatArray, corners: FloatArray, cells: int = 12) -> FloatArray:
+    """Return about how often triangles (F, 3, 3) go round points (P, 3): winding numbers.
+
+    Of surfaces with a border they are no whole numbers (Jacobson et al. 2013). Triangles in one of
+    so many cells along the largest extent count as one dipole (Barill et al. 2018).
+    """
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
+    centres, weights = corners.mean(axis=1), lengths(areas)
+    size = extent(corners.reshape(-1, 3)) / cells
+    place = np.floor((centres - centres.min(axis=0)) / size).astype(np.int64)
+    label = np.unique(place, axis=0, return_inverse=True)[1].reshape(-1)
+
+    def summed(values: FloatArray) -> FloatArray:
+        return np.stack([np.bincount(label, values[:, k]) for k in range(3)], axis=1)
+
+    total = np.maximum(np.bincount(label, weights), np.finfo(float).tiny)
+    centres, areas = summed(centres * weights[:, None]) / total[:, None], summed(areas)
+    result = np.zeros(len(points))
+    for centre, area in zip(centres, areas, strict=True):
+        away = centre - points
+        result += away @ area / np.maximum(lengths(away), 0.5 * size) ** 3
+    return result / (4.0 * np.pi)

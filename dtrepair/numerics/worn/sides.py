@@ -1,0 +1,216 @@
+"""Which of two connected parts lies outside the other: a sleeve over its arm, a belt round a waist.
+
+The side on which one part lies of the other is read off poses in which the two do not meet. Of
+each vertex the nearest vertex of the other part with a parallel normal is looked at; where most of
+what is near lies on one side, that part is a layer over the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from dtrepair.numerics.geometry import FloatArray, IntArray, dots, extent, lengths
+from dtrepair.numerics.worn.measure import Solid, worn_measure
+from dtrepair.numerics.worn.parts import Parts
+
+BoolArray = NDArray[np.bool_]
+# The vertices of one part near where it is attached to another one, None where it is not.
+Zone = Callable[[int, int], IntArray | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LayerOptions:
+    """What counts as lying over something.
+
+    Args:
+        near: A part lies over what is nearer than this fraction of the smaller part's extent.
+        neighbours: Vertices of the other part that are looked at.
+        parallel: Least cosine between the normals of a vertex and of what it lies over.
+        share: Least fraction of the area of either part that has something parallel nearby.
+        clear: Least mean side: +1 where all of it lies outside, 0 where the parts take turns.
+        one_sided: An open sheet lies over what this share of its nearby area lies outside of, none
+            of it turned the other way: an arm beside its body has two sides.
+        worn: An open part is a layer over what it goes round by this share, see `worn_measure`.
+        poses: How many poses tell at most.
+    """
+
+    near: float = 0.1
+    neighbours: int = 12
+    parallel: float = 0.3
+    share: float = 0.3
+    clear: float = 0.1
+    one_sided: float = 0.9
+    worn: float = 0.7
+    poses: int = 5
+
+
+class WornLayer(NamedTuple):
+    """A part that lies outside another one.
+
+    Args:
+        top: The outer part.
+        under: The inner one.
+        vertices: Vertices (N,) of the outer part that are held outside the inner one.
+        sides: Of each (N,) 1 if its normal points away from the inner part, -1 if towards it.
+        heights: How far each (N,) is from the inner part, length units.
+        covered: Vertices of the inner part that it lies over; None: all. Of what a sheet does not
+            cover, as arms beside a cape, no side is known.
+    """
+
+    top: int
+    under: int
+    vertices: IntArray
+    sides: FloatArray
+    heights: FloatArray
+    covered: IntArray | None = None
+
+
+def find_layer(
+    parts: Parts,
+    first: int,
+    second: int,
+    poses: Sequence[int],
+    *,
+    options: LayerOptions = LayerOptions(),
+) -> WornLayer | None:
+    """Return which of two parts lies over the other by some of the poses; None where neither does.
+
+    The first of the poses tells which vertices lie over what.
+    """
+    signed, covered, share = 0.0, 0.0, 0.0
+    for pose in poses:
+        for part, other, sign in ((first, second, 1.0), (second, first, -1.0)):
+            found = _beside(parts, part, other, pose, options)
+            parallel = found.known & (found.sides > 0)
+            # By the share of each part's area: a small part is not outvoted by a large one.
+            weights = parts.area_shares(part)
+            own = float(weights[parallel].sum())
+            signed += sign * float((weights * np.sign(found.heights))[parallel].sum())
+            covered, share = covered + own, max(share, own)
+    if share < options.share or abs(signed) <= options.clear * covered:
+        return None
+    top, under = (first, second) if signed > 0 else (second, first)
+    found_layer = layer_over(parts, top, under, poses[0], options=options)
+    return found_layer if len(found_layer.vertices) else None
+
+
+def layer_over(
+    parts: Parts, top: int, under: int, pose: int, *, options: LayerOptions = LayerOptions()
+) -> WornLayer:
+    """Return a layer of which is known that it lies over another part, whatever a pose shows.
+
+    All vertices of an open layer are held outside: what hangs free may meet it later. Of a closed
+    one those that are near in the pose, and outside if any is.
+    """
+    found = _beside(parts, top, under, pose, options)
+    outside = found.known & (found.heights > 0)
+    own = outside if outside.any() else found.known
+    sides, heights = found.sides.copy(), np.where(outside, found.heights, np.inf)
+    if not parts.closed[top] and own.any():
+        weights = parts.area_shares(top)[own]
+        sides[~own] = 1.0 if (weights * sides[own]).sum() >= 0.0 else -1.0
+        own = np.ones(len(own), dtype=bool)
+    return WornLayer(top, under, parts.vertices[top][own], sides[own], heights[own])
+
+
+def find_worn(
+    parts: Parts, first: int, second: int, pose: int, *, options: LayerOptions = LayerOptions()
+) -> WornLayer | None:
+    """Return the layer that an open part is which goes round the other, however far away it is."""
+    points, best = parts.poses[pose], options.worn
+    found: WornLayer | None = None
+    for top, under in ((first, second), (second, first)):
+        if parts.closed[top]:
+            continue
+        solids = (Solid(points, parts.triangles[k], bool(parts.closed[k])) for k in (top, under))
+        worn = worn_measure(*solids)
+        if worn.share >= best:
+            own = parts.vertices[top]
+            radial = points[own] - points[own].mean(axis=0)
+            radial -= np.outer(radial @ worn.axis, worn.axis)
+            outwards = np.einsum(
+                "ij,ij,i->", parts.normals(top, pose), radial, parts.area_shares(top)
+            )
+            sides = np.full(len(own), 1.0 if outwards >= 0.0 else -1.0)
+            best = worn.share
+            found = WornLayer(top, under, own, sides, np.full(len(own), np.inf))
+    return found
+
+
+def find_sheet(
+    parts: Parts,
+    first: int,
+    second: int,
+    pose: int,
+    *,
+    zone: Zone,
+    options: LayerOptions = LayerOptions(),
+) -> WornLayer | None:
+    """Return the layer that an open sheet is over what it is attached to; None where neither is.
+
+    All of it that is near lies on one side, and is turned the same way: a cape behind a back.
+    """
+    for top, under in ((first, second), (second, first)):
+        if parts.closed[top]:
+            continue
+        found = _beside(parts, top, under, pose, options)
+        near = zone(top, under)
+        free = np.ones(len(found.known), dtype=bool)
+        if near is not None:
+            free = ~np.isin(parts.vertices[top], near)
+        weights = parts.area_shares(top) * free
+        known = weights * found.known
+        turned = abs(float((known * found.sides).sum()))
+        outside = float((known * np.sign(found.heights)).sum())
+        if known.sum() < max(options.share * weights.sum(), np.finfo(float).tiny):
+            continue
+        if min(turned, outside) >= options.one_sided * known.sum():
+            layer = layer_over(parts, top, under, pose, options=options)
+            side = float(np.sign((known * found.sides).sum()))
+            return layer._replace(covered=_covered(parts, top, under, pose, side, options))
+    return None
+
+
+def _covered(
+    parts: Parts, top: int, under: int, pose: int, side: float, options: LayerOptions
+) -> IntArray:
+    """Return the vertices of a part that a sheet lies over: they face it, and it faces away."""
+    points, own = parts.poses[pose], parts.vertices[under]
+    nearest = cKDTree(points[parts.vertices[top]]).query(points[own])[1]
+    way = points[parts.vertices[top]][nearest] - points[own]
+    way /= np.maximum(lengths(way), np.finfo(float).tiny)[:, None]
+    facing = dots(way, parts.normals(under, pose)) > options.parallel
+    away = side * dots(way, parts.normals(top, pose)[nearest]) > options.parallel
+    return np.asarray(own[facing & away])
+
+
+class _Beside(NamedTuple):
+    """For vertices (n,) of a part: whether anything is beside them, on which side, how far away."""
+
+    known: BoolArray
+    sides: FloatArray
+    heights: FloatArray
+
+
+def _beside(parts: Parts, part: int, other: int, pose: int, options: LayerOptions) -> _Beside:
+    points = parts.poses[pose]
+    own, others = points[parts.vertices[part]], points[parts.vertices[other]]
+    near = options.near * min(extent(own), extent(others))
+    count = min(options.neighbours, len(others))
+    distance, place = cKDTree(others).query(own, np.arange(1, count + 1))
+    normals, other_normals = parts.normals(part, pose), parts.normals(other, pose)
+    cosine = np.einsum("ij,ikj->ik", normals, other_normals[place])
+    offset = own[:, None] - others[place]
+    # Seen from the other part, whichever way the vertex itself faces.
+    height = np.einsum("ikj,ikj->ik", other_normals[place], offset)
+    spacing = parts.spacing[parts.vertices[other]]
+    good = np.abs(cosine) > options.parallel
+    good &= (distance <= near + spacing[place]) & (np.abs(height) < near)
+    rows, column = np.arange(len(own)), np.argmax(good, axis=1)
+    return _Beside(good[rows, column], np.sign(cosine[rows, column]), height[rows, column])

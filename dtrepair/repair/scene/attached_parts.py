@@ -1,0 +1,82 @@
+"""What the connected parts of a scene have to do with each other by their attachments."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.numerics.attachments import Attachments
+from dtrepair.numerics.geometry import IntArray
+
+
+class AttachedParts:
+    """Attachments of parts by the numbers that they have in a scene.
+
+    Args:
+        attachments: What was modelled; None where nothing was.
+        faces: Triangles (F, 3), whose vertices at one position of the rest are one.
+        part: The part (V,) of each vertex, -1 for those without a triangle.
+    """
+
+    def __init__(self, attachments: Attachments | None, faces: IntArray, part: IntArray) -> None:
+        self._known, self._faces, self._part = attachments, faces, part
+        self._part_of_face = part[faces[:, 0]]
+        self._pairs: set[tuple[int, int]] = set()
+        if attachments is not None:
+            self._name = np.zeros(int(part.max(initial=-1)) + 1, dtype=np.int64)
+            self._name[self._part_of_face] = attachments.part_of
+            self._pairs = set(attachments.pairs_of_parts)
+
+    def attached(self, parts: IntArray) -> NDArray[np.bool_]:
+        """Return which two parts of (K, 2) are attached to each other, (K,)."""
+        if not self._pairs:
+            return np.zeros(len(parts), dtype=bool)
+        names = self._name[parts].tolist()
+        return np.array([tuple(sorted(both)) in self._pairs for both in names], dtype=bool)
+
+    def unmodelled(self, pairs: IntArray) -> IntArray:
+        """Return those of the pairs (K, 2) of triangles that are no modelled contacts."""
+        return pairs if self._known is None else pairs[~self._known.modelled(pairs)]
+
+    def zone(self, part: int, other: int) -> IntArray | None:
+        """Return the vertices (N,) of a part in its zone towards another one, ascending.
+
+        None where the two are not attached to each other.
+        """
+        if self._known is None or not self.attached(np.array([[part, other]]))[0]:
+            return None
+        triangles, towards = np.divmod(self._known.zones, self._known.count)
+        own = (towards == self._name[other]) & (self._part_of_face[triangles] == part)
+        return np.unique(self._faces[triangles[own]]).astype(np.int32)
+
+    def riders(self, part: int) -> list[int]:
+        """Return the smaller parts that are attached to a part as wholes: buttons on a coat."""
+        vertices, hosts = self._ties
+        tied = np.bincount(
+            self._part[np.unique(vertices[hosts == part])], minlength=len(self._sizes)
+        )
+        whole = (tied == self._sizes) & (self._sizes < self._sizes[part])
+        return [int(rider) for rider in np.flatnonzero(whole & (tied > 0))]
+
+    def held(self, part: int) -> IntArray:
+        """Return the vertices (N,) of a part in its zones towards others, but for its riders."""
+        if self._known is None:
+            return np.zeros(0, dtype=np.int32)
+        triangles, towards = np.divmod(self._known.zones, self._known.count)
+        free = self._name[self.riders(part)]
+        own = (self._part_of_face[triangles] == part) & ~np.isin(towards, free)
+        return np.unique(self._faces[triangles[own]]).astype(np.int32)
+
+    @cached_property
+    def _sizes(self) -> IntArray:
+        """How many vertices each part has."""
+        return np.bincount(self._part[self._part >= 0]).astype(np.int32)
+
+    @cached_property
+    def _ties(self) -> tuple[IntArray, IntArray]:
+        """The vertex (N,) of each tie, and the part (N,) that holds it."""
+        if self._known is None:
+            return np.zeros(0, np.int32), np.zeros(0, np.int32)
+        return self._known.ties.vertices, self._part_of_face[self._known.ties.triangles]

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,15 +27,14 @@ from dtrepair.intersect.detector import Detector
 
 Floats = NDArray[np.float64]
 FOLDER = Path(__file__).parents[1] / "pictures"
-# Of the objects of a scene, in their order; skin, shirt and trousers of a character.
-PALETTE = ((0.80, 0.71, 0.64), (0.52, 0.66, 0.74), (0.62, 0.63, 0.55))
-
-
-SHOWN = Colours()
+# The objects of a scene, in their order: skin, shirt and trousers of a character.
+COLOURS = Colours(
+    surface=(0.80, 0.71, 0.64),
+    objects=((0.52, 0.66, 0.74), (0.62, 0.63, 0.55)),
+    back=(0.36, 0.46, 0.54),
+)
 # Mean difference, of 255, of pictures that show the same.
 MOST_DIFFERENCE = 1.5
-NONE = (0.0, 0.0, 0.0)
-BLACK = Colours(surface=NONE, intersecting=NONE, back=NONE, background=NONE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,19 +142,16 @@ def read(path: Path, time: float) -> Shown:
 
 
 def drawn(shown: Shown, view: View, size: int) -> NDArray[np.uint8]:
-    """Draw objects in their colours: light is linear, so pictures of one object each add up."""
-    hit = shown.intersecting
-    layers = [(hit, replace(BLACK, intersecting=SHOWN.intersecting, background=SHOWN.background))]
-    for number in np.unique(shown.objects):
-        own = (shown.objects == number) & ~hit
-        layers.append((own, replace(BLACK, intersecting=PALETTE[number % len(PALETTE)])))
-    total = np.zeros((size, size, 3), dtype=int)
-    for which, colours in layers:
-        options = RenderOptions(colours=colours)
-        total += render(
-            shown.points, shown.faces, view=view, intersecting=which, size=size, options=options
-        )
-    return np.asarray(np.clip(total, 0, 255), dtype=np.uint8)
+    """Draw objects in their colours, and what intersects in red."""
+    return render(
+        shown.points,
+        shown.faces,
+        view=view,
+        intersecting=shown.intersecting,
+        objects=shown.objects,
+        size=size,
+        options=RenderOptions(colours=COLOURS),
+    )
 
 
 def cropped(images: Sequence[NDArray[np.uint8]], margin: int = 12) -> list[NDArray[np.uint8]]:

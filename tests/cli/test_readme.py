@@ -24,7 +24,7 @@ LINES = re.findall(r"^    (?:.* && venv/bin/)?(dtrepair .+)$", README, re.MULTIL
 
 @pytest.mark.parametrize("line", LINES)
 def test_commands_and_options_exist(line: str) -> None:
-    name, *arguments = shlex.split(line)[1:]
+    name, *arguments = shlex.split(line, comments=True)[1:]
     assert name in COMMANDS
     command = group.get_command(click.Context(group), name)
     assert command is not None

@@ -23,8 +23,10 @@ def named(path: Path) -> str:
 
 
 def lines(page: Path) -> list[str]:
-    """The commands of a page, in indented or fenced blocks."""
-    return re.findall(r"^(?:    )?(dtrepair .+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    """The commands of a page, in indented or fenced blocks; -q and -v may stand before them."""
+    text = page.read_text(encoding="utf-8")
+    found = re.findall(r"^(?:    )?dtrepair (?:-[qv]+ )*([^-].*)$", text, re.MULTILINE)
+    return [f"dtrepair {line}" for line in found]
 
 
 @cache

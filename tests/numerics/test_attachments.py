@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -21,7 +23,7 @@ def pairs_of(mesh: Mesh) -> IntArray:
     return Detector(*mesh)(mesh[0])
 
 
-def attached(mesh: Mesh, **values: float) -> Attachments:
+def attached(mesh: Mesh, **values: Any) -> Attachments:
     points, faces = mesh
     reference = Reference(points, pairs_of(mesh))
     return find_attachments(faces, len(points), [reference], options=AttachmentOptions(**values))

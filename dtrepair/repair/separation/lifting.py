@@ -145,7 +145,7 @@ class _Lift:
         self.closed = bool(parts.closed[layer.under])
         self.covered = np.ones(len(self.other_faces), dtype=bool)
         if layer.covered is not None:
-            self.covered = np.isin(self.other_faces, layer.covered).any(axis=1)
+            self.covered[:] = np.isin(self.other_faces, layer.covered).any(axis=1)
         # All vertices at one place of the rest move along.
         self.place = np.full(len(scene.rest), -1)
         self.place[self.own] = np.arange(len(self.own))

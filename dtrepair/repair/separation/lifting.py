@@ -143,9 +143,9 @@ class _Lift:
         self.own = parts.vertices[layer.top]
         self.faces, self.other_faces = parts.triangles[layer.top], parts.triangles[layer.under]
         self.closed = bool(parts.closed[layer.under])
-        self.covered: NDArray[np.bool_] = np.ones(len(self.other_faces), dtype=bool)
+        self.covered = np.ones(len(self.other_faces), dtype=bool)
         if layer.covered is not None:
-            self.covered = np.asarray(np.isin(self.other_faces, layer.covered).any(axis=1))
+            self.covered[:] = np.isin(self.other_faces, layer.covered).any(axis=1)
         # All vertices at one place of the rest move along.
         self.place = np.full(len(scene.rest), -1)
         self.place[self.own] = np.arange(len(self.own))

@@ -131,7 +131,7 @@ def render(
         colour = np.where(
             np.asarray(intersecting, bool)[chosen, None], colours.intersecting, colour
         )
-    picture = np.tile(colours.background, (fine * fine, 1))
+    picture = np.tile(np.asarray(colours.background, dtype=np.float64), (fine * fine, 1))
     picture[hit] = colour * _light(normal * np.where(flat > 0, 1, -1)[:, None])[:, None]
     blocks = picture.reshape(size, samples, size, samples, 3).mean(axis=(1, 3))
     return np.asarray(np.clip(blocks * 255 + 0.5, 0, 255), dtype=np.uint8)

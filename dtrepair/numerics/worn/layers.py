@@ -75,7 +75,11 @@ class Layers:
             found = find_layer(parts, first, second, poses, options=options)
         else:
             found = find_sheet(parts, first, second, pose, zone=self._zone, options=options)
-        found = found or find_worn(parts, first, second, pose, options=options)
+        if found is None:
+            found = find_worn(parts, first, second, pose, options=options)
+            # Of two open limbs that are stuck together neither is worn.
+            if found and self._zone(first, second) is not None and not parts.closed[found.under]:
+                return None
         return found and self._free(found)
 
     def _free(self, layer: WornLayer) -> WornLayer | None:

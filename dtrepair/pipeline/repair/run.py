@@ -72,16 +72,19 @@ def open_journal(
     prepared: Prepared, bodies: list[Body], observer: Observer, *, resume: bool
 ) -> Journal | None:
     """The journal of a run; None where a run is a single step, solved wholly or not at all."""
-    from dtrepair.repair.clip.layout import LayoutOptions
-
     run, times = prepared.run, prepared.chunk.times
+    if len(times) <= 1:
+        return None
+    # Single poses need no stages of clips.
+    from dtrepair.repair.clip.window_stream import ClipOptions
+
     journal = Journal(
         prepared.output,
         hash_of_run(run.settings, run.device, bodies, times),
         resume=resume,
         on_kept=lambda entries: observer.remark(ProgressKept(entries)),
     )
-    return None if len(times) <= (1 if run.alone else LayoutOptions.window) else journal
+    return None if len(times) <= (1 if run.alone else ClipOptions().window) else journal
 
 
 def repair_here(

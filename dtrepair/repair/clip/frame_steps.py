@@ -60,6 +60,7 @@ class WindowFrames:
         self._detected: dict[int, FloatArray] = {}
         self._pairs: dict[int, IntArray] = {}
         self._relaxations: dict[int, Relaxation] = {}
+        self._farthest_pull: dict[int, FloatArray] = {}
         self._in_fold: dict[int, BoolArray] = {}
 
     def pairs(self, surface: Surface, frame: int) -> IntArray:
@@ -193,8 +194,14 @@ class WindowFrames:
                 return True
         return False
 
-    def relaxing(self, surface: Surface, frame: int, reach: Levels, scale: float) -> None:
-        """Begin to relax a clean frame; `reach` (T, V) scales the motion of each vertex."""
+    def relaxing(
+        self, surface: Surface, frame: int, reach: Levels, farthest: Levels, scale: float
+    ) -> None:
+        """Begin to relax a clean frame; `reach` (T, V) scales the motion of each vertex.
+
+        farthest (T, V): how far it may be pulled from its input.
+        """
+        self._farthest_pull[frame] = farthest[frame].astype(np.float64)
         pose = self.poses[frame].copy()
         folds = len(surface.contacts.folds(pose))
         self._relaxations[frame] = Relaxation(
@@ -213,7 +220,9 @@ class WindowFrames:
         weight: of that pull, next to the edges. The largest motion of a vertex is returned.
         """
         relaxation, before = self._relaxations[frame], self.original[frame]
-        relaxation.system.hold(before + self.added[frame], weight)
+        length, most = lengths(self.added[frame]), self._farthest_pull[frame]
+        share = np.minimum(1.0, most / np.maximum(length, 1e-300))
+        relaxation.system.hold(before + share[:, None] * self.added[frame], weight)
         points = relaxation.points
         relaxation.cycle()
         self.added[frame] = relaxation.points - before
@@ -227,6 +236,7 @@ class WindowFrames:
     def relaxation(self, surface: Surface, frame: int) -> None:
         """Put into `added` what relaxing moved a frame by, and forget how it got there."""
         self.added[frame] = self._relaxations.pop(frame).points - self.poses[frame]
+        del self._farthest_pull[frame]
 
     def cured(self, surface: Surface, frame: int) -> None:
         """Bring edges of a clean frame back that are crushed or drawn out, into `added`."""

@@ -169,7 +169,7 @@ def relax_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFrame
         frame for frame, pairs in enumerate(state.pairs) if len(pairs) == 0 and reach[frame].any()
     ]
     agreement = options.agreement if surface.ties is None else options.attached
-    state.relax(frames, reach, agreement, still=options.still)
+    state.relax(frames, reach, agreement, still=options.still, spread=options.spread)
 
 
 def cure_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFramesOptions()) -> None:

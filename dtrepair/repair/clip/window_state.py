@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.numerics.temporal import steady_weights
+from dtrepair.numerics.temporal import spread_in_time, steady_weights
 from dtrepair.repair.clip.frame_options import Alone, Chain, FrameOptions, Springs
 from dtrepair.repair.clip.frame_steps import WindowFrames
 from dtrepair.repair.parallel.worker_pool import WorkerPool
@@ -173,11 +173,14 @@ class WindowState:
         agreement: Sequence[float],
         *,
         still: float,
+        spread: float,
     ) -> None:
         """Relax clean frames in step, until no vertex moves farther than `still` in a cycle.
 
         reach (T, V): what takes part; agreement: for each cycle, the weight by which frames are
-        pulled to where the others ask them to be (see `steady_weights`).
+        pulled to where the others ask them to be (see `steady_weights`), but no farther than what
+        is displaced now, fading as a bell of `spread` frames: else displacements would creep into
+        frames that need none.
         """
         moved, others = self.work.added, np.setdiff1d(self._every, frames)
         moved[:] = self.poses - self.original
@@ -185,7 +188,9 @@ class WindowState:
         halfway = 0.5 * (np.eye(len(self.frames)) + steady_weights(self.frames))
         if len(self.frames) < 3:
             halfway = np.eye(len(self.frames))
-        self.pool.map("relaxing", frames, reach, self.scale)
+        length = np.linalg.norm(moved, axis=2).astype(np.float32)
+        farthest = spread_in_time(self.frames, length, spread)
+        self.pool.map("relaxing", frames, reach, farthest, self.scale)
         for weight in agreement:
             self.pool.map("evened", self._blocks, halfway)
             largest = self.pool.map("relaxed", frames, weight)

@@ -76,7 +76,8 @@ WALLS = {
         "record": "sections schema modelled",
         "sections": "",
         "modelled": "",
-        "fields": "",
+        "fields": "command_fields",
+        "command_fields": "",
         "schema": "",
     },
     "dtrepair.repair": {

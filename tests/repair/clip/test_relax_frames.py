@@ -123,3 +123,16 @@ def test_a_collapsed_tip_opens_again() -> None:
     assert count_of(surface, state.poses[0])[1] > 10
     relax_frames(state)
     assert all(count_of(surface, pose)[1] == 0 for pose in state.poses)
+
+
+def test_what_needs_no_displacement_gets_little_of_the_others() -> None:
+    surface = Surface(*tube(12, 20, 0.2, 2.0))
+    added = bump(surface)
+    added[:3] = 0.0
+    added[3:] *= np.array([0.5, 0.75, 1.0])[:, None, None]
+    state = state_of(surface, added)
+    size = np.linalg.norm(added, axis=2).max(axis=1)
+    # A trend that goes on before its start asks the first frame for half as much again.
+    relax_frames(state, options=RelaxFramesOptions(agreement=(30.0,) * 60, still=0.0))
+    moved = np.linalg.norm(state.poses[0] - state.original[0], axis=1).max()
+    assert 0.0 < moved <= 1.01 * (size[3:] * np.exp(-0.5 * (np.arange(3, 6) / 2.0) ** 2)).max()

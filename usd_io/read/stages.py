@@ -5,14 +5,13 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 from pxr import Sdf, Usd
 
-from usd_io.crate_check import check_crates
 from usd_io.diagnostics import DAMAGE, no_diagnostics
 from usd_io.errors import StageError, UsageError, one_line
+from usd_io.layers import file_size, find_layers
 from usd_io.paths import same_file
 
 # Extensions of usd-core; plugins may add more, so this is only used for a better message.
@@ -27,7 +26,7 @@ class OpenedStage:
         stage: the composed stage.
         path: the path it was opened from.
         warnings: composition errors and unloaded payloads, one line each.
-        sizes: number on its disk and bytes of each file of the stage, when it was opened.
+        sizes: number on its disk and bytes of each file of the stage, before it was opened.
     """
 
     stage: Usd.Stage
@@ -42,7 +41,7 @@ class OpenedStage:
         either file. A file that another one replaced is read on as it was.
         """
         for file, (inode, size) in self.sizes.items():
-            now = _size(file)
+            now = file_size(file)
             if now is not None and now[0] == inode and now[1] != size:
                 raise StageError(
                     f"{file}: was changed while it was read, from {size} to {now[1]} bytes; wait "
@@ -68,6 +67,7 @@ def open_stage(
     load = Usd.Stage.LoadAll if load_payloads else Usd.Stage.LoadNone
     try:
         with no_diagnostics():
+            layers = find_layers(path, payloads=load_payloads)
             stage = Usd.Stage.Open(path, load)
             broken = [one_line_of(str(error)) for error in stage.GetCompositionErrors()]
     except DAMAGE as error:
@@ -82,17 +82,9 @@ def open_stage(
     if unloaded:
         warnings.append(f"{path}: {unloaded} payloads are not loaded; their meshes are not seen")
     files = {layer.realPath.partition("[")[0] for layer in stage.GetUsedLayers()}
-    sizes = {file: size for file in sorted(files) if file and (size := _size(file)) is not None}
-    return OpenedStage(stage, path, tuple(warnings), sizes)
-
-
-def _size(path: str) -> tuple[int, int] | None:
-    """Return the number of a file on its disk and its bytes; None if it is gone."""
-    try:
-        found = os.stat(path)
-    except OSError:
-        return None
-    return found.st_ino, found.st_size
+    sizes = {file: layers.sizes.get(file) or file_size(file) for file in sorted(files) if file}
+    known = {file: size for file, size in sizes.items() if size is not None}
+    return OpenedStage(stage, path, tuple(warnings), known)
 
 
 def as_stage(stage: OpenedStage | Usd.Stage) -> Usd.Stage:
@@ -137,8 +129,6 @@ def _check_file(path: str) -> None:
         # Other extensions may still have a plugin; pxr decides, this only helps its message.
         if Sdf.FileFormat.FindByExtension(path) is None:
             raise StageError(f"{path}: not a USD file; expected one of {', '.join(USD_EXTENSIONS)}")
-    with suppress(OSError):  # pxr tells what cannot be read
-        check_crates(path)
 
 
 def input_digest(stage: OpenedStage | Usd.Stage) -> str:

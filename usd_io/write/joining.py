@@ -15,6 +15,7 @@ from pxr import Sdf
 from usd_io.crate_check import check_crates
 from usd_io.diagnostics import DAMAGE, no_diagnostics, reading
 from usd_io.errors import StageError, UsageError, one_line, time_text
+from usd_io.layers import read_text
 from usd_io.paths import check_output_path, relative_asset_path, same_file
 from usd_io.write.atomic_layer import AtomicLayer
 from usd_io.write.metadata import get_record, set_record
@@ -99,9 +100,7 @@ def _open_chunk(path: str) -> _Chunk:
         check_crates(path)
     try:
         with no_diagnostics():
-            layer = Sdf.Layer.FindOrOpen(path)
-            if layer is not None:
-                layer.Reload()  # somebody may hold what the file was before
+            layer = read_text(path) or _reloaded(path)
     except DAMAGE as error:
         raise StageError(f"{path}: cannot be opened ({one_line(error)}); write it again") from None
     if layer is None:
@@ -116,6 +115,13 @@ def _open_chunk(path: str) -> _Chunk:
         raise StageError(f"{path}: holds {record['form']}, no points; name layers of points")
     written = {prim: frozenset(times) for prim, times in record.get("written", {}).items()}
     return _Chunk(path, layer, sources, record, written)
+
+
+def _reloaded(path: str) -> Sdf.Layer | None:
+    """Open a layer as its file is now: somebody may hold what it was before."""
+    if layer := Sdf.Layer.FindOrOpen(path):
+        layer.Reload()
+    return layer
 
 
 def _order(chunk: _Chunk) -> tuple[float, str]:

@@ -1,0 +1,114 @@
+"""Layers that are cut while they are parsed, and what layers refer to."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from pxr import Sdf
+
+from tests.command_line import assert_fails, run
+from tests.usd_io.test_crate_check import MANY, patched, sections
+from tests.usd_stages import cube_file
+from usd_io import StageError, open_stage, read_meshes
+from usd_io.layers import find_layers, read_text
+
+CUT = 30  # bytes that are left
+
+
+@pytest.fixture
+def cutting(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Text files that somebody cuts short as soon as a layer is parsed."""
+    files: list[Path] = []
+    parse = Sdf.Layer.ImportFromString
+
+    def cut_and_parse(layer: Sdf.Layer, text: str) -> bool:
+        for file in files:
+            os.truncate(file, CUT)
+        done: bool = parse(layer, text)
+        return done
+
+    monkeypatch.setattr(Sdf.Layer, "ImportFromString", cut_and_parse)
+    return files
+
+
+def referring(path: Path, to: Path, kind: str) -> Path:
+    """A layer that has another as a sublayer, or whose prim refers to it; neither is composed."""
+    layer = Sdf.Layer.CreateNew(str(path))
+    prim = Sdf.CreatePrimInLayer(layer, "/Root")
+    layer.defaultPrim, asset = "Root", f"./{to.name}"
+    if kind == "sublayer":
+        layer.subLayerPaths.append(asset)
+    elif kind == "reference":
+        prim.referenceList.Append(Sdf.Reference(asset))
+    else:
+        prim.payloadList.Append(Sdf.Payload(asset))
+    layer.Save()
+    return path
+
+
+@pytest.mark.parametrize("name", ["shot.usda", "shot.usd"])
+@pytest.mark.parametrize("kind", ["", "sublayer", "reference"])
+def test_text_that_is_cut_while_it_is_parsed_is_whole_and_an_error_afterwards(
+    tmp_path: Path, cutting: list[Path], name: str, kind: str
+) -> None:
+    file = cube_file(tmp_path / "written.usda", times=range(5)).rename(tmp_path / name)
+    path = referring(tmp_path / "top.usdc", file, kind) if kind else file
+    cutting.append(file)
+    opened = open_stage(path)
+    mesh = read_meshes(opened).meshes[0]
+    assert len(mesh.times) == 5 and file.stat().st_size == CUT
+    with pytest.raises(StageError, match=rf"{name}: was changed while it was read, from \d+ to 30"):
+        opened.check_unchanged()
+
+
+def test_the_command_line_tells_of_text_that_is_cut(tmp_path: Path, cutting: list[Path]) -> None:
+    cutting.append(cube_file(tmp_path / "shot.usda", times=range(5)))
+    assert_fails(run("check", cutting[0]), 3, "shot.usda: was changed while it was read")
+
+
+def test_layers_that_are_open_stay_as_they_are(tmp_path: Path) -> None:
+    path = cube_file(tmp_path / "shot.usda")
+    mine = Sdf.Layer.FindOrOpen(str(path))
+    mine.defaultPrim = "Mine"
+    assert open_stage(path).stage.GetRootLayer() == mine and mine.defaultPrim == "Mine"
+
+
+def test_what_is_no_whole_text_is_left_to_the_reader_of_usd(tmp_path: Path) -> None:
+    crate = cube_file(tmp_path / "crate.usdc").rename(tmp_path / "crate.usd")
+    latin = tmp_path / "latin.usda"
+    latin.write_bytes(b'#usda 1.0\ndef "x" (doc = "\xe4") {\n}\n')
+    broken = tmp_path / "broken.usda"
+    broken.write_text('#usda 1.0\ndef "x" {\n')
+    gone = tmp_path / "gone.usda"
+    assert [read_text(str(path)) for path in (crate, latin, broken, gone)] == [None] * 4
+
+
+@pytest.mark.parametrize("top", ["top.usdc", "top.usda"])
+@pytest.mark.parametrize("kind", ["sublayer", "reference", "payload"])
+def test_binary_layers_that_announce_gigabytes_are_refused_wherever_they_are(
+    tmp_path: Path, kind: str, top: str
+) -> None:
+    whole = cube_file(tmp_path / "whole.usdc")
+    bad = patched(whole, sections(whole.read_bytes())["SPECS"][1], MANY)
+    between = referring(tmp_path / "between.usdc", bad, kind)
+    path = referring(tmp_path / top, between, "reference")
+    with pytest.raises(StageError, match=r"announcing\.usdc: .*specs are announced"):
+        open_stage(path)
+
+
+def test_payloads_that_are_not_loaded_are_not_looked_into(tmp_path: Path) -> None:
+    cube = cube_file(tmp_path / "cube.usdc")
+    path = referring(tmp_path / "top.usda", cube, "payload")
+    assert [Path(file).name for file in find_layers(str(path)).sizes] == ["top.usda", "cube.usdc"]
+    assert [Path(file).name for file in find_layers(str(path), payloads=False).sizes] == [
+        "top.usda"
+    ]
+
+
+def test_layers_that_refer_to_each_other_are_read_once(tmp_path: Path) -> None:
+    one, other = tmp_path / "one.usda", tmp_path / "other.usda"
+    for path, to in ((one, other), (other, one)):
+        path.write_text(f'#usda 1.0\ndef "x" (references = @./{to.name}@</x>)\n{{\n}}\n')
+    assert len(find_layers(str(one)).held) == 2

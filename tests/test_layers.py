@@ -128,8 +128,9 @@ WALLS = {
     },
     "usd_io": {
         "__init__": "write read times errors",
-        "write": "read times polygons normals values paths crate_check diagnostics errors",
-        "read": "times frame_grid polygons values paths crate_check diagnostics errors",
+        "write": "read layers times polygons normals values paths crate_check diagnostics errors",
+        "read": "layers times frame_grid polygons values paths diagnostics errors",
+        "layers": "crate_check diagnostics",
         "times": "errors",
         "frame_grid": "",
         "polygons": "errors",

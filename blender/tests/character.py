@@ -9,6 +9,11 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from blender.dtrepair_addon.scene.sampling import points_of
+
+# A clip of the middle, where the hand is in the hip, and what leads there.
+FRAMES = 6
+
 
 def empty_scene() -> None:
     """Start with nothing in the scene."""
@@ -61,3 +66,18 @@ def _swing(rig: Any, frames: int) -> None:
     for frame, angle in ((1, 0.0), ((1 + frames) // 2, 0.5), (frames, 0.0)):
         arm.rotation_euler = (0.0, 0.0, angle)
         arm.keyframe_insert("rotation_euler", frame=frame)
+
+
+def state(body: Any) -> Any:
+    """All of a scene that a cancelled job could have changed."""
+    scene = bpy.context.scene
+    return (
+        [(o.name, o.hide_get(), o.hide_render, len(o.modifiers)) for o in scene.objects],
+        points_of(body.data).tobytes(),
+        body.data.shape_keys,
+        [group.name for group in body.vertex_groups],
+        [attribute.name for attribute in body.data.attributes],
+        scene.frame_current,
+        [rig.pose_position for rig in bpy.data.armatures],
+        len(bpy.data.meshes),
+    )

@@ -3,52 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
 
-from blender.dtrepair_addon import register, unregister
+from blender.dtrepair_addon.scene.copies import copied
 from blender.dtrepair_addon.scene.jobs import Job
 from blender.dtrepair_addon.scene.marks import FACES, GROUP
-from blender.dtrepair_addon.scene.roles import Roles, with_roles
-from blender.dtrepair_addon.scene.sampling import points_of, sample
+from blender.dtrepair_addon.scene.sampling import SceneError, evaluated, points_of, sample
 from blender.dtrepair_addon.scene.shape_keys import apply, points_of_key
 from blender.dtrepair_addon.ui import overlay
 from blender.dtrepair_addon.ui.preferences import interpreter
-from blender.tests.character import character
-
-# A clip of the middle, where the hand is in the hip, and what leads there.
-FRAMES = 6
-
-
-@pytest.fixture
-def hero() -> Iterator[Any]:
-    body = character(FRAMES)
-    register()
-    body.select_set(True)
-    scene = bpy.context.scene
-    scene.frame_start, scene.frame_end = 1, FRAMES
-    scene.dtrepair.span = "SCENE"
-    yield body
-    unregister()
-
-
-def state(body: Any) -> Any:
-    """All of a scene that a cancelled job could have changed."""
-    scene = bpy.context.scene
-    return (
-        [(o.name, o.hide_get(), o.hide_render, len(o.modifiers)) for o in scene.objects],
-        points_of(body.data).tobytes(),
-        body.data.shape_keys,
-        [group.name for group in body.vertex_groups],
-        [attribute.name for attribute in body.data.attributes],
-        scene.frame_current,
-        [rig.pose_position for rig in bpy.data.armatures],
-        len(bpy.data.meshes),
-    )
+from blender.tests.character import FRAMES, state
 
 
 def test_check_marks_what_intersects_and_lists_the_frames(hero: Any) -> None:
@@ -63,10 +31,19 @@ def test_check_marks_what_intersects_and_lists_the_frames(hero: Any) -> None:
     group = hero.vertex_groups[GROUP].index
     held = {v.index for v in hero.data.vertices if any(g.group == group for g in v.groups)}
     assert held == {v for p in np.flatnonzero(mask) for v in hero.data.polygons[p].vertices}
+    assert selected(hero) == held == selected(hero, by_group=True)
     assert len(overlay.shown(min(frames))) and not len(overlay.shown(1))
+    view = viewport()
+    view.view_perspective = "CAMERA"
     bpy.context.scene.frame_set(1)
-    bpy.ops.dtrepair.go(index=0)
-    assert bpy.context.scene.frame_current == contacts[0].frame
+    bpy.ops.dtrepair.go(index=len(contacts) - 1)
+    last = contacts[-1]
+    assert bpy.context.scene.frame_current == last.frame != 1
+    assert bpy.context.scene.dtrepair.active == len(contacts) - 1
+    assert view.view_perspective == "PERSP" and view.view_distance > last.size > 0.0
+    assert (view.view_location - last.centre).length < 1e-6
+    corners = overlay.shown(last.frame)
+    assert (np.abs(corners - np.array(view.view_location)) <= 0.5 * last.size + 1e-6).all()
     bpy.ops.dtrepair.clear()
     assert FACES not in hero.data.attributes and GROUP not in hero.vertex_groups
 
@@ -78,7 +55,7 @@ def test_a_repaired_character_is_clean_and_the_original_untouched(hero: Any) -> 
     copy = bpy.context.view_layer.objects.active
     assert copy.name == "Hero repaired" and copy.data is not hero.data
     keys = copy.data.shape_keys
-    assert keys.use_relative and 2 <= len(keys.key_blocks) < FRAMES
+    assert keys.use_relative and 1 <= len(keys.key_blocks) - 1 < FRAMES
     assert (points_of_key(keys.key_blocks[1]) != points_of_key(keys.reference_key)).any()
     bpy.context.scene.frame_set(0)
     assert all(key.value == 0.0 for key in keys.key_blocks[1:])
@@ -95,9 +72,10 @@ def test_with_a_key_for_each_frame_repaired_points_come_back(hero: Any) -> None:
     mesh = sample([hero], frames)[0]
     wanted = mesh.points.copy()
     wanted[2:5, :9] += np.float32(0.05) * np.arange(1, 4, dtype=np.float32)[:, None, None]
-    applied = apply(hero, frames, mesh, wanted)
+    copy = copied(hero).object
+    applied = apply(copy, frames, mesh, wanted)
     assert applied.keys == ("dtrepair 3-5 1", "dtrepair 3-5 2", "dtrepair 3-5 3")
-    after = sample([applied.object], frames)[0].points
+    after = sample([copy], frames)[0].points
     assert np.abs(after - wanted).max() < 1e-6 and applied.off.max() < 1e-6
     assert after[[0, 1, 5]].tobytes() == mesh.points[[0, 1, 5]].tobytes()
     assert after[:, 9:].tobytes() == mesh.points[:, 9:].tobytes()
@@ -123,6 +101,36 @@ def test_a_repair_is_undone_in_one_step(hero: Any) -> None:
     assert bpy.data.objects.get("Hero repaired") and hero.hide_render
     bpy.ops.ed.undo()
     assert state(bpy.data.objects["Hero"]) == before
+
+
+def test_what_the_artist_did_in_the_meantime_is_told(hero: Any) -> None:
+    job = Job("check", interpreter(), [hero], [1], {})
+    bpy.ops.ed.undo_push(message="before")
+    bpy.context.scene.objects["Hero rig"].location.x = 1.0
+    bpy.ops.ed.undo_push(message="moved")
+    bpy.ops.ed.undo()
+    assert job.objects == [bpy.data.objects["Hero"]]
+    bpy.data.objects["Hero"].data.vertices.add(1)
+    with pytest.raises(SceneError, match="Hero was edited in the meantime"):
+        job.objects  # noqa: B018
+    bpy.data.objects.remove(bpy.data.objects["Hero"])
+    with pytest.raises(SceneError, match="Hero was deleted in the meantime"):
+        job.objects  # noqa: B018
+    job.cancel()
+
+
+def test_the_rest_pose_is_that_of_the_armature_without_earlier_repairs(hero: Any) -> None:
+    bpy.context.scene.frame_set(4)
+    assert (evaluated(hero)[0] != points_of(hero.data)).any()
+    hero.shape_key_add(name="Basis")
+    own, earlier = (hero.shape_key_add(name=name) for name in ("Nose", "dtrepair 4"))
+    own.data[7].co.x += 1.0
+    earlier.data[8].co.x += 1.0
+    own.value = earlier.value = 1.0
+    wanted = points_of(hero.data)
+    wanted[7, 0] += 1.0
+    assert np.allclose(sample([hero], [4])[0].rest, wanted, atol=1e-6)
+    assert not earlier.mute and bpy.data.armatures[0].pose_position == "POSE"
 
 
 def test_what_no_shape_key_can_hold_is_refused_before_the_work(hero: Any) -> None:
@@ -152,68 +160,19 @@ def test_a_missing_interpreter_is_told(hero: Any, monkeypatch: pytest.MonkeyPatc
     assert state(hero) == before
 
 
-def test_a_collider_takes_part_unselected_and_does_not_move(hero: Any) -> None:
-    ball = beside(hero, "Ball")
-    scene = bpy.context.scene
-    scene.dtrepair.span = "CURRENT"
-    scene.dtrepair.colliders = collection(ball)
-    assert bpy.ops.dtrepair.check() == {"FINISHED"}
-    assert [(c.first, c.second) for c in scene.dtrepair.contacts] == [("Hero", "Ball")]
-    assert bpy.ops.dtrepair.repair() == {"FINISHED"}
-    assert bpy.data.objects.get("Hero repaired") and not bpy.data.objects.get("Ball repaired")
-    hero.select_set(False)
-    assert bpy.ops.dtrepair.check() == {"FINISHED"}
-    assert not len(scene.dtrepair.contacts)
+def selected(body: Any, by_group: bool = False) -> set[int]:
+    """The vertices that an artist selects in edit mode, by the face attribute or the group."""
+    body.data.attributes.active = body.data.attributes[FACES]
+    body.vertex_groups.active = body.vertex_groups[GROUP]
+    bpy.context.view_layer.objects.active = body
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="DESELECT")
+    bpy.ops.object.vertex_group_select() if by_group else bpy.ops.mesh.select_by_attribute()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    return {vertex.index for vertex in body.data.vertices if vertex.select}
 
 
-def test_contacts_within_the_ignored_collection_do_not_count(hero: Any) -> None:
-    ball = beside(hero, "Ball")
-    ball.select_set(True)
-    scene = bpy.context.scene
-    scene.dtrepair.span = "CURRENT"
-    assert bpy.ops.dtrepair.check() == {"FINISHED"} and len(scene.dtrepair.contacts) == 1
-    scene.dtrepair.ignored = collection(hero, ball)
-    assert bpy.ops.dtrepair.check() == {"FINISHED"} and not len(scene.dtrepair.contacts)
-
-
-def test_pinned_vertices_stay(hero: Any) -> None:
-    scene = bpy.context.scene
-    scene.frame_set(3)
-    scene.dtrepair.span, scene.dtrepair.pin = "CURRENT", "spine"
-    before = sample([hero], [3])[0].points[0]
-    assert bpy.ops.dtrepair.repair() == {"FINISHED"}
-    copy = bpy.context.view_layer.objects.active
-    after = sample([copy], [3])[0].points[0]
-    group = hero.vertex_groups["spine"].index
-    pinned = np.array([any(g.group == group for g in v.groups) for v in hero.data.vertices])
-    assert after[pinned].tobytes() == before[pinned].tobytes()
-    assert (after[~pinned] != before[~pinned]).any()
-
-
-def test_led_vertices_have_their_direction_and_an_unknown_group_is_told(hero: Any) -> None:
-    roles = Roles(direction="arm", towards=(1.0, 0.0, 0.0))
-    (mesh,) = with_roles([hero], sample([hero], [1]), roles)
-    assert mesh.direction is not None and mesh.pin is None
-    arm = sum(any(g.group == 1 for g in v.groups) for v in hero.data.vertices)
-    assert (mesh.direction == (1.0, 0.0, 0.0)).all(axis=1).sum() == arm
-    assert not mesh.direction[~mesh.direction.any(axis=1)].any()
-    bpy.context.scene.dtrepair.pin = "Spine"
-    with pytest.raises(RuntimeError, match="vertex group Spine"):
-        bpy.ops.dtrepair.repair()
-
-
-def beside(hero: Any, name: str) -> Any:
-    """A ball that is a little in the torso, on the side without the arm."""
-    bpy.ops.mesh.primitive_ico_sphere_add(radius=0.15, subdivisions=3, location=(-0.4, 0.02, 1.01))
-    ball = bpy.context.object
-    ball.name = name
-    ball.select_set(False)
-    hero.select_set(True)
-    return ball
-
-
-def collection(*objects: Any) -> Any:
-    found = bpy.data.collections.new("Some")
-    for each in objects:
-        found.objects.link(each)
-    return found
+def viewport() -> Any:
+    """The 3D viewport of the screen."""
+    (area,) = (each for each in bpy.context.screen.areas if each.type == "VIEW_3D")
+    return area.spaces.active.region_3d

@@ -267,7 +267,7 @@ def save_pictures(
     height, width = images[0].shape[:2]
     columns = columns or len(images)
     rows = -(-len(images) // columns)
-    band = max(min(width, height) // 13, 20) if captions else 0
+    band = max(min(width, height) // 13, 26) if captions else 0
     background = tuple(round(255 * value) for value in colours.background)
     sheet = images_of.new("RGB", (columns * width, rows * (height + band)), background)
     pen = draw_on.Draw(sheet)

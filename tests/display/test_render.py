@@ -110,7 +110,7 @@ def test_saved_file_holds_all_pictures_and_captions(tmp_path: Path) -> None:
     save_pictures(tmp_path / "a.png", [image, image], captions=["before: 7", "after: 0"])
     with Image.open(tmp_path / "a.png") as read:
         pixels = np.asarray(read.convert("RGB"))
-    assert pixels.shape == (120, 200, 3)
+    assert pixels.shape == (126, 200, 3)
     assert np.array_equal(pixels[:100, :100], image)
     assert pixels[100:].min() < 120  # something is written there
     save_pictures(tmp_path / "b.png", [image] * 4, columns=2)

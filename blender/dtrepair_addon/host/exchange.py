@@ -48,7 +48,8 @@ class SampledMesh:
 class Request:
     """What the worker is asked: a command, the frames (T,), the meshes, and settings by name.
 
-    settings: `rest_contacts` ("auto" or "repair"), `ignore` (pairs of names), `alone`, `clearance`.
+    settings: `rest_contacts` ("auto" or "repair"), `ignore` (pairs of names), `alone`, `clearance`,
+    `cache` (whether to write the repaired meshes as a USD file as well).
     """
 
     command: str

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 import bpy
@@ -14,6 +14,8 @@ from ..host.exchange import SampledMesh
 
 # Modifiers that only refine the surface: the cage below them is what is looked at.
 REFINING = ("SUBSURF", "MULTIRES")
+# What results are called; they are no part of a rest pose.
+PREFIX = "dtrepair"
 
 
 class SceneError(Exception):
@@ -30,32 +32,39 @@ def kept_frame(scene: Any) -> Iterator[None]:
         scene.frame_set(frame, subframe=rest)
 
 
-@contextmanager
-def cage_only(objects: Sequence[Any]) -> Iterator[None]:
+def cage_only(objects: Sequence[Any]) -> AbstractContextManager[None]:
     """Hide refining modifiers while the meshes are read."""
     shown = [m for o in objects for m in o.modifiers if m.type in REFINING and m.show_viewport]
-    for modifier in shown:
-        modifier.show_viewport = False
-    try:
-        yield
-    finally:
-        for modifier in shown:
-            modifier.show_viewport = True
+    return _changed([(modifier, "show_viewport", False) for modifier in shown])
+
+
+def rest_position(objects: Sequence[Any]) -> AbstractContextManager[None]:
+    """Put the armatures of objects into their rest position, and leave earlier repairs out."""
+    rigs = {rig.data for each in objects if (rig := each.find_armature()) is not None}
+    own = [m for o in objects for m in o.modifiers if m.name.startswith(PREFIX)]
+    shapes = [data for o in objects if (data := o.data.shape_keys) is not None]
+    keys = [key for data in shapes for key in data.key_blocks if key.name.startswith(PREFIX)]
+    return _changed(
+        [
+            *((data, "pose_position", "REST") for data in rigs),
+            *((modifier, "show_viewport", False) for modifier in own),
+            *((key, "mute", True) for key in keys),
+        ]
+    )
 
 
 @contextmanager
-def rest_position(objects: Sequence[Any]) -> Iterator[None]:
-    """Put the armatures of objects into their rest position."""
-    rigs = {rig.data for each in objects if (rig := each.find_armature()) is not None}
-    posed = [data for data in rigs if data.pose_position != "REST"]
-    for data in posed:
-        data.pose_position = "REST"
-    bpy.context.view_layer.update()
+def _changed(values: Sequence[tuple[Any, str, Any]]) -> Iterator[None]:
+    """Set (owner, name, value), and put back what was there."""
+    before = [getattr(owner, name) for owner, name, _ in values]
     try:
+        for owner, name, value in values:
+            setattr(owner, name, value)
+        bpy.context.view_layer.update()
         yield
     finally:
-        for data in posed:
-            data.pose_position = "POSE"
+        for (owner, name, _), value in zip(values, before, strict=True):
+            setattr(owner, name, value)
         bpy.context.view_layer.update()
 
 

@@ -1,4 +1,4 @@
-"""Repaired points as keyed relative shape keys on a copy of the object."""
+"""Repaired points as keyed relative shape keys of a copy of the object."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from ..host.exchange import SampledMesh
 from ..host.runs import few_shapes, moved, run_name, runs, weight_keys
-from .sampling import SceneError, cage_only, evaluated, kept_frame
+from .sampling import PREFIX, SceneError, cage_only, evaluated, kept_frame
 
-PREFIX = "dtrepair"
 # Corrections until the modifiers put each vertex where it should be; one does where they are
 # linear, as an armature is.
 ROUNDS = 3
@@ -22,16 +21,10 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class Applied:
-    """The copy with its shape keys, and how far a vertex is from where it should be (T,)."""
+    """The names of the shape keys, and how far a vertex is from where it should be (T,)."""
 
-    object: Any
     keys: tuple[str, ...]
     off: NDArray[np.float64]
-
-
-def needs_keys(mesh: SampledMesh, points: NDArray[np.float32]) -> bool:
-    """Whether a repair moved anything."""
-    return bool(len(moved(mesh.points, points)))
 
 
 def refuse_added_vertices(objects: Sequence[Any], meshes: Sequence[SampledMesh]) -> None:
@@ -40,7 +33,7 @@ def refuse_added_vertices(objects: Sequence[Any], meshes: Sequence[SampledMesh])
         if len(each.data.vertices) != mesh.points.shape[1]:
             raise SceneError(
                 f"{each.name}: its modifiers add or remove vertices, so that no shape key can hold "
-                "the result; apply or switch off all but deforming ones, subdivision may stay"
+                "the result; choose a mesh cache, or apply them (subdivision may stay)"
             )
         keys = each.data.shape_keys
         if keys is not None and not keys.use_relative:
@@ -48,41 +41,23 @@ def refuse_added_vertices(objects: Sequence[Any], meshes: Sequence[SampledMesh])
 
 
 def apply(
-    original: Any,
+    copy: Any,
     frames: Sequence[int],
     mesh: SampledMesh,
     points: NDArray[np.float32],
     tolerance: float = 0.0,
 ) -> Applied:
-    """Return a copy of an object with shape keys that lead to the points (T, V, 3) at the frames.
+    """Give an object shape keys that lead to the points (T, V, 3) at the frames.
 
     The keys hold offsets before the modifiers; what a modifier makes of an offset is measured on
-    the evaluated mesh. The original gets hidden, and is not changed. Each run of frames has as few
-    keys as leave no vertex farther off than the tolerance, a part of the size of the mesh; with 0
-    each frame has its own.
+    the evaluated mesh. Each run of frames has as few keys as leave no vertex farther off than the
+    tolerance, a part of the size of the mesh; with 0 each frame has its own.
     """
-    copy = _copied(original)
     basis = _basis(copy)
     with cage_only([copy]), kept_frame(bpy.context.scene):
         offsets, off = _offsets(copy, basis, frames, mesh.points, points)
         names = _keyed(copy, basis, list(frames), offsets, tolerance * size_of(basis))
-    original.hide_set(True)
-    original.hide_render = True
-    return Applied(copy, tuple(names), off)
-
-
-def _copied(original: Any) -> Any:
-    copy = original.copy()
-    copy.data = original.data.copy()
-    copy.name = f"{original.name} repaired"
-    for collection in original.users_collection:
-        collection.objects.link(copy)
-    if copy.animation_data is not None and copy.animation_data.action is not None:
-        copy.animation_data.action = copy.animation_data.action.copy()
-    keys = copy.data.shape_keys
-    if keys is not None and keys.animation_data is not None and keys.animation_data.action:
-        keys.animation_data.action = keys.animation_data.action.copy()
-    return copy
+    return Applied(tuple(names), off)
 
 
 def _basis(target: Any) -> NDArray[np.float32]:
@@ -169,15 +144,6 @@ def _keyed(
 def size_of(points: NDArray[np.floating]) -> float:
     """Return the diagonal of the box around points (V, 3)."""
     return float(np.linalg.norm(np.ptp(points, axis=0)))
-
-
-def discard(applied: Applied, original: Any, hidden: tuple[bool, bool]) -> None:
-    """Take a copy away again; the original is hidden as it was, in the viewport and in renders."""
-    mesh = applied.object.data
-    bpy.data.objects.remove(applied.object)
-    bpy.data.meshes.remove(mesh)
-    original.hide_set(hidden[0])
-    original.hide_render = hidden[1]
 
 
 def _set_points(target: Any, key: Any, points: NDArray[np.floating]) -> None:

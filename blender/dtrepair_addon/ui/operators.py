@@ -12,6 +12,7 @@ from ..host.interpreter import NoInterpreterError
 from ..host.process import WorkerError
 from ..scene.jobs import Job
 from ..scene.marks import clear, mark, polygons_of, triangles_of, world
+from ..scene.mesh_cache import folder_of
 from ..scene.roles import Roles
 from ..scene.sampling import SceneError
 from . import overlay
@@ -19,7 +20,7 @@ from .preferences import interpreter
 from .settings import chosen_frames
 
 # The last is what Blender raises of an object that was deleted in the meantime.
-FAILURES = (NoInterpreterError, SceneError, ValueError, WorkerError, ReferenceError)
+FAILURES = (NoInterpreterError, OSError, SceneError, ValueError, WorkerError, ReferenceError)
 # Seconds between two looks at the worker.
 TICK = 0.2
 
@@ -94,13 +95,15 @@ class _Work:
     def _begin(self, context: Any) -> None:
         chosen = context.scene.dtrepair
         settings = {"rest_contacts": "auto" if chosen.modelled else "repair"}
+        caches = None
         if self.command == "repair":
             settings |= {"clearance": chosen.clearance, "alone": chosen.alone}
+            caches = folder_of(chosen.caches) if chosen.result == "CACHE" else None
         python, frames = interpreter(), chosen_frames(context.scene)
         names = ("colliders", "ignored", "pin", "direction")
         roles = Roles(**{n: getattr(chosen, n) for n in names}, towards=tuple(chosen.towards))
         selected = context.selected_objects
-        self._job = Job(self.command, python, selected, frames, settings, roles)
+        self._job = Job(self.command, python, selected, frames, settings, roles, caches)
         _Work.running = True
 
     def _end(self, context: Any) -> None:
@@ -131,18 +134,18 @@ class DTREPAIR_OT_check(_Work, bpy.types.Operator):
     command = "check"
 
     def _finish(self, context: Any, told: dict[str, Any]) -> None:
-        job = self._job
+        job, objects = self._job, self._job.objects
         pairs, contacts = job.found(told)
         scene = context.scene
         scene.dtrepair.contacts.clear()
         for contact in contacts:
             row = scene.dtrepair.contacts.add()
             row.frame, row.pairs, row.size = contact.frame, contact.pairs, contact.size
-            row.first, row.second = (job.objects[i].name for i in (contact.first, contact.second))
+            row.first, row.second = (objects[i].name for i in (contact.first, contact.second))
             row.centre = contact.centre
         every = np.concatenate(pairs)
         shown: dict[int, Any] = {}
-        for number, (target, mesh) in enumerate(zip(job.objects, job.meshes, strict=True)):
+        for number, (target, mesh) in enumerate(zip(objects, job.meshes, strict=True)):
             polygons = polygons_of(every, number)
             if len(target.data.polygons) == len(mesh.counts):
                 mark(target, polygons) if len(polygons) else clear(target)
@@ -156,7 +159,7 @@ class DTREPAIR_OT_check(_Work, bpy.types.Operator):
 
 
 class DTREPAIR_OT_repair(_Work, bpy.types.Operator):
-    """Repair the frames: the result is a copy with keyed shape keys."""
+    """Repair the frames: the result is a copy with keyed shape keys, or with a mesh cache."""
 
     bl_idname = "dtrepair.repair"
     bl_label = "Repair"
@@ -165,8 +168,8 @@ class DTREPAIR_OT_repair(_Work, bpy.types.Operator):
     def _finish(self, context: Any, told: dict[str, Any]) -> None:
         copies, dirty = self._job.apply(told)
         for each in copies:
-            each.object.select_set(True)
-            context.view_layer.objects.active = each.object
+            each.select_set(True)
+            context.view_layer.objects.active = each
         overlay.hide()
         self._warn()
         left = {int(f["frame"]) for f in told["frames"] if f["status"] != "clean"} | set(dirty)
@@ -224,10 +227,13 @@ class DTREPAIR_OT_go(bpy.types.Operator):
             self.report({"ERROR"}, "no such contact; check again")
             return {"CANCELLED"}
         contact = scene.dtrepair.contacts[self.index]
+        scene.dtrepair.active = self.index
         scene.frame_set(contact.frame)
         for area in context.screen.areas if context.screen else ():
             if area.type == "VIEW_3D":
                 view = area.spaces.active.region_3d
+                if view.view_perspective == "CAMERA":
+                    view.view_perspective = "PERSP"
                 view.view_location = contact.centre
                 view.view_distance = max(3.0 * contact.size, 1e-3)
         return {"FINISHED"}

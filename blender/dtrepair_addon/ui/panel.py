@@ -46,8 +46,10 @@ class DTREPAIR_PT_main(bpy.types.Panel):
         layout.prop(settings, "span", expand=True)
         if settings.span == "CHOSEN":
             layout.prop(settings, "frames")
-        for name in ("modelled", "clearance", "alone"):
+        for name in ("modelled", "clearance", "alone", "result"):
             layout.prop(settings, name)
+        if settings.result == "CACHE":
+            layout.prop(settings, "caches")
         for name in ("colliders", "ignored", "pin", "direction"):
             layout.prop(settings, name)
         if settings.direction:

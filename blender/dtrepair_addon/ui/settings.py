@@ -43,6 +43,16 @@ class DTREPAIR_settings(bpy.types.PropertyGroup):
     clearance: bpy.props.FloatProperty(
         name="Clearance", min=0.0, subtype="DISTANCE", description="How far contacts stay apart"
     )
+    result: bpy.props.EnumProperty(
+        name="Result",
+        items=(
+            ("KEYS", "Shape keys", "Keyed shape keys, which may be turned down and edited"),
+            ("CACHE", "Mesh cache", "A USD file, read by a modifier: exact at every frame"),
+        ),
+    )
+    caches: bpy.props.StringProperty(
+        name="Caches", default="//dtrepair", subtype="DIR_PATH", description="Folder of mesh caches"
+    )
     alone: bpy.props.BoolProperty(
         name="Each frame for itself",
         description="Clean frames keep every bit, but the correction may jitter",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -27,16 +30,29 @@ def prim_paths(request: Request) -> list[str]:
     return paths
 
 
-def write_stage(request: Request, path: Path) -> None:
-    """Write the meshes; the rest pose stands at the default time."""
+def write_cache(request: Request, points: Mapping[str, NDArray[Any]], path: Path) -> None:
+    """Write the meshes that moved, with their repaired points (see `read_points`)."""
+    meshes = tuple(
+        replace(mesh, points=points[f"{index}.points"], pin=None, direction=None)
+        for index, mesh in enumerate(request.meshes)
+    )
+    both = zip(request.meshes, meshes, strict=True)
+    changed = [not np.array_equal(old.points, new.points) for old, new in both]
+    write_stage(replace(request, meshes=meshes), path, changed)
+
+
+def write_stage(request: Request, path: Path, chosen: Sequence[bool] | None = None) -> None:
+    """Write the meshes, or those chosen; the rest pose stands at the default time."""
     layer = Sdf.Layer.CreateNew(str(path))
     stage = Usd.Stage.Open(layer)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    named = list(zip(request.meshes, prim_paths(request), strict=True))
+    named = named if chosen is None else list(compress(named, chosen))
     with Sdf.ChangeBlock():
-        for name in prim_paths(request):
+        for _, name in named:
             Sdf.CreatePrimInLayer(layer, name).specifier = Sdf.SpecifierDef
-    for mesh, name in zip(request.meshes, prim_paths(request), strict=True):
+    for mesh, name in named:
         _write_mesh(UsdGeom.Mesh.Define(stage, name), mesh, request.frames)
     layer.Save()
 

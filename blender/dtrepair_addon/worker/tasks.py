@@ -22,9 +22,9 @@ from dtrepair.report.record import FrameRecord
 
 from ..host.exchange import Request, write_arrays
 from .main import tell
-from .stage import DIRECTION, PIN, prim_paths, read_points, write_stage
+from .stage import DIRECTION, PIN, prim_paths, read_points, write_cache, write_stage
 
-RESULT = "result.npz"
+RESULT, CACHE = "result.npz", "cache.usdc"
 
 
 class Lines(Observer):
@@ -56,7 +56,12 @@ def run(request: Request, folder: Path) -> dict[str, Any]:
     write_stage(request, folder / "scene.usdc")
     task = {"check": _check, "repair": _repair}[request.command]
     records = task(request, folder)
-    return {"frames": [_plain(record) for record in records], "result": RESULT}
+    return {
+        "frames": [_plain(record) for record in records],
+        "result": RESULT,
+        "cache": CACHE,
+        "prims": prim_paths(request),
+    }
 
 
 def _selection(request: Request) -> Selection:
@@ -119,7 +124,10 @@ def _repair(request: Request, folder: Path) -> tuple[FrameRecord, ...]:
         alone=settings.get("alone", False),
         observer=Lines(),
     )
-    write_arrays(folder / RESULT, read_points(folder / "repaired.usdc", request))
+    points = read_points(folder / "repaired.usdc", request)
+    write_arrays(folder / RESULT, points)
+    if settings.get("cache"):
+        write_cache(request, points, folder / CACHE)
     return report.frames
 
 

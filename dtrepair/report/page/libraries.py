@@ -4,9 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
 from zipfile import ZipFile
+
+# SHA-256 of the files of uPlot 1.6.31, as its author publishes them: youplot only hands them on.
+UPLOT = {
+    "uplot.iife.min.js": "2d27e8ad3d228164525ce213f9dc716f39b4e3aee0cc773fb3491c96cf4921a2",
+    "uplot.min.css": "df630c6a8d6f8eeaff264b50f73ce5b114f646ffd9a0bb74f049b0a00135fa04",
+}
 
 
 class LibraryError(Exception):
@@ -25,11 +32,7 @@ class Library:
 def chart_library() -> Library:
     """Return uPlot (MIT, Leon Sorokin), the charts. Raises LibraryError."""
     folder = _folder("youplot") / "vendor"
-    try:
-        script = (folder / "uplot.iife.min.js").read_text(encoding="utf-8")
-        style = (folder / "uplot.min.css").read_text(encoding="utf-8")
-    except OSError as error:
-        raise LibraryError(f"charts need uPlot of youplot 1.0.0: {error}") from None
+    script, style = (_published(folder / name, digest) for name, digest in UPLOT.items())
     notice = "/* uPlot: MIT licence, Copyright (c) Leon Sorokin */\n"
     return Library(_checked(notice + script, "uPlot"), style)
 
@@ -59,6 +62,18 @@ def _folder(package: str) -> Path:
     if found is None or not found.submodule_search_locations:
         raise LibraryError(f"{package} is not installed: pip install {package}")
     return Path(found.submodule_search_locations[0])
+
+
+def _published(path: Path, digest: str) -> str:
+    """Return the text of a file of uPlot, if it is the one that was tested, bit for bit."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise LibraryError(f"charts need uPlot of youplot 1.0.0: {error}") from None
+    if sha256(content).hexdigest() != digest:
+        cure = "pip install --force-reinstall youplot==1.0.0"
+        raise LibraryError(f"{path}: expected uPlot 1.6.31, got another file: {cure}")
+    return content.decode("utf-8")
 
 
 def _checked(script: str, name: str) -> str:

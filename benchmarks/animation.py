@@ -54,19 +54,23 @@ def print_row(
 # What is counted as what, by file and function; none of them calls another.
 PARTS = {
     "detection": [("detector.py", "__call__")],
-    "buried vertices": [("inside.py", "winding_numbers")],
-    "ring distances": [("queries.py", "ring_distance")],
+    "buried vertices": [("winding.py", "winding_numbers")],
+    "ring distances": [("queries.py", "__call__")],
     "diffusion solves": [("surface.py", "diffuse")],
-    "softening of creases": [("soften.py", n) for n in ("__call__", "settle", "update")],
-    "smoothing in time": [("timeline.py", "undamped")],
+    "softening of creases": [("adaptive_fairing.py", n) for n in ("__call__", "settle", "update")],
+    "smoothing in time": [("temporal.py", "undamped")],
     "USD": [("reader.py", "read_points"), ("writer.py", "write"), ("writer.py", "commit")],
 }
 # The stages of a clip; each holds parts of the above.
 PHASES = [
-    ("shot.py", "push"),
-    ("shot_mending.py", "mend_frames"),
-    ("shot_tightening.py", "tighten_frames"),
-    ("shot.py", "steady_frames"),
+    ("window_method.py", "push_frames"),
+    ("mend_frames.py", "mend_frames"),
+    ("mend_frames.py", "lend_frames"),
+    ("tighten_frames.py", "tighten_frames"),
+    ("tighten_frames.py", "settle_frames"),
+    ("restore_shape.py", "relax_frames"),
+    ("steady_frames.py", "steady_frames"),
+    ("restore_shape.py", "cure_frames"),
 ]
 
 

@@ -1,12 +1,16 @@
-"""Frames of a window that pushing left dirty, one by one."""
+"""Frames of a window that pushing left dirty: mended one by one, or solved from neighbours."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.temporal import gaussian_kernel
-from dtrepair.repair.clip.frame_options import Chain
 from dtrepair.repair.clip.window_state import WindowState
+from dtrepair.repair.frame.frame_options import Chain
+from dtrepair.repair.frame.lending import Loan, disagreement
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,3 +67,65 @@ def _chains(state: WindowState, *, backwards: bool, lend: bool) -> list[Chain]:
         lenders = [frame for frame in around if frame is not None] if lend else []
         chains.append(Chain(run[::-1] if backwards else run, lenders))
     return chains
+
+
+@dataclass(frozen=True, kw_only=True)
+class LendFramesOptions:
+    """When frames lend, and how often.
+
+    Args:
+        share: Of the frames that intersect, pushing left so many dirty: it squeezes there what it
+            cannot lead apart, in its clean frames too.
+        apart: Displacements of neighbours that differ by more, rms, units of the size, may be of
+            two ways out: the one that distorts less is tried in both.
+        rounds: Times that every second frame is looked at for that.
+    """
+
+    share: float = 0.2
+    apart: float = 0.004
+    rounds: int = 4
+
+
+def is_stuck(state: WindowState, *, options: LendFramesOptions = LendFramesOptions()) -> bool:
+    """Return whether pushing failed in too many frames of a single skin to be mended one by one."""
+    met = sum(len(pairs) > 0 for pairs in state.found)
+    return state.surface.clusters == 1 and len(state.dirty) > options.share * met
+
+
+def lend_frames(state: WindowState, *, options: LendFramesOptions = LendFramesOptions()) -> None:
+    """Relax the clean frames each for itself; solve the others from their displacements, inwards.
+
+    Frames that still intersect then stay as they are. A frame whose displacement differs from a
+    neighbour's that distorts less is solved from there again, and keeps what distorts less.
+    """
+    costs = state.relax_alone()
+    while (waiting := np.isnan(costs)).any():
+        loans = []
+        for frame in np.flatnonzero(waiting).tolist():
+            lenders = [k for k in (frame - 1, frame + 1) if 0 <= k < len(costs)]
+            solved = [k for k in lenders if not waiting[k]]
+            if solved:
+                lender = min(solved, key=lambda k: float(costs[k]))
+                loans.append(Loan(frame, lender, np.inf))
+        if not loans:
+            # No frame is clean: the one with the fewest pairs begins, from its own input.
+            frame = int(np.argmin([len(pairs) for pairs in state.found]))
+            loans = [Loan(frame, frame, np.inf)]
+        state.lend(loans, costs)
+    for index in range(options.rounds):
+        loans = _disputed(state, costs, index % 2, options)
+        state.lend(loans, costs)
+
+
+def _disputed(
+    state: WindowState, costs: FloatArray, parity: int, options: LendFramesOptions
+) -> list[Loan]:
+    """Return loans to frames of a parity from neighbours that distort less, by another way."""
+    moved, loans = state.poses - state.original, []
+    for frame in range(parity, len(costs), 2):
+        lenders = [k for k in (frame - 1, frame + 1) if 0 <= k < len(costs)]
+        lender = min(lenders, key=lambda k: float(costs[k]), default=frame)
+        cheaper = costs[lender] < costs[frame]
+        if cheaper and disagreement(moved[lender], moved[frame]) > options.apart:
+            loans.append(Loan(frame, lender, float(costs[frame])))
+    return loans

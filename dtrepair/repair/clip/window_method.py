@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.numerics.temporal import (
-    apply_in_time,
-    gaussian_kernel,
-    second_differences,
-    steady_weights,
+from dtrepair.numerics.temporal import gaussian_kernel
+from dtrepair.repair.clip.mend_frames import (
+    LendFramesOptions,
+    MendFramesOptions,
+    is_stuck,
+    lend_frames,
+    mend_frames,
 )
-from dtrepair.repair.clip.frame_options import Alone, FrameOptions
-from dtrepair.repair.clip.mend_frames import MendFramesOptions, mend_frames
 from dtrepair.repair.clip.restore_shape import (
     RelaxFramesOptions,
     RestoreShapeOptions,
@@ -24,6 +24,7 @@ from dtrepair.repair.clip.restore_shape import (
     relax_frames,
     restore_shapes,
 )
+from dtrepair.repair.clip.steady_frames import SteadyOptions, steady_frames
 from dtrepair.repair.clip.tighten_frames import (
     SettleFramesOptions,
     TightenOptions,
@@ -31,6 +32,7 @@ from dtrepair.repair.clip.tighten_frames import (
     tighten_frames,
 )
 from dtrepair.repair.clip.window_state import WindowState
+from dtrepair.repair.frame.frame_options import Alone, FrameOptions
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import Surface
 
@@ -59,24 +61,6 @@ class PushFramesOptions:
     block: int = 2
     patience: int = 3
     work: float = 0.4
-
-
-@dataclass(frozen=True, kw_only=True)
-class SteadyOptions:
-    """Numbers of the steadying of frames that stand out.
-
-    Args:
-        rough: Root mean square second difference of a frame, units of the size, above which it is
-            steadied: it is seen as a jump.
-        rounds: At most so many.
-        step: Largest motion in an iteration of the push that cleans a frame, units of the size.
-        gain: A round must lower the roughness to this fraction to be followed by another.
-    """
-
-    rough: float = 1.5e-3
-    rounds: int = 6
-    step: float = 0.002
-    gain: float = 0.97
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +100,8 @@ class WindowOptions:
     Args:
         frames: The work on single frames, in all stages.
         push: All frames pushed together.
-        mend: Frames that pushing left dirty.
+        lend: Frames that pushing left dirty, where they are many: from their neighbours.
+        mend: The same where they are few.
         tighten: Back towards the input.
         relax: Clean frames back towards the shapes of their inputs.
         steady: Frames that stand out from their neighbours.
@@ -128,6 +113,7 @@ class WindowOptions:
 
     frames: FrameOptions = field(default_factory=FrameOptions)
     push: PushFramesOptions = field(default_factory=PushFramesOptions)
+    lend: LendFramesOptions = field(default_factory=LendFramesOptions)
     mend: MendFramesOptions = field(default_factory=MendFramesOptions)
     tighten: TightenOptions = field(default_factory=TightenOptions)
     relax: RelaxFramesOptions = field(default_factory=RelaxFramesOptions)
@@ -192,16 +178,21 @@ class WindowMethod:
         if state.dirty and unless is not None and unless(state.pairs):
             return None
         state.forget_clearance()
-        if not tied:
+        stuck = not tied and self.clearance == 0.0 and is_stuck(state, options=options.lend)
+        if stuck:
+            lend_frames(state, options=options.lend)
+        elif not tied:
             mend_frames(state, options=options.mend)
         state.given_up = frozenset(state.dirty)
         # Tightening would close a clearance again.
         if self.clearance == 0.0:
-            if not tied:
+            if not (tied or stuck):
                 tighten_frames(state, self.tighten, options=options.tighten)
             settle_frames(state, options=options.settle)
             relax_frames(state, options=options.relax)
-        if not tied:
+        # Frames that were solved each for itself stand out where they take another way: no less so
+        # after as much work again.
+        if not (tied or stuck):
             steady_frames(state, options=options.steady)
         if self.clearance == 0.0:
             cure_frames(state, options=options.relax)
@@ -237,33 +228,6 @@ def push_frames(state: WindowState, *, options: PushFramesOptions = PushFramesOp
                 break
         if state.remaining > best[0]:
             state.restore(best[1])
-
-
-def steady_frames(state: WindowState, *, options: SteadyOptions = SteadyOptions()) -> None:
-    """Move frames that stand out to where their neighbours ask them to be, if still clean."""
-    if len(state.frames) < 3:
-        return
-    weights, differences = steady_weights(state.frames), second_differences(state.frames)
-
-    def roughness() -> FloatArray:
-        second = apply_in_time(differences, state.poses - state.original)
-        of_frames: FloatArray = np.sqrt((second**2).sum(axis=2).mean(axis=1))
-        return of_frames
-
-    now = roughness()
-    for _ in range(options.rounds):
-        before = np.linalg.norm(now)
-        for colour in range(3):
-            rough = np.zeros(len(state.frames), dtype=bool)
-            rough[1:-1] = now > options.rough
-            rough[:-1] |= rough[1:]
-            rough[1:] |= rough[:-1]
-            frames = np.flatnonzero(rough)
-            frames = frames[frames % 3 == colour]
-            if len(frames) and state.steady(frames.tolist(), weights, options.step):
-                now = roughness()
-        if np.linalg.norm(now) > options.gain * before:
-            break
 
 
 def eased(state: WindowState, *, options: EaseOptions = EaseOptions()) -> FloatArray:

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import spread_in_time, steady_weights
-from dtrepair.repair.clip.frame_options import Alone, Chain, FrameOptions, Springs
-from dtrepair.repair.clip.frame_steps import WindowFrames
+from dtrepair.repair.frame.frame_options import Alone, Chain, FrameOptions, Springs
+from dtrepair.repair.frame.frame_steps import WindowFrames
+from dtrepair.repair.frame.lending import Loan
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.defects import contact_scale
 from dtrepair.repair.surface.surface import Surface
@@ -140,6 +141,25 @@ class WindowState:
         self.evaluate()
         self.work.added[:] = 0.0
         self.pool.map("returned", self.dirty, step)
+        self.work.extra += self.work.added
+        self.evaluate()
+
+    def relax_alone(self) -> FloatArray:
+        """Relax the clean frames each for itself; what they cost (T,), not a number for others."""
+        self.work.added[:] = 0.0
+        clean = [frame for frame, pairs in enumerate(self.pairs) if len(pairs) == 0]
+        costs = np.full(len(self.original), np.nan)
+        costs[clean] = self.pool.map("relaxed_alone", clean)
+        self.work.extra += self.work.added
+        self.evaluate()
+        return costs
+
+    def lend(self, loans: list[Loan], costs: FloatArray) -> None:
+        """Solve frames from the displacements of others, where that costs less; change `costs`."""
+        self.work.added[:] = 0.0
+        found = self.pool.map("borrowed_from", loans, self.scale)
+        for loan, value in zip(loans, found, strict=True):
+            costs[loan.frame] = value
         self.work.extra += self.work.added
         self.evaluate()
 

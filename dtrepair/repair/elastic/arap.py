@@ -77,16 +77,31 @@ class ArapSystem:
         """Return the right-hand side (V, 3) of a step from `points`, zero beyond a small region."""
         warp, count = self._warp, self._surface.count
         original = self._array(self._original, warp.vec3d)
-        rotations = self._array(np.tile(np.eye(3), (count, 1, 1)), warp.mat33d)
+        rotations = self._fitted(points)
         edges = warp.zeros(count, dtype=warp.vec3d, device="cpu")
-        turning = self._array(self._turning, warp.int32)
-        inputs = [turning, *self._matrix, original, self._array(points, warp.vec3d), rotations]
-        warp.launch(self._kernels.fit_rotations, dim=len(turning), inputs=inputs, device="cpu")
         rows = np.arange(count) if self._inner is None else self._inner
         inputs = [self._array(rows, warp.int32), *self._matrix, original, rotations, edges]
         warp.launch(self._kernels.rotated_edges, dim=len(rows), inputs=inputs, device="cpu")
         right: FloatArray = edges.numpy() + self._anchored(self._home)
         return right
+
+    def rotations(self, points: FloatArray) -> FloatArray:
+        """Return how the surroundings of each vertex turned from the original: (V, 3, 3)."""
+        fitted: FloatArray = self._fitted(points).numpy()
+        return fitted
+
+    def _fitted(self, points: FloatArray) -> Any:
+        """Return the rotations of all vertices on the CPU device, none beyond a region."""
+        warp = self._warp
+        identities = np.tile(np.eye(3), (self._surface.count, 1, 1))
+        rotations = self._array(identities, warp.mat33d)
+        turning = self._array(self._turning, warp.int32)
+        inputs = [turning, *self._matrix, self._array(self._original, warp.vec3d)]
+        inputs += [self._array(points, warp.vec3d), rotations]
+        warp.launch(
+            self._kernels.fit_rotations, dim=len(self._turning), inputs=inputs, device="cpu"
+        )
+        return rotations
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the pose (V, 3) of a right-hand side, or the motion of its change."""

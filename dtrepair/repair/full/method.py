@@ -15,7 +15,7 @@ from dtrepair.repair.full.clearance import ClearanceOptions, open_contacts
 from dtrepair.repair.full.cure import CureOptions, Flaws, cure
 from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
 from dtrepair.repair.full.pull_back import PullBackOptions, pull_back
-from dtrepair.repair.full.relax import RelaxOptions, relax
+from dtrepair.repair.full.relax import QUICK, RelaxOptions, relax
 from dtrepair.repair.full.settle import SettleOptions, Settling
 from dtrepair.repair.result import Solved
 from dtrepair.repair.stage_log import StageLog
@@ -32,7 +32,8 @@ class FullOptions:
         low_enough: Distortion below which tightening does not begin: nobody sees it.
         cycles: Of relaxing, in a round of tightening.
         pull_back: Rigid bodies back towards the input.
-        relax: All others back towards the input.
+        relax: All others back towards the input: single skins and attached parts, ...
+        relax_bodies: ... and bodies that move freely, which take longer to come to rest.
         settle: What touches nothing back to its place, between cycles of relaxing.
         edges: Edges that are crushed or drawn out, brought back.
         unbend: Zipped creases opened.
@@ -46,7 +47,8 @@ class FullOptions:
     low_enough: float = 0.004
     cycles: int = 3
     pull_back: PullBackOptions = field(default_factory=PullBackOptions)
-    relax: RelaxOptions = field(default_factory=RelaxOptions)
+    relax: RelaxOptions = field(default_factory=lambda: QUICK)
+    relax_bodies: RelaxOptions = field(default_factory=RelaxOptions)
     settle: SettleOptions = field(default_factory=SettleOptions)
     edges: EdgeLengthOptions = field(default_factory=EdgeLengthOptions)
     unbend: DihedralOptions = field(default_factory=DihedralOptions)
@@ -130,7 +132,8 @@ class FullMethod:
             log.add("lead back", points, start, folds=folds)
         if "relax" not in self.skip:
             start = time.perf_counter()
-            rings = options.relax.acceptance.reach_rings
+            numbers = options.relax if surface.clusters == 1 else options.relax_bodies
+            rings = numbers.acceptance.reach_rings
             settling = None
             # What has a direction would lose it, and free bodies lean on each other.
             if not ("settle" in self.skip or phases.steering or surface.clusters > 1):
@@ -146,7 +149,7 @@ class FullMethod:
                 scale=phases.scale,
                 steering=phases.steering,
                 settling=settling,
-                options=options.relax,
+                options=numbers,
             )
             log.add("relax", points, start, folds=folds, iterations=cycles)
         return best.points if (phases.limited(points) != points).any() else points

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.metrics import distortion
 from dtrepair.numerics.work import work_done
 from dtrepair.repair.full.biharmonic_fill import FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import Pushed, PushOptions, push
@@ -197,6 +198,13 @@ class Phases:
             if best.clean:
                 break
         return best
+
+    def insist_from(self, points: FloatArray) -> Candidate:
+        """Return the best that insisting makes of another pose (V, 3) than the phases left."""
+        defects = find_defects(self.surface, points)
+        value = distortion(self.original, points, self.surface.edges)
+        self.candidates.append(Candidate(points, defects, value, self.options.near[-1]))
+        return self.insist(self.candidates[-1])
 
     def _concerns_few(self, best: Candidate) -> bool:
         """Return whether what still crosses does not meet all bodies that are in contact."""

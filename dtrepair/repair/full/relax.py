@@ -45,16 +45,15 @@ class RelaxOptions:
         tries: Solves of a cycle, each with the gaps that the one before closed.
         few: Fraction of new gaps up to which one round of the step is enough: the other forces
             are known.
-        concern: Gaps that the first look leaves wider than their least width by this, units of the
-            size, take no part.
+        concern: Gaps that a first look leaves wider than the least by this take no part (sizes).
         enough: Relaxing ends when the distortion fell by less than this ...
         stalled: ... over so many cycles.
         failures: It also ends when so many cycles in a row could not be made clean.
         volume_weight: What missing volume counts next to the distortion.
         missing: As long as more than this fraction of the volume is missing, ...
         more: ... relaxing goes on for up to so many times its cycles.
-        settle: Strains by which what is far from all contacts may go back to its place, one after
-            another: a push moves the whole mesh, most of which needs not to move at all.
+        settle: Strains by which what is far from all contacts may go back to its place, in turn: a
+            push moves the whole mesh.
         settle_after: Cycles before each of them.
         arap, gaps, pressure: Numbers of the elastic terms.
         look: The rough step that finds the gaps that matter.
@@ -91,6 +90,10 @@ class RelaxOptions:
     acceptance: AcceptanceOptions = field(default_factory=AcceptanceOptions)
 
 
+# One cluster comes to rest within fewer cycles than bodies that lean on each other.
+QUICK = RelaxOptions(enough=0.003, stalled=2)
+
+
 def relax(
     surface: Surface,
     original: FloatArray,
@@ -107,14 +110,12 @@ def relax(
     """Return the pose of least distortion between a clean one and its original, and the cycles.
 
     Each cycle is an as-rigid-as-possible step towards the original's edges (Sorkine & Alexa 2007)
-    of limited length, under the condition that no gap between surfaces closes: contact forces push
-    both sides, so they come to rest against each other. What collides all the same is rolled back
-    locally. Cycles may double to bring volume back.
+    of limited length, under the condition that no gap between surfaces closes: both sides come to
+    rest against each other. What collides all the same is rolled back locally. Cycles may double.
 
     cycles: at most, unless volume is missing; folds: so many are allowed; reach: (V,) scales the
     motion of each vertex; scale: factor of the step (see `contact_scale`); steering: regions that
-    stay on the line of their direction; settling: takes what is far from all contacts back to its
-    place, where it stays.
+    stay on the line of their direction; settling: takes back what is far from contacts.
     """
     if not reach.any():
         return points, 0

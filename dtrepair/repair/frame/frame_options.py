@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.clip.adaptive_fairing import FairingOptions
-from dtrepair.repair.clip.regional_push import RegionalPushOptions
 from dtrepair.repair.elastic.edge_lengths import EdgeLengthOptions
+from dtrepair.repair.frame.adaptive_fairing import FairingOptions
+from dtrepair.repair.frame.lending import LendingOptions
+from dtrepair.repair.frame.regional_push import RegionalPushOptions
 from dtrepair.repair.full.cure import CureOptions
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.relax import RelaxOptions
@@ -51,6 +52,7 @@ class FrameOptions:
         push: The push of one frame.
         mend: The mending of one frame.
         relax: A cycle of the relaxing of one frame.
+        lending: What frames give each other where pushing is stuck.
         edges, cure: Edges that are crushed or drawn out, and their cure.
         borrow: A frame takes a neighbour's displacement where that is less than this part of its
             own, in the mean over the vertices.
@@ -78,6 +80,7 @@ class FrameOptions:
     relax: RelaxOptions = field(
         default_factory=lambda: RelaxOptions(first=1.0, longer=1.0, tries=2)
     )
+    lending: LendingOptions = field(default_factory=LendingOptions)
     edges: EdgeLengthOptions = field(default_factory=EdgeLengthOptions)
     cure: CureOptions = field(default_factory=lambda: CureOptions(rounds=2))
     borrow: float = 0.8

@@ -6,8 +6,9 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
 from dtrepair.numerics.temporal import apply_in_time, undamped
-from dtrepair.repair.clip.adaptive_fairing import AdaptiveFairing
-from dtrepair.repair.clip.frame_options import (
+from dtrepair.repair.elastic.edge_lengths import EdgeLengths
+from dtrepair.repair.frame.adaptive_fairing import AdaptiveFairing
+from dtrepair.repair.frame.frame_options import (
     Alone,
     Chain,
     FrameOptions,
@@ -16,8 +17,8 @@ from dtrepair.repair.clip.frame_options import (
     spring_matrix,
     springs_between,
 )
-from dtrepair.repair.clip.regional_push import regional_push
-from dtrepair.repair.elastic.edge_lengths import EdgeLengths
+from dtrepair.repair.frame.lending import Loan, borrowed, carried, cost, relaxed
+from dtrepair.repair.frame.regional_push import regional_push
 from dtrepair.repair.full.cure import cure
 from dtrepair.repair.full.mend import mend
 from dtrepair.repair.full.relax import Relaxation
@@ -173,6 +174,31 @@ class WindowFrames:
             mended = mend(surface, before, starts, step=step, alone=alone, options=options.mend)
             warm = mended - now
             self.added[frame] = warm
+
+    def relaxed_alone(self, surface: Surface, frame: int) -> float:
+        """Relax a clean frame by itself; its motion is in `added`. Return what it costs."""
+        before, now = self.original[frame], self.poses[frame]
+        pose = relaxed(surface, before, now, self.options.lending)
+        self.added[frame] = pose - now
+        return cost(surface, before, pose)
+
+    def borrowed_from(self, surface: Surface, loan: Loan, scale: float) -> float:
+        """Solve a frame from another's displacement; in `added` if it costs less. Return its cost.
+
+        What lends to itself starts from its input.
+        """
+        frame, lender = loan.frame, loan.lender
+        before, now = self.original[frame], self.poses[frame]
+        start = before
+        if lender != frame:
+            moved = self.poses[lender] - self.original[lender]
+            start = carried(surface, self.original[lender], before, moved)
+        # A frame that has a pose is only asked whether another way out distorts it less.
+        alone, options = None if np.isfinite(loan.cost) else self.alone, self.options.lending
+        pose, value = borrowed(surface, before, start, scale=scale, alone=alone, options=options)
+        if value < loan.cost:
+            self.added[frame] = pose - now
+        return min(value, loan.cost)
 
     def steadied(self, surface: Surface, frame: int, weights: FloatArray, step: float) -> bool:
         """Move a frame towards where its neighbours ask it to be, if a clean pose is there.

@@ -1,0 +1,1 @@
+"""Work on the frames of a window, one at a time, as a pool does it."""

@@ -1,0 +1,102 @@
+"""Frames that pushing left dirty: solved from the displacements of their neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dtrepair.intersect.detector import find_intersections
+from dtrepair.repair.clip.mend_frames import (
+    LendFramesOptions,
+    _disputed,
+    is_stuck,
+    lend_frames,
+)
+from dtrepair.repair.clip.window_state import WindowState
+from dtrepair.repair.clip.window_stream import solve_alone
+from dtrepair.repair.frame.lending import Loan, carried
+from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.surface.surface import BodyRange, Surface
+from tests.repair.clip.test_clip_repairer import swing
+
+
+@pytest.fixture
+def state() -> WindowState:
+    """Pincers that swing through themselves, nothing done yet."""
+    rest, faces, frames = swing()
+    surface = Surface(rest, faces)
+    times = np.arange(float(len(frames)))
+    return WindowState(surface, frames / surface.size, times, WorkerPool(), alone=solve_alone)
+
+
+def test_displacements_turn_with_the_input() -> None:
+    rest, faces, frames = swing()
+    surface = Surface(rest, faces)
+    pose, moved = frames[0] / surface.size, np.random.default_rng(0).normal(size=rest.shape)
+    turn = Rotation.from_rotvec([0.3, -0.9, 0.5])
+    away = np.array([1.0, 2.0, 3.0])
+    result = carried(surface, pose, turn.apply(pose) + away, moved)
+    expected = turn.apply(pose + moved) + away
+    assert np.abs(result - expected).max() < 1e-9
+    np.testing.assert_array_equal(carried(surface, pose, pose, np.zeros_like(pose)), pose)
+
+
+def test_all_frames_become_clean_from_the_first_clean_one(state: WindowState) -> None:
+    dirty = state.dirty
+    assert 0 < len(dirty) < len(state.original)
+    lend_frames(state)
+    assert not state.dirty
+    for frame in dirty:
+        pose = state.surface.written(state.poses[frame])
+        assert len(find_intersections(pose, state.surface.faces)) == 0
+    untouched = np.setdiff1d(np.arange(len(state.original)), dirty)
+    assert (state.poses[untouched] == state.original[untouched]).all()
+
+
+def test_a_window_without_a_clean_frame_begins_where_least_intersects(state: WindowState) -> None:
+    worst = state.dirty[len(state.dirty) // 2]
+    chosen = slice(worst, worst + 3)
+    times = state.frames[chosen]
+    inner = WindowState(
+        state.surface, state.original[chosen], times, WorkerPool(), alone=solve_alone
+    )
+    assert len(inner.dirty) == 3
+    lend_frames(inner)
+    assert not inner.dirty
+
+
+def test_pushing_is_stuck_where_it_left_many_frames_of_a_skin(state: WindowState) -> None:
+    met = len(state.dirty)
+    assert is_stuck(state)
+    assert is_stuck(state, options=LendFramesOptions(share=(met - 0.5) / met))
+    assert not is_stuck(state, options=LendFramesOptions(share=1.0))
+    half = state.surface.count // 2
+    bodies = [BodyRange(0, half, 99.0), BodyRange(half, state.surface.count, 99.0)]
+    rest, faces, frames = swing()
+    apart = faces[(faces < half).all(axis=1) | (faces >= half).all(axis=1)]
+    surface = Surface(rest, apart, bodies=bodies)
+    poses = frames / surface.size
+    two = WindowState(surface, poses, state.frames, WorkerPool(), alone=solve_alone)
+    assert two.dirty and not is_stuck(two, options=LendFramesOptions(share=0.0))
+
+
+def test_what_differs_from_a_cheaper_neighbour_is_solved_from_there(state: WindowState) -> None:
+    costs = np.full(len(state.original), 0.1)
+    costs[3], costs[4] = 0.05, 0.2
+    options = LendFramesOptions()
+    assert _disputed(state, costs, 0, options) == []
+    state.poses[4] += 0.01
+    assert _disputed(state, costs, 0, options) == [Loan(4, 3, 0.2)]
+    assert _disputed(state, costs, 1, options) == []
+
+
+def test_a_pose_that_costs_less_is_kept(state: WindowState) -> None:
+    lend_frames(state)
+    frame = int(np.argmax([len(pairs) for pairs in state.found]))
+    before = state.poses[frame].copy()
+    costs = np.full(len(state.original), 0.0)
+    state.lend([Loan(frame, frame - 1, 0.0)], costs)
+    assert (state.poses[frame] == before).all() and costs[frame] == 0.0
+    state.lend([Loan(frame, frame - 1, np.inf)], costs)
+    assert (state.poses[frame] != before).any() and 0.0 < costs[frame] < np.inf

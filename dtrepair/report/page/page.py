@@ -48,7 +48,8 @@ def make_page(
         advice_box(report, remedies, [*notes, *missing]),
         "<h2>All frames</h2>",
         "<p class=soft>Click a frame to look at it; drag to zoom, double-click to zoom out; "
-        "names below switch lines on and off.</p><div id=chart></div>",
+        "names below switch lines on and off. Shaded: the frames of the contact below.</p>",
+        "<div id=chart></div>",
         "<p id=told></p>",
         _contacts(report, content),
         smaller_contacts(report["frames"], content.contacts),

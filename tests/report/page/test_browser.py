@@ -5,45 +5,23 @@ Skipped where playwright or a browser is absent; `.ci/report` has both.
 
 from __future__ import annotations
 
-import base64
-import io
-import os
-import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from PIL import Image
 
 from dtrepair.display.packing import differences, packed
 from dtrepair.report.page.content import Contact, PageContent
 from dtrepair.report.page.page import make_page
 from dtrepair.report.record import CountRecord, FrameRecord, PrimRecord, Report
 from tests.meshes import icosphere
+from tests.report.page.chromium import Opened, launched, opened
 from tests.report.page.test_page import HOSTILE, hostile_page
 
-NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
-BROWSER = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
-# Software rendering: a machine of CI has no GPU.
-ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 FRAMES = 6
-
-
-def launched() -> Any:
-    """A browser of playwright; skips where there is none, unless one has to be there."""
-    needed = bool(os.environ.get("DTREPAIR_BROWSER"))
-    if not needed and BROWSER is None:
-        pytest.skip("no Chromium")
-    if not needed:
-        pytest.importorskip("playwright")
-    from playwright.sync_api import sync_playwright
-
-    driver = sync_playwright().start()
-    return driver, driver.chromium.launch(executable_path=BROWSER, args=ARGUMENTS)
 
 
 @pytest.fixture(scope="module")
@@ -52,60 +30,6 @@ def browser() -> Iterator[Any]:
     yield started
     started.close()
     driver.stop()
-
-
-@dataclass
-class Opened:
-    """A page, and what went wrong in it."""
-
-    page: Any
-    wrong: list[str] = field(default_factory=list)
-
-    def text(self, selector: str) -> str:
-        """The text of an element."""
-        found: str = self.page.inner_text(selector)
-        return found
-
-    def pixels(self) -> NDArray[np.uint8]:
-        """What the viewer shows (H, W, 4), read from its canvas."""
-        self.page.wait_for_timeout(150)
-        url = self.page.evaluate("document.querySelector('#stage canvas').toDataURL()")
-        image = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2])))
-        return np.asarray(image.convert("RGBA"))
-
-    def put(self, name: str, value: int) -> None:
-        """Move a slider."""
-        self.page.evaluate(
-            "([name, value]) => { const slider = document.getElementById(name);"
-            "slider.value = value; slider.dispatchEvent(new Event('input')); }",
-            [name, value],
-        )
-
-    def wait_for_frame(self, label: str) -> None:
-        """Wait until the viewer is at a frame."""
-        # Without functions of the driver's own, which the policy of the page forbids.
-        self.page.locator("#at").get_by_text(label, exact=True).wait_for()
-
-
-def opened(browser: Any, path: Path, html: str, **options: Any) -> Opened:
-    """Open a page of its own file; requests and messages of the console are wrong."""
-    path.write_text(html, encoding="utf-8")
-    context = browser.new_context(viewport={"width": 900, "height": 700}, **options)
-    context.set_default_timeout(30_000)
-    result = Opened(context.new_page())
-    address = path.as_uri()
-    result.page.on("console", lambda message: result.wrong.append(message.text))
-    result.page.on("pageerror", lambda error: result.wrong.append(str(error)))
-    result.page.on("dialog", lambda dialog: result.wrong.append(dialog.message))
-    result.page.on(
-        "request",
-        lambda asked: (
-            None if asked.url.startswith((address, "data:")) else result.wrong.append(asked.url)
-        ),
-    )
-    result.page.goto(address)
-    result.page.wait_for_load_state("load")
-    return result
 
 
 def view(frames: range, shift: float) -> dict[str, Any]:
@@ -207,6 +131,23 @@ def test_the_chart_leads_to_a_frame(shown: Opened) -> None:
         assert shown.page.input_value("#contact") == contact
         assert shown.text("#told").startswith(f"Frame {frame}: ")
         assert shown.page.locator(f'tr.here[data-frame="{frame - 10}"]').count() == 1
+
+
+WRITTEN = """
+window.written = [];
+const draw = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, ...place) {
+  written.push(text);
+  return draw.call(this, text, ...place);
+};
+"""
+
+
+def test_the_chart_has_whole_frames_and_triangles(browser: Any, html: str, tmp_path: Path) -> None:
+    # Few frames are wider apart than the 50 pixels of a mark.
+    page = opened(browser, tmp_path / "w.html", html, first=WRITTEN).page
+    numbers = [text for text in page.evaluate("written") if text[:1].isdigit() and "%" not in text]
+    assert {"11", "12"} <= set(numbers) and all(number.isdigit() for number in numbers)
 
 
 def test_a_line_is_switched_off(shown: Opened) -> None:

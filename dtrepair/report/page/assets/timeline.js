@@ -26,6 +26,9 @@ function drawTimeline(data, choose) {
       return own.scale === "percent" ? digits(value) + " %" : String(value);
     },
   }));
+  // No mark at half a frame, nor at half a triangle.
+  const whole = [1, 10, 100, 1e3, 1e4, 1e5, 1e6, 1e7].flatMap((k) => [k, 2 * k, 5 * k]);
+  const frames = data.x.every(Number.isInteger) ? { incrs: whole } : {};
   const axis = (own) => ({
     stroke: () => colour("--soft"),
     grid: { stroke: () => colour("--line"), width: 1 },
@@ -42,8 +45,8 @@ function drawTimeline(data, choose) {
       mark: { range: [0, 1] } },
     series: [{ label: "frame", value: (u, value) => value === null ? "–" : label(value) }, ...series],
     axes: [
-      axis({ label: "frame", values: (u, ticks) => ticks.map((t) => data.numbered ? t : label(t)) }),
-      axis({ scale: "count", label: "triangles", size: 64 }),
+      axis({ label: "frame", ...frames, values: (u, ticks) => ticks.map((t) => data.numbered ? t : label(t)) }),
+      axis({ scale: "count", label: "triangles", size: 64, incrs: whole }),
       ...(percent ? [axis({ scale: "percent", side: 1, label: "% of size or volume", size: 64,
         grid: { show: false }, values: (u, ticks) => ticks.map((t) => t + " %") })] : []),
     ],

@@ -9,6 +9,7 @@ kills at random moments.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import resource
 import signal
@@ -17,8 +18,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+
+import numpy as np
+from pxr import Sdf
 
 from benchmarks.kill_resume import make_clip
 
@@ -79,6 +84,38 @@ class Faults:
             time.sleep(0.01)
         return process.wait() == 0 and self.same()
 
+    @contextmanager
+    def cluster(self) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+        """The address of a scheduler with two workers, and the three processes."""
+        file = self.folder / "scheduler.json"
+        common = ["--no-dashboard", "--scheduler-file", str(file)]
+        arguments = [["dask_scheduler", "--port", "0"], *[["dask_worker", "--no-nanny"]] * 2]
+        made = []
+        try:
+            for name, *options in arguments:
+                command = [sys.executable, "-m", f"distributed.cli.{name}", *options, *common]
+                made.append(subprocess.Popen(command, stderr=subprocess.DEVNULL))
+                while not file.exists():  # workers wait for no scheduler
+                    time.sleep(0.1)
+            yield json.loads(file.read_text())["address"], made
+        finally:
+            for process in reversed(made):
+                process.kill()
+                process.wait()
+            file.unlink(missing_ok=True)
+
+    def cluster_killed(self, victim: int, code: int) -> bool:
+        """Kill a part of a Dask cluster while it repairs: 0 for the scheduler, 1 for a worker."""
+        self.output.write_bytes(b"old")
+        with self.cluster() as (address, made):
+            process = self.repair(self.output, "--distributed", address)
+            while process.poll() is None and not list(self.folder.glob(".*/.part*")):
+                time.sleep(0.1)  # until a chunk begins its layer
+            made[victim].kill()
+            ended = process.wait()
+        intact = self.old() if code else _points(self.output) == _points(self.whole)
+        return ended == code and intact and not list(self.folder.glob(".*"))
+
     def full_disk(self) -> bool:
         """Let no file grow beyond 20 kB."""
         self.output.write_bytes(b"old")
@@ -103,6 +140,14 @@ class Faults:
         return done and kept
 
 
+def _points(path: Path) -> dict[float, bytes]:
+    """The points of each frame of a layer, as they were written."""
+    layer = Sdf.Layer.FindOrOpen(str(path))
+    points = Sdf.Path("/Root/Tube.points")
+    times = layer.ListTimeSamplesForPath(points)
+    return {time: np.asarray(layer.QueryTimeSample(points, time)).tobytes() for time in times}
+
+
 def _socket(path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as made:
         made.bind(str(path))
@@ -118,8 +163,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as folder:
         faults = Faults(Path(folder), options.frames)
         rows: dict[str, Callable[[], bool]] = {
-            f"{options.kills} kills": lambda: faults.killed(options.kills),
+            f"{options.kills} kills, each resumed": lambda: faults.killed(options.kills),
             "lost worker": faults.lost_worker,
+            "killed Dask scheduler": lambda: faults.cluster_killed(0, 7),
+            "killed Dask worker": lambda: faults.cluster_killed(1, 0),
             "full disk": faults.full_disk,
             "foreign folder": faults.foreign_folder,
             "layer onto FIFO": lambda: faults.hostile("fifo", os.mkfifo, 5),

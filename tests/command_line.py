@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,6 +62,11 @@ def assert_fails(outcome: Outcome, code: int, *words: str) -> None:
 def tube_pose(angle: float) -> NDArray[np.float64]:
     """Points (V, 3) of the bent tube."""
     return bent_tube(angle, AROUND, ALONG)[0]
+
+
+def swaying(frames: int) -> list[float]:
+    """Angles of a clip whose ends just meet in each eighth frame: little work for a repair."""
+    return [6.1 + 0.2 * math.sin(0.8 * frame) for frame in range(frames)]
 
 
 def tube_polygons() -> NDArray[np.int32]:

@@ -19,13 +19,13 @@ def arm_mesh(swing: float) -> Mesh:
 
     swing: 1 hangs in front of the body, -1 behind it, 0 passes through it.
     """
-    body = [(0.0, 0.0, z) for z in np.linspace(0.0, 1.6, 24)]
-    turn = np.linspace(0.0, np.pi, 22)[1:-1]
+    body = [(0.0, 0.0, z) for z in np.linspace(0.0, 1.6, 16)]
+    turn = np.linspace(0.0, np.pi, 16)[1:-1]
     reach, side = 0.5 * REACH * swing, 0.5 * SIDE
     over = [(side * (1 - np.cos(a)), reach * (1 - np.cos(a)), 1.6 + 0.35 * np.sin(a)) for a in turn]
-    arm = [(SIDE, REACH * swing, z) for z in np.linspace(1.6, 0.7, 16)]
-    radii = np.r_[np.full(24, 0.2), np.linspace(0.18, 0.1, 20), np.full(16, 0.09)]
-    return swept(np.array([*body, *over, *arm]), radii, 12, closed=False)
+    arm = [(SIDE, REACH * swing, z) for z in np.linspace(1.6, 0.7, 11)]
+    radii = np.r_[np.full(16, 0.2), np.linspace(0.18, 0.1, 14), np.full(11, 0.09)]
+    return swept(np.array([*body, *over, *arm]), radii, 9, closed=False)
 
 
 def arm_pose(swing: float) -> NDArray[np.float64]:

@@ -78,7 +78,8 @@ WALLS = {
         "modelled": "",
         "fields": "command_fields",
         "command_fields": "",
-        "schema": "",
+        "schema": "conformance",
+        "conformance": "",
     },
     "dtrepair.repair": {
         "__init__": "repairer result options",

@@ -67,7 +67,7 @@ def test_without_pillow_the_rest_works(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_a_device_that_is_not_there_leaves_nothing(tmp_path: Path) -> None:
-    assert_fails(run("demo", tmp_path / "new", "--device", "cuda:64"), 2, "--device")
+    assert_fails(run("demo", tmp_path / "new", "--frames", 3, "--device", "cuda:64"), 2, "--device")
     assert not (tmp_path / "new").exists()
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from usd_io.errors import StageError
+from usd_io.polygons import nonmanifold_edges
 from usd_io.read.skinning import Skin
 
 
@@ -98,3 +99,25 @@ class MeshSelection:
 
     meshes: tuple[AnimatedMesh, ...]
     warnings: tuple[str, ...]
+
+
+def mesh_warnings(mesh: AnimatedMesh, degenerate: int) -> tuple[str, ...]:
+    """Return what an artist should know about a mesh that was read."""
+    warnings = []
+    edges = nonmanifold_edges(mesh.faces)
+    if edges:
+        warnings.append(f"{mesh.path}: {edges} non-manifold edges (more than two triangles)")
+    if degenerate:
+        warnings.append(f"{mesh.path}: {degenerate} degenerate polygons take no part")
+    scheme = mesh.geometry.GetSubdivisionSchemeAttr().Get()
+    if scheme != UsdGeom.Tokens.none:
+        warnings.append(
+            f"{mesh.path}: subdivision surface ({scheme}); its control cage is used, not its limit"
+        )
+    size = float(np.ptp(mesh.rest, axis=0).max())
+    if size > 0.0 and mesh.coordinate_step > 1e-4 * size:
+        warnings.append(
+            f"{mesh.path}: points lie far from their origin: float32 steps of "
+            f"{mesh.coordinate_step:.3g} units on a mesh of {size:.3g} units"
+        )
+    return tuple(warnings)

@@ -11,9 +11,9 @@ from pxr import Usd, UsdGeom
 
 from usd_io.diagnostics import reading, reading_frame
 from usd_io.errors import FrameError, StageError, time_text
-from usd_io.polygons import Triangulation, nonmanifold_edges, triangulate
+from usd_io.polygons import Triangulation, triangulate
 from usd_io.read.matrices import check_transforms
-from usd_io.read.mesh import AnimatedMesh, MeshSelection
+from usd_io.read.mesh import AnimatedMesh, MeshSelection, mesh_warnings
 from usd_io.read.select import Candidate, select_prims
 from usd_io.read.skinning import Skin, find_skin
 from usd_io.read.stages import OpenedStage, as_stage
@@ -179,7 +179,7 @@ def _read_mesh(stage: Usd.Stage, candidate: Candidate, *, skip_varying: bool) ->
         stage=stage,
         skin=skin,
     )
-    return replace(mesh, warnings=_mesh_warnings(mesh, triangles.degenerate))
+    return replace(mesh, warnings=mesh_warnings(mesh, triangles.degenerate))
 
 
 def _up_axis(stage: Usd.Stage) -> NDArray[np.float64]:
@@ -285,25 +285,3 @@ def _triangles(geometry: UsdGeom.Mesh, path: str, rest: NDArray[np.floating]) ->
         return triangulate(counts, indices, rest, holes=holes, flip=flip)
     except ValueError as error:
         raise StageError(f"{path}: {error}; mend the mesh or exclude it") from None
-
-
-def _mesh_warnings(mesh: AnimatedMesh, degenerate: int) -> tuple[str, ...]:
-    """Return what an artist should know about a mesh that was read."""
-    warnings = []
-    edges = nonmanifold_edges(mesh.faces)
-    if edges:
-        warnings.append(f"{mesh.path}: {edges} non-manifold edges (more than two triangles)")
-    if degenerate:
-        warnings.append(f"{mesh.path}: {degenerate} degenerate polygons take no part")
-    scheme = mesh.geometry.GetSubdivisionSchemeAttr().Get()
-    if scheme != UsdGeom.Tokens.none:
-        warnings.append(
-            f"{mesh.path}: subdivision surface ({scheme}); its control cage is used, not its limit"
-        )
-    size = float(np.ptp(mesh.rest, axis=0).max())
-    if size > 0.0 and mesh.coordinate_step > 1e-4 * size:
-        warnings.append(
-            f"{mesh.path}: points lie far from their origin: float32 steps of "
-            f"{mesh.coordinate_step:.3g} units on a mesh of {size:.3g} units"
-        )
-    return tuple(warnings)

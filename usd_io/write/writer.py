@@ -93,11 +93,8 @@ class OverrideWriter:
                 f"{root.identifier}: its path has control characters, so that no layer can be "
                 "written over it; rename it"
             )
-        self._record: dict[str, Any] = {
-            "version": version,
-            "input": source,
-            "settings": dict(settings),
-        }
+        told = {"version": version, "input": source, "settings": dict(settings)}
+        self._record: dict[str, Any] = told
         self._meshes: dict[str, _MeshOutput] = {}
         self._keeps, self._normals = True, normals
         self._file = AtomicLayer(self.path)

@@ -16,7 +16,7 @@ from dtrepair.pipeline.repair.distributed import repair_chunk
 from dtrepair.pipeline.repair.settings import RepairSettings
 from dtrepair.pipeline.repair.stage import repair_stage
 from dtrepair.report.record import read_report
-from tests.command_line import assert_fails, read_samples, run, tube_stage
+from tests.command_line import assert_fails, read_samples, run, swaying, tube_stage
 
 FRAMES = 61  # two windows
 
@@ -33,7 +33,7 @@ def taken_port() -> Iterator[None]:
 
 @pytest.fixture
 def clip(tmp_path: Path) -> Path:
-    return tube_stage(tmp_path / "a.usdc", 6.2 + 0.25 * np.sin(0.5 * np.arange(FRAMES)))
+    return tube_stage(tmp_path / "a.usdc", swaying(FRAMES))
 
 
 # Of the cluster's own event loops, at their end.

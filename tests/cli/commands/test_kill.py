@@ -11,10 +11,9 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from tests.command_line import run, tube_stage
+from tests.command_line import run, swaying, tube_stage
 
 FRAMES = 40
 
@@ -22,8 +21,7 @@ FRAMES = 40
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A clip that intersects here and there."""
-    angles = 6.2 + 0.25 * np.sin(0.5 * np.arange(FRAMES))
-    return tube_stage(tmp_path_factory.mktemp("clip") / "a.usdc", angles)
+    return tube_stage(tmp_path_factory.mktemp("clip") / "a.usdc", swaying(FRAMES))
 
 
 def listing(folder: Path) -> list[str]:

@@ -17,23 +17,33 @@ from dtrepair.repair import repairer
 from dtrepair.repair.clip import window_stream
 from dtrepair.repair.clip.window_method import WindowMethod
 from dtrepair.repair.independent import repair_poses
-from tests.command_line import CLOSED, OPEN, Outcome, assert_fails, run, tube_stage
+from tests.command_line import CLOSED, OPEN, Outcome, assert_fails, run, swaying, tube_stage
 
-FRAMES, WINDOW, OVERLAP = 40, 20, 6
+FRAMES = 20
+SMALL = partial(window_stream.ClipOptions, window=10, overlap=3)  # three windows
 
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A clip that intersects here and there."""
-    angles = 6.2 + 0.25 * np.sin(0.5 * np.arange(FRAMES))
-    return tube_stage(tmp_path_factory.mktemp("clip") / "a.usdc", angles)
+    return tube_stage(tmp_path_factory.mktemp("clip") / "a.usdc", swaying(FRAMES))
+
+
+@pytest.fixture(scope="module")
+def whole(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """What an undisturbed run with small windows writes."""
+    output = tmp_path_factory.mktemp("whole") / "b.usdc"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(window_stream, "ClipOptions", SMALL)
+        assert run("repair", clip, "-o", output).code == 0
+    assert listing(output.parent) == ["b.usdc"]
+    return output.read_bytes()
 
 
 @pytest.fixture
 def windows(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Small windows, and the number of those that were solved, not remembered."""
-    small = partial(window_stream.ClipOptions, window=WINDOW, overlap=OVERLAP)
-    monkeypatch.setattr(window_stream, "ClipOptions", small)
+    monkeypatch.setattr(window_stream, "ClipOptions", SMALL)
     solved: list[int] = []
     solve = WindowMethod.__call__
 
@@ -65,31 +75,29 @@ def interrupted(
 
 
 def test_a_resumed_run_ends_with_the_same_bytes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path, windows: list[int]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path, windows: list[int], whole: bytes
 ) -> None:
-    whole, output = tmp_path / "whole.usdc", tmp_path / "b.usdc"
-    assert run("repair", clip, "-o", whole).code == 0
-    assert len(windows) == 3 and listing(tmp_path) == ["whole.usdc"]
+    output = tmp_path / "b.usdc"
     output.write_text("old")
-    for at, solved in ((3, 1), (20, 1)):  # in the first window, in the second
+    for at, solved in ((3, 1), (10, 1)):  # in the first window, in the second
         windows.clear()
         stopped = interrupted(monkeypatch, clip, output, at, "--resume")
         assert_fails(stopped, 130, "interrupted", "no output was written", "--resume")
         assert output.read_text() == "old" and len(windows) == solved
-        assert listing(tmp_path) == [".b.usdc.resume", "b.usdc", "whole.usdc"]
+        assert listing(tmp_path) == [".b.usdc.resume", "b.usdc"]
     windows.clear()
     resumed = run("repair", clip, "-o", output, "--resume")
     assert resumed.code == 0 and resumed.err == ""
     assert len(windows) == 1
-    assert output.read_bytes() == whole.read_bytes()
-    assert listing(tmp_path) == ["b.usdc", "whole.usdc"]
+    assert output.read_bytes() == whole
+    assert listing(tmp_path) == ["b.usdc"]
 
 
 def test_frames_repaired_alone_are_resumed_one_by_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path
 ) -> None:
     assert run("repair", clip, "-o", tmp_path / "whole.usdc", "--alone").code == 0
-    stopped = interrupted(monkeypatch, clip, tmp_path / "b.usdc", 30, "--alone", "--jobs", 1)
+    stopped = interrupted(monkeypatch, clip, tmp_path / "b.usdc", 15, "--alone", "--jobs", 1)
     assert_fails(stopped, 130, "--resume")
     calls = []
 
@@ -99,7 +107,7 @@ def test_frames_repaired_alone_are_resumed_one_by_one(
 
     monkeypatch.setattr(repairer, "repair_poses", counted)
     resumed = run("repair", clip, "-o", tmp_path / "b.usdc", "--alone", "--resume", "--jobs", 1)
-    assert resumed.code == 0 and len(calls) == FRAMES - 30
+    assert resumed.code == 0 and len(calls) == FRAMES - 15
     assert (tmp_path / "b.usdc").read_bytes() == (tmp_path / "whole.usdc").read_bytes()
     assert listing(tmp_path) == ["b.usdc", "whole.usdc"]
 
@@ -108,13 +116,13 @@ def test_other_settings_or_inputs_start_over(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path
 ) -> None:
     output = tmp_path / "b.usdc"
-    options = ["--alone", "--frames", "1:20"]
-    interrupted(monkeypatch, clip, output, 12, *options)
+    options = ["--alone", "--frames", "1:6"]
+    interrupted(monkeypatch, clip, output, 4, *options)
     other = run("repair", clip, "-o", output, "--resume", *options, "--diffusion", "98")
     assert other.code in (0, 1) and "is not resumed" in other.err
     assert listing(tmp_path) == ["b.usdc"]
-    interrupted(monkeypatch, clip, output, 12, *options)
-    changed = tube_stage(tmp_path / "a.usdc", [CLOSED] * 20, rest=OPEN + 0.1)
+    interrupted(monkeypatch, clip, output, 4, *options)
+    changed = tube_stage(tmp_path / "a.usdc", [CLOSED] * 6, rest=OPEN + 0.1)
     other = run("repair", changed, "-o", output, "--resume", *options)
     assert other.code == 0 and "is not resumed" in other.err
 
@@ -123,10 +131,10 @@ def test_poses_that_changed_are_solved_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path
 ) -> None:
     # The rest and the settings are the same, so the journal is used; the poses differ.
-    options = ["--alone", "--frames", "1:8"]
-    first = tube_stage(tmp_path / "a.usdc", [CLOSED] * 8)
-    interrupted(monkeypatch, first, tmp_path / "b.usdc", 6, *options)
-    tube_stage(first, [CLOSED, *np.full(7, CLOSED + 0.1)])
+    options = ["--alone", "--frames", "1:4"]
+    first = tube_stage(tmp_path / "a.usdc", [CLOSED] * 4)
+    interrupted(monkeypatch, first, tmp_path / "b.usdc", 2, *options)
+    tube_stage(first, [CLOSED, *np.full(3, CLOSED + 0.1)])
     assert run("repair", first, "-o", tmp_path / "b.usdc", "--resume", *options).code == 0
     assert run("repair", first, "-o", tmp_path / "c.usdc", *options).code == 0
     assert (tmp_path / "b.usdc").read_bytes() == (tmp_path / "c.usdc").read_bytes()
@@ -167,14 +175,13 @@ def test_progress_that_cannot_be_kept_is_a_warning(tmp_path: Path, clip: Path) -
 
 
 def test_a_wrong_window_is_solved_again_together(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path, windows: list[int]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path, windows: list[int], whole: bytes
 ) -> None:
-    whole, output = tmp_path / "whole.usdc", tmp_path / "b.usdc"
-    assert run("repair", clip, "-o", whole).code == 0
+    output = tmp_path / "b.usdc"
     interrupted(monkeypatch, clip, output, 3)
     (entry,) = (tmp_path / ".b.usdc.resume").glob("*.npz")
     np.savez(entry, vertices=np.zeros(0, dtype=int))  # a file without the points
     windows.clear()
     resumed = run("repair", clip, "-o", output, "--resume")
     assert resumed.code == 0 and resumed.err == "" and len(windows) == 3
-    assert output.read_bytes() == whole.read_bytes()
+    assert output.read_bytes() == whole

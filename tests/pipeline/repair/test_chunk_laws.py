@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from dtrepair import RepairOptions
 from dtrepair.pipeline import join_layers, repair_stage
 from dtrepair.repair.clip import window_stream
-from tests.command_line import CLOSED, OPEN, read_samples, tube_stage
+from tests.command_line import OPEN, read_samples, tube_stage
 
-ANGLES = (OPEN, CLOSED, CLOSED + 0.05, CLOSED + 0.1)
+NEAR = 6.3  # the ends just pass through each other
+ANGLES = (OPEN, NEAR, NEAR + 0.01, NEAR + 0.02)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -28,9 +29,9 @@ def small_windows() -> Iterator[None]:
         yield
 
 
-@settings(max_examples=4, phases=[Phase.explicit, Phase.generate])
-@given(st.lists(st.sampled_from(ANGLES), min_size=2, max_size=16), st.integers(2, 4))
-@example([CLOSED + 0.02 * (k % 3) for k in range(20)], 3)
+@settings(max_examples=3, phases=[Phase.explicit, Phase.generate])
+@given(st.lists(st.sampled_from(ANGLES), min_size=2, max_size=10), st.integers(2, 4))
+@example([NEAR + 0.01 * (k % 3) for k in range(12)], 3)
 def test_joined_chunks_are_one_run(
     tmp_path_factory: pytest.TempPathFactory, angles: list[float], count: int
 ) -> None:

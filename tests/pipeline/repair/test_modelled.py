@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel
 
 from dtrepair.pipeline import check_stage, repair_stage
 from dtrepair.pipeline.errors import UsageError
@@ -14,6 +15,7 @@ from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.sources import open_source
 from dtrepair.repair.options import RepairOptions
 from tests.jointed_arm import FRAMES, arm, arm_mesh, arm_stage
+from tests.rigged_tube import rigged_tube
 
 
 def test_an_overlap_of_the_rest_is_counted_apart(tmp_path: Path) -> None:
@@ -111,3 +113,26 @@ def test_a_frame_between_others_tells_where_parts_meet_least(tmp_path: Path) -> 
     found = modelled_parts(open_source(str(many), Selection()))
     showing = [reference for reference in found.references if len(reference.pairs)]
     assert [reference.name for reference in showing] == ["frame 7"]
+
+
+def test_bind_poses_of_two_skeletons_tell_nothing_of_each_other(tmp_path: Path) -> None:
+    """A rider stands in his horse where both are bound; what counts is how he sits on it."""
+    path = rigged_tube(tmp_path / "a.usda", (0.0, 30.0, 0.0), names=("First", "Second"))
+    stage = Usd.Stage.Open(str(path))
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/Root/Second"))
+    mesh.GetPrim().GetAttribute("xformOp:translate").Set(
+        stage.GetPrimAtPath("/Root/First").GetAttribute("xformOp:translate").Get()
+        + Gf.Vec3d(0.1, 0.05, 0.0)
+    )
+    stage.Save()
+    together = modelled_parts(open_source(str(path), Selection())).attachments
+    assert together is not None and together.pairs_of_parts == [(0, 1)]
+    own = [f"/Root/{name}" for name in ("Skeleton", "Animation")]
+    for prim in own:
+        Sdf.CopySpec(stage.GetRootLayer(), prim, stage.GetRootLayer(), f"{prim}2")
+    other = stage.GetPrimAtPath(f"{own[0]}2")
+    UsdSkel.BindingAPI(other).GetAnimationSourceRel().SetTargets([f"{own[1]}2"])
+    UsdSkel.Animation(stage.GetPrimAtPath(f"{own[1]}2")).GetTranslationsAttr().Set([(9, 0, 0)] * 2)
+    UsdSkel.BindingAPI(mesh).GetSkeletonRel().SetTargets([f"{own[0]}2"])
+    stage.Save()
+    assert modelled_parts(open_source(str(path), Selection())).attachments is None

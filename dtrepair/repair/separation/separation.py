@@ -20,6 +20,7 @@ from dtrepair.numerics.temporal import eased_in_time
 from dtrepair.numerics.worn.measure import WornOptions
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
+from dtrepair.repair.separation.lifting import layered_bodies
 from dtrepair.repair.separation.penetration import (
     BodyShape,
     Inside,
@@ -112,13 +113,14 @@ def separated_frames(
         pairs: Intersecting pairs (K, 2) of triangles of each frame, which tell who meets.
         frames: Times (T,) in frame units.
         sheets: Bodies that are led apart even where they, or the others, are soft sheets.
-        tangled: Pairs of bodies that are led apart whatever they are.
+        tangled: Pairs of bodies that are led apart unless layers over each other, to be lifted.
         options: Numbers of this stage.
     """
     limited = scene.options.maximum_displacement is not None
     if len(scene.bodies) == 1 or limited or scene.options.method == "paper":
         return poses
     separation = _Separation(scene, mesh, poses, frames, sheets, options)
+    tangled = tangled and tangled - layered_bodies(scene, pairs)
     for contact in separation.contacts(pairs):
         if not separation.separate(contact) and (contact.first, contact.second) in tangled:
             separation.untangle(contact)

@@ -19,6 +19,7 @@ from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.frames import read_frame
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time, time_label
+from dtrepair.wording import listed
 
 if TYPE_CHECKING:
     from dtrepair.intersect.detector import Detector
@@ -143,6 +144,32 @@ def layer_poses(
     return [rest.reference(), *looks] if shared or not looks else looks
 
 
+def untold_contacts(
+    source: Source,
+    rests: Sequence[Rest],
+    *,
+    ignored: Pairs = (),
+    attached: Pairs = (),
+    options: ReferenceOptions = ReferenceOptions(),
+) -> list[str]:
+    """Say which meshes have parts that meet, while nothing tells whether they were modelled so."""
+    meshes = _Meshes(source, rests, ignored=ignored, attached=attached)
+    if len(source.all_times) >= options.least or meshes.one_part:
+        return []
+    looks = list(meshes.looks(options.least))
+    found = [look.pairs for look in looks]
+    untold = [own[~(meshes.tell_by_rests(own) | meshes.asked(own))] for own in found]
+    met = np.unique(meshes.mesh_of[np.concatenate(untold)]).tolist() if untold else []
+    if not met:
+        return []
+    names = listed([source.meshes[index].path for index in met])
+    return [
+        f"different parts of {names} meet, and with no bind pose and fewer than {options.least} "
+        "frames nothing tells whether they were modelled so: every contact is repaired; name a "
+        "pose that shows what was with --rest, or call prims attached with --attach"
+    ]
+
+
 def modelled_parts(
     source: Source,
     *,
@@ -200,7 +227,8 @@ class _Meshes:
         self.rest = _placed(source, self._time, [rest.points for rest in rests])
         welded = [weld_map(self.rest[a:b]) + a for a, b in pairwise(starts)]
         self.weld = np.concatenate(welded).astype(np.int32)
-        self.binding = np.array([_binding(mesh) for mesh in source.meshes], dtype=object)
+        both = zip(source.meshes, rests, strict=True)
+        self.binding = np.array([_binding(*each) for each in both], dtype=object)
 
     def faces_outwards(self) -> IntArray:
         """Return the triangles (F, 3) as a repair has them: facing out of closed parts."""
@@ -301,11 +329,15 @@ def _where_fewest(looks: list[_Look], least: float) -> list[_Look]:
     ]
 
 
-def _binding(mesh: SourceMesh) -> str:
+def _binding(mesh: SourceMesh, rest: Rest) -> str:
     """What binds the rest of a mesh: the path of a skeleton, POINTS for its own points, or ""."""
-    if mesh.handle is None or not mesh.has_rest:
+    if mesh.handle is None:
         return ""
+    if rest.named and not _is_animated(mesh):
+        return STILL
     moves = bool(mesh.handle.skinned) or len(mesh.handle.times) > 1
+    if not (mesh.has_rest or rest.named):
+        return ""
     return mesh.handle.skeleton or (POINTS if moves else "")
 
 

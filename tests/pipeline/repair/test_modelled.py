@@ -10,6 +10,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel
 
 from dtrepair.pipeline import check_stage, repair_stage
 from dtrepair.pipeline.errors import UsageError
+from dtrepair.pipeline.observer import Observer
 from dtrepair.pipeline.repair.modelled import modelled_parts
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.sources import open_source
@@ -136,3 +137,28 @@ def test_bind_poses_of_two_skeletons_tell_nothing_of_each_other(tmp_path: Path) 
     UsdSkel.BindingAPI(mesh).GetSkeletonRel().SetTargets([f"{own[0]}2"])
     stage.Save()
     assert modelled_parts(open_source(str(path), Selection())).attachments is None
+
+
+class Heard(Observer):
+    """Keeps the warnings of a run."""
+
+    def __init__(self) -> None:
+        self.warnings: list[str] = []
+
+    def warning(self, text: str) -> None:
+        self.warnings.append(text)
+
+
+def test_of_a_single_pose_is_told_that_nothing_shows_what_was_modelled(tmp_path: Path) -> None:
+    """A rest that the user names does show it, whether the mesh moves or not."""
+    path = arm_stage(tmp_path / "a.usda", np.array([0.3]), rest=False)
+    heard = Heard()
+    report = repair_stage(str(path), str(tmp_path / "b.usda"), observer=heard)
+    (told,) = [text for text in heard.warnings if "nothing tells" in text]
+    assert "/Root/Arm" in told and "--rest" in told and "--attach" in told
+    assert not report.attached
+    pose = arm_stage(tmp_path / "c.usda", np.array([0.0]))
+    heard = Heard()
+    report = repair_stage(str(path), str(tmp_path / "d.usda"), rest=str(pose), observer=heard)
+    assert len(report.attached) == 1
+    assert not [text for text in heard.warnings if "nothing tells" in text]

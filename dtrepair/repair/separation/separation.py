@@ -102,9 +102,8 @@ def separated_frames(
 ) -> FloatArray:
     """Return poses (T, V, 3) with bodies that penetrate each other led apart, steadily in time.
 
-    All frames of a contact leave along one way, as far as each needs; before and after, the shift
-    comes and goes smoothly. What has a preferred direction, or a largest displacement, is left to
-    the repair of contacts.
+    All frames of a contact leave along one way, as far as each needs; the shift comes and goes
+    smoothly. What has a direction, or a largest displacement, is left to the repair of contacts.
 
     Args:
         scene: The bodies.
@@ -112,7 +111,7 @@ def separated_frames(
         poses: Poses (T, V, 3).
         pairs: Intersecting pairs (K, 2) of triangles of each frame, which tell who meets.
         frames: Times (T,) in frame units.
-        sheets: Bodies that are led apart even where they, or the others, are soft sheets.
+        sheets: Bodies that are led apart even where they or the others are soft sheets.
         tangled: Pairs of bodies that are led apart unless layers over each other, to be lifted.
         options: Numbers of this stage.
     """

@@ -24,6 +24,7 @@ from dtrepair.numerics.geometry import (
     dots,
     extent,
     lengths,
+    triangle_areas,
     unique_edges,
     vector_areas,
 )
@@ -43,8 +44,8 @@ class AttachmentOptions:
             that or within so many edges of the overlap.
         enclosed: Behind a part with a border lies only what it encloses by this winding number, as
             a sleeve its arm: not a whole body behind its cape.
-        whole: A part of which more than this share is in or behind a larger one is attached as a
-            whole: eyes, teeth, buttons.
+        whole: A part of which more than this share is in or behind one of larger area is attached
+            as a whole: eyes, teeth, buttons.
     """
 
     reach: float = 1.0
@@ -139,6 +140,13 @@ class _Overlaps:
         columns = [np.bincount(flat, areas[:, k], len(self.points)) for k in range(3)]
         return np.stack(columns, axis=1)
 
+    @cached_property
+    def areas(self) -> FloatArray:
+        """Area (P,) of each part."""
+        areas = triangle_areas(self.points, self.faces)
+        total = np.bincount(self.part_of, areas, minlength=self.parts)
+        return total.astype(np.float64)
+
     def attached(self) -> list[tuple[int, int]]:
         """Return the pairs of parts that intersect."""
         keys = np.unique(self.key_of_pair)
@@ -180,7 +188,7 @@ class _Overlaps:
         mask[self._behind(part, other)] = True
         own = self.vertices(part)
         share = mask[own].mean()
-        if share > self.options.whole and len(own) < len(self.vertices(other)):
+        if share > self.options.whole and self.areas[part] <= self.areas[other]:
             mask[own] = True
             return mask, True
         # What lies behind counts only if it is connected to the contact through what is behind:

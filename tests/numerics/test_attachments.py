@@ -77,6 +77,12 @@ def test_a_small_part_that_is_mostly_inside_is_attached_as_a_whole() -> None:
     assert not attached(mesh).modelled(anywhere).all()
 
 
+def test_what_is_small_by_area_is_attached_as_a_whole_however_fine_it_is() -> None:
+    head, eye = icosphere(1), moved(icosphere(3), (0.0, 0.0, 0.85), 0.2)
+    found = attached(joined(head, eye))
+    assert found.triangles.all() and found.pairs_of_parts == [(0, 1)]
+
+
 def test_two_parts_on_the_same_host_may_meet_there() -> None:
     host = tube(12, 40, 0.3, 4.0)
     first = moved(tube(12, 6, 0.35, 0.6), (0.0, 0.02, 0.0))

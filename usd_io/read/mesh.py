@@ -63,6 +63,12 @@ class AnimatedMesh:
         return self.skin is not None
 
     @property
+    def skeleton(self) -> str:
+        """Path of the skeleton whose joints move the points, "" for none."""
+        bound = self.skin is not None and self.skin.skinning_query.HasJointInfluences()
+        return str(self.skin.skeleton.GetPath()) if self.skin is not None and bound else ""
+
+    @property
     def samples(self) -> NDArray[np.float64]:
         """Authored time codes (T,) of what moves the points; [nan] if nothing does."""
         return self.times if self.skin is None else self.skin.samples()

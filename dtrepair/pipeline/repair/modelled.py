@@ -19,6 +19,7 @@ from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.frames import read_frame
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time, time_label
+from dtrepair.wording import listed
 
 if TYPE_CHECKING:
     from dtrepair.intersect.detector import Detector
@@ -29,6 +30,10 @@ Pairs = Sequence[tuple[int, int]]
 
 # What the poses that show modelled contacts are called.
 BIND_POSE = "bind pose"
+# What binds a mesh that deforms from a pose at the default time, where no skeleton does.
+POINTS = "points"
+# What binds a mesh that does not move at all: it lies to all others as their rests show it.
+STILL = "still"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,10 +85,11 @@ def modelled_references(
 ) -> list[Reference]:
     """Poses with the contacts that each of them shows as modelled, in the space of the frames.
 
-    Meshes that a skeleton binds, or that deform from a pose at the default time, tell by their
-    rests how they lie to each other. Of what is moved by transforms only, and of what has no rest
-    pose, contacts of two parts in nearly all frames of the whole clip are modelled: the pose in
-    which they have fewest pairs shows where. The parts of a farm agree on it.
+    Meshes that one skeleton binds, or that deform from a pose at the default time, tell by their
+    rests how they lie to each other. Of meshes of two skeletons, as a rider and a horse, of what is
+    moved by transforms only, and of what has no rest pose, contacts of two parts in nearly all
+    frames of the whole clip are modelled: the pose in which they have fewest pairs shows where.
+    The parts of a farm agree on it.
 
     attached: pairs (i, j) of meshes, i <= j, that the user calls attached. For two of their parts
     of which nothing of that tells, the frame with fewest of their pairs shows where. told_by_rest:
@@ -93,10 +99,11 @@ def modelled_references(
     if meshes.one_part:
         return []
     if told_by_rest:
-        meshes.bound |= [not _is_animated(mesh) for mesh in source.meshes]
+        still = [not _is_animated(mesh) for mesh in source.meshes]
+        meshes.binding[still] = STILL
     rest = meshes.look(meshes.rest, BIND_POSE)
     known = [rest.of(meshes.tell_by_rests(rest.pairs))]
-    if not meshes.bound.all():
+    if not meshes.one_binding or (meshes.binding == "").any():
         looks = list(meshes.looks(options.samples))
         looks = [look.of(~meshes.tell_by_rests(look.pairs)) for look in looks]
         if len(looks) >= options.least:
@@ -122,18 +129,45 @@ def layer_poses(
 ) -> list[Reference]:
     """Poses that show which part lies over which, in the space of the frames, with all their pairs.
 
-    The rests, unless some are frames of the clip, which need not be the same one. Where parts meet
-    in them, frames of the whole clip tell as well: the parts of a farm agree on them.
+    The rests, unless some are frames of the clip, which need not be the same one, or several
+    skeletons bind them. Where parts meet in them, frames of the whole clip tell as well: the parts
+    of a farm agree on them.
     """
     meshes = _Meshes(source, rests)
     if meshes.one_part:
         return []
     rest = meshes.look(meshes.rest, BIND_POSE)
-    shared = not any(rest.of_frame for rest in rests) or len(rests) == 1
+    shared = (not any(rest.of_frame for rest in rests) and meshes.one_binding) or len(rests) == 1
     if shared and len(rest.pairs) == 0:
         return [rest.reference()]
     looks = [look.reference() for look in meshes.looks(options.layer_samples)]
     return [rest.reference(), *looks] if shared or not looks else looks
+
+
+def untold_contacts(
+    source: Source,
+    rests: Sequence[Rest],
+    *,
+    ignored: Pairs = (),
+    attached: Pairs = (),
+    options: ReferenceOptions = ReferenceOptions(),
+) -> list[str]:
+    """Say which meshes have parts that meet, while nothing tells whether they were modelled so."""
+    meshes = _Meshes(source, rests, ignored=ignored, attached=attached)
+    if len(source.all_times) >= options.least or meshes.one_part:
+        return []
+    looks = list(meshes.looks(options.least))
+    found = [look.pairs for look in looks]
+    untold = [own[~(meshes.tell_by_rests(own) | meshes.asked(own))] for own in found]
+    met = np.unique(meshes.mesh_of[np.concatenate(untold)]).tolist() if untold else []
+    if not met:
+        return []
+    names = listed([source.meshes[index].path for index in met])
+    return [
+        f"different parts of {names} meet, and with no bind pose and fewer than {options.least} "
+        "frames nothing tells whether they were modelled so: every contact is repaired; name a "
+        "pose that shows what was with --rest, or call prims attached with --attach"
+    ]
 
 
 def modelled_parts(
@@ -169,7 +203,7 @@ def modelled_parts(
 class _Meshes:
     """All meshes of a source in one: rest (V, 3), faces (F, 3), weld (V,), mesh of triangles.
 
-    bound: of which meshes (M,) the rest tells how they lie to each other.
+    binding: what binds each mesh (M,), see `_binding`: of those of one the rests tell how they lie.
     """
 
     def __init__(
@@ -193,7 +227,8 @@ class _Meshes:
         self.rest = _placed(source, self._time, [rest.points for rest in rests])
         welded = [weld_map(self.rest[a:b]) + a for a, b in pairwise(starts)]
         self.weld = np.concatenate(welded).astype(np.int32)
-        self.bound = np.array([_is_bound(mesh) for mesh in source.meshes])
+        both = zip(source.meshes, rests, strict=True)
+        self.binding = np.array([_binding(*each) for each in both], dtype=object)
 
     def faces_outwards(self) -> IntArray:
         """Return the triangles (F, 3) as a repair has them: facing out of closed parts."""
@@ -212,6 +247,11 @@ class _Meshes:
         """The connected part of each triangle (F,)."""
         label = components(self.weld[self.faces], len(self.rest))
         return label[self.weld[self.faces[:, 0]]].astype(np.int64)
+
+    @property
+    def one_binding(self) -> bool:
+        """Whether all meshes that are bound at all are bound by the same."""
+        return len({own for own in self.binding if own not in ("", STILL)}) < 2
 
     @property
     def one_part(self) -> bool:
@@ -254,7 +294,9 @@ class _Meshes:
 
     def tell_by_rests(self, pairs: IntArray) -> BoolArray:
         """Return which pairs (K, 2) of triangles are of meshes of which the rests tell, (K,)."""
-        return np.asarray(self.bound[self.mesh_of[pairs]].all(axis=1))
+        first, second = self.binding[self.mesh_of[pairs]].reshape(-1, 2).T
+        same = (first == second) | (first == STILL) | (second == STILL)
+        return np.asarray((first != "") & (second != "") & same, dtype=bool)
 
     def asked(self, pairs: IntArray) -> BoolArray:
         """Return which pairs (K, 2) of triangles are of meshes that are called attached, (K,)."""
@@ -287,12 +329,16 @@ def _where_fewest(looks: list[_Look], least: float) -> list[_Look]:
     ]
 
 
-def _is_bound(mesh: SourceMesh) -> bool:
-    """Whether the rest of a mesh tells how it lies to other bound ones."""
+def _binding(mesh: SourceMesh, rest: Rest) -> str:
+    """What binds the rest of a mesh: the path of a skeleton, POINTS for its own points, or ""."""
     if mesh.handle is None:
-        return False
+        return ""
+    if rest.named and not _is_animated(mesh):
+        return STILL
     moves = bool(mesh.handle.skinned) or len(mesh.handle.times) > 1
-    return mesh.has_rest and moves
+    if not (mesh.has_rest or rest.named):
+        return ""
+    return mesh.handle.skeleton or (POINTS if moves else "")
 
 
 def _is_animated(mesh: SourceMesh) -> bool:

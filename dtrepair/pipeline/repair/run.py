@@ -91,11 +91,16 @@ def repair_here(
     prepared: Prepared, placed: PlacedBodies, observer: Observer, journal: Journal | None
 ) -> Report:
     """Repair all frames into the sink, commit it, and return the report."""
+    from dtrepair.pipeline.repair.modelled import untold_contacts
+
     run, source, rests = prepared.run, prepared.source, prepared.rests
     repairer, rest_counts = make_repairer(run, source, rests, placed.bodies, journal)
     run.clock.lap("factor")
     warn(observer, rest_warnings(source, rests, rest_counts))
     tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
+    if run.options.rest_contacts == "auto" and run.options.method == "full":
+        met = untold_contacts(source, rests, ignored=run.ignored, attached=run.attached)
+        warn(observer, met)
     records, jitter = _repair_frames(prepared, repairer, observer)
     sink, told = prepared.sink, list[str]()
     if isinstance(sink, CorrectionSink) and sink.form == "shapes":

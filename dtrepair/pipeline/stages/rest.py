@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +29,14 @@ THIN = 0.1
 class Rest:
     """Rest points (V, 3) of a mesh, local space, and the words that say where they come from.
 
-    of_frame: whether a frame of the clip was chosen to be the rest pose.
+    of_frame: whether a frame of the clip was chosen to be the rest pose; named: whether the user
+    named the pose.
     """
 
     points: NDArray[np.float64]
     origin: str
     of_frame: bool = False
+    named: bool = False
 
 
 def choose_rests(source: Source, option: str | None, *, device: str) -> list[Rest]:
@@ -53,9 +55,11 @@ def choose_rests(source: Source, option: str | None, *, device: str) -> list[Res
                 f"--rest {option}: nothing in {source.name} changes over time, and no file has "
                 "that name; name a file, or leave it out"
             )
-        return [_rest_at(source, mesh, time) for mesh in source.meshes]
+        rests = [_rest_at(source, mesh, time) for mesh in source.meshes]
+        return [replace(rest, named=True) for rest in rests]
     other = open_source(option, Selection())
-    return [_rest_from(other, mesh, only=len(source.meshes) == 1) for mesh in source.meshes]
+    rests = [_rest_from(other, mesh, only=len(source.meshes) == 1) for mesh in source.meshes]
+    return [replace(rest, named=True) for rest in rests]
 
 
 def rest_warnings(

@@ -7,8 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
-from dtrepair.numerics.temporal import frame_units
+from dtrepair.numerics.temporal import eased_in_time, frame_units
+from dtrepair.repair.scene.holding import Holding
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.strain.meter import Excess
@@ -18,6 +20,8 @@ from dtrepair.repair.strain.shares import ShareOptions, ShareSearch, eased_share
 PairsOf = Callable[[FloatArray], IntArray]
 # Clips: lower regions, put back those that it did not help, then whole frames.
 ATTEMPTS = 3
+# Strains of what is attached.
+LOOSE = (StrainKind.DRIFT, StrainKind.SLIDE)
 
 
 class Judged(NamedTuple):
@@ -90,9 +94,31 @@ def bounded_frames(
     excess = [
         strain_of(scene, frame.centred, points) for frame, points in zip(frames, poses, strict=True)
     ]
-    failing = [index for index, found in enumerate(excess) if found]
-    if not failing:
+    if not any(excess):
         return [Judged(points) for points in poses]
+    best = _lowered(scene, frames, poses, times, options)
+    held = _held(scene, frames, poses, times, excess)
+    if held is not None:
+        ways = [best, _lowered(scene, frames, held, times, options)]
+        best = min(ways, key=lambda way: sum(_wrongs(scene, frames, way)))
+    judged = []
+    for index, points in enumerate(best):
+        changed = not np.array_equal(points, poses[index])
+        lost = changed and _loses(scene, frames[index], poses[index], points)
+        judged.append(Judged(points, excess[index] if lost else (), lost))
+    return judged
+
+
+def _lowered(
+    scene: Scene,
+    frames: Sequence[OpenedPose],
+    poses: list[FloatArray],
+    times: FloatArray,
+    options: ShareOptions,
+) -> list[FloatArray]:
+    """Return the shares of poses (V, 3) that are within the bounds."""
+    both = zip(frames, poses, strict=True)
+    failing = [k for k, own in enumerate(both) if strain_of(scene, own[0].centred, own[1])]
     needed = np.ones((len(frames), len(scene.rest)))
     motions = np.stack(
         [
@@ -112,11 +138,38 @@ def bounded_frames(
         failing = [k for k in lowered if _fails(scene, frames[k], bounded[k])]
         if not failing:
             break
-    judged = []
-    for index, points in enumerate(bounded):
-        lost = index in lowered and _loses(scene, frames[index], poses[index], points)
-        judged.append(Judged(points, excess[index] if lost else (), lost))
-    return judged
+    return bounded
+
+
+def _wrongs(scene: Scene, frames: Sequence[OpenedPose], poses: Sequence[FloatArray]) -> list[int]:
+    """Return how much is wrong with each of some poses (V, 3)."""
+    both = zip(frames, poses, strict=True)
+    return [_wrong(scene, own, points, scene.pairs(points, own.weld)) for own, points in both]
+
+
+def _held(
+    scene: Scene,
+    frames: Sequence[OpenedPose],
+    poses: list[FloatArray],
+    times: FloatArray,
+    excess: Sequence[Sequence[Excess]],
+) -> list[FloatArray] | None:
+    """Return poses (V, 3) with attached parts brought back where they came off, eased in time.
+
+    None where they did not; none gets more pairs than its input has.
+    """
+    off = np.array([any(own.kind in LOOSE for own in found) for found in excess])
+    if not off.any():
+        return None
+    holding = Holding(scene)
+    shares = eased_in_time(off * 1.0, frame_units(times), holding.options.time)
+    result = [
+        scene.rigid.fitted(own.centred, points + share * holding(own.centred, points))
+        for own, points, share in zip(frames, poses, shares, strict=True)
+    ]
+    wrong = _wrongs(scene, frames, result)
+    whole = zip(frames, poses, result, wrong, strict=True)
+    return [held if left <= own.wrong else points for own, points, held, left in whole]
 
 
 def _share(

@@ -113,6 +113,21 @@ def not_worn(scene: Scene, enclosed: IntArray) -> IntArray:
     return parts
 
 
+def layered_bodies(scene: Scene, pairs: Sequence[IntArray]) -> set[tuple[int, int]]:
+    """Return bodies (first < second) of which one is a layer over the other where they meet.
+
+    pairs: of each frame the pairs (K, 2) of triangles that intersect. Lifts lead such bodies.
+    """
+    if not _lifts(scene):
+        return set()
+    none = np.zeros((0, 2), dtype=np.int32)
+    met = np.unique(np.concatenate([parts_that_meet(scene, own, none) for own in pairs]), axis=0)
+    bodies = np.sort(scene.body_of_part[met], axis=1)
+    layers = (scene.layers.between(first, second) for first, second in met.tolist())
+    led = [layer is not None and _may_move(scene, layer) for layer in layers]
+    return {(int(a), int(b)) for a, b in bodies[np.array(led, dtype=bool)] if a != b}
+
+
 def _lifts(scene: Scene) -> bool:
     """Return whether layers are lifted at all: by the full method, and without a limit."""
     return scene.options.method == "full" and scene.options.maximum_displacement is None

@@ -20,6 +20,7 @@ from dtrepair.numerics.temporal import eased_in_time
 from dtrepair.numerics.worn.measure import WornOptions
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
+from dtrepair.repair.separation.lifting import layered_bodies
 from dtrepair.repair.separation.penetration import (
     BodyShape,
     Inside,
@@ -101,9 +102,8 @@ def separated_frames(
 ) -> FloatArray:
     """Return poses (T, V, 3) with bodies that penetrate each other led apart, steadily in time.
 
-    All frames of a contact leave along one way, as far as each needs; before and after, the shift
-    comes and goes smoothly. What has a preferred direction, or a largest displacement, is left to
-    the repair of contacts.
+    All frames of a contact leave along one way, as far as each needs; the shift comes and goes
+    smoothly. What has a direction, or a largest displacement, is left to the repair of contacts.
 
     Args:
         scene: The bodies.
@@ -111,14 +111,15 @@ def separated_frames(
         poses: Poses (T, V, 3).
         pairs: Intersecting pairs (K, 2) of triangles of each frame, which tell who meets.
         frames: Times (T,) in frame units.
-        sheets: Bodies that are led apart even where they, or the others, are soft sheets.
-        tangled: Pairs of bodies that are led apart whatever they are.
+        sheets: Bodies that are led apart even where they or the others are soft sheets.
+        tangled: Pairs of bodies that are led apart unless layers over each other, to be lifted.
         options: Numbers of this stage.
     """
     limited = scene.options.maximum_displacement is not None
     if len(scene.bodies) == 1 or limited or scene.options.method == "paper":
         return poses
     separation = _Separation(scene, mesh, poses, frames, sheets, options)
+    tangled = tangled and tangled - layered_bodies(scene, pairs)
     for contact in separation.contacts(pairs):
         if not separation.separate(contact) and (contact.first, contact.second) in tangled:
             separation.untangle(contact)

@@ -6,14 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel
 
 from dtrepair.pipeline import check_stage, repair_stage
 from dtrepair.pipeline.errors import UsageError
+from dtrepair.pipeline.observer import Observer
 from dtrepair.pipeline.repair.modelled import modelled_parts
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.sources import open_source
 from dtrepair.repair.options import RepairOptions
 from tests.jointed_arm import FRAMES, arm, arm_mesh, arm_stage
+from tests.rigged_tube import rigged_tube
 
 
 def test_an_overlap_of_the_rest_is_counted_apart(tmp_path: Path) -> None:
@@ -111,3 +114,51 @@ def test_a_frame_between_others_tells_where_parts_meet_least(tmp_path: Path) -> 
     found = modelled_parts(open_source(str(many), Selection()))
     showing = [reference for reference in found.references if len(reference.pairs)]
     assert [reference.name for reference in showing] == ["frame 7"]
+
+
+def test_bind_poses_of_two_skeletons_tell_nothing_of_each_other(tmp_path: Path) -> None:
+    """A rider stands in his horse where both are bound; what counts is how he sits on it."""
+    path = rigged_tube(tmp_path / "a.usda", (0.0, 30.0, 0.0), names=("First", "Second"))
+    stage = Usd.Stage.Open(str(path))
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/Root/Second"))
+    mesh.GetPrim().GetAttribute("xformOp:translate").Set(
+        stage.GetPrimAtPath("/Root/First").GetAttribute("xformOp:translate").Get()
+        + Gf.Vec3d(0.1, 0.05, 0.0)
+    )
+    stage.Save()
+    together = modelled_parts(open_source(str(path), Selection())).attachments
+    assert together is not None and together.pairs_of_parts == [(0, 1)]
+    own = [f"/Root/{name}" for name in ("Skeleton", "Animation")]
+    for prim in own:
+        Sdf.CopySpec(stage.GetRootLayer(), prim, stage.GetRootLayer(), f"{prim}2")
+    other = stage.GetPrimAtPath(f"{own[0]}2")
+    UsdSkel.BindingAPI(other).GetAnimationSourceRel().SetTargets([f"{own[1]}2"])
+    UsdSkel.Animation(stage.GetPrimAtPath(f"{own[1]}2")).GetTranslationsAttr().Set([(9, 0, 0)] * 2)
+    UsdSkel.BindingAPI(mesh).GetSkeletonRel().SetTargets([f"{own[0]}2"])
+    stage.Save()
+    assert modelled_parts(open_source(str(path), Selection())).attachments is None
+
+
+class Heard(Observer):
+    """Keeps the warnings of a run."""
+
+    def __init__(self) -> None:
+        self.warnings: list[str] = []
+
+    def warning(self, text: str) -> None:
+        self.warnings.append(text)
+
+
+def test_of_a_single_pose_is_told_that_nothing_shows_what_was_modelled(tmp_path: Path) -> None:
+    """A rest that the user names does show it, whether the mesh moves or not."""
+    path = arm_stage(tmp_path / "a.usda", np.array([0.3]), rest=False)
+    heard = Heard()
+    report = repair_stage(str(path), str(tmp_path / "b.usda"), observer=heard)
+    (told,) = [text for text in heard.warnings if "nothing tells" in text]
+    assert "/Root/Arm" in told and "--rest" in told and "--attach" in told
+    assert not report.attached
+    pose = arm_stage(tmp_path / "c.usda", np.array([0.0]))
+    heard = Heard()
+    report = repair_stage(str(path), str(tmp_path / "d.usda"), rest=str(pose), observer=heard)
+    assert len(report.attached) == 1
+    assert not [text for text in heard.warnings if "nothing tells" in text]

@@ -31,13 +31,14 @@ def pair(rod: FloatArray, **of: list[Any]) -> list[Body]:
     return [Body(*mesh, **own) for mesh, own in zip(meshes, given, strict=True)]
 
 
-def separated(scene: Scene, *poses: list[FloatArray]) -> FloatArray:
+def separated(scene: Scene, *poses: list[FloatArray], **options: Any) -> FloatArray:
     """The poses (T, V, 3) that the repair of contacts would start from."""
     stacked = np.stack([np.concatenate(pose) for pose in poses])
     welds = [scene.weld(pose) for pose in stacked]
     pairs = [scene.pairs(pose, weld) for pose, weld in zip(stacked, welds, strict=True)]
     mesh = WeldedMeshes(scene)(welds)
-    return separated_frames(scene, mesh, stacked, pairs, np.arange(len(poses), dtype=np.float64))
+    frames = np.arange(len(poses), dtype=np.float64)
+    return separated_frames(scene, mesh, stacked, pairs, frames, **options)
 
 
 def edge_change(before: FloatArray, after: FloatArray, faces: NDArray[np.int32]) -> float:
@@ -111,13 +112,26 @@ def test_a_stiff_ring_that_is_too_narrow_is_not_drawn_off() -> None:
     assert np.array_equal(separated(scene, pose)[0], np.concatenate(pose))
 
 
+def sheet(scale: float) -> Mesh:
+    """Two layers over the upper part of the ball."""
+    outer, inner = BALL * scale, BALL * (scale - 0.02)
+    upper = BALL_FACES[(BALL[BALL_FACES][:, :, 2] > 0.3).all(axis=1)]
+    return joined((outer, upper), (inner, upper[:, ::-1]))
+
+
+@pytest.mark.parametrize("stiff", [False, True])
+def test_a_layer_that_pushing_left_in_contact_is_not_led_off(stiff: bool) -> None:
+    """It is lifted; what is stiff cannot be, and is led apart as before."""
+    points, faces = sheet(1.05)
+    jacket = Body(points, faces, diffusion=999.0 if stiff else 99.0)
+    scene = make_scene([Body(BALL, BALL_FACES), jacket], RepairOptions())
+    sunk = [BALL, points - np.array([0.0, 0.0, 0.1])]
+    left = separated(scene, sunk, tangled=frozenset({(0, 1)}))[0]
+    assert np.array_equal(left, np.concatenate(sunk)) != stiff
+
+
 @pytest.mark.parametrize("diffusion", [99.0, 999.0])
 def test_a_layer_stays_on_what_it_covers(diffusion: float) -> None:
-    def sheet(scale: float) -> Mesh:
-        outer, inner = BALL * scale, BALL * (scale - 0.02)
-        upper = BALL_FACES[(BALL[BALL_FACES][:, :, 2] > 0.3).all(axis=1)]
-        return joined((outer, upper), (inner, upper[:, ::-1]))
-
     points, faces = sheet(1.05)
     scene = make_scene(
         [Body(BALL, BALL_FACES), Body(points, faces, diffusion=diffusion)], RepairOptions()

@@ -52,8 +52,7 @@ class RelaxOptions:
         volume_weight: What missing volume counts next to the distortion.
         missing: As long as more than this fraction of the volume is missing, ...
         more: ... relaxing goes on for up to so many times its cycles.
-        settle: Strains by which what is far from all contacts may go back to its place, in turn: a
-            push moves the whole mesh.
+        settle: Strains by which what is far from all contacts may go back to its place, in turn.
         settle_after: Cycles before each of them.
         arap, gaps, pressure: Numbers of the elastic terms.
         look: The rough step that finds the gaps that matter.

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 from dtrepair import __version__
 from dtrepair.intersect import MODES
 from dtrepair.pipeline.errors import UsageError, plain_errors
+from dtrepair.pipeline.modelled.parts import ModelledParts, tell_modelled
+from dtrepair.pipeline.modelled.references import modelled_parts
 from dtrepair.pipeline.observer import SILENT, Observer, PairsFound, Progress, warn
-from dtrepair.pipeline.repair.modelled import modelled_parts
-from dtrepair.pipeline.repair.modelled_parts import ModelledParts, tell_modelled
 from dtrepair.pipeline.repair.records import contact_records
 from dtrepair.pipeline.selection import (
     ObjectSettings,

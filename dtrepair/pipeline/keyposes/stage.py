@@ -17,6 +17,7 @@ from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.keyposes.record import in_betweens
 from dtrepair.pipeline.keyposes.settings import KeyposeChoices, KeyposeSettings
 from dtrepair.pipeline.keyposes.solve import StageKeys
+from dtrepair.pipeline.modelled.parts import tell_modelled
 from dtrepair.pipeline.observer import (
     SILENT,
     FrameDone,
@@ -26,7 +27,6 @@ from dtrepair.pipeline.observer import (
     stop_if_cancelled,
     warn,
 )
-from dtrepair.pipeline.repair.modelled_parts import tell_modelled
 from dtrepair.pipeline.repair.run import Run, make_repairer
 from dtrepair.pipeline.repair.settings import recorded_settings
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import InputError
-from dtrepair.pipeline.repair.modelled import modelled_parts
+from dtrepair.pipeline.modelled.references import modelled_parts
 from dtrepair.pipeline.selection import Selection, object_of, recorded_tables
 from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs
 from dtrepair.pipeline.stages.object_settings import read_settings

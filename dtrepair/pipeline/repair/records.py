@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dtrepair import diagnosis
 from dtrepair.diagnosis import Advice, Diagnosis, Status, merged, sentence
 from dtrepair.numerics.geometry import FloatArray, IntArray, pair_keys, unique_edges
-from dtrepair.pipeline.repair.modelled_parts import ModelledParts
+from dtrepair.pipeline.modelled.parts import ModelledParts
 from dtrepair.pipeline.stages.frames import Frame, frame_time, told_size
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.record import (

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from dtrepair import __version__
 from dtrepair.numerics.metrics import JitterMeter
+from dtrepair.pipeline.modelled.parts import tell_modelled
 from dtrepair.pipeline.observer import FrameDone, Observer, Progress, ProgressKept, Trouble, warn
 from dtrepair.pipeline.repair.chunks import Chunk
 from dtrepair.pipeline.repair.corrections import CorrectionSink
 from dtrepair.pipeline.repair.journal import Journal, hash_of_run
-from dtrepair.pipeline.repair.modelled_parts import tell_modelled
 from dtrepair.pipeline.repair.recount import settle_shapes
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frames
 from dtrepair.pipeline.stages.bodies import Controls, PlacedBodies, in_units_of_frames
@@ -91,7 +91,7 @@ def repair_here(
     prepared: Prepared, placed: PlacedBodies, observer: Observer, journal: Journal | None
 ) -> Report:
     """Repair all frames into the sink, commit it, and return the report."""
-    from dtrepair.pipeline.repair.modelled import untold_contacts
+    from dtrepair.pipeline.modelled.references import untold_contacts
 
     run, source, rests = prepared.run, prepared.source, prepared.rests
     repairer, rest_counts = make_repairer(run, source, rests, placed.bodies, journal)
@@ -179,7 +179,7 @@ def make_repairer(
     told_by_rest: meshes that do not move at all are known to lie as they were modelled together.
     """
     from dtrepair.intersect.scene_counts import SceneCounter
-    from dtrepair.pipeline.repair.modelled import layer_poses, modelled_references
+    from dtrepair.pipeline.modelled.references import layer_poses, modelled_references
     from dtrepair.repair.repairer import SceneRepairer
 
     options = in_units_of_frames(source, run.options)

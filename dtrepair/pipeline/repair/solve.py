@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import Cancelled
-from dtrepair.pipeline.repair.modelled_parts import ModelledParts
+from dtrepair.pipeline.modelled.parts import ModelledParts
 from dtrepair.pipeline.repair.records import FrameRecorder
 from dtrepair.pipeline.stages.frames import Frame, count_frame, frame_time, unusable
 from dtrepair.pipeline.stages.sources import Source

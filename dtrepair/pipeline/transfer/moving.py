@@ -7,9 +7,9 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 
 from dtrepair.numerics.metrics import JitterMeter
+from dtrepair.pipeline.modelled.parts import tell_modelled
+from dtrepair.pipeline.modelled.references import modelled_parts
 from dtrepair.pipeline.observer import FrameDone, Observer, Progress, Trouble, warn
-from dtrepair.pipeline.repair.modelled import modelled_parts
-from dtrepair.pipeline.repair.modelled_parts import tell_modelled
 from dtrepair.pipeline.repair.run import Run, make_repairer
 from dtrepair.pipeline.repair.solve import Repaired, repair_frames
 from dtrepair.pipeline.stages.bodies import make_bodies, read_controls

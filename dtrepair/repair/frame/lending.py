@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, lengths
+from dtrepair.numerics.geometry import FloatArray, dots, lengths, vector_areas
 from dtrepair.numerics.metrics import distortion
 from dtrepair.repair.elastic.arap import ArapSystem
 from dtrepair.repair.full.acceptance import reach_of
@@ -53,10 +53,16 @@ class Loan(NamedTuple):
 
 
 def cost(surface: Surface, original: FloatArray, points: FloatArray) -> float:
-    """Return the distortion of a pose (V, 3); one that intersects costs more than any clean one."""
+    """Return what a pose (V, 3) costs: its distortion, and the width of what it turned over.
+
+    Edges keep their lengths where skin is folded over. A pose that intersects costs more than any
+    clean one.
+    """
     if len(surface.contacts.pairs(points)):
         return np.inf
-    return distortion(original, points, surface.edges)
+    old, new = (vector_areas(pose, surface.faces) for pose in (original, points))
+    over = lengths(new)[dots(old, new) < 0.0].sum()
+    return distortion(original, points, surface.edges) + float(np.sqrt(over))
 
 
 def relaxed(

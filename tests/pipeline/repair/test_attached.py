@@ -25,7 +25,7 @@ from dtrepair.pipeline import (
     repair_stage,
 )
 from dtrepair.pipeline.errors import InputError
-from dtrepair.pipeline.repair.modelled import modelled_parts
+from dtrepair.pipeline.modelled.references import modelled_parts
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.repair.options import RepairOptions

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dtrepair.pipeline import check_stage, repair_keyposes, repair_stage
-from dtrepair.pipeline.repair.modelled import modelled_parts
+from dtrepair.pipeline.modelled.references import modelled_parts
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.sources import open_source
 from dtrepair.report.modelled import LISTED

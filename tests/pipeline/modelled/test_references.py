@@ -10,8 +10,8 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel
 
 from dtrepair.pipeline import check_stage, repair_stage
 from dtrepair.pipeline.errors import UsageError
+from dtrepair.pipeline.modelled.references import modelled_parts
 from dtrepair.pipeline.observer import Observer
-from dtrepair.pipeline.repair.modelled import modelled_parts
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.sources import open_source
 from dtrepair.repair.options import RepairOptions

@@ -1,0 +1,190 @@
+"""Poses of an input that show which contacts were modelled: its bind pose, else its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.pipeline.modelled.meshes import BIND_POSE, STILL, Look, PlacedMeshes, is_animated
+from dtrepair.pipeline.modelled.parts import ModelledParts
+from dtrepair.pipeline.stages.rest import Rest
+from dtrepair.pipeline.stages.sources import Source
+from dtrepair.wording import listed
+
+if TYPE_CHECKING:
+    from dtrepair.numerics.attachments import Reference
+
+BoolArray = NDArray[np.bool_]
+Pairs = Sequence[tuple[int, int]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceOptions:
+    """Which frames tell where no bind pose does.
+
+    Args:
+        samples: Frames of the whole clip that are looked at for where parts meet, at most: with
+            few of them a place is taken as modelled that another frame shows to be clear.
+        layer_samples: Frames that are looked at for which part lies over which.
+        least: With fewer of them nothing is told: a pose or two may just be bad.
+        nearly_all: Two parts are attached where they meet in this share of them.
+    """
+
+    samples: int = 33
+    layer_samples: int = 9
+    least: int = 5
+    nearly_all: float = 0.9
+
+
+def modelled_references(
+    source: Source,
+    rests: Sequence[Rest],
+    *,
+    ignored: Pairs = (),
+    attached: Pairs = (),
+    told_by_rest: bool = False,
+    options: ReferenceOptions = ReferenceOptions(),
+) -> list[Reference]:
+    """Poses with the contacts that each of them shows as modelled, in the space of the frames.
+
+    Meshes that one skeleton binds, or that deform from a pose at the default time, tell by their
+    rests how they lie to each other. Of meshes of two skeletons, as a rider and a horse, of what is
+    moved by transforms only, and of what has no rest pose, contacts of two parts in nearly all
+    frames of the whole clip are modelled: the pose in which they have fewest pairs shows where.
+    The parts of a farm agree on it.
+
+    attached: pairs (i, j) of meshes, i <= j, that the user calls attached. For two of their parts
+    of which nothing of that tells, the frame with fewest of their pairs shows where. told_by_rest:
+    the rests of meshes that do not move at all tell, too.
+    """
+    meshes = PlacedMeshes(source, rests, ignored=ignored, attached=attached)
+    if meshes.one_part:
+        return []
+    if told_by_rest:
+        still = [not is_animated(mesh) for mesh in source.meshes]
+        meshes.binding[still] = STILL
+    rest = meshes.look(meshes.rest, BIND_POSE)
+    known = [rest.of(meshes.tell_by_rests(rest.pairs))]
+    if not meshes.one_binding or (meshes.binding == "").any():
+        looks = list(meshes.looks(options.samples))
+        looks = [look.of(~meshes.tell_by_rests(look.pairs)) for look in looks]
+        if len(looks) >= options.least:
+            known += _where_fewest(looks, options.nearly_all * len(looks))
+    found = [look.reference(~meshes.asked(look.pairs)) for look in known]
+    if not attached:
+        return found
+    found += [look.reference(meshes.asked(look.pairs), asked=True) for look in known]
+    told = np.concatenate([look.keys for look in known])
+    looks = [
+        look.of(meshes.asked(look.pairs) & ~np.isin(look.keys, told))
+        for look in meshes.looks(options.samples)
+    ]
+    every = (look.reference(asked=True) for look in _where_fewest(looks, 1))
+    return [*found, *every]
+
+
+def layer_poses(
+    source: Source,
+    rests: Sequence[Rest],
+    *,
+    options: ReferenceOptions = ReferenceOptions(),
+) -> list[Reference]:
+    """Poses that show which part lies over which, in the space of the frames, with all their pairs.
+
+    The rests, unless some are frames of the clip, which need not be the same one, or several
+    skeletons bind them. Where parts meet in them, frames of the whole clip tell as well: the parts
+    of a farm agree on them.
+    """
+    meshes = PlacedMeshes(source, rests)
+    if meshes.one_part:
+        return []
+    rest = meshes.look(meshes.rest, BIND_POSE)
+    shared = (not any(rest.of_frame for rest in rests) and meshes.one_binding) or len(rests) == 1
+    if shared and len(rest.pairs) == 0:
+        return [rest.reference()]
+    looks = [look.reference() for look in meshes.looks(options.layer_samples)]
+    return [rest.reference(), *looks] if shared or not looks else looks
+
+
+def untold_contacts(
+    source: Source,
+    rests: Sequence[Rest],
+    *,
+    ignored: Pairs = (),
+    attached: Pairs = (),
+    options: ReferenceOptions = ReferenceOptions(),
+) -> list[str]:
+    """Say which meshes have parts that meet, while nothing tells whether they were modelled so."""
+    meshes = PlacedMeshes(source, rests, ignored=ignored, attached=attached)
+    if len(source.all_times) >= options.least or meshes.one_part:
+        return []
+    looks = list(meshes.looks(options.least))
+    found = [look.pairs for look in looks]
+    untold = [own[~(meshes.tell_by_rests(own) | meshes.asked(own))] for own in found]
+    met = np.unique(meshes.mesh_of[np.concatenate(untold)]).tolist() if untold else []
+    if not met:
+        return []
+    names = listed([source.meshes[index].path for index in met])
+    return [
+        f"different parts of {names} meet, and with no bind pose and fewer than {options.least} "
+        "frames nothing tells whether they were modelled so: every contact is repaired; name a "
+        "pose that shows what was with --rest, or call prims attached with --attach"
+    ]
+
+
+def modelled_parts(
+    source: Source,
+    *,
+    ignored: Pairs = (),
+    attached: Pairs = (),
+    auto: bool = True,
+    rests: Sequence[Rest] | None = None,
+) -> ModelledParts:
+    """What was modelled as overlapping, by the triangles of all meshes in a row, with its parts.
+
+    By the meshes' own rests: those that have none do not need any; or by `rests`, which tell of
+    meshes that do not move at all, too. attached: as `modelled_references` takes them; without
+    `auto` nothing else counts as modelled.
+    """
+    from dtrepair.numerics.overlaps import find_attachments
+
+    if not (auto or attached):
+        return ModelledParts(source, None)
+    known = rests is not None
+    rests = [Rest(mesh.rest, "") for mesh in source.meshes] if rests is None else rests
+    references = modelled_references(
+        source, rests, ignored=ignored, attached=attached, told_by_rest=known
+    )
+    references = [reference for reference in references if auto or reference.asked]
+    meshes = PlacedMeshes(source, rests)
+    faces = meshes.weld[meshes.faces_outwards()]
+    attachments = find_attachments(faces, len(meshes.rest), references)
+    return ModelledParts(source, attachments if len(attachments.zones) else None, references)
+
+
+def _where_fewest(looks: list[Look], least: float) -> list[Look]:
+    """For two parts that meet in enough poses, the pose in which they have fewest pairs."""
+    if not looks:
+        return []
+    keys, counts = zip(*(np.unique(look.keys, return_counts=True) for look in looks), strict=True)
+    every, seen = np.unique(np.concatenate(keys), return_counts=True)
+    every = every[seen >= least]
+    fewest = np.full(len(every), np.iinfo(np.int64).max)
+    where = np.zeros(len(every), dtype=np.int64)
+    for index, (own, number) in enumerate(zip(keys, counts, strict=True)):
+        place = np.searchsorted(own, every)
+        there = np.zeros(len(every), dtype=bool)
+        inside = place < len(own)
+        there[inside] = own[place[inside]] == every[inside]
+        fewer = there.copy()
+        fewer[there] = number[place[there]] < fewest[there]
+        fewest[fewer], where[fewer] = number[place[fewer]], index
+    return [
+        look.of(np.isin(look.keys, every[where == index]))
+        for index, look in enumerate(looks)
+        if (where == index).any()
+    ]

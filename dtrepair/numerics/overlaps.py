@@ -46,12 +46,14 @@ class AttachmentOptions:
             a sleeve its arm: not a whole body behind its cape.
         whole: A part of which more than this share is in or behind one of larger area is attached
             as a whole: eyes, teeth, buttons.
+        larger: Ratio of areas above which that is so: copies of a part differ by rounding only.
     """
 
     reach: float = 1.0
     rings: int = 3
     enclosed: float = 0.75
     whole: float = 0.5
+    larger: float = 1.001
 
 
 def find_attachments(
@@ -188,7 +190,8 @@ class _Overlaps:
         mask[self._behind(part, other)] = True
         own = self.vertices(part)
         share = mask[own].mean()
-        if share > self.options.whole and self.areas[part] <= self.areas[other]:
+        larger = self.areas[other] > self.options.larger * self.areas[part]
+        if share > self.options.whole and larger:
             mask[own] = True
             return mask, True
         # What lies behind counts only if it is connected to the contact through what is behind:

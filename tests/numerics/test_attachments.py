@@ -83,6 +83,12 @@ def test_what_is_small_by_area_is_attached_as_a_whole_however_fine_it_is() -> No
     assert found.triangles.all() and found.pairs_of_parts == [(0, 1)]
 
 
+@pytest.mark.parametrize("copied", [(0.37, 0.21, 0.11), (-0.3, 0.0, 0.1)])
+def test_of_two_copies_none_is_attached_as_a_whole(copied: tuple[float, float, float]) -> None:
+    found = attached(joined(icosphere(2), moved(icosphere(2), copied)))
+    assert found.pairs_of_parts == [(0, 1)] and not found.triangles.all()
+
+
 def test_two_parts_on_the_same_host_may_meet_there() -> None:
     host = tube(12, 40, 0.3, 4.0)
     first = moved(tube(12, 6, 0.35, 0.6), (0.0, 0.02, 0.0))

@@ -119,8 +119,10 @@ def untold_contacts(
     options: ReferenceOptions = ReferenceOptions(),
 ) -> list[str]:
     """Say which meshes have parts that meet, while nothing tells whether they were modelled so."""
+    if len(source.all_times) >= options.least:
+        return []
     meshes = PlacedMeshes(source, rests, ignored=ignored, attached=attached)
-    if len(source.all_times) >= options.least or meshes.one_part:
+    if meshes.one_part:
         return []
     looks = list(meshes.looks(options.least))
     found = [look.pairs for look in looks]

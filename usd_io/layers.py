@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Any
 
 from pxr import Ar, Sdf
 
@@ -36,16 +37,17 @@ class FoundLayers:
 def find_layers(path: str, *, payloads: bool = True) -> FoundLayers:
     """Open a layer and all that it refers to, far or near.
 
-    Files that are missing or damaged are left out: the reader of USD tells of them. Without
-    payloads only sublayers are looked into.
+    Files that are missing or damaged are left out: the reader of USD tells of them. Of variants
+    those are followed that a layer before selects: the others are not composed. Payloads are
+    followed only if they will be loaded.
 
     Raises:
         StageError: a binary layer announces more than it can hold.
     """
-    found = FoundLayers()
+    found, selected = FoundLayers(), set[tuple[str, str]]()
     waiting, seen = [Ar.GetResolver().CreateIdentifier(path)], set()
     while waiting:
-        identifier = waiting.pop()
+        identifier = waiting.pop(0)  # the strongest first: its selections count
         file = Ar.GetResolver().Resolve(identifier).GetPathString().partition("[")[0]
         if identifier in seen or not os.path.isfile(file):
             continue
@@ -58,7 +60,7 @@ def find_layers(path: str, *, payloads: bool = True) -> FoundLayers:
         layer = _opened(identifier)
         if layer is not None:
             found.held.append(layer)
-            named = layer.GetCompositionAssetDependencies() if payloads else layer.subLayerPaths
+            named = [*layer.subLayerPaths, *_composed(layer, selected, payloads)]
             waiting += [layer.ComputeAbsolutePath(asset) for asset in named]
     return found
 
@@ -90,6 +92,35 @@ def file_size(path: str) -> tuple[int, int] | None:
     except OSError:
         return None
     return found.st_ino, found.st_size
+
+
+def _composed(layer: Sdf.Layer, selected: set[tuple[str, str]], payloads: bool) -> list[str]:
+    """Return what the prims of a layer refer to; add the variants (set, name) that it selects."""
+    specs: list[Sdf.PrimSpec] = []
+
+    def collect(path: Sdf.Path) -> None:
+        if path.IsPrimPath() or path.IsPrimVariantSelectionPath():
+            if spec := layer.GetPrimAtPath(path):
+                specs.append(spec)
+
+    layer.Traverse(Sdf.Path.absoluteRootPath, collect)
+    for spec in specs:
+        selected.update(spec.variantSelections.items())
+    chosen = [spec for spec in specs if _variants(spec.path) <= selected]
+    lists = [spec.referenceList for spec in chosen]
+    if payloads:
+        lists += [spec.payloadList for spec in chosen]
+    return [item.assetPath for items in lists for item in _items(items) if item.assetPath]
+
+
+def _variants(path: Sdf.Path) -> set[tuple[str, str]]:
+    """Return the variants (set, name) that a prim lies in."""
+    return {p.GetVariantSelection() for p in path.GetPrefixes() if p.IsPrimVariantSelectionPath()}
+
+
+def _items(edits: Any) -> list[Any]:
+    """Return what a list of references or payloads adds."""
+    return list(edits.GetAddedOrExplicitItems())
 
 
 def _opened(identifier: str) -> Sdf.Layer | None:

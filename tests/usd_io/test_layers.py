@@ -107,6 +107,42 @@ def test_payloads_that_are_not_loaded_are_not_looked_into(tmp_path: Path) -> Non
     ]
 
 
+VARIANTS = """#usda 1.0
+def "x" (
+    variants = {{ string look = "{chosen}" }}
+    prepend variantSets = "look"
+)
+{{
+    variantSet "look" = {{
+        "one" (references = @./one.usda@) {{
+        }}
+        "two" {{
+            def "y" (payload = @./two.usda@)
+            {{
+            }}
+        }}
+    }}
+}}
+"""
+
+
+@pytest.mark.parametrize("chosen", ["one", "two"])
+def test_only_variants_that_are_selected_are_looked_into(tmp_path: Path, chosen: str) -> None:
+    for name in ("one", "two"):
+        (tmp_path / f"{name}.usda").write_text('#usda 1.0\n(defaultPrim = "x")\ndef "x" {\n}\n')
+    path = tmp_path / "top.usda"
+    path.write_text(VARIANTS.format(chosen=chosen))
+    found = [Path(file).name for file in find_layers(str(path)).sizes]
+    assert found == ["top.usda", f"{chosen}.usda"]
+
+
+def test_references_are_looked_into_without_payloads(tmp_path: Path) -> None:
+    cube = cube_file(tmp_path / "cube.usdc")
+    path = referring(tmp_path / "top.usda", cube, "reference")
+    found = find_layers(str(path), payloads=False).sizes
+    assert [Path(file).name for file in found] == ["top.usda", "cube.usdc"]
+
+
 def test_layers_that_refer_to_each_other_are_read_once(tmp_path: Path) -> None:
     one, other = tmp_path / "one.usda", tmp_path / "other.usda"
     for path, to in ((one, other), (other, one)):

@@ -109,5 +109,6 @@ def window_method(choices: RepairOptions, options: ClipOptions, mesh: WeldedMesh
         tighten=min(choices.tighten, options.tighten),
         farthest=mesh.farthest,
         clearance=mesh.clearance,
+        effort=choices.effort,
         options=options.windows,
     )

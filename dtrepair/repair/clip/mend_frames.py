@@ -23,32 +23,39 @@ class MendFramesOptions:
         step: Largest motion in an iteration of the push, units of the size.
         lending: From this pass on frames may start from the displacements of clean frames around
             them, which change more than their own.
+        work, work_a_triangle: No pass begins after so much work for each dirty frame, and so much
+            for each triangle, times the effort (units of `numerics.work`).
     """
 
     widths: tuple[float, ...] = (2.0, 2.0, 1.5, 1.5, 1.2, 1.2, 1.0, 1.0, 0.8, 0.8, 0.6, 0.0, 0.0)
     step: float = 0.004
     lending: int = 4
+    work: float = 2e6
+    work_a_triangle: float = 60.0
 
 
 def mend_frames(
     state: WindowState,
     *,
     alone: bool = True,
+    effort: float = 1.0,
     options: MendFramesOptions = MendFramesOptions(),
 ) -> None:
     """Solve frames that are still dirty one by one from this state, and spread it in time.
 
     Neighbouring frames are solved one after the other, forwards and backwards in turn. After some
     passes they may take the displacements of clean frames around them; with `alone` those that even
-    then stay dirty are solved from their input.
+    then stay dirty are solved from their input. effort: factor of the work after which it ends.
     """
-    widths = options.widths
+    widths, work = options.widths, 0.0
+    a_frame = options.work + options.work_a_triangle * len(state.surface.faces)
+    enough = effort * a_frame * len(state.dirty)
     for index, width in enumerate(widths):
-        if not state.dirty:
+        if not state.dirty or work > enough:
             return
         chains = _chains(state, backwards=index % 2 == 1, lend=index >= options.lending)
         last = alone and index == len(widths) - 1
-        state.mend(chains, gaussian_kernel(state.frames, width), options.step, last=last)
+        work += state.mend(chains, gaussian_kernel(state.frames, width), options.step, last=last)
 
 
 def _chains(state: WindowState, *, backwards: bool, lend: bool) -> list[Chain]:

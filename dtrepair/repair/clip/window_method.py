@@ -135,12 +135,15 @@ class WindowMethod:
         tighten: int = 3,
         farthest: float | None = None,
         clearance: float = 0.0,
+        effort: float = 1.0,
         options: WindowOptions = WindowOptions(),
     ) -> None:
         """Use `alone` (surface, pose) for frames that stay dirty; `tighten` cycles at most.
 
-        farthest: no vertex moves farther; clearance: what contacts keep where they can.
+        farthest: no vertex moves farther; clearance: what contacts keep where they can; effort:
+        factor of the work after which mending ends.
         """
+        self.effort = effort
         self.surface, self.alone, self.tighten = surface, alone, tighten
         self.farthest, self.clearance, self.options = farthest, clearance, options
 
@@ -182,7 +185,7 @@ class WindowMethod:
         if stuck:
             lend_frames(state, options=options.lend)
         elif not tied:
-            mend_frames(state, options=options.mend)
+            mend_frames(state, effort=self.effort, options=options.mend)
         state.given_up = frozenset(state.dirty)
         # Tightening would close a clearance again.
         if self.clearance == 0.0:

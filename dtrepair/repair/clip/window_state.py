@@ -165,15 +165,17 @@ class WindowState:
 
     def mend(
         self, chains: list[Chain], kernel: FloatArray, step: float, *, last: bool = False
-    ) -> None:
+    ) -> float:
         """Solve chains of neighbouring frames one by one, and spread their corrections in time.
 
-        last: frames that stay dirty are solved alone, from the input's pose.
+        last: frames that stay dirty are solved alone, from the input's pose. Return the work done
+        on the frames, see `numerics.work`.
         """
         self.work.added[:] = 0.0
-        self.pool.map("mended", chains, self.scale * step, last)
+        done = self.pool.map("mended", chains, self.scale * step, last)
         self.pool.map("corrected", self._blocks, kernel)
         self.evaluate()
+        return float(sum(done))
 
     def steady(self, frames: list[int], weights: FloatArray, step: float) -> int:
         """Steady some frames, none within two of another; how many moved.

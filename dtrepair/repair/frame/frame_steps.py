@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, lengths
+from dtrepair.numerics.work import work_done
 from dtrepair.repair.elastic.edge_lengths import EdgeLengths
 from dtrepair.repair.frame.frame_options import Chain, Levels
 from dtrepair.repair.frame.frame_poses import FramePoses
@@ -79,12 +80,14 @@ class WindowFrames(FramePoses):
                 break
         self.added[frame] = pose - now
 
-    def mended(self, surface: Surface, chain: Chain, step: float, last: bool) -> None:
+    def mended(self, surface: Surface, chain: Chain, step: float, last: bool) -> float:
         """Solve neighbouring frames one by one; what they have to move by is in `added`.
 
         Each starts from where it is, then from the last one's correction, then from the
-        displacements of the clean frames around the chain; `last`: then from its input.
+        displacements of the clean frames around the chain; `last`: then from its input. Return
+        the work done.
         """
+        before_work = work_done()
         options = self.options
         warm: FloatArray | None = None
         for frame in chain.frames:
@@ -95,6 +98,7 @@ class WindowFrames(FramePoses):
             mended = mend(surface, before, starts, step=step, alone=alone, options=options.mend)
             warm = mended - now
             self.added[frame] = warm
+        return work_done() - before_work
 
     def relaxed_alone(self, surface: Surface, frame: int) -> float:
         """Relax a clean frame by itself; its motion is in `added`. Return what it costs."""

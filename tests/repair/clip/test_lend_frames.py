@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -9,9 +11,11 @@ from scipy.spatial.transform import Rotation
 from dtrepair.intersect.detector import find_intersections
 from dtrepair.repair.clip.mend_frames import (
     LendFramesOptions,
+    MendFramesOptions,
     _disputed,
     is_stuck,
     lend_frames,
+    mend_frames,
 )
 from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.clip.window_stream import solve_alone
@@ -100,3 +104,33 @@ def test_a_pose_that_costs_less_is_kept(state: WindowState) -> None:
     assert (state.poses[frame] == before).all() and costs[frame] == 0.0
     state.lend([Loan(frame, frame - 1, np.inf)], costs)
     assert (state.poses[frame] != before).any() and 0.0 < costs[frame] < np.inf
+
+
+@pytest.mark.parametrize(("effort", "passes"), [(1e-9, 1), (1e9, 3)])
+def test_mending_begins_no_pass_after_its_work(
+    state: WindowState, monkeypatch: pytest.MonkeyPatch, effort: float, passes: int
+) -> None:
+    done = []
+
+    def mend(*given: object, **named: object) -> float:
+        done.append(1e6)
+        return done[-1]
+
+    monkeypatch.setattr(state, "mend", mend)
+    options = MendFramesOptions(widths=(1.0, 0.5, 0.0))
+    mend_frames(state, effort=effort, options=options)
+    assert len(done) == passes
+
+
+def test_the_work_of_mending_is_counted(state: WindowState) -> None:
+    works = []
+    counted = state.mend
+
+    def mend(*given: Any, **named: Any) -> float:
+        works.append(counted(*given, **named))
+        return works[-1]
+
+    state.mend = mend  # type: ignore[method-assign]
+    mend_frames(state, options=MendFramesOptions(widths=(1.0,)))
+    # At least one detection of all triangles for each dirty frame.
+    assert works[0] > len(state.surface.faces) * sum(len(pairs) > 0 for pairs in state.found)

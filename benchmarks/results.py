@@ -132,7 +132,9 @@ def run(name: str, arguments: list[str], title: str | None) -> Result:
     set_here = [
         f"{variable}={os.environ[variable]}" for variable in VARIABLES if variable in os.environ
     ]
-    shown = [*set_here, "python", "-m", f"benchmarks.{name}", *map(shlex.quote, arguments)]
+    # Paths of this machine are not kept.
+    named = ["DIR" if os.path.isabs(given) else shlex.quote(given) for given in arguments]
+    shown = [*set_here, "python", "-m", f"benchmarks.{name}", *named]
     return Result(
         title=title or _first_line(name),
         command=" ".join(shown),

@@ -11,7 +11,7 @@ from dtrepair.numerics.work import work_done
 from dtrepair.repair.elastic.edge_lengths import EdgeLengths
 from dtrepair.repair.frame.frame_options import Chain, Levels
 from dtrepair.repair.frame.frame_poses import FramePoses
-from dtrepair.repair.frame.lending import Loan, borrowed, carried, cost, relaxed
+from dtrepair.repair.frame.lending import Loan, carried, cost, relaxed, solved_from
 from dtrepair.repair.full.cure import cure
 from dtrepair.repair.full.mend import mend
 from dtrepair.repair.full.relax import Relaxation
@@ -120,7 +120,7 @@ class WindowFrames(FramePoses):
             start = carried(surface, self.original[lender], before, moved)
         # A frame that has a pose is only asked whether another way out distorts it less.
         alone, options = None if np.isfinite(loan.cost) else self.alone, self.options.lending
-        pose, value = borrowed(surface, before, start, scale=scale, alone=alone, options=options)
+        pose, value = solved_from(surface, before, start, scale=scale, alone=alone, options=options)
         if value < loan.cost:
             self.added[frame] = pose - now
         return min(value, loan.cost)

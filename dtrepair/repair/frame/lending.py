@@ -98,7 +98,7 @@ def carried(
     return carried
 
 
-def borrowed(
+def solved_from(
     surface: Surface,
     original: FloatArray,
     start: FloatArray,

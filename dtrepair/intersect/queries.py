@@ -56,21 +56,31 @@ class Queries:
         return (offsets + np.arange(len(offsets))).astype(np.int32)
 
     def crossings(
-        self, points: NDArray[np.float32], vertices: IntArray, directions: FloatArray
+        self,
+        points: NDArray[np.float32],
+        vertices: IntArray,
+        directions: FloatArray,
+        *,
+        part: IntArray | None = None,
+        over: NDArray[np.bool_] | None = None,
     ) -> IntArray:
         """Return the signed surface crossings (R,) of rays from vertices (R,).
 
         directions: (R, 3), any length.
 
-        Each exit counts 1 and each entry -1; triangles at the vertex do not count.
+        Each exit counts 1 and each entry -1; triangles at the vertex do not count, nor do those of
+        a part that lies over that of the vertex: `part` (V,) numbers, `over` (P, P) [upper, lower].
         """
+        if part is None or over is None:
+            part, over = np.zeros(len(points), dtype=np.int32), np.zeros((1, 1), dtype=bool)
         warp = self._warp
         result = warp.empty(len(vertices), dtype=warp.int32, device="cpu")
         positions = warp.array(points[None], dtype=warp.vec3f, device="cpu", copy=False)
         low, high = self._node_boxes(points)
         inputs = [positions, *self._tree]
         inputs += [low, high, self._array(vertices.astype(np.int32), warp.int32)]
-        inputs += [self._array(directions, warp.vec3d), result]
+        inputs += [self._array(directions, warp.vec3d), self._array(part, warp.int32)]
+        inputs += [self._array(over.view(np.uint8), warp.uint8), result]
         warp.launch(self._kernels.cast_rays, dim=len(vertices), inputs=inputs, device="cpu")
         counts: IntArray = result.numpy()
         return counts

@@ -270,11 +270,14 @@ def cast_rays(
     node_high: wp.array2d(dtype=wp.vec3f),
     origins: wp.array(dtype=wp.int32),
     directions: wp.array(dtype=wp.vec3d),
+    part: wp.array(dtype=wp.int32),
+    over: wp.array2d(dtype=wp.uint8),
     crossings: wp.array(dtype=wp.int32),
 ):
     """Signed crossings of rays that start at vertices: +1 leaving the surface, -1 entering it.
 
-    Triangles that have the vertex are left out; one thread a ray.
+    Triangles that have the vertex are left out, and those of parts that lie over that of the
+    vertex: `over` (upper, lower) of the numbers in `part`. One thread a ray.
     """
     ray = wp.tid()
     vertex = origins[ray]
@@ -306,6 +309,8 @@ def cast_rays(
         for i in range(leaf_start[leaf], leaf_start[leaf + 1]):
             f = faces[i]
             if f[0] == vertex or f[1] == vertex or f[2] == vertex:
+                continue
+            if over[part[f[0]], part[vertex]] != wp.uint8(0):
                 continue
             total += ray_crosses(
                 origin, direction, points[0, f[0]], points[0, f[1]], points[0, f[2]]

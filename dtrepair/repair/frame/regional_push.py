@@ -66,7 +66,7 @@ def regional_push(
         far,
         1.0 / sizes[of_pair],
         direction=surface.face_direction,
-        sides=covering_sides(surface.cover, surface.faces, surface.body_of_vertex, far),
+        sides=covering_sides(surface.cover, surface.faces, surface.labels, far),
     )
     fields = [gradient]
     buried = _buried(surface, pairs[~pushed], winding, options)

@@ -198,7 +198,7 @@ def _direction(
             far,
             weights,
             direction=surface.face_direction,
-            sides=covering_sides(surface.cover, surface.faces, surface.body_of_vertex, far),
+            sides=covering_sides(surface.cover, surface.faces, surface.labels, far),
         )
     ]
     if volume and contacts.buried.any():

@@ -24,6 +24,7 @@ from dtrepair.numerics.geometry import (
     weld_map,
 )
 from dtrepair.numerics.overlaps import find_attachments
+from dtrepair.numerics.worn.covering import Covering, open_layers
 from dtrepair.numerics.worn.layers import Layers, median_of_parts
 from dtrepair.numerics.worn.parts import Parts
 from dtrepair.repair.options import RepairOptions
@@ -171,6 +172,15 @@ class Scene:
         pairs = [self.attached_parts.unmodelled(pose.pairs) for pose in known]
         zone = self.attached_parts.zone
         return Layers(parts, pairs, numbers=self._layer_numbers(), zone=zone)
+
+    @cached_property
+    def covering(self) -> Covering | None:
+        """What open layers cover; None where there are none. The published method knows none."""
+        own = self.enclosures
+        if self.options.method == "paper" or own.count < 2 or own.closed.all():
+            return None
+        found = open_layers(self.layers)
+        return found and found.of_vertices(self.rest_weld, np.arange(len(self.rest)))
 
     @cached_property
     def attached_parts(self) -> AttachedParts:

@@ -120,6 +120,7 @@ def _surface(scene: Scene, kept: NDArray[np.integer], place: NDArray[np.integer]
         ignored=scene.ignored,
         direction=scene.direction[kept] if scene.direction.any() else None,
         attachments=attachments and attachments.of_triangles(triangles, place),
+        covering=scene.covering and scene.covering.of_vertices(kept, place),
     )
 
 

@@ -78,20 +78,23 @@ def without_crossing(
 
 
 def covering_sides(
-    cover: IntArray, faces: IntArray, body_of_vertex: NDArray[np.integer], pairs: IntArray
+    cover: IntArray, faces: IntArray, labels: Sequence[NDArray[np.signedinteger]], pairs: IntArray
 ) -> FloatArray | None:
-    """Return -1 where a triangle of pairs (K, 2) covers the body of the other one, else 1.
+    """Return -1 where a triangle of pairs (K, 2) covers what the other one belongs to, else 1.
 
-    None where nothing covers anything. `cover` (V,): see `covered_vertices`.
+    None where nothing covers anything. `cover` (V,): see `covered_vertices`; labels: what vertices
+    (V,) belong to, their bodies and parts; a triangle covers nothing of its own label.
     """
     if not (cover >= 0).any():
         return None
     sides = np.ones((len(pairs), 2))
-    for mine, other in ((0, 1), (1, 0)):
-        covered = cover[faces[pairs[:, mine]]]
-        body = np.where(covered >= 0, body_of_vertex[covered], -1)
-        of_other = body_of_vertex[faces[pairs[:, other], 0]]
-        sides[(body == of_other[:, None]).all(axis=1), mine] = -1.0
+    for label in labels:
+        for mine, other in ((0, 1), (1, 0)):
+            covered, own = cover[faces[pairs[:, mine]]], label[faces[pairs[:, mine], 0]]
+            beneath = np.where(covered >= 0, label[covered], -1)
+            of_other = label[faces[pairs[:, other], 0]]
+            covers = (beneath == of_other[:, None]).all(axis=1) & (of_other != own)
+            sides[covers, mine] = -1.0
     return sides
 
 

@@ -20,6 +20,7 @@ from dtrepair.numerics.geometry import (
     lengths,
 )
 from dtrepair.numerics.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
+from dtrepair.numerics.worn.covering import Covering
 from dtrepair.repair.surface.contacts import Contacts
 from dtrepair.repair.surface.layers import covered_vertices, without_crossing
 from dtrepair.repair.surface.rigid_bodies import RigidBodies, RigidOptions
@@ -84,6 +85,7 @@ class Surface(Topology):
         device: Where pairs are detected.
         options: Numbers of the operators.
         attachments: Contacts that were modelled; they do not count, and their ties hold.
+        covering: What open layers cover, by vertices; None: nothing is known.
     """
 
     def __init__(
@@ -100,8 +102,9 @@ class Surface(Topology):
         device: str = "cpu",
         options: SurfaceOptions = SurfaceOptions(),
         attachments: Attachments | None = None,
+        covering: Covering | None = None,
     ) -> None:
-        self.options = options
+        self.options, self.covering = options, covering
         self._arap_factors: dict[float, Factor] = {}
         self.bodies = tuple(bodies or (BodyRange(0, len(rest), 99.0),))
         sizes = [body.stop - body.start for body in self.bodies]
@@ -203,7 +206,20 @@ class Surface(Topology):
 
     @cached_property
     def cover(self) -> IntArray:
-        """The vertex (V,) of another body that each vertex covers in the rest pose, or -1."""
+        """The vertex (V,) of another body or part that each vertex covers at rest, or -1."""
+        cover = self._covered_bodies()
+        if self.covering is None:
+            return cover
+        return np.where(cover >= 0, cover, self.covering.beneath)
+
+    @property
+    def labels(self) -> list[NDArray[np.signedinteger]]:
+        """What each vertex (V,) belongs to: its body, and its part where layers are known."""
+        known = [] if self.covering is None else [self.covering.part]
+        return [self.body_of_vertex, *known]
+
+    def _covered_bodies(self) -> IntArray:
+        """Return the vertex (V,) of another body that each vertex covers at rest, or -1."""
         bodies = [slice(body.start, body.stop) for body in self.bodies]
         normals, near = self.vector_areas(self.rest), self.options.covered_within
         cover = covered_vertices(self.rest, normals, self.edges, bodies, near=near)

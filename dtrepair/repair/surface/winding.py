@@ -60,7 +60,13 @@ def winding_numbers(
     normals /= lengths(normals)[:, None] + 1e-30
     noise = np.random.default_rng(0).normal(size=(len(picked), 3))
     rays = normals[picked] + options.noise * noise
-    crossings = surface.queries.crossings(surface.written(points), picked.astype(np.int32), rays)
+    crossings = surface.queries.crossings(
+        surface.written(points),
+        picked.astype(np.int32),
+        rays,
+        part=surface.covering and surface.covering.part,
+        over=surface.covering and surface.covering.over,
+    )
     votes = np.rint(np.median(crossings.reshape(-1, options.rays), axis=1)).astype(np.int32)
     votes[hidden] = 0
     of_vertices: IntArray = votes[pieces]

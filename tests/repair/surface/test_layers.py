@@ -9,8 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair import Body, RepairResult, SceneRepairer, Status
+from dtrepair.numerics.metrics import volume
+from dtrepair.repair.full.push import push
 from dtrepair.repair.surface.layers import covering_sides
 from dtrepair.repair.surface.surface import BodyRange, Surface
+from dtrepair.repair.surface.winding import winding_numbers
 from tests.exact_reference import exact_pairs
 from tests.meshes import Mesh, grid, icosphere, joined, tube
 
@@ -65,7 +68,7 @@ def surface_of(*meshes: Mesh) -> Surface:
 
 
 def sides_of(surface: Surface, pairs: NDArray[np.signedinteger]) -> NDArray[np.float64] | None:
-    return covering_sides(surface.cover, surface.faces, surface.body_of_vertex, pairs)
+    return covering_sides(surface.cover, surface.faces, surface.labels, pairs)
 
 
 def outside(points: Points, body: Points, faces: NDArray[np.int32]) -> NDArray[np.bool_]:
@@ -114,6 +117,58 @@ def test_bodies_that_intersect_at_rest_cover_nothing() -> None:
     through = open_sleeve()[0] + np.array([0.09, 0.0, 0.0])
     surface = surface_of(arm(), (through, open_sleeve()[1]))
     assert (surface.cover == -1).all()
+
+
+def trunk() -> Mesh:
+    """A closed body that all but ends with the open sleeve."""
+    points, faces = icosphere(3)
+    return 0.2 * points * [1.0, 1.0, 1.6], faces
+
+
+def one_mesh(*meshes: Mesh) -> SceneRepairer:
+    return SceneRepairer([Body(*joined(*meshes))])
+
+
+def test_parts_of_one_mesh_cover_each_other_too() -> None:
+    scene = one_mesh(arm(), open_sleeve()).scene
+    surface = Surface(scene.rest, scene.faces, covering=scene.covering)
+    count, sleeve = len(arm()[0]), len(arm()[1])
+    assert (surface.cover[:count] == -1).all()
+    assert (surface.cover[count:] >= 0).all() and (surface.cover[count:] < count).all()
+    sides = sides_of(surface, np.array([[0, sleeve], [0, 1], [sleeve, sleeve + 1]]))
+    assert sides is not None and sides.tolist() == [[1.0, -1.0], [1.0, 1.0], [1.0, 1.0]]
+
+
+def test_what_lies_under_an_open_layer_is_not_buried_by_it() -> None:
+    ball, faces = icosphere(2)
+    # It goes through the sleeve, and stays clear of the trunk.
+    beside = 0.1 * ball + [0.33, 0.0, 0.0], faces
+    scene = one_mesh(trunk(), open_sleeve(), beside).scene
+    covered = Surface(scene.rest, scene.faces, covering=scene.covering)
+    unknown = Surface(scene.rest, scene.faces)
+    own = slice(0, len(trunk()[0]))
+    pairs = covered.contacts.pairs(covered.rest)
+    assert len(pairs)
+    assert (winding_numbers(unknown, unknown.rest, pairs)[own] == 1).any()
+    assert (winding_numbers(covered, covered.rest, pairs)[own] == 0).all()
+    # What is no layer still buries: half of the ball lies in the sleeve.
+    assert winding_numbers(covered, covered.rest, pairs)[-len(ball) :].any()
+
+
+def test_a_push_does_not_shrink_what_lies_under_an_open_layer() -> None:
+    ball, faces = icosphere(2)
+    meshes = [trunk(), open_sleeve(), (0.1 * ball + [0.7, 0.0, 0.0], faces)]
+    scene, own = one_mesh(*meshes).scene, slice(0, len(trunk()[0]))
+    pose = scene.rest.copy()
+    pose[-len(ball) :, 0] -= 0.45
+    kept = []
+    for covering in (scene.covering, None):
+        surface = Surface(scene.rest, scene.faces, covering=covering)
+        before = pose / surface.size
+        pushed = push(surface, before, near=20, step=0.02)
+        assert len(pushed.pairs) == 0
+        kept.append(volume(pushed.points[own], trunk()[1]) / volume(before[own], trunk()[1]))
+    assert kept[0] > 0.98 and kept[1] < 0.96
 
 
 def check_layers(results: list[RepairResult], meshes: list[Mesh]) -> None:

@@ -1,0 +1,78 @@
+"""What open layers cover: which part lies over which, and what is beneath their vertices."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from dtrepair.numerics.geometry import IntArray
+from dtrepair.numerics.worn.layers import Layers
+from dtrepair.numerics.worn.sides import WornLayer
+
+
+class Covering(NamedTuple):
+    """The open layers of a mesh.
+
+    Args:
+        part: Number (V,) of the part of each vertex; 0 where no open layer is concerned.
+        over: Whether a part lies over another one as an open layer, (P, P) [upper, lower].
+        beneath: The vertex (V,) of what it lies over that each vertex covers at rest, or -1.
+    """
+
+    part: IntArray
+    over: NDArray[np.bool_]
+    beneath: IntArray
+
+    def of_vertices(self, kept: NDArray[np.integer], place: NDArray[np.integer]) -> Covering:
+        """Return the same of a mesh of the vertices that are kept; each is at its place there."""
+        beneath = self.beneath[kept]
+        there = np.where(beneath >= 0, place[beneath], -1).astype(np.int32)
+        return Covering(self.part[kept], self.over, there)
+
+
+def open_layers(layers: Layers) -> Covering | None:
+    """Return what the open parts cover; None where none is a layer over anything."""
+    parts = layers.parts
+    found = (layers.between(*both) for both in _near_open(layers))
+    known = [layer for layer in found if layer is not None and not parts.closed[layer.top]]
+    if not known:
+        return None
+    concerned = np.unique([(layer.top, layer.under) for layer in known])
+    number = np.zeros(len(parts.closed) + 1, dtype=np.int32)  # the last one: of no part
+    number[concerned] = np.arange(1, len(concerned) + 1)
+    over = np.zeros((len(concerned) + 1,) * 2, dtype=bool)
+    beneath = np.full(len(parts.part), -1, dtype=np.int32)
+    nearest = np.full(len(parts.part), np.inf)
+    for layer in known:
+        over[number[layer.top], number[layer.under]] = True
+        vertices, below, distance = _beneath(layers, layer)
+        closer = distance < nearest[vertices]
+        beneath[vertices[closer]], nearest[vertices[closer]] = below[closer], distance[closer]
+    return Covering(number[parts.part], over, beneath)
+
+
+def _near_open(layers: Layers) -> list[tuple[int, int]]:
+    """Return the pairs of parts, one of them open, whose boxes meet at rest."""
+    parts = layers.parts
+    rest = parts.poses[0]
+    low = np.stack([rest[own].min(axis=0) for own in parts.vertices])
+    high = np.stack([rest[own].max(axis=0) for own in parts.vertices])
+    pairs: set[tuple[int, int]] = set()
+    for part in np.flatnonzero(~parts.closed).tolist():
+        meets = ((low[part] <= high) & (high[part] >= low)).all(axis=1)
+        meets[part] = False
+        pairs |= {(min(part, k), max(part, k)) for k in np.flatnonzero(meets).tolist()}
+    return sorted(pairs)
+
+
+def _beneath(layers: Layers, layer: WornLayer) -> tuple[IntArray, IntArray, NDArray[np.float64]]:
+    """Return vertices (N,) that face away from what is near below, what (N,), and how far (N,)."""
+    parts = layers.parts
+    rest, own = parts.poses[0], parts.vertices[layer.under]
+    covers = (layer.sides > 0) & np.isfinite(layer.heights)
+    vertices = layer.vertices[covers]
+    distance, place = cKDTree(rest[own]).query(rest[vertices])
+    return vertices, own[place], distance

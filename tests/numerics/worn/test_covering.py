@@ -1,0 +1,59 @@
+"""What open layers cover in one mesh: which part, and which vertices beneath."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dtrepair.numerics.worn.covering import Covering, open_layers
+from dtrepair.numerics.worn.layers import Layers
+from tests.meshes import icosphere, torus, tube
+from tests.numerics.worn.test_layers import ARM, NO_PAIRS, SLEEVE, parts_of
+
+BALL = icosphere(2, 0.3)[0] + [0.0, 0.0, 5.0], icosphere(2)[1]
+
+
+def covering() -> Covering | None:
+    """What is known of an arm, its sleeve and a ball far away."""
+    parts = parts_of(ARM, SLEEVE, BALL, closed=(True, False, True))
+    return open_layers(Layers(parts, [NO_PAIRS]))
+
+
+def test_a_sleeve_covers_its_arm_and_nothing_else_is_concerned() -> None:
+    found = covering()
+    assert found is not None
+    arm, sleeve = len(ARM[0]), len(ARM[0]) + len(SLEEVE[0])
+    assert np.unique(found.part).tolist() == [0, 1, 2] and (found.part[sleeve:] == 0).all()
+    under, top = found.part[0], found.part[arm]
+    assert np.argwhere(found.over).tolist() == [[top, under]]
+    beneath = found.beneath
+    assert (beneath[:arm] == -1).all() and (beneath[sleeve:] == -1).all()
+    points = np.concatenate([ARM[0], SLEEVE[0]])
+    covers = np.flatnonzero(beneath >= 0)
+    assert len(covers) == len(SLEEVE[0]) and (beneath[covers] < arm).all()
+    away = np.linalg.norm(points[covers] - points[beneath[covers]], axis=1)
+    assert away.max() < 0.08
+
+
+def test_a_tube_far_from_what_it_goes_round_covers_no_vertex_of_it() -> None:
+    parts = parts_of(ARM, tube(24, 12, 0.6, 0.3), closed=(True, False))
+    found = open_layers(Layers(parts, [NO_PAIRS]))
+    assert found is not None and found.over.sum() == 1 and (found.beneath == -1).all()
+
+
+def test_closed_parts_are_left_to_winding_numbers() -> None:
+    parts = parts_of(ARM, torus(48, 12, 0.24, 0.03), closed=(True, True))
+    assert open_layers(Layers(parts, [NO_PAIRS])) is None
+
+
+def test_it_is_told_for_another_numbering_of_the_vertices() -> None:
+    found = covering()
+    assert found is not None
+    count = len(found.part)
+    # Every second vertex of the ball goes, the order is turned round.
+    kept = np.concatenate([np.arange(count - len(BALL[0])), np.arange(count - 100, count, 2)])[::-1]
+    place = np.full(count, -1)
+    place[kept] = np.arange(len(kept))
+    other = found.of_vertices(kept, place)
+    assert np.array_equal(other.part, found.part[kept]) and other.over is found.over
+    covers = np.flatnonzero(other.beneath >= 0)
+    assert np.array_equal(kept[other.beneath[covers]], found.beneath[kept[covers]])

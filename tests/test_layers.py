@@ -116,10 +116,11 @@ WALLS = {
     },
     "dtrepair.numerics": {
         "__init__": "",
-        "overlaps": "attachments closest_point geometry",
+        "overlaps": "attachments closest_point enclosure geometry",
         "attachments": "geometry",
         "worn": "geometry",
         "closest_point": "geometry",
+        "enclosure": "geometry",
         "geodesics": "geometry",
         "metrics": "geometry",
         "operators": "geometry work",

@@ -17,12 +17,12 @@ from scipy.sparse import csgraph
 
 from dtrepair.numerics.attachments import Attachments, Reference, Ties
 from dtrepair.numerics.closest_point import barycentric, nearest_triangles
+from dtrepair.numerics.enclosure import enclosure
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
     components,
     dots,
-    extent,
     lengths,
     triangle_areas,
     unique_edges,
@@ -213,7 +213,7 @@ class _Overlaps:
             return own
         points = self.points[own]
         if self.open[other]:
-            around = np.abs(_enclosure(points, corners))
+            around = np.abs(enclosure(points, corners))
             return np.asarray(own[around > self.options.enclosed])
         nearest, closest = nearest_triangles(points, corners)
         weights = barycentric(closest, corners[nearest])
@@ -251,27 +251,3 @@ class _Overlaps:
         nearest, closest = nearest_triangles(self.points[seeds], corners)
         weights = barycentric(closest, corners[nearest])
         return Ties(seeds.astype(np.int32), triangles[nearest], weights)
-
-
-def _enclosure(points: FloatArray, corners: FloatArray, cells: int = 12) -> FloatArray:
-    """Return about how often triangles (F, 3, 3) go round points (P, 3): winding numbers.
-
-    Of surfaces with a border they are no whole numbers (Jacobson et al. 2013). Triangles in one of
-    so many cells along the largest extent count as one dipole (Barill et al. 2018).
-    """
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
-    centres, weights = corners.mean(axis=1), lengths(areas)
-    size = extent(corners.reshape(-1, 3)) / cells
-    place = np.floor((centres - centres.min(axis=0)) / size).astype(np.int64)
-    label = np.unique(place, axis=0, return_inverse=True)[1].reshape(-1)
-
-    def summed(values: FloatArray) -> FloatArray:
-        return np.stack([np.bincount(label, values[:, k]) for k in range(3)], axis=1)
-
-    total = np.maximum(np.bincount(label, weights), np.finfo(float).tiny)
-    centres, areas = summed(centres * weights[:, None]) / total[:, None], summed(areas)
-    result = np.zeros(len(points))
-    for centre, area in zip(centres, areas, strict=True):
-        away = centre - points
-        result += away @ area / np.maximum(lengths(away), 0.5 * size) ** 3
-    return result / (4.0 * np.pi)

@@ -23,7 +23,8 @@ from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
-from dtrepair.repair.separation.lifting import LiftOptions, lifted_frames, not_worn, parts_that_meet
+from dtrepair.repair.separation.layer_lift import LiftOptions
+from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_that_meet
 from dtrepair.repair.separation.penetration import BodyShape, find_inside
 from dtrepair.repair.separation.release import ReleaseOptions, released
 from dtrepair.repair.separation.separation import SeparationOptions, separated_frames

@@ -60,6 +60,35 @@ def test_what_a_limb_swallows_ends_outside_of_it(mesh: tuple[FloatArray, IntArra
         assert np.ptp(radius(layer)) > 0.8 * np.ptp(radius(RING[0]))
 
 
+def test_a_limb_that_leans_on_a_sleeve_is_not_what_the_sleeve_went_under() -> None:
+    (arm, faces), (sleeve, of_sleeve) = tube(24, 60, 0.2, 6.0), tube(24, 24, 0.23, 2.0)
+    arm[:, 2] += 3.0  # the sleeve is half empty, as where a body ends under its shirt
+    scene = make_scene([Body(arm, faces), Body(sleeve, of_sleeve)], RepairOptions())
+    x, y, z = arm.T
+    # Folded by half a turn, its far half reaches from outside into the empty half of the sleeve.
+    far = np.clip(z - 1.2, 0.0, 1.0)[:, None]
+    back = np.stack([0.36 - x, y, 3.2 - z], axis=1)
+    pose = np.concatenate([(1.0 - far) * arm + far * back, sleeve])
+    assert len(Detector(pose, scene.faces)(pose))
+    moved = np.linalg.norm(lifted(scene, pose)[0] - pose, axis=1)[len(arm) :]
+    assert moved[sleeve[:, 2] < -0.3].max() < 0.02
+
+
+def test_what_is_far_behind_an_open_part_is_not_under_it() -> None:
+    stub, sleeve = tube(24, 12, 0.2, 1.0), tube(24, 40, 0.23, 4.0)
+    scene = make_scene([Body(*stub), Body(*sleeve)], RepairOptions())
+    turn = np.radians(20.0)
+    turned = stub[0] @ [
+        [np.cos(turn), 0, -np.sin(turn)],
+        [0, 1, 0],
+        [np.sin(turn), 0, np.cos(turn)],
+    ]
+    pose = np.concatenate([turned, sleeve[0]])
+    moved = np.linalg.norm(lifted(scene, pose)[0] - pose, axis=1)[len(turned) :]
+    assert moved.max() > 0.05  # the rims of the stub came through
+    assert moved[np.abs(sleeve[0][:, 2]) > 1.5].max() < 0.02
+
+
 def test_a_clean_pose_and_parts_that_do_not_meet_keep_every_bit() -> None:
     scene = scene_of(SLEEVE)
     clean = np.concatenate([ARM[0], SLEEVE[0]])

@@ -1,0 +1,228 @@
+"""The displacement that leads one layer back over the part that it lies on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from dtrepair.numerics.closest_point import closest_on_triangles
+from dtrepair.numerics.enclosure import enclosure
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    dots,
+    extent,
+    lengths,
+    triangle_normals,
+    vertex_areas,
+)
+from dtrepair.numerics.operators import Factor, cotangent_laplacian
+from dtrepair.numerics.temporal import gaussian_kernel, undamped
+from dtrepair.numerics.worn.parts import vertex_normals
+from dtrepair.numerics.worn.sides import WornLayer
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.surface.rays import windings
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiftOptions:
+    """How a layer is led back over what it lies on.
+
+    Args:
+        gap: Distance that a lifted vertex keeps, as a fraction of its longest edge, at most what it
+            has in the rest.
+        aligned: Least cosine between the normals of a vertex and of the surface it is led to.
+        slide: A vertex is led back to what lay this fraction of the smaller extent farther from it
+            at rest than the inner part did, or twice as far as most of the layer slid: an arm that
+            leans on a shirt is not what the shirt went under.
+        reach: What was farther than this fraction of the smaller extent at rest is not led.
+        neighbours: Triangles of the inner part that are looked at for a vertex.
+        turn: Weight of the normals in the search for them, as a fraction of the smaller extent.
+        enclosed: Least winding number of an open inner part where a vertex is under it.
+        rounds: Lifts in turn, each for what still lies under.
+        edges, depths: A lift fades out over so many mean edges, and so many depths.
+        hold: Weight of the lifted vertices next to the smoothness of the others.
+        thick: Weight of the ties between the inner and the outer side of a closed layer.
+        widths: Standard deviations, in frames, over which lifts come and go; each is for what those
+            before it left under.
+    """
+
+    gap: float = 0.25
+    aligned: float = 0.3
+    slide: float = 0.25
+    reach: float = 0.5
+    neighbours: int = 8
+    enclosed: float = 0.25
+    turn: float = 0.25
+    rounds: int = 4
+    edges: float = 3.0
+    depths: float = 2.0
+    hold: float = 100.0
+    thick: float = 1.0
+    widths: tuple[float, ...] = (3.5, 1.75, 0.0)
+
+
+class LayerLift:
+    """Lifts one layer off what it lies over, in any pose."""
+
+    def __init__(self, scene: Scene, layer: WornLayer, options: LiftOptions) -> None:
+        self.options, parts = options, scene.layers.parts
+        self.own = parts.vertices[layer.top]
+        self.faces, self.other_faces = parts.triangles[layer.top], parts.triangles[layer.under]
+        self.closed = bool(parts.closed[layer.under])
+        self.covered = np.ones(len(self.other_faces), dtype=bool)
+        if layer.covered is not None:
+            self.covered[:] = np.isin(self.other_faces, layer.covered).any(axis=1)
+        # All vertices at one place of the rest move along.
+        self.place = np.full(len(scene.rest), -1)
+        self.place[self.own] = np.arange(len(self.own))
+        self.place = self.place[scene.rest_weld]
+        rest = scene.rest[self.own]
+        local = np.searchsorted(self.own, self.faces).astype(np.int32)
+        self.mass = np.maximum(vertex_areas(rest, local), 1e-12 * extent(rest) ** 2)
+        spacing = parts.spacing[self.own]
+        self.edge = float(spacing.mean())
+        inside = np.searchsorted(self.own, layer.vertices)
+        self.sides = np.zeros(len(self.own))
+        self.sides[inside] = layer.sides
+        heights = np.full(len(self.own), np.inf)
+        heights[inside] = layer.heights
+        self.gap = np.minimum(heights, options.gap * spacing)
+        self.led = self.sides != 0.0
+        # What goes round something wide lies near none of it.
+        self.near = np.isfinite(heights) | ~np.isfinite(heights).any()
+        laplacian = cotangent_laplacian(rest, local, clamp=(1e-3, 1e3))
+        if parts.closed[layer.top]:
+            # The outer side follows the inner one.
+            facing = self._facing(heights)
+            laplacian = laplacian + self._ties(rest, facing)
+            self.led &= facing
+        self.stiffness = laplacian @ sparse.diags(1.0 / self.mass) @ laplacian
+        self.fixed = scene.mobility[self.own] == 0.0
+        self.fixed[np.searchsorted(self.own, scene.attached_parts.held(layer.top))] = True
+        beneath = scene.rest[parts.vertices[layer.under]]
+        smaller = min(extent(rest), extent(beneath))
+        self.turn, self.slide = options.turn * smaller, options.slide * smaller
+        self.rest, self.rest_middles = rest, scene.rest[self.other_faces].mean(axis=1)
+        self.rest_distance = cKDTree(beneath).query(rest)[0]
+        if not self.near.all():
+            self.led &= self.rest_distance < options.reach * smaller
+
+    def __call__(self, pose: FloatArray) -> FloatArray:
+        """Return displacements (n, 3) that lead what went under of a pose (V, 3) back."""
+        options, own = self.options, pose[self.own]
+        shift, target = np.zeros_like(own), np.zeros_like(own)
+        held = np.zeros(len(own), dtype=bool)
+        for _ in range(options.rounds):
+            under, needed = self._under(own + shift, pose)
+            if not under.any():
+                break
+            target[under] = shift[under] + needed[under]
+            held |= under
+            shift = self._smooth(held, target)
+        return shift
+
+    def steadily(self, poses: FloatArray, frames: FloatArray) -> FloatArray:
+        """Return poses (T, V, 3) at `frames` (T,) with the layer lifted, smoothly in time."""
+        for width in self.options.widths if len(frames) > 1 else (0.0,):
+            shifts = np.stack([self(pose) for pose in poses])
+            if not shifts.any():
+                break
+            shifts = undamped(gaussian_kernel(frames, width), shifts)
+            poses = np.stack([self.moved(*both) for both in zip(poses, shifts, strict=True)])
+        return poses
+
+    def moved(self, pose: FloatArray, shift: FloatArray) -> FloatArray:
+        """Return the pose (V, 3) with the vertices of the layer displaced by (n, 3)."""
+        result, own = pose.copy(), self.place >= 0
+        result[own] += shift[self.place[own]]
+        return result
+
+    def _smooth(self, held: NDArray[np.bool_], target: FloatArray) -> FloatArray:
+        """Return the smooth displacement (n, 3) that is near the target where held."""
+        options = self.options
+        reach = max(options.edges * self.edge, options.depths * float(lengths(target).max()))
+        weight = np.where(held, options.hold, 0.0)
+        weight[self.fixed] = options.hold / 1e-6
+        goal = np.where((held & ~self.fixed)[:, None], target, 0.0)
+        system = sparse.diags(self.mass * (1.0 + weight)) + reach**4 * self.stiffness
+        smooth = Factor(system)((self.mass * weight)[:, None] * goal)
+        smooth[self.fixed] = 0.0
+        return smooth
+
+    def _under(self, points: FloatArray, pose: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
+        """Return which vertices (n,) went under the inner part, and the way back (n, 3)."""
+        led, corners = np.flatnonzero(self.led), pose[self.other_faces]
+        known, triangles, closest = self._aligned(points, pose, led)
+        normal = triangle_normals(pose, self.other_faces)[triangles]
+        own, low = points[led], known & self.covered[triangles]
+        low &= (dots(own - closest, normal) < 0.0) & self._covers(led, triangles, known)
+        where = np.flatnonzero(low)
+        if len(where) and self.closed:
+            low[where] = windings(own[where], corners) > 0
+        elif len(where):
+            low[where] = np.abs(enclosure(own[where], corners)) > self.options.enclosed
+        under = np.zeros(len(points), dtype=bool)
+        under[led[low]] = True
+        needed = np.zeros_like(points)
+        needed[led] = closest + self.gap[led][:, None] * normal - own
+        return under, needed
+
+    def _aligned(
+        self, points: FloatArray, pose: FloatArray, led: NDArray[np.integer]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.integer], FloatArray]:
+        """Return the nearest triangle (N,) turned as each led vertex, and the place there (N, 3).
+
+        First, of which vertices (N,) there is any.
+        """
+        options, moved = self.options, pose.copy()
+        moved[self.own] = points
+        outward = self.sides[:, None] * vertex_normals(moved, self.faces, self.own)
+        corners = pose[self.other_faces]
+        normals = triangle_normals(pose, self.other_faces)
+        tree = cKDTree(np.hstack([corners.mean(axis=1), self.turn * normals]))
+        count = min(options.neighbours, len(corners))
+        query = np.hstack([points[led], self.turn * outward[led]])
+        near = tree.query(query, np.arange(1, count + 1))[1]
+        starts = np.repeat(points[led], count, axis=0)
+        closest = closest_on_triangles(starts, corners[near.ravel()]).reshape(len(led), count, 3)
+        distance = np.linalg.norm(closest - points[led][:, None], axis=2)
+        cosine = np.einsum("ij,ikj->ik", outward[led], normals[near])
+        distance[cosine < options.aligned] = np.inf
+        rows, best = np.arange(len(led)), distance.argmin(axis=1)
+        return np.isfinite(distance[rows, best]), near[rows, best], closest[rows, best]
+
+    def _covers(
+        self,
+        led: NDArray[np.integer],
+        triangles: NDArray[np.integer],
+        known: NDArray[np.bool_],
+    ) -> NDArray[np.bool_]:
+        """Return whether led vertices (N,) may lie over triangles (N,), as far as these slid."""
+        slid = lengths(self.rest_middles[triangles] - self.rest[led]) - self.rest_distance[led]
+        usual = slid[known & self.near[led]]
+        allowed = self.slide + 2.0 * max(0.0, float(np.median(usual)) if len(usual) else 0.0)
+        covers: NDArray[np.bool_] = slid < allowed
+        return covers
+
+    def _facing(self, heights: FloatArray) -> NDArray[np.bool_]:
+        """Return which vertices (n,) are of the side that faces the inner part: the nearer one."""
+        means = {
+            side: heights[self.sides == side].mean()
+            for side in (1.0, -1.0)
+            if (self.sides == side).any()
+        }
+        facing: NDArray[np.bool_] = self.sides == min(means, key=lambda side: means[side])
+        return facing
+
+    def _ties(self, rest: FloatArray, facing: NDArray[np.bool_]) -> sparse.csr_matrix:
+        """Return the Laplacian (n, n) of links from other vertices to the nearest facing ones."""
+        free, faced = np.flatnonzero(~facing), np.flatnonzero(facing)
+        nearest = faced[cKDTree(rest[faced]).query(rest[free])[1]]
+        weight = np.full(len(free), self.options.thick)
+        half = sparse.coo_matrix((weight, (free, nearest)), shape=(len(rest), len(rest)))
+        links = (half + half.T).tocsr()
+        return (sparse.diags(np.asarray(links.sum(axis=1)).ravel()) - links).tocsr()

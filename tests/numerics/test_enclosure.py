@@ -1,0 +1,31 @@
+"""Winding numbers of surfaces with a border, next to what solid angles make of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair.numerics.enclosure import enclosure
+from tests.meshes import icosphere, tube
+
+AXIS = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.9], [0.0, 0.0, 3.0], [2.0, 0.0, 0.0]])
+
+
+def test_a_closed_ball_goes_round_what_is_inside_once() -> None:
+    points, faces = icosphere(3)
+    found = enclosure(np.array([[0.0, 0.0, 0.0], [0.3, 0.1, -0.2], [3.0, 0.0, 0.0]]), points[faces])
+    assert found == pytest.approx([1.0, 1.0, 0.0], abs=0.02)
+
+
+def test_of_an_open_tube_the_ends_are_missing() -> None:
+    points, faces = tube(48, 40, 0.2, 2.0)
+    outwards = points[faces][0].mean(axis=0) @ np.cross(
+        points[faces[0, 1]] - points[faces[0, 0]], points[faces[0, 2]] - points[faces[0, 0]]
+    )
+    # On the axis a disk of radius r at distance d takes up 1 - d / sqrt(d^2 + r^2) of half a turn.
+    ends = [
+        (1.0 - z) / np.hypot(1.0 - z, 0.2) + (1.0 + z) / np.hypot(1.0 + z, 0.2) for z in (0, 0.9)
+    ]
+    found = np.sign(outwards) * enclosure(AXIS, points[faces])
+    assert found[:2] == pytest.approx(np.array(ends) / 2.0, abs=0.03)
+    assert np.abs(found[2:]).max() < 0.03

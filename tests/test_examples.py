@@ -5,11 +5,15 @@ from __future__ import annotations
 import ast
 import os
 import re
+import runpy
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from tests.command_line import run
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "examples"
@@ -32,10 +36,35 @@ def test_every_script_is_run() -> None:
     }
 
 
+@pytest.fixture
+def run_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., str]:
+    """Runs a script in this process, which has loaded what it imports; returns what it prints."""
+
+    def run_script(name: str, *arguments: object) -> str:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.syspath_prepend(str(FOLDER))
+        monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
+        runpy.run_path(str(FOLDER / name), run_name="__main__")
+        shown = capsys.readouterr()
+        assert shown.err == ""
+        return shown.out
+
+    return run_script
+
+
 @pytest.mark.parametrize("name", SHOWN)
-def test_script(name: str, tmp_path: Path) -> None:
+def test_script(name: str, tmp_path: Path, run_here: Callable[..., str]) -> None:
     described = ast.get_docstring(ast.parse((FOLDER / name).read_text(encoding="utf-8"))) or ""
     assert f"\n    python examples/{name}" in described
+    shown = run_here(name)
+    assert re.search(SHOWN[name], shown), shown
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_script_runs_from_any_folder_in_a_process_of_its_own(tmp_path: Path) -> None:
+    name = "find_intersections.py"
     done = subprocess.run(
         [sys.executable, "-W", "error", str(FOLDER / name)],
         cwd=tmp_path,
@@ -43,28 +72,24 @@ def test_script(name: str, tmp_path: Path) -> None:
         capture_output=True,
         text=True,
     )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
+    assert done.returncode == 0 and done.stderr == "", done.stderr
     assert re.search(SHOWN[name], done.stdout), done.stdout
-    assert not list(tmp_path.iterdir())
 
 
-def test_animation_example_writes_into_a_folder(tmp_path: Path) -> None:
-    from tests.command_line import run
-
+def test_animation_example_writes_into_a_folder(
+    tmp_path: Path, run_here: Callable[..., str]
+) -> None:
     folder = tmp_path / "new"
-    command = [sys.executable, str(FOLDER / "repair_animation.py"), str(folder)]
-    subprocess.run(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
+    run_here("repair_animation.py", folder)
     assert run("check", folder / "shot.usda").code == 1
     assert run("check", folder / "shot_repaired.usdc").code == 0
 
 
-def test_dressed_character_is_clean_at_rest_and_comes_through_its_clothes(tmp_path: Path) -> None:
-    from tests.command_line import run
-
+def test_dressed_character_is_clean_at_rest_and_comes_through_its_clothes(
+    tmp_path: Path, run_here: Callable[..., str]
+) -> None:
     path = tmp_path / "dressed.usda"
-    command = [sys.executable, "-W", "error", str(FOLDER / "dressed_character.py"), str(path)]
-    subprocess.run(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
+    run_here("dressed_character.py", path)
     report = run("check", path, "--frames", "1,5", "--json", "-").json
     first, fifth = (frame["before"] for frame in report["frames"])
     assert first["pairs"] == 0 and fifth["inter_pairs"] > 100

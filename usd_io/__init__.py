@@ -31,7 +31,13 @@ if TYPE_CHECKING:
     from usd_io.read.reader import read_frame, read_meshes, read_points
     from usd_io.read.stage_times import StageTimes, stage_times
     from usd_io.read.stages import OpenedStage, input_digest, open_stage
-    from usd_io.read.transforms import local_points, transform_times, world_faces, world_matrix
+    from usd_io.read.transforms import (
+        WorldMatrices,
+        local_points,
+        transform_times,
+        world_faces,
+        world_matrix,
+    )
     from usd_io.read.vertex_weights import read_vertex_weights
     from usd_io.times import FrameSpec, parse_frames
     from usd_io.write.authoring import AuthoredMesh, write_animation
@@ -53,6 +59,7 @@ __all__ = [
     "StageTimes",
     "UsageError",
     "UsdIoError",
+    "WorldMatrices",
     "input_digest",
     "inverse_matrix",
     "join_layers",
@@ -89,7 +96,13 @@ _MODULES = {
     "read.stage_times": ("StageTimes", "stage_times"),
     "read.stages": ("OpenedStage", "input_digest", "open_stage"),
     "times": ("FrameSpec", "parse_frames"),
-    "read.transforms": ("local_points", "transform_times", "world_faces", "world_matrix"),
+    "read.transforms": (
+        "WorldMatrices",
+        "local_points",
+        "transform_times",
+        "world_faces",
+        "world_matrix",
+    ),
     "read.vertex_weights": ("read_vertex_weights",),
     "write.writer": ("OverrideWriter",),
 }
@@ -99,7 +112,9 @@ _HOME = {name: module for module, names in _MODULES.items() for name in names}
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'usd_io' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"usd_io.{_HOME[name]}"), name)
+    # Kept, as the next one would look it up again: functions are called once for each small mesh.
+    value = globals()[name] = getattr(importlib.import_module(f"usd_io.{_HOME[name]}"), name)
+    return value
 
 
 def __dir__() -> list[str]:

@@ -1,8 +1,8 @@
 """The layers of a stage, made safe before the reader of USD opens them.
 
-The reader maps files into memory: where a text layer is cut short while it is parsed, the process
-is killed. So text is read whole first, and parsed from memory. Binary layers are not read here;
-their tables are checked, whichever layer refers to them.
+The reader maps files into memory: where one is cut short while it is parsed, the process is killed.
+So text is read whole first, and parsed from memory; packages are opened under a lease. Binary
+layers are not read here; their tables are checked, whichever layer refers to them.
 """
 
 from __future__ import annotations
@@ -10,12 +10,14 @@ from __future__ import annotations
 import os
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
 
 from pxr import Ar, Sdf
 
+from usd_io.arcs import Arc, Variant, find_arcs
 from usd_io.crate_check import check_crates
 from usd_io.diagnostics import DAMAGE
+from usd_io.errors import StageError
+from usd_io.lease import uncut
 
 _TEXT = b"#usda "
 _TEXT_EXTENSIONS = (".usd", ".usda")
@@ -28,40 +30,41 @@ class FoundLayers:
     Attributes:
         held: those that are open; USD finds them while they are held.
         sizes: number on its disk and bytes of each file, from before it was read.
+        clips: those of value clips by file, None where damaged. No layer of the stage holds them:
+            USD asks for one when it needs its samples.
     """
 
     held: list[Sdf.Layer] = field(default_factory=list)
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
+    clips: dict[str, Sdf.Layer | None] = field(default_factory=dict)
 
 
 def find_layers(path: str, *, payloads: bool = True) -> FoundLayers:
     """Open a layer and all that it refers to, far or near.
 
     Files that are missing or damaged are left out: the reader of USD tells of them. Of variants
-    those are followed that a layer before selects: the others are not composed. Payloads are
+    those are followed that any of the layers selects: the others are not composed. Payloads are
     followed only if they will be loaded.
 
     Raises:
-        StageError: a binary layer announces more than it can hold.
+        StageError: a binary layer announces more than it can hold; a text layer is no UTF-8.
     """
-    found, selected = FoundLayers(), set[tuple[str, str]]()
-    waiting, seen = [Ar.GetResolver().CreateIdentifier(path)], set()
-    while waiting:
-        identifier = waiting.pop(0)  # the strongest first: its selections count
-        file = Ar.GetResolver().Resolve(identifier).GetPathString().partition("[")[0]
-        if identifier in seen or not os.path.isfile(file):
-            continue
-        seen.add(identifier)
-        size = file_size(file)
-        if file not in found.sizes and size is not None:
-            found.sizes[file] = size
-            with suppress(OSError):  # the reader of USD tells what cannot be read
-                check_crates(file)
-        layer = _opened(identifier)
-        if layer is not None:
-            found.held.append(layer)
-            named = [*layer.subLayerPaths, *_composed(layer, selected, payloads)]
-            waiting += [layer.ComputeAbsolutePath(asset) for asset in named]
+    found, selected, seen = FoundLayers(), set[Variant](), set[tuple[str, bool]]()
+    waiting = [Arc(Ar.GetResolver().CreateIdentifier(path), frozenset())]
+    while ready := [arc for arc in waiting if arc.variants <= selected]:
+        waiting = [arc for arc in waiting if not arc.variants <= selected]
+        for arc in ready:
+            known = arc.asset, arc.clip
+            if known in seen or (arc.payload and not payloads):
+                continue
+            seen.add(known)
+            layer = _found(arc, found)
+            if layer is None or arc.clip:
+                continue
+            arcs, chosen = find_arcs(layer)
+            layers = [layer.ComputeAbsolutePath(name) for name in layer.subLayerPaths]
+            waiting += [*(Arc(name, frozenset()) for name in layers), *arcs]
+            selected |= chosen
     return found
 
 
@@ -69,6 +72,7 @@ def read_text(path: str) -> Sdf.Layer | None:
     """Return a text layer parsed from memory, as the file is now.
 
     None for other files, and for what cannot be read or parsed: the reader of USD tells why.
+    Raises StageError for text that is no UTF-8, of which that reader does not tell.
     """
     if not path.lower().endswith(_TEXT_EXTENSIONS):
         return None
@@ -77,7 +81,7 @@ def read_text(path: str) -> Sdf.Layer | None:
             if file.read(len(_TEXT)) != _TEXT:
                 return None
             file.seek(0)
-            text = file.read().decode()
+            text = _decoded(path, file.read())
         form = Sdf.FileFormat.FindByExtension(path)
         layer = Sdf.Layer.Find(path) or Sdf.Layer.New(form, path)
         return layer if layer and layer.ImportFromString(text) else None
@@ -94,42 +98,45 @@ def file_size(path: str) -> tuple[int, int] | None:
     return found.st_ino, found.st_size
 
 
-def _composed(layer: Sdf.Layer, selected: set[tuple[str, str]], payloads: bool) -> list[str]:
-    """Return what the prims of a layer refer to; add the variants (set, name) that it selects."""
-    specs: list[Sdf.PrimSpec] = []
-
-    def collect(path: Sdf.Path) -> None:
-        if path.IsPrimPath() or path.IsPrimVariantSelectionPath():
-            if spec := layer.GetPrimAtPath(path):
-                specs.append(spec)
-
-    layer.Traverse(Sdf.Path.absoluteRootPath, collect)
-    for spec in specs:
-        selected.update(spec.variantSelections.items())
-    chosen = [spec for spec in specs if _variants(spec.path) <= selected]
-    lists = [spec.referenceList for spec in chosen]
-    if payloads:
-        lists += [spec.payloadList for spec in chosen]
-    return [item.assetPath for items in lists for item in _items(items) if item.assetPath]
-
-
-def _variants(path: Sdf.Path) -> set[tuple[str, str]]:
-    """Return the variants (set, name) that a prim lies in."""
-    return {p.GetVariantSelection() for p in path.GetPrefixes() if p.IsPrimVariantSelectionPath()}
+def _found(arc: Arc, found: FoundLayers) -> Sdf.Layer | None:
+    """Return the layer of an arc, checked and added to those found; None where there is none."""
+    resolved = Ar.GetResolver().Resolve(arc.asset).GetPathString()
+    file = resolved.partition("[")[0]
+    if not os.path.isfile(file):
+        return None
+    size = file_size(file)
+    if file not in found.sizes and size is not None:
+        found.sizes[file] = size
+        with suppress(OSError):  # the reader of USD tells what cannot be read
+            check_crates(file)
+    layer = _opened(arc.asset, resolved, file)
+    if arc.clip:
+        found.clips[file] = layer
+    elif layer is not None:
+        found.held.append(layer)
+    return layer
 
 
-def _items(edits: Any) -> list[Any]:
-    """Return what a list of references or payloads adds."""
-    return list(edits.GetAddedOrExplicitItems())
-
-
-def _opened(identifier: str) -> Sdf.Layer | None:
+def _opened(identifier: str, resolved: str, file: str) -> Sdf.Layer | None:
     """Return the layer of an identifier; None where that is left to the reader of USD."""
     if layer := Sdf.Layer.Find(identifier):
         return layer
-    if layer := read_text(identifier):
+    if layer := read_text(resolved):
         return layer
     try:
-        return Sdf.Layer.FindOrOpen(identifier)
+        with uncut(file):
+            return Sdf.Layer.FindOrOpen(identifier)
     except DAMAGE:
         return None
+
+
+def _decoded(path: str, data: bytes) -> str:
+    """Return the text of a layer. Raises StageError that tells where it is no UTF-8."""
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise StageError(
+            f"{path}: line {line} is not UTF-8 (byte 0x{data[error.start]:02x}), the only encoding "
+            "of a text layer; save it as UTF-8"
+        ) from None

@@ -42,6 +42,11 @@ class FrameRange:
         """The number of frames."""
         return math.floor((self.stop - self.start) / self.step + 1e-6) + 1
 
+    @property
+    def last(self) -> float:
+        """The last frame."""
+        return self.start + (self.count - 1) * self.step
+
     def numbers(self, first: float, last: float) -> range:
         """Return the numbers, from 0 on, of the frames from `first` to `last`."""
         low = max((first - self.start) / self.step, 0.0)
@@ -83,6 +88,18 @@ class FrameSpec:
         if require and not mask.any():
             raise FrameSpecError(_none_in_range(self.text, times[known]))
         return mask
+
+    def beyond(self, times: NDArray[np.float64]) -> str:
+        """Return what to say of frames before and after all time codes (T,), sorted; else ""."""
+        first = min(part.start for part in self.ranges)
+        last = max(part.last for part in self.ranges)
+        # As far as `select` takes for the same frame.
+        if first > times[0] - 1e-6 and last < times[-1] + 1e-6:
+            return ""
+        return (
+            f"frames {self.text!r} go beyond those of the stage, {times[0]:.10g} to "
+            f"{times[-1]:.10g}; what is beyond is left out"
+        )
 
     def values(self) -> NDArray[np.float64]:
         """Return all frames, sorted and without repetition, (N,)."""

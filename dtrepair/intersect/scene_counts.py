@@ -13,7 +13,7 @@ from dtrepair.intersect import MODES
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import collapsed, counted_between
 from dtrepair.numerics.attachments import Attachments
-from dtrepair.numerics.geometry import weld_map
+from dtrepair.numerics.geometry import weld_maps
 
 
 @dataclass(frozen=True)
@@ -89,10 +89,7 @@ class SceneCounter:
         so many triangles lie at one place that their pairs cannot be kept.
         """
         together = np.concatenate([np.asarray(pose) for pose in points]).astype(np.float32)
-        welded = [
-            weld_map(pose) + start for pose, start in zip(points, self._vertices, strict=False)
-        ]
-        weld = np.concatenate(welded).astype(np.int32)
+        weld = weld_maps(points)
         self._check_places(weld)
         every = pairs = self._detector(together, weld=weld)
         owner = self._owner[pairs]

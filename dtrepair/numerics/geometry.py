@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -159,11 +160,27 @@ def weld_map(points: ArrayLike) -> IntArray:
 
     -0.0 and 0.0 are one position. Vertices duplicated along texture seams weld into one.
     """
-    positions = np.ascontiguousarray(points, dtype=np.float32) + np.float32(0.0)
+    return weld_maps([np.asarray(points)])
+
+
+def weld_maps(meshes: Sequence[ArrayLike]) -> IntArray:
+    """Return `weld_map` of meshes (V, 3) in a row as indices (sum of V,) into all their vertices.
+
+    Vertices of different meshes never weld. Many small meshes cost as one.
+    """
+    points = [np.asarray(mesh, dtype=np.float32).reshape(-1, 3) for mesh in meshes]
+    positions = np.concatenate(points) + np.float32(0.0)
     order = np.lexsort((positions[:, 2], positions[:, 1], positions[:, 0]))
+    if len(points) > 1:
+        # Short numbers are sorted in linear time; stable, so that positions stay sorted.
+        kind = np.uint16 if len(points) < 2**16 else np.int64
+        mesh = np.repeat(np.arange(len(points), dtype=kind), [len(own) for own in points])
+        order = order[np.argsort(mesh[order], kind="stable")]
     ordered = positions[order]
     starts = np.ones(len(order), dtype=bool)
     starts[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    if len(points) > 1:
+        starts[1:] |= np.diff(mesh) != 0
     # lexsort is stable, so the first of a run is its smallest index.
     first = order[starts][np.cumsum(starts) - 1] if len(order) else order
     weld = np.empty(len(order), dtype=np.int32)

@@ -1,8 +1,10 @@
-"""Displacements over time as few shapes with weights."""
+"""Displacements over time as few shapes with weights, and how few there can be."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +30,14 @@ class LowRankOptions:
 
 @dataclass(frozen=True)
 class LowRank:
-    """Shapes (K, M, 3) float32 and their weights (T, K) float32, the largest of each shape 1."""
+    """Shapes (K, M, 3) float32 and their weights (T, K) float32, the largest of each shape 1.
+
+    least: no fewer shapes can be within the tolerance.
+    """
 
     shapes: NDArray[np.float32]
     weights: NDArray[np.float32]
+    least: int = 0
 
     @property
     def displacements(self) -> FloatArray:
@@ -50,7 +56,9 @@ def fewest_shapes(
 
     The truncated singular value decomposition has the least sum of squared errors for a number of
     shapes (Eckart and Young 1936); the largest error is then levelled by weighting frames and
-    vertices with what they have of it, as Lawson (1961) does for polynomials.
+    vertices with what they have of it, as Lawson (1961) does for polynomials. That decomposition is
+    a proof as well: where even the least weighted sum is more than errors within the tolerance
+    could add up to, so many shapes cannot be enough.
 
     Args:
         displacements: (T, M, 3).
@@ -78,7 +86,13 @@ def fewest_shapes(
         weights, shapes = found
     if weights.shape[1] == frames:  # nothing is saved: each frame has its own, as it is
         weights, shapes = np.eye(frames), flat
-    return _rounded(given, seen, weights, shapes.reshape(-1, vertices, 3), tolerance)
+    found_shapes = _rounded(given, seen, weights, shapes.reshape(-1, vertices, 3), tolerance)
+    # What was compressed is off by this part of the tolerance itself.
+    most = (1.0 + chosen.compressed) * tolerance
+    for count in range(weights.shape[1] - 1, 0, -1):
+        if _impossible(basis[:, :full], small, seen, count, most, chosen.rounds):
+            return replace(found_shapes, least=count + 1)
+    return replace(found_shapes, least=1)
 
 
 def _basis(gram: FloatArray) -> FloatArray:
@@ -107,17 +121,23 @@ def _enough(basis: FloatArray, flat: FloatArray, seen: FloatArray, tolerance: fl
     return len(basis)
 
 
-def _levelled(
-    basis: FloatArray,
-    small: FloatArray,
-    seen: FloatArray,
-    count: int,
-    tolerance: float,
-    rounds: int,
-) -> tuple[FloatArray, FloatArray] | None:
-    """Return weights (T, count) and shapes (count, 3 M) that leave no larger error, or None.
+class _Fit(NamedTuple):
+    """Weights (T, K) and shapes (K, 3 M), what they leave (T, 3 M), and what counts (T,), (M,)."""
 
-    basis (T, R) and small (R, 3 M): displacements are their product.
+    weights: FloatArray
+    shapes: FloatArray
+    left: FloatArray
+    rows: FloatArray
+    columns: FloatArray
+
+
+def _fits(
+    basis: FloatArray, small: FloatArray, seen: FloatArray, count: int, rounds: int
+) -> Iterator[_Fit]:
+    """Yield the fits of so many shapes that have the least weighted sum of squared errors.
+
+    basis (T, R) and small (R, 3 M): displacements are their product. From one to the next frames
+    and vertices with large errors count more.
     """
     flat = basis @ small
     rows, columns = np.ones(len(basis)), np.ones(seen.shape[1])
@@ -126,14 +146,48 @@ def _levelled(
         scaled = basis * rows[:, None]
         vectors = _basis(scaled @ (weighted @ weighted.T) @ scaled.T)[:, :count]
         shapes, weights = vectors.T @ (flat * rows[:, None]), vectors / rows[:, None]
-        errors = _errors(flat - weights @ shapes, seen)
-        if errors.max() <= tolerance:
-            return weights, shapes
+        left = flat - weights @ shapes
+        yield _Fit(weights, shapes, left, rows.copy(), columns.copy())
+        errors = _errors(left, seen)
         for each, own in ((rows, errors.max(axis=1)), (columns, errors.max(axis=0))):
             each *= np.sqrt(np.maximum(own / errors.max(), 1e-3))
             each /= each.max()
             np.maximum(each, 1e-3, out=each)
+
+
+def _levelled(
+    basis: FloatArray,
+    small: FloatArray,
+    seen: FloatArray,
+    count: int,
+    tolerance: float,
+    rounds: int,
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return weights (T, count) and shapes (count, 3 M) that leave no larger error, or None."""
+    for fit in _fits(basis, small, seen, count, rounds):
+        if _errors(fit.left, seen).max() <= tolerance:
+            return fit.weights, fit.shapes
     return None
+
+
+def _impossible(
+    basis: FloatArray,
+    small: FloatArray,
+    seen: FloatArray,
+    count: int,
+    tolerance: float,
+    rounds: int,
+) -> bool:
+    """Return whether some weighting proves that so many shapes leave a larger error."""
+    # What nobody sees may be off by anything.
+    allowed = np.square(np.divide(tolerance, seen, out=np.full(seen.shape, np.inf), where=seen > 0))
+    for fit in _fits(basis, small, seen, count, rounds):
+        counts = np.square(fit.rows[:, None] * fit.columns)
+        squared = np.square(fit.left).reshape(*seen.shape, 3).sum(axis=2)
+        # More than rounding can make of it.
+        if (counts * squared).sum() > 1.001 * (counts * allowed).sum():
+            return True
+    return False
 
 
 def _rounded(

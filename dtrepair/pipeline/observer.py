@@ -57,7 +57,8 @@ class ModelledFound:
 class CorrectionWritten:
     """A layer of corrections is written: "shapes" or "offsets", of so many vertices and bytes.
 
-    shapes: their number, of offsets that of frames. error: the largest distance of a vertex from
+    shapes: their number, of offsets that of frames. least: so many shapes there must be, for a
+    repair is not met with fewer to its tolerance. error: the largest distance of a vertex from
     where the repair has it, as a part of the diagonal of its mesh, `size`, in stage units.
     """
 
@@ -67,6 +68,7 @@ class CorrectionWritten:
     bytes: int
     error: float
     size: float | None = None
+    least: int = 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -164,14 +164,14 @@ def dirty(samples: Iterable[Sample]) -> list[float]:
 def test_in_betweens_of_a_swing_through_the_body_become_clean() -> None:
     track, solver = arm_track(1.0, -1.0, -0.8), ArmSolver()
     spans = [(0.0, 10.0), (10.0, 20.0)]
-    options = KeyOptions(samples=8, keep_keys=True)
+    options = KeyOptions(samples=5, keep_keys=True)
     found = clean_in_betweens([track], spans, solver, options=options)
     swing, rest = found.spans
     assert dirty(swing.before) and not dirty(swing.after) and 1 <= len(swing.added) <= 3
     assert not dirty(rest.before) and not rest.added
     result = found.tracks[0]
     assert result.changed == set(swing.added)  # given keys stay
-    assert len(swing.after) == 8 * (1 + len(swing.added))
+    assert len(swing.after) == 5 * (1 + len(swing.added))
     for sample in swing.after:
         assert solver.pairs(sample.time, [result.at(sample.time)]) == sample.pairs == 0
     again = verify_in_betweens([result], [(0.0, 10.0)], solver, options=options)

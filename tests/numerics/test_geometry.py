@@ -120,6 +120,14 @@ def test_weld_map_takes_the_smallest_index() -> None:
     assert geometry.weld_map(points).tolist() == [0, 1, 0, 1, 4]
 
 
+def test_meshes_in_a_row_weld_each_by_itself() -> None:
+    generator = np.random.default_rng(5)
+    meshes = [generator.integers(0, 2, (n, 3)).astype(float) for n in (9, 0, 1, 30)]
+    starts = np.cumsum([0, 9, 0, 1])
+    expected = [geometry.weld_map(own) + start for own, start in zip(meshes, starts, strict=True)]
+    assert geometry.weld_maps(meshes).tolist() == np.concatenate(expected).tolist()
+
+
 def test_weld_map_compares_float32_positions() -> None:
     # A float64 step below half a float32 ulp of 1 rounds away; a float32 ulp does not.
     points = np.array([[1, 0, 0], [1 + 1e-9, 0, 0], [1 + 2.0**-23, 0, 0]])

@@ -26,7 +26,7 @@ def largest_error(found: NDArray[np.float64], expected: NDArray[np.float64]) -> 
 def test_as_many_shapes_as_there_are(rank: int) -> None:
     moved = clip(rank)
     found = fewest_shapes(moved, 1e-4)
-    assert len(found.shapes) == found.weights.shape[1] == rank
+    assert len(found.shapes) == found.weights.shape[1] == found.least == rank
     assert largest_error(found.displacements, moved) <= 1e-4
     np.testing.assert_allclose(np.abs(found.weights).max(axis=0), 1.0)
     assert (found.weights.max(axis=0) == 1.0).all()
@@ -39,7 +39,8 @@ def test_no_vertex_is_farther_off_than_the_tolerance(
     moved = clip(rank, seed=seed)
     found = fewest_shapes(moved, tolerance)
     assert largest_error(found.displacements, moved) <= tolerance
-    assert len(found.shapes) <= rank
+    # So many are enough: no proof may say that they are not.
+    assert found.least <= len(found.shapes) <= rank
 
 
 def test_a_travelling_bump_is_met_within_any_tolerance() -> None:
@@ -52,6 +53,7 @@ def test_a_travelling_bump_is_met_within_any_tolerance() -> None:
         found = fewest_shapes(moved, tolerance)
         assert largest_error(found.displacements, moved) <= tolerance
         counts.append(len(found.shapes))
+        assert found.least in (counts[-1], counts[-1] - 1)
     assert counts == sorted(counts) and 1 < counts[0] < counts[-1] < 30
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -9,6 +10,7 @@ from typing import Any, get_type_hints
 import numpy as np
 import pytest
 
+import usd_io
 from dtrepair.pipeline import (
     Cancelled,
     CheckSettings,
@@ -22,7 +24,35 @@ from dtrepair.pipeline.stages.sources import StageSource
 from dtrepair.repair.surface.containment import Enclosures
 from tests.command_line import CLOSED, OPEN, run, tube_stage
 from tests.pipeline.hosts import Listener
+from tests.pipeline.stages.test_sources import two_tubes
 from tests.usd_stages import define_cube, new_stage
+from usd_io.read import transforms
+
+
+def test_a_check_reads_each_matrix_and_each_frame_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of few frames nothing is told of what was modelled, so nobody looks at them before."""
+    path, calls = two_tubes(tmp_path / "a.usda", (0, 0, 0)), Counter[tuple[str, str, float]]()
+
+    def count(module: Any, name: str) -> None:
+        function = getattr(module, name)
+
+        def counted(mesh: Any, time: float) -> Any:
+            calls[name, mesh.path, time] += 1
+            return function(mesh, time)
+
+        monkeypatch.setattr(module, name, counted)
+
+    count(transforms, "world_matrix")
+    count(usd_io, "read_frame")
+    check_stage(str(path), jobs=1)
+    both = {
+        (name, f"/Root/{mesh}", 2.0)
+        for name in ("world_matrix", "read_frame")
+        for mesh in ("Tube", "Still")
+    }
+    assert {key: calls[key] for key in both} == dict.fromkeys(both, 1)
 
 
 @pytest.fixture

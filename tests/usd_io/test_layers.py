@@ -6,12 +6,12 @@ import os
 from pathlib import Path
 
 import pytest
-from pxr import Sdf
+from pxr import Ar, Sdf
 
 from tests.command_line import assert_fails, run
 from tests.usd_io.test_crate_check import MANY, patched, sections
 from tests.usd_stages import cube_file
-from usd_io import StageError, open_stage, read_meshes
+from usd_io import StageError, join_layers, open_stage, read_meshes
 from usd_io.layers import find_layers, read_text
 
 CUT = 30  # bytes that are left
@@ -77,12 +77,20 @@ def test_layers_that_are_open_stay_as_they_are(tmp_path: Path) -> None:
 
 def test_what_is_no_whole_text_is_left_to_the_reader_of_usd(tmp_path: Path) -> None:
     crate = cube_file(tmp_path / "crate.usdc").rename(tmp_path / "crate.usd")
-    latin = tmp_path / "latin.usda"
-    latin.write_bytes(b'#usda 1.0\ndef "x" (doc = "\xe4") {\n}\n')
     broken = tmp_path / "broken.usda"
     broken.write_text('#usda 1.0\ndef "x" {\n')
     gone = tmp_path / "gone.usda"
-    assert [read_text(str(path)) for path in (crate, latin, broken, gone)] == [None] * 4
+    assert [read_text(str(path)) for path in (crate, broken, gone)] == [None] * 3
+
+
+@pytest.mark.parametrize("kind", ["", "sublayer", "reference"])
+def test_text_that_is_no_utf_8_is_told_with_its_line(tmp_path: Path, kind: str) -> None:
+    latin = tmp_path / "latin.usda"
+    latin.write_bytes(b'#usda 1.0\ndef "x" (doc = "\xe4") {\n}\n')
+    path = referring(tmp_path / "top.usdc", latin, kind) if kind else latin
+    assert_fails(run("check", path), 3, r"latin.usda: line 2 is not UTF-8 (byte 0xe4)", "save it")
+    with pytest.raises(StageError, match="line 2 is not UTF-8"):
+        join_layers([latin], tmp_path / "joined.usda")
 
 
 @pytest.mark.parametrize("top", ["top.usdc", "top.usda"])
@@ -134,6 +142,35 @@ def test_only_variants_that_are_selected_are_looked_into(tmp_path: Path, chosen:
     path.write_text(VARIANTS.format(chosen=chosen))
     found = [Path(file).name for file in find_layers(str(path)).sizes]
     assert found == ["top.usda", f"{chosen}.usda"]
+
+
+def test_a_variant_that_a_weaker_layer_selects_is_looked_into(tmp_path: Path) -> None:
+    (tmp_path / "two.usda").write_text('#usda 1.0\n(defaultPrim = "x")\ndef "x" {\n}\n')
+    strong, weak = tmp_path / "strong.usda", tmp_path / "weak.usda"
+    text = VARIANTS.format(chosen="two").replace('variants = { string look = "two" }', "")
+    strong.write_text(text.replace("\n", "\n(subLayers = [@./weak.usda@])\n", 1))
+    weak.write_text('#usda 1.0\nover "x" (variants = { string look = "two" }) {\n}\n')
+    found = [Path(file).name for file in find_layers(str(strong)).sizes]
+    assert found == ["strong.usda", "weak.usda", "two.usda"]
+
+
+def test_assets_of_a_search_path_are_parsed_from_memory_too(
+    tmp_path: Path, cutting: list[Path]
+) -> None:
+    (tmp_path / "library").mkdir()
+    file = cube_file(tmp_path / "library" / "found.usda", times=range(5))
+    top = Sdf.Layer.CreateNew(str(tmp_path / "top.usdc"))
+    top.subLayerPaths.append("found.usda")
+    top.Save()
+    Ar.DefaultResolver.SetDefaultSearchPath([str(tmp_path / "library")])
+    try:
+        cutting.append(file)
+        opened = open_stage(tmp_path / "top.usdc")
+        assert len(read_meshes(opened).meshes[0].times) == 5 and file.stat().st_size == CUT
+        with pytest.raises(StageError, match=r"found\.usda: was changed while it was read"):
+            opened.check_unchanged()
+    finally:
+        Ar.DefaultResolver.SetDefaultSearchPath([])
 
 
 def test_references_are_looked_into_without_payloads(tmp_path: Path) -> None:

@@ -45,15 +45,17 @@ def prim_matrix(prim: Usd.Prim, time: float) -> NDArray[np.float64]:
     return matrix
 
 
-def check_transforms(prim: Usd.Prim) -> None:
+def check_transforms(prim: Usd.Prim, checked: set[Sdf.Path] | None = None) -> None:
     """Raise StageError if a transform of a prim or above it is missing or of a wrong type.
 
+    Prims above that are in `checked` are taken as right; those that are right are added to it.
     pxr leaves out what `xformOpOrder` names and the prim does not have, so that a mesh would be
     somewhere else than its author meant.
     """
     with reading(str(prim.GetPath())):
         UsdGeom.Imageable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime())
-    while prim and not prim.IsPseudoRoot():
+    checked = set() if checked is None else checked
+    while prim and not prim.IsPseudoRoot() and prim.GetPath() not in checked:
         movable = UsdGeom.Xformable(prim)
         order = movable.GetXformOpOrderAttr().Get() if movable else None
         for name in () if order is None else order:
@@ -63,6 +65,7 @@ def check_transforms(prim: Usd.Prim) -> None:
                     f"{prim.GetPath()}: xformOpOrder names {name!r}, which the prim does not have; "
                     "mend it or exclude the meshes below"
                 )
+        checked.add(prim.GetPath())
         prim = prim.GetParent()
 
 

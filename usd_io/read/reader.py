@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from usd_io.diagnostics import reading, reading_frame
 from usd_io.errors import FrameError, StageError, time_text
@@ -63,10 +63,11 @@ def read_meshes(
         include_purposes=include_purposes,
         uninstance=uninstance,
     )
-    meshes = []
+    meshes, checked = [], set[Sdf.Path]()
     for candidate in candidates:
         try:
             with reading(str(candidate.prim.GetPath())):
+                check_transforms(candidate.prim, checked)
                 mesh = _read_mesh(usd, candidate, skip_varying=skip_varying)
         except _Skip as skip:
             if candidate.explicit:
@@ -149,7 +150,6 @@ def _read_mesh(stage: Usd.Stage, candidate: Candidate, *, skip_varying: bool) ->
     """Return a mesh of a stage. Raises _Skip for one that takes no part, StageError."""
     geometry = UsdGeom.Mesh(candidate.prim)
     path = str(candidate.prim.GetPath())
-    check_transforms(candidate.prim)
     try:
         _check_fixed_topology(geometry, path)
     except StageError as error:

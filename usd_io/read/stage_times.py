@@ -66,6 +66,8 @@ def stage_times(
     elif whole and not np.isnan(keys).any():
         every, warnings = _filled(keys, spec, frame_grid(meshes[0].stage))
     chosen = every if spec is None else every[spec.select(every, require=True)]
+    if spec is not None and (told := spec.beyond(every)):
+        warnings.append(told)
     return StageTimes(keys, every, chosen, tuple(warnings))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from pxr import Sdf, Usd
@@ -27,12 +27,14 @@ class OpenedStage:
         path: the path it was opened from.
         warnings: composition errors and unloaded payloads, one line each.
         sizes: number on its disk and bytes of each file of the stage, before it was opened.
+        clips: layers of value clips, which the stage finds while they are held.
     """
 
     stage: Usd.Stage
     path: str
     warnings: tuple[str, ...]
     sizes: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    clips: Sequence[Sdf.Layer | None] = ()
 
     def check_unchanged(self) -> None:
         """Raise StageError if a file of the stage has another size than when it was opened.
@@ -81,10 +83,10 @@ def open_stage(
     unloaded = len(set(stage.FindLoadable()) - set(stage.GetLoadSet())) if not load_payloads else 0
     if unloaded:
         warnings.append(f"{path}: {unloaded} payloads are not loaded; their meshes are not seen")
-    files = {layer.realPath.partition("[")[0] for layer in stage.GetUsedLayers()}
+    files = {layer.realPath.partition("[")[0] for layer in stage.GetUsedLayers()} | {*layers.clips}
     sizes = {file: layers.sizes.get(file) or file_size(file) for file in sorted(files) if file}
     known = {file: size for file, size in sizes.items() if size is not None}
-    return OpenedStage(stage, path, tuple(warnings), known)
+    return OpenedStage(stage, path, tuple(warnings), known, tuple(layers.clips.values()))
 
 
 def as_stage(stage: OpenedStage | Usd.Stage) -> Usd.Stage:
@@ -138,6 +140,8 @@ def input_digest(stage: OpenedStage | Usd.Stage) -> str:
     """
     layers = as_stage(stage).GetUsedLayers()
     files = {layer.realPath.partition("[")[0] for layer in layers} - {""}
+    if isinstance(stage, OpenedStage):
+        files |= set(stage.sizes)  # also value clips that were not needed yet
     digest = hashlib.sha256()
     for content in sorted(_content(file) for file in files):
         digest.update(content)

@@ -2,16 +2,40 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from usd_io.read.matrices import chain_times, inverse_matrix, prim_matrix
 from usd_io.read.mesh import AnimatedMesh
 
+# Of many small meshes each is placed a dozen times before a frame is counted.
+MOST_KEPT = 2**16
+
 
 def world_matrix(mesh: AnimatedMesh, time: float) -> NDArray[np.float64]:
     """Return the local to world matrix (4, 4) float64 of a mesh; see `prim_matrix`."""
     return prim_matrix(mesh.prim, time)
+
+
+class WorldMatrices:
+    """World matrices of meshes, each read once for a time: of a stage that does not change."""
+
+    def __init__(self) -> None:
+        self._kept: dict[tuple[str, float | None], NDArray[np.float64]] = {}
+
+    def __call__(self, mesh: AnimatedMesh, time: float) -> NDArray[np.float64]:
+        """Return what `world_matrix` returns, not to be changed."""
+        # NaN, the default time, is no key: it differs from itself.
+        key = mesh.path, None if math.isnan(time) else time
+        if (found := self._kept.get(key)) is None:
+            found = world_matrix(mesh, time)
+            found.flags.writeable = False
+            if len(self._kept) >= MOST_KEPT:
+                self._kept.clear()
+            self._kept[key] = found
+        return found
 
 
 def transform_times(mesh: AnimatedMesh) -> NDArray[np.float64]:

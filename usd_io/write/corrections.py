@@ -116,7 +116,9 @@ def preview(opened: OpenedStage, corrections: Sequence[Correction]) -> Usd.Stage
     copy_stage_metadata(opened.stage, layer, os.getcwd())
     _author_corrections(layer, corrections)
     layer.subLayerPaths = [opened.stage.GetRootLayer().identifier]
-    return Usd.Stage.Open(layer)
+    stage = Usd.Stage.Open(layer, Usd.Stage.LoadNone)
+    stage.SetLoadRules(opened.stage.GetLoadRules())  # no more than was looked into
+    return stage
 
 
 def points_of(stage: Usd.Stage, path: str, time: float) -> NDArray[np.float32] | None:

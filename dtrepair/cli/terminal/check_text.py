@@ -17,7 +17,7 @@ NAMED = 5
 def print_check(console: Console, report: Report) -> None:
     """Print one row for each frame, and one for each mesh of it that intersects."""
     several, records = len(report.prims) > 1, report.frames
-    header = ["frame", "triangles", "pairs", *(["between", "mesh"] if several else [])]
+    header = ["frame", "triangles", "pairs", *(["between meshes", "mesh"] if several else [])]
     rows = []
     for record in records:
         label = time_label(record.time)

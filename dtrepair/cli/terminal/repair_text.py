@@ -43,7 +43,8 @@ def correction_line(done: CorrectionWritten) -> str:
     if done.form == "offsets":
         return f"offsets of {counted(done.shapes, 'frame')}: {moved}"
     near = f"within {length(done.error, done.size)}"
-    return f"{counted(done.shapes, 'blend shape')}: {moved}; repaired points are met {near}"
+    fewest = f", fewer than {done.least} could not" if done.least > 1 else ""
+    return f"{counted(done.shapes, 'blend shape')}: {moved}; repaired points are met {near}{fewest}"
 
 
 def print_plan(console: Console, plan: Plan) -> None:

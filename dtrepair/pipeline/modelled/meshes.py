@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.intersect.ignored import CollapsedPoseError
-from dtrepair.numerics.geometry import FloatArray, IntArray, components, vector_areas, weld_map
+from dtrepair.numerics.geometry import FloatArray, IntArray, components, vector_areas, weld_maps
 from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.frames import read_frame
 from dtrepair.pipeline.stages.rest import Rest
@@ -78,8 +78,7 @@ class PlacedMeshes:
         self.mesh_of = np.repeat(np.arange(len(sizes)), sizes)
         self._time = placing_time(source, source.all_times)
         self.rest = _placed(source, self._time, [rest.points for rest in rests])
-        welded = [weld_map(self.rest[a:b]) + a for a, b in pairwise(starts)]
-        self.weld = np.concatenate(welded).astype(np.int32)
+        self.weld = weld_maps([self.rest[a:b] for a, b in pairwise(starts)])
         both = zip(source.meshes, rests, strict=True)
         self.binding = np.array([_binding(*each) for each in both], dtype=object)
 

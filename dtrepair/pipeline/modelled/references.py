@@ -62,6 +62,14 @@ def modelled_references(
     the rests of meshes that do not move at all tell, too.
     """
     meshes = PlacedMeshes(source, rests, ignored=ignored, attached=attached)
+    return _references(meshes, told_by_rest=told_by_rest, options=options)
+
+
+def _references(
+    meshes: PlacedMeshes, *, told_by_rest: bool, options: ReferenceOptions
+) -> list[Reference]:
+    """Do the work of `modelled_references` for meshes that are placed."""
+    source, attached = meshes.source, meshes.attached
     if meshes.one_part:
         return []
     if told_by_rest:
@@ -69,7 +77,8 @@ def modelled_references(
         meshes.binding[still] = STILL
     rest = meshes.look(meshes.rest, BIND_POSE)
     known = [rest.of(meshes.tell_by_rests(rest.pairs))]
-    if not meshes.one_binding or (meshes.binding == "").any():
+    enough = len(source.all_times) >= options.least  # else nobody needs to look
+    if enough and (not meshes.one_binding or (meshes.binding == "").any()):
         looks = list(meshes.looks(options.samples))
         looks = [look.of(~meshes.tell_by_rests(look.pairs)) for look in looks]
         if len(looks) >= options.least:
@@ -158,11 +167,9 @@ def modelled_parts(
         return ModelledParts(source, None)
     known = rests is not None
     rests = [Rest(mesh.rest, "") for mesh in source.meshes] if rests is None else rests
-    references = modelled_references(
-        source, rests, ignored=ignored, attached=attached, told_by_rest=known
-    )
+    meshes = PlacedMeshes(source, rests, ignored=ignored, attached=attached)
+    references = _references(meshes, told_by_rest=known, options=ReferenceOptions())
     references = [reference for reference in references if auto or reference.asked]
-    meshes = PlacedMeshes(source, rests)
     faces = meshes.weld[meshes.faces_outwards()]
     attachments = find_attachments(faces, len(meshes.rest), references)
     return ModelledParts(source, attachments if len(attachments.zones) else None, references)

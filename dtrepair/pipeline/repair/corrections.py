@@ -117,7 +117,7 @@ class CorrectionSink:
 
     def settle(self, tolerance: float = TOLERANCE) -> None:
         """Find shapes that leave no vertex farther off than a part of the diagonal of its mesh."""
-        self._corrections, self._error, self._size = [], 0.0, None
+        self._corrections, self._error, self._size, self._least = [], 0.0, None, 0
         for mesh, moved in zip(self._source.meshes, self._moved, strict=True):
             vertices, offsets, stretches = moved.together()
             if not len(vertices):
@@ -132,6 +132,7 @@ class CorrectionSink:
                     time = moved.times[0]
                     self._error, self._size = error, told_size(self._source, mesh, time, mesh.rest)
                 shapes, weights = found.shapes, found.weights
+                self._least += found.least
             self._corrections.append(
                 self._held(mesh.handle, vertices, np.array(times), shapes, weights)
             )
@@ -204,6 +205,7 @@ class CorrectionSink:
                 bytes=os.path.getsize(self.path),
                 error=self._error,
                 size=self._size,
+                least=self._least,
             )
         )
 

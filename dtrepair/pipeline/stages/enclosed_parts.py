@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dtrepair.numerics.geometry import weld_map
+from dtrepair.numerics.geometry import weld_maps
 from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.frames import Frame
 from dtrepair.pipeline.stages.sources import Source, placing_time
@@ -41,9 +41,11 @@ class EnclosedParts:
             rests, faces = [source.meshes[0].rest], [source.meshes[0].faces]
         outwards = meshes_oriented_outwards(list(zip(rests, faces, strict=True)))
         sizes = [len(mesh.rest) for mesh in source.meshes]
-        each = zip(source.meshes, outwards, np.cumsum([0, *sizes]), strict=False)
-        faces = [weld_map(mesh.rest)[own] + start for mesh, own, start in each]
-        self._enclosures = Enclosures(np.concatenate(rests), np.concatenate(faces).astype(np.int32))
+        shifted = [
+            own + start for own, start in zip(outwards, np.cumsum([0, *sizes]), strict=False)
+        ]
+        welded = weld_maps([mesh.rest for mesh in source.meshes])[np.concatenate(shifted)]
+        self._enclosures = Enclosures(np.concatenate(rests), welded)
         self._body = np.zeros(self._enclosures.count, dtype=np.int64)
         used = self._enclosures.part >= 0
         self._body[self._enclosures.part[used]] = np.repeat(np.arange(len(sizes)), sizes)[used]

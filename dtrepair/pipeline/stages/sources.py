@@ -183,7 +183,7 @@ class StageSource:
         )
         self.times, self.all_times = self.clock.chosen, self.clock.every
         self.warnings += tuple(f"{path}: {warning}" for warning in self.clock.warnings)
-        self.origin = np.zeros(3)
+        self.origin, self._matrices = np.zeros(3), usd_io.WorldMatrices()
         if len(self.meshes) > 1:
             self._leave_coarse_coordinates()
 
@@ -246,7 +246,7 @@ class StageSource:
         """World points, float64; from the middle of a scene that is far from the origin."""
         import usd_io
 
-        matrix = usd_io.world_matrix(mesh.handle, time)
+        matrix = self._matrices(mesh.handle, time).copy()
         matrix[3, :3] -= self.origin
         moved = usd_io.transform_points(points, matrix)
         if moved.size and not np.abs(moved).max() < LARGEST:

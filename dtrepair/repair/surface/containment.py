@@ -20,6 +20,7 @@ from dtrepair.numerics.geometry import (
     closed_parts,
     components,
     weld_map,
+    weld_maps,
 )
 from dtrepair.repair.surface.rays import exits_along, windings
 from dtrepair.repair.surface.surface import BoolArray
@@ -201,10 +202,10 @@ def meshes_oriented_outwards(meshes: Sequence[tuple[FloatArray, IntArray]]) -> l
         return [faces for _, faces in meshes]
     starts = np.cumsum([0, *(len(points) for points, _ in meshes)])
     ends = np.cumsum([len(faces) for _, faces in meshes])
-    welded = zip(meshes, starts, strict=False)
+    shifted = [faces + start for (_, faces), start in zip(meshes, starts, strict=False)]
     enclosures = Enclosures(
         np.concatenate([points for points, _ in meshes]),
-        np.concatenate([weld_map(points)[faces] + start for (points, faces), start in welded]),
+        weld_maps([points for points, _ in meshes])[np.concatenate(shifted)],
     )
     part = enclosures.part_of_face
     corners = [points[faces] - points.mean(axis=0) for points, faces in meshes if len(faces)]

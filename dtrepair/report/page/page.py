@@ -182,4 +182,4 @@ def _name(frames: Sequence[Mapping[str, Any]], contact: Contact) -> str:
     who = pair_name(contact.first, contact.second)
     before, after = contact.triangles
     count = f"{before} → {after}" if after is not None else f"{before}"
-    return f"{who}, frame {label(frames[contact.frames[2]])}: {count} triangles"
+    return f"{who}, frame {label(frames[contact.frames[2]])}: {count} intersecting triangles"

@@ -111,8 +111,12 @@ def _pairs(report: Mapping[str, Any]) -> str:
         )
     ignored = report["settings"].get("ignore") or ()
     note = f"<p>Not counted: contacts of {escape('; '.join(ignored))}</p>" if ignored else ""
-    header = ["pairs before", "after", "frames", "frames left", "worst", "between"]
-    table = html_table(header, rows) if rows else "<p>No contacts.</p>"
+    header = ["pairs of triangles before", "after", "frames", "frames left", "worst", "between"]
+    # Captions of contacts count the triangles themselves.
+    told = (
+        "<p>Each triangle counts once for each triangle that it meets, summed over all frames.</p>"
+    )
+    table = told + html_table(header, rows) if rows else "<p>No contacts.</p>"
     return f"<h2>Pairs of objects</h2>{table}{note}"
 
 
@@ -154,7 +158,7 @@ def _modelled(section: Mapping[str, Any] | None) -> str:
 
 
 def _frames(frames: Frames) -> str:
-    header = ["frame", "before", "after", "largest move", "seconds", "status"]
+    header = ["frame", "triangles before", "after", "largest move", "seconds", "status"]
     rows: list[list[Cell]] = []
     for number, frame in enumerate(frames):
         counts = [str(frame[k]["triangles"]) if frame[k] else "" for k in ("before", "after")]

@@ -64,6 +64,16 @@ def test_stage_counts_each_frame(tmp_path: Path) -> None:
     assert [frame["status"] for frame in report["frames"]] == ["clean", "unchanged", "clean"]
 
 
+def test_frames_beyond_the_stage_are_told(tmp_path: Path) -> None:
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN, CLOSED))
+    done = run("check", path, "--frames", "1:6")
+    assert "frames '1:6' go beyond those of the stage, 1 to 4; what is beyond is left" in done.err
+    assert "2 of 4 frames intersect" in done.out
+    for inside in ("1:4", "4:1x-2", "2", "1:3x0.5"):
+        assert run("check", path, "--frames", inside).err == ""
+    assert "go beyond" in run("check", path, "--frames", "0,2").err
+
+
 def test_frames_and_quiet(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
     assert run("check", path, "--frames", "1:3x2").code == 0
@@ -116,7 +126,7 @@ def test_several_meshes_meet_in_world_space(two_cubes: Path) -> None:
         "/Moving/Cube": pairs[1],
     }
     table = run("check", two_cubes, "--frames", 2).out
-    assert "between" in table and "/Moving/Cube" in table
+    assert "between meshes" in table and "/Moving/Cube" in table
 
 
 def test_what_lies_wholly_inside_is_told(two_cubes: Path) -> None:

@@ -95,7 +95,7 @@ def test_clearance_opens_the_gap(tmp_path: Path, alone: list[str]) -> None:
     assert gaps[1] > max(gaps[0], 0.025)
 
 
-@pytest.mark.parametrize("alone", [["--alone"], [], ["--method", "paper", "--iterations", "6"]])
+@pytest.mark.parametrize("alone", [["--alone"], [], ["--method", "paper", "--iterations", "3"]])
 def test_direction_leads_the_way(tmp_path: Path, alone: list[str]) -> None:
     from pxr import Sdf, Usd, UsdGeom
 

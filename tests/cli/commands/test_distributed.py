@@ -18,7 +18,8 @@ from dtrepair.pipeline.repair.stage import repair_stage
 from dtrepair.report.record import read_report
 from tests.command_line import assert_fails, read_samples, run, swaying, tube_stage
 
-FRAMES = 61  # two windows
+HALF = 6  # a cut between them: two windows
+FRAMES = 2 * HALF
 
 
 @pytest.fixture
@@ -33,7 +34,8 @@ def taken_port() -> Iterator[None]:
 
 @pytest.fixture
 def clip(tmp_path: Path) -> Path:
-    return tube_stage(tmp_path / "a.usdc", swaying(FRAMES))
+    angles = swaying(HALF)
+    return tube_stage(tmp_path / "a.usdc", [*angles, *(-angle for angle in angles)])
 
 
 # Of the cluster's own event loops, at their end.

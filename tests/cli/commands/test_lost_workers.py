@@ -8,25 +8,23 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from dtrepair.repair import repairer
 from dtrepair.repair.independent import repair_poses
 from dtrepair.repair.parallel.process_pool import ATTEMPTS, can_fork
 from dtrepair.repair.parallel.worker_pool import ProcessWorkerPool
-from tests.command_line import assert_fails, run, tube_stage
+from tests.command_line import assert_fails, run, swaying, tube_stage
 
 pytestmark = pytest.mark.skipif(not can_fork(), reason="needs processes that can be forked")
 
-FRAMES = 16
+FRAMES = 14  # fewer are done before workers have started
 
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A clip that intersects here and there."""
-    angles = 6.2 + 0.25 * np.sin(0.5 * np.arange(FRAMES))
-    return tube_stage(tmp_path_factory.mktemp("clip") / "a.usdc", angles)
+    return tube_stage(tmp_path_factory.mktemp("clip") / "a.usdc", swaying(FRAMES))
 
 
 @pytest.fixture(params=[(), ("--alone",)], ids=["together", "alone"])

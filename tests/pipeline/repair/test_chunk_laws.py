@@ -17,7 +17,7 @@ from dtrepair.repair.clip import window_stream
 from tests.command_line import OPEN, read_samples, tube_stage
 
 NEAR = 6.3  # the ends just pass through each other
-ANGLES = (OPEN, NEAR, NEAR + 0.01, NEAR + 0.02)
+ANGLES = (OPEN, OPEN + 0.1, NEAR - 0.1, NEAR)  # work for few frames: the law is of windows
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -29,9 +29,9 @@ def small_windows() -> Iterator[None]:
         yield
 
 
-@settings(max_examples=3, phases=[Phase.explicit, Phase.generate])
+@settings(max_examples=2, phases=[Phase.explicit, Phase.generate])
 @given(st.lists(st.sampled_from(ANGLES), min_size=2, max_size=10), st.integers(2, 4))
-@example([NEAR + 0.01 * (k % 3) for k in range(12)], 3)
+@example([NEAR - 0.05 * (k % 4) for k in range(10)], 3)
 def test_joined_chunks_are_one_run(
     tmp_path_factory: pytest.TempPathFactory, angles: list[float], count: int
 ) -> None:
@@ -45,5 +45,7 @@ def test_joined_chunks_are_one_run(
         repair(part, chunk=f"{number}/{count}")
     join_layers(parts, joined)
     one, other = read_samples(Path(whole)), read_samples(Path(joined))
+    given = read_samples(Path(stage))
+    assert (NEAR in angles) == any((one[time] != given[time]).any() for time in given)
     assert list(one) == list(other) == [float(k + 1) for k in range(len(angles))]
     assert all(np.array_equal(one[time], other[time]) for time in one)

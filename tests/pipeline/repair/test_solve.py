@@ -178,22 +178,25 @@ def test_errors_take_the_place_of_a_frame(source: Source, repairer: FrameRepaire
     assert [item.record.status for item in done][2:3] == ["clean"]
 
 
-def test_frames_are_forgotten_once_they_are_written(source: Source) -> None:
+def test_frames_are_forgotten_once_they_are_written(tmp_path: Path) -> None:
     """However long the clip: no more than a window is held, and what is just being checked."""
-    window = 8
+    window, near = 8, 6.3  # the ends just pass through each other
+    source = open_source(str(tube_stage(tmp_path / "a.usda", (OPEN, near))), Selection())
     repairer = repairer_of(source, alone=False, clip=ClipOptions(window=window, overlap=2))
-    given, alive, most = frames_of(source), [], 0
+    given, alive, most, changed = frames_of(source), [], 0, 0
 
     def frames() -> Iterator[Frame]:
         for index in range(24):
-            frame = replace(given[index % 5], time=float(index))
+            # Each window has a frame that intersects.
+            frame = replace(given[index % 6 == 1], time=float(index))
             alive.append(weakref.ref(frame))
             yield frame
             del frame
 
     for done, item in enumerate(repair_frames(frames(), repairer)):
         assert item.frame.time == done
+        changed += item.points[0] is not None
         most = max(most, sum(frame() is not None for frame in alive))
         del item
-    assert done == 23
+    assert done == 23 and changed >= 3  # one frame of each window
     assert window <= most <= window + 2 * repairer.workers + 4

@@ -133,25 +133,29 @@ def test_the_same_factors_for_all_frames_and_clips(monkeypatch: pytest.MonkeyPat
 
 
 def test_deterministic_whatever_the_number_of_threads(swung: Swung) -> None:
-    repairer, frames, repaired = swung
+    repairer, frames, _ = swung
     rest, faces, _ = swing()
-    for other, jobs in ((repairer, 2), (Repairer(rest, faces), 1)):
-        assert (results_of(other, frames, jobs=jobs) == repaired).all()
+    found = [
+        results_of(each, frames[10:20], jobs=jobs)
+        for each, jobs in ((repairer, 1), (repairer, 2), (Repairer(rest, faces), 1))
+    ]
+    assert (found[0] != frames[10:20]).any()
+    assert (found[1] == found[0]).all() and (found[2] == found[0]).all()
 
 
 def test_cut_ends_a_run(swung: Swung) -> None:
     repairer, frames, _ = swung
-    first, second = frames[10:18], frames[13:21, :, [1, 2, 0]] + 5.0
+    first, second = frames[10:15], frames[15:20, :, [1, 2, 0]] + 5.0
     both = results_of(repairer, np.concatenate([first, second]))
-    assert (both[:8] == results_of(repairer, first)).all()
-    assert (both[8:] == results_of(repairer, second)).all()
+    assert (both[:5] == results_of(repairer, first)).all()
+    assert (both[5:] == results_of(repairer, second)).all()
 
 
 def test_windows_overlap_without_a_seam() -> None:
     rest, faces, frames = swing()
-    inner = frames[6:25]  # open at both ends
+    inner = frames[9:22]  # open at both ends
     double = np.concatenate([inner[:-1], inner])
-    sizes = ClipOptions(window=24, overlap=8)
+    sizes = ClipOptions(window=16, overlap=6)
     animator = SceneRepairer([Body(rest, faces)], clip=sizes).animator
     stamped = ((float(index), [pose]) for index, pose in enumerate(double))
     repaired = np.stack([frame.results[0].points for frame in animator.stream(stamped)])
@@ -179,9 +183,9 @@ def test_stream_holds_one_window() -> None:
 
 
 def test_times_count_not_indices() -> None:
-    rest, faces, frames = swing(59)
-    fine = np.arange(59.0)
-    kept = np.sort(np.concatenate([np.arange(0, 59, 2), np.arange(21, 38, 2)]))
+    rest, faces, frames = swing(45)
+    fine = np.arange(45.0)
+    kept = np.sort(np.concatenate([np.arange(6, 39, 2), np.arange(17, 28, 2)]))
     repairer = Repairer(rest, faces)
     uneven = results_of(repairer, frames[kept], times=fine[kept])
     assert sum(crossings(rest, faces, uneven)) == 0
@@ -281,7 +285,7 @@ def test_a_window_of_frames_tells_how_far_it_is() -> None:
     rest, faces, frames = swing()
     animator = SceneRepairer([Body(rest, faces)]).animator
     told: list[float] = []
-    poses = ((float(time), [pose]) for time, pose in enumerate(frames))
-    assert sum(1 for _ in animator.stream(poses, jobs=1, progress=told.append)) == len(frames)
+    poses = ((float(time), [pose]) for time, pose in enumerate(frames[10:20]))
+    assert sum(1 for _ in animator.stream(poses, jobs=1, progress=told.append)) == 10
     assert len(told) > 3 and told == sorted(told)
-    assert 0.0 < told[0] and told[-1] <= len(frames)
+    assert 0.0 < told[0] and told[-1] <= 10

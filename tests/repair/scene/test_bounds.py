@@ -218,7 +218,7 @@ def test_a_repair_from_end_to_end(at_any_cost: bool) -> None:
 
 
 def test_frames_of_a_clip_from_end_to_end() -> None:
-    angles = [*np.linspace(5.0, 6.5, 6), *np.linspace(6.5, 5.0, 6)]
+    angles = [*np.linspace(5.0, 6.5, 4), *np.linspace(6.5, 5.0, 4)]
     frames = [(float(k), [bent_tube(angle)[0]]) for k, angle in enumerate(angles)]
     results = {}
     for name, options in (("kept", RepairOptions()), ("any", RepairOptions(at_any_cost=True))):

@@ -7,10 +7,11 @@ import pytest
 from numpy.typing import NDArray
 from pxr import Gf, UsdGeom
 
-from tests.usd_stages import CUBE, define_cube, new_stage
+from tests.usd_stages import CUBE, cube_file, define_cube, new_stage
 from usd_io import (
     AnimatedMesh,
     FrameError,
+    WorldMatrices,
     inverse_matrix,
     local_points,
     open_stage,
@@ -20,6 +21,7 @@ from usd_io import (
     world_faces,
     world_matrix,
 )
+from usd_io.read import transforms
 
 NAN = float("nan")
 
@@ -151,3 +153,14 @@ def test_default_time_is_the_earliest_sample_of_what_is_animated(
     stage.GetRootLayer().Save()
     mesh = read_meshes(open_stage(tmp_path / "default.usda")).meshes[0]
     assert world_matrix(mesh, NAN)[3, 0] == (8.0 if samples else 6.0)
+
+
+def test_matrices_are_kept_up_to_a_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(transforms, "MOST_KEPT", 2)
+    mesh = read_meshes(open_stage(cube_file(tmp_path / "a.usda"))).meshes[0]
+    matrices = WorldMatrices()
+    for time in (1.0, 2.0, 3.0, NAN, NAN):
+        found = matrices(mesh, time)
+        assert (found == world_matrix(mesh, time)).all() and not found.flags.writeable
+        assert matrices(mesh, time) is found
+        assert len(matrices._kept) <= 2

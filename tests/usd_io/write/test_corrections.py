@@ -56,6 +56,21 @@ def test_a_still_mesh_is_corrected_in_memory_and_in_a_file(tmp_path: Path) -> No
         write_corrections(path, opened, [correction])
 
 
+def test_payloads_that_were_not_loaded_are_not_loaded_to_count_again(tmp_path: Path) -> None:
+    """Nobody looked into them."""
+    path = cube_file(tmp_path / "in.usda")
+    other = cube_file(tmp_path / "other.usda")
+    stage = Usd.Stage.Open(str(path))
+    stage.DefinePrim("/Other").GetPayloads().AddPayload(f"./{other.name}")
+    stage.GetRootLayer().Save()
+    opened = open_stage(path, load_payloads=False)
+    mesh = read_meshes(opened).meshes[0]
+    shapes, weights = np.ones((1, 1, 3), np.float32), np.ones((1, 1), np.float32)
+    correction = Correction(mesh, np.array([1]), shapes, np.array([np.nan]), weights)
+    seen = preview(opened, [correction])
+    assert other.name not in {Path(layer.realPath).name for layer in seen.GetUsedLayers()}
+
+
 def test_offsets_of_a_still_mesh_are_its_default(tmp_path: Path) -> None:
     opened, correction = lifted(cube_file(tmp_path / "in.usda"))
     write_offsets(tmp_path / "out.usda", opened, [correction])

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
+from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.repair.full.acceptance import reach_of
 from dtrepair.repair.full.relax import Relaxation, RelaxOptions
 from dtrepair.repair.parallel.worker_pool import make_worker_pool, worthwhile_jobs
@@ -54,7 +54,6 @@ class _Strained(NamedTuple):
 
     before: FloatArray
     after: FloatArray
-    pairs: IntArray
     excess: tuple[Excess, ...]
 
 
@@ -81,7 +80,7 @@ class Relief:
 
     def relieved(self, surface: Surface, index: int) -> FloatArray:
         """Return a pose (V, 3) that is less strained, with no more pairs, if there is one."""
-        before, after, pairs, excess = self.strained[index]
+        before, after, excess = self.strained[index]
         options, mesh = self.options, self.mesh
         unit, start = mesh.reduced(before), mesh.reduced(after)
         state = Relaxation(
@@ -90,7 +89,7 @@ class Relief:
             start,
             len(surface.contacts.folds(start)),
             reach_of(surface, start - unit),
-            contact_scale(surface, pairs),
+            contact_scale(surface, surface.contacts.pairs(unit)),
             options.relax,
             crossings=len(surface.contacts.pairs(start)),
         )
@@ -129,7 +128,7 @@ def relieved_poses(
     strained = {}
     for index, (pose, points) in enumerate(zip(poses, found, strict=True)):
         if excess := strain_of(scene, pose.centred, points):
-            strained[index] = _Strained(pose.centred, points, pose.pairs, excess)
+            strained[index] = _Strained(pose.centred, points, excess)
     if not strained:
         return found
     state = Relief(scene, mesh, list(strained.values()), options=options)

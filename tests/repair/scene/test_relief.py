@@ -21,10 +21,17 @@ from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from tests.meshes import joined, tube
 
 
-def winged(angle: float, *, attached: bool = True) -> tuple[Scene, OpenedPose, WeldedMesh]:
-    """A trunk with a wing whose root ends in it, turned until the wing lies on the trunk."""
+def winged(
+    angle: float, *, attached: bool = True, flat: int = 0
+) -> tuple[Scene, OpenedPose, WeldedMesh]:
+    """A trunk with a wing whose root ends in it, turned until the wing lies on the trunk.
+
+    flat: so many triangles of the trunk are without area, and no part of what is solved.
+    """
     trunk, (points, faces) = tube(14, 24, 0.25, 2.0), tube(12, 20, 0.1, 1.6)
     wing = (points * (1.0, 0.35, 1.0))[:, [2, 1, 0]] * (1.0, 1.0, -1.0) + (0.95, 0.0, 0.0)
+    seam = np.tile(np.array([[0, len(trunk[0]), 1]], dtype=np.int32), (flat, 1))
+    trunk = np.concatenate([trunk[0], trunk[0][:1]]), np.concatenate([seam, trunk[1]])
     rest, every = joined(trunk, (wing, faces))
     references = [Reference(rest, Detector(rest, every)(rest))] if attached else []
     scene = make_scene([Body(*trunk), Body(wing, faces)], RepairOptions(), references=references)
@@ -54,6 +61,14 @@ def test_a_strained_joint_comes_together_and_its_contacts_stay_open(angle: float
     (relieved,) = relieved_poses(scene, mesh, [frame], [found])
     assert not scene.strain_meter(frame.centred, relieved)
     assert not len(pairs_of(scene, frame, relieved))
+
+
+def test_triangles_without_area_are_no_obstacle() -> None:
+    for flat in (0, 400):
+        scene, frame, mesh = winged(1.6, flat=flat)
+        found = mesh.solve([frame.centred])[0][0]
+        (relieved,) = relieved_poses(scene, mesh, [frame], [found])
+        assert not scene.strain_meter(frame.centred, relieved)
 
 
 def test_a_pose_with_pairs_left_is_relieved_and_gets_no_more() -> None:

@@ -268,6 +268,7 @@ class WindowStream:
         pairs_of = partial(self.scene.pairs, weld=frame.weld)
         options = self.options
         if len(left):
+            alone = partial(solve_alone, effort=self.scene.options.effort, options=options.alone)
             judged, left = mended(
                 self.scene,
                 mesh(),
@@ -277,7 +278,8 @@ class WindowStream:
                 pairs_of,
                 step=options.mend_step,
                 farthest=options.mend_share,
-                alone=partial(solve_alone, effort=self.scene.options.effort, options=options.alone),
+                # Frames of attached parts were solved alone already.
+                alone=alone if mesh().surface.ties is None else None,
                 options=options.mend,
             )
         judged, left = bounded_pose(

@@ -20,6 +20,7 @@ from dtrepair.repair.result import RepairResult, Solved
 from dtrepair.repair.scene.bounds import Judged, bounded_pose
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
+from dtrepair.repair.scene.relief import ReliefOptions, relieved_poses
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
@@ -49,6 +50,7 @@ class IndependentOptions:
         pressed: Distance of a body that presses, as a fraction of the size of the torn one.
         mend_step, mend: Largest motion, units of the size, and numbers of the mending of a share.
         strain: What a correction may do to a shape.
+        relief: How what is strained is relaxed once more.
         share: How the share of a correction is found that does not do more.
         release: How enclosed parts are led out.
         lift: How layers are led back over what came through them.
@@ -63,6 +65,7 @@ class IndependentOptions:
     mend_step: float = 0.002
     mend: MendOptions = field(default_factory=MendOptions)
     strain: StrainOptions = field(default_factory=StrainOptions)
+    relief: ReliefOptions = field(default_factory=ReliefOptions)
     share: ShareOptions = field(default_factory=ShareOptions)
     release: ReleaseOptions = field(default_factory=ReleaseOptions)
     lift: LiftOptions = field(default_factory=LiftOptions)
@@ -280,6 +283,9 @@ def _closed(
         # Vertices that only happened to coincide in the input are two in the result.
         return scene.pairs(points, scene.weld(points))
 
+    if final is not pose.centred:
+        mesh = meshes([pose.weld])
+        (final,) = relieved_poses(scene, mesh, [pose], [final], options=options.relief)
     pairs = pose.pairs if final is pose.centred else pairs_of(final)
     judged, pairs = bounded_pose(scene, pose, Judged(final), pairs, pairs_of, options=options.share)
     if judged.lowered:

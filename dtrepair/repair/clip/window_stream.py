@@ -31,6 +31,7 @@ from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.bounds import Judged, bounded_frames, bounded_pose
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import detected
+from dtrepair.repair.scene.relief import relieved_poses
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
@@ -157,8 +158,11 @@ class WindowStream:
             judged = tail
         elif self.scene.options.clearance > 0.0 or any(frame.wrong for frame in frames):
             times = np.array([frame.time for frame in frames])
-            poses, share = self._solve(mesh(), frames), self.options.independent.share
-            judged = bounded_frames(self.scene, frames, poses, times, options=share)
+            numbers, poses = self.options.independent, self._solve(mesh(), frames)
+            poses = relieved_poses(
+                self.scene, mesh(), frames, poses, jobs=self.jobs, options=numbers.relief
+            )
+            judged = bounded_frames(self.scene, frames, poses, times, options=numbers.share)
         if len(tail) < len(frames):
             judged = faded(frames, tail, judged, self.scene.rigid)
         done = len(frames) - keep
@@ -264,6 +268,7 @@ class WindowStream:
         pairs_of = partial(self.scene.pairs, weld=frame.weld)
         options = self.options
         if len(left):
+            alone = partial(solve_alone, effort=self.scene.options.effort, options=options.alone)
             judged, left = mended(
                 self.scene,
                 mesh(),
@@ -273,7 +278,8 @@ class WindowStream:
                 pairs_of,
                 step=options.mend_step,
                 farthest=options.mend_share,
-                alone=partial(solve_alone, effort=self.scene.options.effort, options=options.alone),
+                # Frames of attached parts were solved alone already.
+                alone=alone if mesh().surface.ties is None else None,
                 options=options.mend,
             )
         judged, left = bounded_pose(

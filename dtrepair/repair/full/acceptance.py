@@ -39,6 +39,7 @@ def roll_back(
     defects: Defects,
     *,
     folds: int,
+    crossings: int = 0,
     options: AcceptanceOptions = AcceptanceOptions(),
 ) -> Filled | None:
     """Return the step from `current` to `trial` undone around its `defects`, fading over rings.
@@ -54,7 +55,7 @@ def roll_back(
         kept = np.clip((rings - 1 - attempt) / fade, 0.0, 1.0)
         pose = current + kept[:, None] * (trial - current)
         defects = changed_defects(surface, known, trial, pose)
-        if acceptable(defects, folds):
+        if acceptable(defects, folds, crossings):
             return Filled(pose, defects)
     return None
 
@@ -85,6 +86,6 @@ def changed_defects(
     return update_defects(surface, known, trial, differing(trial, current))
 
 
-def acceptable(defects: Defects, folds: int) -> bool:
-    """Return whether a pose is clean and has no more folds than allowed."""
-    return len(defects.crossings) == 0 and len(defects.folds) <= folds
+def acceptable(defects: Defects, folds: int, crossings: int = 0) -> bool:
+    """Return whether a pose has no more crossings, by default none, and folds than allowed."""
+    return len(defects.crossings) <= crossings and len(defects.folds) <= folds

@@ -160,11 +160,13 @@ class Relaxation:
         scale: float,
         options: RelaxOptions,
         steering: Steering | None = None,
+        *,
+        crossings: int = 0,
     ) -> None:
         self.options, self.steering = options, steering
         self.surface, self.original = surface, original
         self.points, self.known = points, find_defects(surface, points)
-        self.folds, self.reach = folds, reach
+        self.folds, self.crossings, self.reach = folds, crossings, reach
         moving = surface.cluster_of_body[surface.cluster_maxima(reach) > 0.0]
         self.pile = len(np.unique(moving)) >= options.pile
         step = options.step * scale
@@ -257,6 +259,7 @@ class Relaxation:
         pose, previous = current, (0, 0)
         trial, defects = current, self.known
         rounds = options.solve.rounds
+        most = {"folds": self.folds, "crossings": self.crossings}
         for _ in range(options.tries):
             self.gaps.linearise(current)
             pose = step_with_gaps(
@@ -266,7 +269,7 @@ class Relaxation:
             last = trial
             trial = without_still(last, self._shortened(pose), still=options.acceptance.still)
             defects = changed_defects(surface, defects, last, trial)
-            if acceptable(defects, self.folds):
+            if acceptable(defects, **most):
                 return Filled(trial, defects)
             if defects.rank == previous:
                 # Forces do not help here: folds have no room for a gap.
@@ -276,9 +279,7 @@ class Relaxation:
             few = changed <= options.few * np.count_nonzero(self.gaps.forces)
             rounds = 1 if few else options.solve.rounds
         self._collided = True
-        return roll_back(
-            surface, current, trial, defects, folds=self.folds, options=options.acceptance
-        )
+        return roll_back(surface, current, trial, defects, **most, options=options.acceptance)
 
     def _shortened(self, pose: FloatArray) -> FloatArray:
         """Return the pose (V, 3), its motion shortened where contacts throw a vertex too far."""

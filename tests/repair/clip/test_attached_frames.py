@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
 
+from dtrepair import Body, SceneRepairer
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.numerics.temporal import gaussian_kernel
+from dtrepair.repair.clip import window_stream
+from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.scene.welded_mesh import WeldedMesh
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import icosphere, joined, tube
 
@@ -96,3 +100,35 @@ def test_a_clearance_counts_until_it_is_forgotten() -> None:
     state.forget_clearance()
     assert state.work.left(surface, frames[0]) > 0
     assert state.work.left(surface, close) == 0
+
+
+def test_frames_that_stay_dirty_are_not_solved_alone_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The window solved them each for itself; doing so again would cost as much and find the same.
+
+    Without attached parts the window pushes all frames together, and it is another attempt.
+    """
+    asked = []
+
+    def alone(_: Surface, pose: FloatArray, **numbers: object) -> FloatArray:
+        asked.append(pose)
+        return pose
+
+    monkeypatch.setattr(window_stream, "solve_alone", alone)
+    (trunk, faces), ball = tube(12, 20, 0.2, 2.0), icosphere(2, 0.15)
+    lower = 1.1 * trunk * (1.0, 1.0, 1.0 / 1.1) + (0.04, 0.01, 1.7)
+    bodies = [Body(trunk, faces), Body(lower, faces), Body(*ball)]
+    rest, every = joined((trunk, faces), (lower, faces), (ball[0] + [0.5, 0.0, 0.0], ball[1]))
+    reference = Reference(rest, Detector(rest, every)(rest))
+    for references in ([reference], []):
+        asked.clear()
+        repairer = SceneRepairer(bodies, references=references)
+
+        def idle(_: WeldedMesh) -> Callable[..., FloatArray]:
+            return lambda poses, *_, unless: poses
+
+        window = ClipRepairer(repairer.scene, repairer.meshes, make_method=idle)
+        pose = [trunk, lower, ball[0] + [0.2, 0.0, 0.3]]
+        assert len(list(window.stream([(1.0, pose), (2.0, pose)], jobs=1))) == 2
+        assert bool(asked) == (not references)

@@ -190,7 +190,8 @@ def test_times_are_the_places_of_frames() -> None:
 
 def test_contacts_have_a_picture_or_a_row() -> None:
     page = make_page(document(), CONTENT)
-    assert page.count("<figure") == 1 and "/A and /B, frame 5: 12 → 3 intersecting triangles" in page
+    assert page.count("<figure") == 1
+    assert "/A and /B, frame 5: 12 → 3 intersecting triangles" in page
     assert "Smaller contacts (1)" in page and "<td>/A with itself</td>" in page
     assert '<button class=frame data-go="2">3 to 7</button>' in page
     assert "background:rgb(255,128,0)" in page

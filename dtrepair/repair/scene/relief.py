@@ -1,0 +1,150 @@
+"""Strained characters are relaxed once more, attached parts held, before shares are given up.
+
+A correction that opens a contact may let a joint slide or turn a crease over by little more than
+its bound. Where a share of it was given up for that, the contact would come back. As-rigid-as-
+possible cycles between gaps that stay open, pulled to where attached parts are in their places,
+mostly lead within the bounds, and nothing is given up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from dtrepair.numerics.geometry import FloatArray, lengths
+from dtrepair.repair.full.acceptance import reach_of
+from dtrepair.repair.full.relax import Relaxation, RelaxOptions
+from dtrepair.repair.parallel.worker_pool import make_worker_pool, worthwhile_jobs
+from dtrepair.repair.scene.bounds import strain_of
+from dtrepair.repair.scene.holding import Holding
+from dtrepair.repair.scene.opened_pose import OpenedPose
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.welded_mesh import WeldedMesh
+from dtrepair.repair.strain.meter import Excess
+from dtrepair.repair.surface.defects import contact_scale
+from dtrepair.repair.surface.surface import Surface
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReliefOptions:
+    """How strained poses are relaxed once more.
+
+    Args:
+        cycles: At most so many.
+        patience: It ends after so many that gained nothing.
+        gain: A cycle gains if it lowers the strain to this factor of the least before.
+        hold: Weight, next to the edges, of the pull to where attached parts are in their places.
+        farther: Factor of the longest motion of a correction that it may grow by.
+        relax: The cycles. Short steps and many tries: what is strained lies beside contacts.
+    """
+
+    cycles: int = 24
+    patience: int = 6
+    gain: float = 0.99
+    hold: float = 2.0
+    farther: float = 1.1
+    relax: RelaxOptions = field(
+        default_factory=lambda: RelaxOptions(step=0.005, first=1.0, longer=1.0, tries=10)
+    )
+
+
+class _Strained(NamedTuple):
+    """A pose (V, 3) of the input, what was found for it, and how that is strained."""
+
+    before: FloatArray
+    after: FloatArray
+    excess: tuple[Excess, ...]
+
+
+class Relief:
+    """Strained poses of a scene; a pool calls `relieved`.
+
+    Args:
+        scene: The bodies; some are attached.
+        mesh: The mesh that was solved.
+        strained: The poses.
+        options: The numbers.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        mesh: WeldedMesh,
+        strained: Sequence[_Strained],
+        *,
+        options: ReliefOptions = ReliefOptions(),
+    ) -> None:
+        self.scene, self.mesh, self.surface = scene, mesh, mesh.surface
+        self.strained, self.options, self.holding = strained, options, Holding(scene)
+
+    def relieved(self, surface: Surface, index: int) -> FloatArray:
+        """Return a pose (V, 3) that is less strained, with no more pairs, if there is one."""
+        before, after, excess = self.strained[index]
+        options, mesh = self.options, self.mesh
+        unit, start = mesh.reduced(before), mesh.reduced(after)
+        state = Relaxation(
+            surface,
+            unit,
+            start,
+            len(surface.contacts.folds(start)),
+            reach_of(surface, start - unit),
+            contact_scale(surface, surface.contacts.pairs(unit)),
+            options.relax,
+            crossings=len(surface.contacts.pairs(start)),
+        )
+        farthest = options.farther * float(lengths(after - before).max())
+        points, best, value, stalled = after, after, _badness(excess), 0
+        for _ in range(options.cycles):
+            home = points + self.holding(before, points)
+            state.system.hold(mesh.reduced(home), options.hold)
+            state.cycle()
+            points = mesh.expanded(before, unit, state.points)
+            strain = _badness(strain_of(self.scene, before, points))
+            stalled = 0 if strain < options.gain * value else stalled + 1
+            if strain < value and float(lengths(points - before).max()) <= farthest:
+                best, value = points, strain
+            if value == 0.0 or stalled == options.patience:
+                break
+        return best
+
+
+def relieved_poses(
+    scene: Scene,
+    mesh: WeldedMesh,
+    poses: Sequence[OpenedPose],
+    found: list[FloatArray],
+    *,
+    jobs: int | None = 1,
+    options: ReliefOptions = ReliefOptions(),
+) -> list[FloatArray]:
+    """Return what was `found` (V, 3) for some poses, with less strain where that can be had.
+
+    Of characters with attached parts only. Nothing gets more pairs. jobs: workers; None: one a
+    processor.
+    """
+    if mesh.surface.ties is None:
+        return found
+    strained = {}
+    for index, (pose, points) in enumerate(zip(poses, found, strict=True)):
+        if excess := strain_of(scene, pose.centred, points):
+            strained[index] = _Strained(pose.centred, points, excess)
+    if not strained:
+        return found
+    state = Relief(scene, mesh, list(strained.values()), options=options)
+    with make_worker_pool(
+        mesh.surface, worthwhile_jobs(jobs, len(strained), len(mesh.surface.faces))
+    ) as pool:
+        pool.start(state)
+        relieved = pool.map("relieved", range(len(strained)))
+    result = list(found)
+    for (index, own), points in zip(strained.items(), relieved, strict=True):
+        weld = poses[index].weld
+        if len(scene.pairs(points, weld)) <= len(scene.pairs(own.after, weld)):
+            result[index] = points
+    return result
+
+
+def _badness(excess: Sequence[Excess]) -> float:
+    """Return how far beyond its bounds a pose is, 0 where it is within them."""
+    return float(sum(own.value / max(own.bound, 1e-12) for own in excess))

@@ -1,0 +1,117 @@
+"""A correction that strains a joint is relaxed until it does not, and its contacts stay open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from dtrepair import Body, RepairOptions, SceneRepairer
+from dtrepair.diagnosis import Status
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attachments import Reference
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.repair.clip.clip_repairer import ClipRepairer
+from dtrepair.repair.scene.bounds import Judged, bounded_pose
+from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
+from dtrepair.repair.scene.relief import ReliefOptions, relieved_poses
+from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
+from tests.meshes import joined, tube
+
+
+def winged(
+    angle: float, *, attached: bool = True, flat: int = 0
+) -> tuple[Scene, OpenedPose, WeldedMesh]:
+    """A trunk with a wing whose root ends in it, turned until the wing lies on the trunk.
+
+    flat: so many triangles of the trunk are without area, and no part of what is solved.
+    """
+    trunk, (points, faces) = tube(14, 24, 0.25, 2.0), tube(12, 20, 0.1, 1.6)
+    wing = (points * (1.0, 0.35, 1.0))[:, [2, 1, 0]] * (1.0, 1.0, -1.0) + (0.95, 0.0, 0.0)
+    seam = np.tile(np.array([[0, len(trunk[0]), 1]], dtype=np.int32), (flat, 1))
+    trunk = np.concatenate([trunk[0], trunk[0][:1]]), np.concatenate([seam, trunk[1]])
+    rest, every = joined(trunk, (wing, faces))
+    references = [Reference(rest, Detector(rest, every)(rest))] if attached else []
+    scene = make_scene([Body(*trunk), Body(wing, faces)], RepairOptions(), references=references)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turn = np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
+    pivot = np.array([0.2, 0.0, 0.0])
+    frame = detected(scene, gathered(scene, [trunk[0], (wing - pivot) @ turn + pivot]))
+    return scene, frame, WeldedMeshes(scene)([frame.weld])
+
+
+def pairs_of(scene: Scene, frame: OpenedPose, points: FloatArray) -> IntArray:
+    return scene.pairs(points, frame.weld)
+
+
+@pytest.mark.parametrize("angle", [1.4, 1.6])
+def test_a_strained_joint_comes_together_and_its_contacts_stay_open(angle: float) -> None:
+    scene, frame, mesh = winged(angle)
+    found = mesh.solve([frame.centred])[0][0]
+    assert len(frame.pairs) and not len(pairs_of(scene, frame, found))
+    assert scene.strain_meter(frame.centred, found)
+    # The share within the bounds would bring contacts back.
+    none = np.zeros((0, 2), dtype=np.int32)
+    lowered, left = bounded_pose(
+        scene, frame, Judged(found), none, lambda points: pairs_of(scene, frame, points)
+    )
+    assert lowered.excess and len(left)
+    (relieved,) = relieved_poses(scene, mesh, [frame], [found])
+    assert not scene.strain_meter(frame.centred, relieved)
+    assert not len(pairs_of(scene, frame, relieved))
+
+
+def test_triangles_without_area_are_no_obstacle() -> None:
+    for flat in (0, 400):
+        scene, frame, mesh = winged(1.6, flat=flat)
+        found = mesh.solve([frame.centred])[0][0]
+        (relieved,) = relieved_poses(scene, mesh, [frame], [found])
+        assert not scene.strain_meter(frame.centred, relieved)
+
+
+def test_a_pose_with_pairs_left_is_relieved_and_gets_no_more() -> None:
+    scene, frame, mesh = winged(1.6)
+    found = mesh.solve([frame.centred])[0][0]
+    # The tip of the wing is back in the trunk, and the joint as strained as before.
+    away = np.abs(frame.centred[:, 2])
+    share = np.clip(2.0 - away / 0.6, 0.4, 1.0)[:, None]
+    mixed = frame.centred + share * (found - frame.centred)
+    left = len(pairs_of(scene, frame, mixed))
+    assert left and scene.strain_meter(frame.centred, mixed)
+    (relieved,) = relieved_poses(scene, mesh, [frame], [mixed])
+    assert not scene.strain_meter(frame.centred, relieved)
+    assert len(pairs_of(scene, frame, relieved)) <= left
+
+
+def test_a_pose_ends_clean() -> None:
+    scene, frame, _ = winged(1.5)
+    results = SceneRepairer(scene.bodies, references=scene.references)(frame.given)
+    assert [result.status for result in results] == [Status.CLEAN] * 2
+
+
+def test_frames_of_a_window_are_relieved() -> None:
+    scene, frame, mesh = winged(1.5)
+    points = mesh.solve([frame.centred])[0][0]
+    (relieved,) = relieved_poses(scene, mesh, [frame], [points])
+    found = mesh.reduced(points)
+
+    def method(_: WeldedMesh) -> Callable[..., FloatArray]:
+        return lambda poses, *_, unless: np.repeat(found[None], len(poses), axis=0)
+
+    window = ClipRepairer(scene, WeldedMeshes(scene), make_method=method)
+    for repaired in window.stream([(time, frame.given) for time in (1.0, 2.0)], jobs=1):
+        result = np.concatenate([own.points for own in repaired.results])
+        assert np.abs(result - relieved).max() < 1e-6
+
+
+@pytest.mark.parametrize("cycles", [0, 1])
+def test_what_is_within_the_bounds_or_not_attached_keeps_every_bit(cycles: int) -> None:
+    options = ReliefOptions(cycles=cycles)
+    for attached in (True, False):
+        scene, frame, mesh = winged(1.2, attached=attached)
+        found = mesh.solve([frame.centred])[0][0]
+        if not attached:
+            found = frame.centred + 9.0 * (found - frame.centred)
+        assert relieved_poses(scene, mesh, [frame], [found], options=options)[0] is found

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from blender.dtrepair_addon.host.exchange import read_points
+from blender.dtrepair_addon.scene import mesh_cache
 from blender.dtrepair_addon.scene.jobs import Job
-from blender.dtrepair_addon.scene.sampling import points_of, sample
+from blender.dtrepair_addon.scene.sampling import SceneError, points_of, sample
 from blender.tests.character import FRAMES, state
 
 EVERY = range(FRAMES + 3)
@@ -100,3 +101,23 @@ def test_what_would_deform_a_cache_again_is_refused_before_the_work(cached: Any)
     with pytest.raises(RuntimeError, match="choose another folder"):
         bpy.ops.dtrepair.repair()
     assert state(cached) == before
+
+
+@pytest.mark.parametrize("failing", ["opened", "apply"])
+def test_a_cache_that_fails_leaves_no_file(
+    cached: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: str
+) -> None:
+    folder = tmp_path / "failing"
+    scene = bpy.context.scene
+    scene.dtrepair.span, scene.dtrepair.caches = "CURRENT", str(folder)
+    scene.frame_set(3)
+    before, files = state(cached), len(bpy.data.cache_files)
+
+    def fail(*arguments: Any) -> None:
+        raise SceneError("Blender did not read it")
+
+    monkeypatch.setattr(mesh_cache, failing, fail)
+    with pytest.raises(RuntimeError, match="did not read it"):
+        bpy.ops.dtrepair.repair()
+    assert not list(folder.iterdir()) and len(bpy.data.cache_files) == files
+    assert state(cached) == before and bpy.data.objects.get("Hero repaired") is None

@@ -1,4 +1,4 @@
-"""Warp kernels for triangles that come closer than a distance."""
+"""Warp kernels that walk the tree: for triangles closer than a distance, and for rays."""
 
 from __future__ import annotations
 
@@ -155,3 +155,92 @@ def find_close_pairs(
                 if slot < pairs.shape[0]:
                     pairs[slot] = wp.vec2i(wp.min(order[i], order[j]), wp.max(order[i], order[j]))
         node = skip[node]
+
+
+@wp.func
+def ray_crosses(
+    origin: wp.vec3d, direction: wp.vec3d, a: wp.vec3f, b: wp.vec3f, c: wp.vec3f
+) -> int:
+    """1 if a ray leaves through a triangle, -1 if it enters through it, else 0."""
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    corner = wp.vec3d(wp.float64(a[0]), wp.float64(a[1]), wp.float64(a[2]))
+    u = wp.vec3d(wp.float64(b[0]), wp.float64(b[1]), wp.float64(b[2])) - corner
+    v = wp.vec3d(wp.float64(c[0]), wp.float64(c[1]), wp.float64(c[2])) - corner
+    across = wp.cross(direction, v)
+    determinant = wp.dot(u, across)
+    if determinant == zero:
+        return 0
+    offset = origin - corner
+    s = wp.dot(offset, across) / determinant
+    if s < zero or s > one:
+        return 0
+    turned = wp.cross(offset, u)
+    t = wp.dot(direction, turned) / determinant
+    if t < zero or s + t > one:
+        return 0
+    if not (wp.dot(v, turned) / determinant > zero):
+        return 0
+    # The determinant is minus the direction times the normal.
+    if determinant < zero:
+        return 1
+    return -1
+
+
+@wp.kernel
+def cast_rays(
+    points: wp.array2d(dtype=wp.vec3f),
+    faces: wp.array(dtype=wp.vec3i),
+    leaf_start: wp.array(dtype=wp.int32),
+    skip: wp.array(dtype=wp.int32),
+    node_low: wp.array2d(dtype=wp.vec3f),
+    node_high: wp.array2d(dtype=wp.vec3f),
+    origins: wp.array(dtype=wp.int32),
+    directions: wp.array(dtype=wp.vec3d),
+    part: wp.array(dtype=wp.int32),
+    over: wp.array2d(dtype=wp.uint8),
+    crossings: wp.array(dtype=wp.int32),
+):
+    """Signed crossings of rays that start at vertices: +1 leaving the surface, -1 entering it.
+
+    Triangles that have the vertex are left out, and those of parts that lie over that of the
+    vertex: `over` (upper, lower) of the numbers in `part`. One thread a ray.
+    """
+    ray = wp.tid()
+    vertex = origins[ray]
+    start = points[0, vertex]
+    origin = wp.vec3d(wp.float64(start[0]), wp.float64(start[1]), wp.float64(start[2]))
+    direction = directions[ray]
+    inverse = wp.vec3f()
+    for axis in range(3):
+        component = wp.float32(direction[axis])
+        if wp.abs(component) < 1.0e-12:
+            component = 1.0e-12
+        inverse[axis] = 1.0 / component
+    leaves = leaf_start.shape[0] - 1
+    total = int(0)
+    node = int(0)
+    while node < skip.shape[0]:
+        low = wp.cw_mul(node_low[0, node] - start, inverse)
+        high = wp.cw_mul(node_high[0, node] - start, inverse)
+        entry = wp.max(wp.min(low, high))
+        leave = wp.min(wp.max(low, high))
+        # Float32 boxes get a margin: the triangles themselves are tested in float64.
+        if leave * 1.0001 < 0.0 or entry * 0.9999 > leave * 1.0001:
+            node = skip[node]
+            continue
+        if node < leaves - 1:
+            node = 2 * node + 1
+            continue
+        leaf = node - leaves + 1
+        for i in range(leaf_start[leaf], leaf_start[leaf + 1]):
+            f = faces[i]
+            if f[0] == vertex or f[1] == vertex or f[2] == vertex:
+                continue
+            if over[part[f[0]], part[vertex]] != wp.uint8(0):
+                continue
+            total += ray_crosses(
+                origin, direction, points[0, f[0]], points[0, f[1]], points[0, f[2]]
+            )
+        node = skip[node]
+    crossings[ray] = total

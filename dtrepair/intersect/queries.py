@@ -71,6 +71,8 @@ class Queries:
         Each exit counts 1 and each entry -1; triangles at the vertex do not count, nor do those of
         a part that lies over that of the vertex: `part` (V,) numbers, `over` (P, P) [upper, lower].
         """
+        from dtrepair.intersect.proximity_kernels import cast_rays
+
         if part is None or over is None:
             part, over = np.zeros(len(points), dtype=np.int32), np.zeros((1, 1), dtype=bool)
         warp = self._warp
@@ -81,7 +83,7 @@ class Queries:
         inputs += [low, high, self._array(vertices.astype(np.int32), warp.int32)]
         inputs += [self._array(directions, warp.vec3d), self._array(part, warp.int32)]
         inputs += [self._array(over.view(np.uint8), warp.uint8), result]
-        warp.launch(self._kernels.cast_rays, dim=len(vertices), inputs=inputs, device="cpu")
+        warp.launch(cast_rays, dim=len(vertices), inputs=inputs, device="cpu")
         counts: IntArray = result.numpy()
         return counts
 

@@ -129,9 +129,9 @@ class Job:
         """Copies with a mesh cache, which have the points to the last bit."""
         assert self._caches is not None
         copies = self._copied(points)
-        with discarded_on_failure(copies.values()):
-            layer = mesh_cache.keep(self.worker.folder / told["cache"], self._caches)
-            file = mesh_cache.opened(layer)
+        layer = self.worker.folder / told["cache"]
+        with discarded_on_failure(copies.values()), mesh_cache.kept(layer, self._caches) as kept:
+            file = mesh_cache.opened(kept)
             for place, copy in copies.items():
                 changed = (self.meshes[place].points != points[place]).any(axis=(1, 2))
                 mesh_cache.apply(copy.object, self.frames, changed, file, told["prims"][place])

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +46,24 @@ def refuse_late_modifiers(objects: Sequence[Any]) -> None:
                 )
 
 
-def keep(layer: Path, folder: Path) -> Path:
-    """Copy a layer into the folder of caches under a name of its own; return its path."""
+@contextmanager
+def kept(layer: Path, folder: Path) -> Iterator[Path]:
+    """Copy a layer into the folder of caches under a name of its own; give its path.
+
+    Where the block fails, neither the file nor Blender's cache file of it is left behind.
+    """
+    target = _copied(layer, folder)
+    try:
+        yield target
+    except BaseException:
+        for each in list(bpy.data.cache_files):
+            if Path(bpy.path.abspath(each.filepath)) == target:
+                bpy.data.batch_remove([each])
+        target.unlink(missing_ok=True)
+        raise
+
+
+def _copied(layer: Path, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     number = 1
     while (target := folder / f"{PREFIX}_{number:03}.usdc").exists():

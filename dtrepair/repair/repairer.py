@@ -28,7 +28,8 @@ from dtrepair.repair.solution_cache import Memory, remembering
 if TYPE_CHECKING:
     # The stages of clips are loaded for clips only.
     from dtrepair.repair.clip.clip_repairer import ClipRepairer
-    from dtrepair.repair.clip.window_stream import ClipOptions, MakeMethod
+    from dtrepair.repair.clip.window_method import MakeMethod
+    from dtrepair.repair.clip.window_stream import ClipOptions
 
 
 class SceneRepairer:

@@ -27,7 +27,7 @@ from dtrepair.repair.surface.surface import Surface
 
 if TYPE_CHECKING:
     # Single poses are remembered as well, and need no stages of clips.
-    from dtrepair.repair.clip.window_stream import MakeMethod, WindowSolver
+    from dtrepair.repair.clip.window_method import MakeMethod, WindowSolver
 
 Arrays = Mapping[str, NDArray[Any]]
 # Poses, and their results if they are known.

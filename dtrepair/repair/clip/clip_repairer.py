@@ -7,13 +7,11 @@ from functools import partial
 from itertools import islice
 from typing import Any
 
-from dtrepair.repair.clip.window_method import WindowMethod
+from dtrepair.repair.clip.window_method import MakeMethod, WindowMethod, WindowSolver
 from dtrepair.repair.clip.window_stream import (
     ClipOptions,
-    MakeMethod,
     Progress,
     Repaired,
-    WindowSolver,
     WindowStream,
     solve_alone,
 )

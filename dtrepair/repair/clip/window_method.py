@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -34,7 +34,26 @@ from dtrepair.repair.clip.tighten_frames import (
 from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.frame.frame_options import Alone, FrameOptions
 from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.scene.welded_mesh import WeldedMesh
 from dtrepair.repair.surface.surface import Surface
+
+
+class WindowSolver(Protocol):
+    """Repairs the frames of a window of one surface together, in units of its size."""
+
+    def __call__(
+        self,
+        original: FloatArray,
+        frames: FloatArray,
+        pool: WorkerPool,
+        *,
+        unless: Callable[[list[IntArray]], bool] | None = None,
+    ) -> FloatArray | None:
+        """Return repaired poses (T, V, 3) at times in frame units, or None if `unless` holds."""
+
+
+# Makes the solver of the windows of a mesh.
+MakeMethod = Callable[[WeldedMesh], WindowSolver]
 
 
 class Phase(NamedTuple):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache, partial
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,13 +16,12 @@ from dtrepair.numerics.temporal import frame_units
 from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.clip.frames import Frame, faded, read_frames
 from dtrepair.repair.clip.layout import LayoutOptions
-from dtrepair.repair.clip.window_method import WindowOptions
+from dtrepair.repair.clip.window_method import MakeMethod, WindowOptions
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.independent import IndependentOptions
 from dtrepair.repair.parallel.process_pool import ATTEMPTS, WorkerLost
 from dtrepair.repair.parallel.worker_pool import (
-    WorkerPool,
     available_processors,
     make_worker_pool,
     worthwhile_jobs,
@@ -70,24 +69,6 @@ class ClipOptions(LayoutOptions):
     mend: MendOptions = field(default_factory=MendOptions)
     alone: FullOptions = field(default_factory=FullOptions)
     independent: IndependentOptions = field(default_factory=IndependentOptions)
-
-
-class WindowSolver(Protocol):
-    """Repairs the frames of a window of one surface together, in units of its size."""
-
-    def __call__(
-        self,
-        original: FloatArray,
-        frames: FloatArray,
-        pool: WorkerPool,
-        *,
-        unless: Callable[[list[IntArray]], bool] | None = None,
-    ) -> FloatArray | None:
-        """Return repaired poses (T, V, 3) at times in frame units, or None if `unless` holds."""
-
-
-# Makes the solver of the windows of a mesh.
-MakeMethod = Callable[[WeldedMesh], WindowSolver]
 
 
 class Repaired(NamedTuple):

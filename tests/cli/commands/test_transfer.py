@@ -13,13 +13,17 @@ from dtrepair.report.record import read_report
 from dtrepair.report.schema import validate
 from dtrepair.transfer import Transfer, match_triangles, register
 from tests.command_line import (
+    CLOSED,
     Outcome,
     assert_fails,
     read_samples,
     run,
+    tube_polygons,
+    tube_pose,
+    tube_stage,
     write_obj,
 )
-from tests.meshes import Mesh
+from tests.meshes import Mesh, split_quads
 from tests.quadruped import Quadruped, markers
 
 Animals = tuple[Path, Mesh, Mesh, NDArray[np.int32]]
@@ -206,3 +210,22 @@ def test_the_horse_moves_the_camel(shared_data: Path, tmp_path: Path) -> None:
     )
     assert (done.code, done.out, done.err) == (0, "", "")
     assert run("check", tmp_path / "o.usdc", "-q").code == 0
+
+
+def test_polygons_and_texture_of_a_mesh_file_reach_the_new_stage(tmp_path: Path) -> None:
+    from pxr import Usd, UsdGeom
+
+    source = tube_stage(tmp_path / "a.usda", (1.0, CLOSED), rest=0.0)
+    output = tmp_path / "c.usdc"
+    quads = tube_polygons()
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in tube_pose(0.0).tolist()]
+    lines += ["vt 0 0", "vt 1 0", "vt 1 1"]
+    lines += ["f " + " ".join(f"{v + 1}/{k % 3 + 1}" for k, v in enumerate(q)) for q in quads]
+    (tmp_path / "9 lives.obj").write_text("\n".join(lines))
+    assert run("transfer", source, tmp_path / "9 lives.obj", "-o", output).code == 1
+    stage = Usd.Stage.Open(str(output))
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/_9_lives/Mesh"))
+    assert set(mesh.GetFaceVertexCountsAttr().Get()) == {4}
+    corners = np.asarray(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 4)
+    assert (corners == quads).all() and len(split_quads(corners)) == 384
+    assert len(UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st").Get()) == 3

@@ -19,7 +19,6 @@ from tests.command_line import (
     tube_stage,
     write_obj,
 )
-from tests.meshes import split_quads
 from tests.usd_stages import authored_properties
 from usd_io import AuthoredMesh, write_animation
 
@@ -281,22 +280,3 @@ def test_one_of_several_meshes_is_chosen(stages: tuple[Path, Path, Path], tmp_pa
     assert_fails(run(*arguments, "--match", "/Root/Tube,/Hero"), 2, "/Hero is 2 meshes")
     run(*arguments, "--target-prim", "/Hero/Coat")
     assert authored_properties(output) == {"/Hero/Coat.points", "/Hero/Coat.extent"}
-
-
-def test_polygons_and_texture_reach_the_new_stage(
-    stages: tuple[Path, Path, Path], tmp_path: Path
-) -> None:
-    from pxr import Usd, UsdGeom
-
-    quads = tube_polygons()
-    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in tube_pose(0.0).tolist()]
-    lines += ["vt 0 0", "vt 1 0", "vt 1 1"]
-    lines += ["f " + " ".join(f"{v + 1}/{k % 3 + 1}" for k, v in enumerate(q)) for q in quads]
-    (tmp_path / "9 lives.obj").write_text("\n".join(lines))
-    assert run("transfer", stages[0], tmp_path / "9 lives.obj", "-o", stages[2]).code == 1
-    stage = Usd.Stage.Open(str(stages[2]))
-    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/_9_lives/Mesh"))
-    assert set(mesh.GetFaceVertexCountsAttr().Get()) == {4}
-    corners = np.asarray(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 4)
-    assert (corners == quads).all() and len(split_quads(corners)) == 384
-    assert len(UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st").Get()) == 3

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
 
-from tests.usd_io.read.test_skinning import skinned_stage
+from tests.skinned_box import skinned_stage
 from tests.usd_reading import edited_cube, selection_of
 from tests.usd_stages import define_cube, new_stage
 from usd_io import FrameSpecError, StageTimes, open_stage, parse_frames, read_meshes, stage_times

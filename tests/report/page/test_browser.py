@@ -248,3 +248,17 @@ def test_nothing_hostile_runs(browser: Any, tmp_path: Path, name: str) -> None:
     result.page.wait_for_timeout(100)
     assert result.page.evaluate("typeof hacked") == "undefined"
     assert result.page.locator("h1").inner_text().endswith(name.replace("\u2028", "\u2028"))
+
+
+@pytest.mark.parametrize("width", [360, 480, 640, 760])
+def test_nothing_sticks_out_of_a_narrow_window(shown: Opened, width: int) -> None:
+    """A phone, half a screen: wide tables scroll by themselves, and the chart fits."""
+    shown.page.set_viewport_size({"width": width, "height": 700})
+    shown.page.wait_for_timeout(300)
+    wide = shown.page.evaluate(
+        "[...document.body.querySelectorAll('*')].filter((each) => !each.closest('.scroll')"
+        " && each.getBoundingClientRect().right > innerWidth + 1).map((each) => each.outerHTML"
+        ".slice(0, 80))"
+    )
+    assert wide == []
+    assert shown.page.evaluate("document.documentElement.scrollWidth") <= width

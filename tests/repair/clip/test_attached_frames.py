@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,13 +11,14 @@ import pytest
 from dtrepair import Body, SceneRepairer
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Reference
-from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.numerics.temporal import gaussian_kernel
 from dtrepair.repair.clip import window_stream
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import icosphere, joined, tube
@@ -111,11 +113,11 @@ def test_frames_that_stay_dirty_are_not_solved_alone_again(
     """
     asked = []
 
-    def alone(_: Surface, pose: FloatArray, **numbers: object) -> FloatArray:
-        asked.append(pose)
-        return pose
+    def not_mended(*given: Any, alone: object, **_: object) -> tuple[Judged, IntArray]:
+        asked.append(alone is not None)
+        return given[3], given[4]
 
-    monkeypatch.setattr(window_stream, "solve_alone", alone)
+    monkeypatch.setattr(window_stream, "mended", not_mended)
     (trunk, faces), ball = tube(12, 20, 0.2, 2.0), icosphere(2, 0.15)
     lower = 1.1 * trunk * (1.0, 1.0, 1.0 / 1.1) + (0.04, 0.01, 1.7)
     bodies = [Body(trunk, faces), Body(lower, faces), Body(*ball)]
@@ -131,4 +133,4 @@ def test_frames_that_stay_dirty_are_not_solved_alone_again(
         window = ClipRepairer(repairer.scene, repairer.meshes, make_method=idle)
         pose = [trunk, lower, ball[0] + [0.2, 0.0, 0.3]]
         assert len(list(window.stream([(1.0, pose), (2.0, pose)], jobs=1))) == 2
-        assert bool(asked) == (not references)
+        assert asked == 2 * [not references]

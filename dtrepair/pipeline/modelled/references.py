@@ -140,8 +140,10 @@ def untold_contacts(
     if not met:
         return []
     names = listed([source.meshes[index].path for index in met])
+    bound = (meshes.binding[met] != "").all()
+    lacking = "bind poses of different skeletons" if bound else "no bind pose"
     return [
-        f"different parts of {names} meet, and with no bind pose and fewer than {options.least} "
+        f"different parts of {names} meet, and with {lacking} and fewer than {options.least} "
         "frames nothing tells whether they were modelled so: every contact is repaired; name a "
         "pose that shows what was with --rest, or call prims attached with --attach"
     ]

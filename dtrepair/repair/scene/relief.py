@@ -32,17 +32,18 @@ class ReliefOptions:
 
     Args:
         cycles: At most so many.
-        patience: It ends after so many that gained nothing.
+        patience: After so many that gained nothing the pull changes, or it ends.
         gain: A cycle gains if it lowers the strain to this factor of the least before.
-        hold: Weight, next to the edges, of the pull to where attached parts are in their places.
+        hold: Weights, next to the edges, of the pull to where attached parts are in their places:
+            a strong one gains most, under a weak one contacts make way where it got stuck.
         farther: Factor of the longest motion of a correction that it may grow by.
         relax: The cycles. Short steps and many tries: what is strained lies beside contacts.
     """
 
     cycles: int = 24
-    patience: int = 6
+    patience: int = 4
     gain: float = 0.99
-    hold: float = 2.0
+    hold: tuple[float, ...] = (2.0, 0.5)
     farther: float = 1.1
     relax: RelaxOptions = field(
         default_factory=lambda: RelaxOptions(step=0.005, first=1.0, longer=1.0, tries=10)
@@ -94,18 +95,20 @@ class Relief:
             crossings=len(surface.contacts.pairs(start)),
         )
         farthest = options.farther * float(lengths(after - before).max())
-        points, best, value, stalled = after, after, _badness(excess), 0
+        points, best, value, stalled, holds = after, after, _badness(excess), 0, [*options.hold]
         for _ in range(options.cycles):
             home = points + self.holding(before, points)
-            state.system.hold(mesh.reduced(home), options.hold)
+            state.system.hold(mesh.reduced(home), holds[0])
             state.cycle()
             points = mesh.expanded(before, unit, state.points)
             strain = _badness(strain_of(self.scene, before, points))
             stalled = 0 if strain < options.gain * value else stalled + 1
             if strain < value and float(lengths(points - before).max()) <= farthest:
                 best, value = points, strain
-            if value == 0.0 or stalled == options.patience:
+            if value == 0.0 or (stalled == options.patience and len(holds) == 1):
                 break
+            if stalled == options.patience:
+                stalled, holds = 0, holds[1:]
         return best
 
 

@@ -118,7 +118,8 @@ def test_a_frame_between_others_tells_where_parts_meet_least(tmp_path: Path) -> 
 
 def test_bind_poses_of_two_skeletons_tell_nothing_of_each_other(tmp_path: Path) -> None:
     """A rider stands in his horse where both are bound; what counts is how he sits on it."""
-    path = rigged_tube(tmp_path / "a.usda", (0.0, 30.0, 0.0), names=("First", "Second"))
+    names = ("First", "Second")
+    path = rigged_tube(tmp_path / "a.usda", (0.0, 30.0, 0.0), every=1.0, names=names)
     stage = Usd.Stage.Open(str(path))
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/Root/Second"))
     mesh.GetPrim().GetAttribute("xformOp:translate").Set(
@@ -133,10 +134,18 @@ def test_bind_poses_of_two_skeletons_tell_nothing_of_each_other(tmp_path: Path) 
         Sdf.CopySpec(stage.GetRootLayer(), prim, stage.GetRootLayer(), f"{prim}2")
     other = stage.GetPrimAtPath(f"{own[0]}2")
     UsdSkel.BindingAPI(other).GetAnimationSourceRel().SetTargets([f"{own[1]}2"])
-    UsdSkel.Animation(stage.GetPrimAtPath(f"{own[1]}2")).GetTranslationsAttr().Set([(9, 0, 0)] * 2)
+    translations = UsdSkel.Animation(stage.GetPrimAtPath(f"{own[1]}2")).GetTranslationsAttr()
+    before = translations.Get()
+    translations.Set([(9, 0, 0)] * 2)
     UsdSkel.BindingAPI(mesh).GetSkeletonRel().SetTargets([f"{own[0]}2"])
     stage.Save()
     assert modelled_parts(open_source(str(path), Selection())).attachments is None
+    translations.Set(before)
+    stage.Save()
+    heard = Heard()
+    repair_stage(path, tmp_path / "b.usda", observer=heard)
+    (told,) = [text for text in heard.warnings if "were modelled so" in text]
+    assert "bind poses of different skeletons" in told and "no bind pose" not in told
 
 
 class Heard(Observer):

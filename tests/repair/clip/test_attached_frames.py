@@ -17,6 +17,10 @@ from dtrepair.numerics.temporal import gaussian_kernel
 from dtrepair.repair.clip import window_stream
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.clip.window_state import WindowState
+from dtrepair.repair.clip.window_stream import ClipOptions
+from dtrepair.repair.full.biharmonic_fill import FillOptions
+from dtrepair.repair.full.mend import MendOptions
+from dtrepair.repair.full.push import PushOptions
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
@@ -123,6 +127,8 @@ def test_frames_that_stay_dirty_are_not_solved_alone_again(
     bodies = [Body(trunk, faces), Body(lower, faces), Body(*ball)]
     rest, every = joined((trunk, faces), (lower, faces), (ball[0] + [0.5, 0.0, 0.0], ball[1]))
     reference = Reference(rest, Detector(rest, every)(rest))
+    no_fill, no_push = FillOptions(rounds=0), PushOptions(iterations=0)
+    unmended = ClipOptions(mend=MendOptions(near=(0,), push=no_push, fill=no_fill))
     for references in ([reference], []):
         asked.clear()
         repairer = SceneRepairer(bodies, references=references)
@@ -130,7 +136,8 @@ def test_frames_that_stay_dirty_are_not_solved_alone_again(
         def idle(_: WeldedMesh) -> Callable[..., FloatArray]:
             return lambda poses, *_, unless: poses
 
-        window = ClipRepairer(repairer.scene, repairer.meshes, make_method=idle)
+        meshes = repairer.meshes
+        window = ClipRepairer(repairer.scene, meshes, options=unmended, make_method=idle)
         pose = [trunk, lower, ball[0] + [0.2, 0.0, 0.3]]
         assert len(list(window.stream([(1.0, pose), (2.0, pose)], jobs=1))) == 2
         assert asked == 2 * [not references]

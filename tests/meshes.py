@@ -215,6 +215,24 @@ def armed_body(curl: float, along: int = 60, around: int = 12) -> Mesh:
     return swept(centre, 0.12 + 0.38 * blend, around, closed=False)
 
 
+def crossed_legs(angle: float, apart: float, along: int = 90, around: int = 14) -> Mesh:
+    """One closed tube: two legs of length 2 and radius 0.12 from hips 0.9 apart.
+
+    Each leg swings by `angle` towards the other one, and by `apart` to its own side in depth: from
+    an angle of about 0.23 on they cross like an X, and meet where 2 `apart` is below 0.24.
+    """
+    arc = np.linspace(0.0, 4.9, along + 1)
+    down = np.where(arc < 2.0, 2.0 - arc, np.maximum(arc - 2.9, 0.0))
+    side = np.where(arc < 2.45, 1.0, -1.0)
+    across = np.clip(arc - 2.0, 0.0, 0.9) - 0.45 + side * np.sin(angle) * down
+    depth = side * apart * np.clip(down, 0.0, 1.0)
+    centre = np.stack([across, depth, -np.cos(angle) * down], axis=1)
+    padded = np.pad(centre, ((4, 4), (0, 0)), mode="edge")
+    # Rounded, so that the hips have no crease.
+    smooth = np.mean([padded[k : k + along + 1] for k in range(9)], axis=0)
+    return swept(smooth, np.full(along + 1, 0.12), around, closed=False)
+
+
 def klein_bottle(around: int = 24, across: int = 16) -> Mesh:
     """Figure-eight immersion of the Klein bottle: closed, not orientable, crossing on a curve."""
     u = 2 * np.pi * np.arange(around)[:, None] / around

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from dtrepair.numerics.geometry import IntArray
+from dtrepair.numerics.geometry import IntArray, triangle_areas
 from dtrepair.numerics.worn.layers import Layers
 from dtrepair.numerics.worn.sides import WornLayer
 
@@ -55,16 +55,22 @@ def open_layers(layers: Layers) -> Covering | None:
 
 
 def _near_open(layers: Layers) -> list[tuple[int, int]]:
-    """Return the pairs of parts, one of them open, whose boxes meet at rest."""
-    parts = layers.parts
+    """Return pairs of parts, one of them open, whose boxes meet at rest.
+
+    The largest of them: cards of hair are many, and no garment.
+    """
+    parts, options = layers.parts, layers.options
     rest = parts.poses[0]
+    areas = np.array([triangle_areas(rest, own).sum() for own in parts.triangles])
+    by_size = np.argsort(-areas, kind="stable")
     low = np.stack([rest[own].min(axis=0) for own in parts.vertices])
     high = np.stack([rest[own].max(axis=0) for own in parts.vertices])
     pairs: set[tuple[int, int]] = set()
-    for part in np.flatnonzero(~parts.closed).tolist():
+    for part in by_size[~parts.closed[by_size]][: options.garments].tolist():
         meets = ((low[part] <= high) & (high[part] >= low)).all(axis=1)
         meets[part] = False
-        pairs |= {(min(part, k), max(part, k)) for k in np.flatnonzero(meets).tolist()}
+        others = by_size[meets[by_size]][: options.beneath].tolist()
+        pairs |= {(min(part, other), max(part, other)) for other in others}
     return sorted(pairs)
 
 

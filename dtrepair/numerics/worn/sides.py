@@ -38,6 +38,8 @@ class LayerOptions:
             of it turned the other way: an arm beside its body has two sides.
         worn: An open part is a layer over what it goes round by this share, see `worn_measure`.
         poses: How many poses tell at most.
+        garments, beneath: So many open parts, the largest, are looked at for what they cover, and
+            so many others of each: a pair takes some milliseconds.
     """
 
     near: float = 0.1
@@ -48,6 +50,8 @@ class LayerOptions:
     one_sided: float = 0.9
     worn: float = 0.7
     poses: int = 5
+    garments: int = 64
+    beneath: int = 8
 
 
 class WornLayer(NamedTuple):

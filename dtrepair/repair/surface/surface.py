@@ -212,11 +212,14 @@ class Surface(Topology):
             return cover
         return np.where(cover >= 0, cover, self.covering.beneath)
 
-    @property
+    @cached_property
     def labels(self) -> list[NDArray[np.signedinteger]]:
         """What each vertex (V,) belongs to: its body, and its part where layers are known."""
-        known = [] if self.covering is None else [self.covering.part]
-        return [self.body_of_vertex, *known]
+        if self.covering is None:
+            return [self.body_of_vertex]
+        # What is of no layer is alone: no two of such vertices are of one part.
+        part = np.where(self.covering.part > 0, self.covering.part, -2 - np.arange(self.count))
+        return [self.body_of_vertex, part]
 
     def _covered_bodies(self) -> IntArray:
         """Return the vertex (V,) of another body that each vertex covers at rest, or -1."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from dtrepair.numerics.worn.covering import Covering, open_layers
 from dtrepair.numerics.worn.layers import Layers
-from tests.meshes import icosphere, torus, tube
+from tests.meshes import grid, icosphere, torus, tube
 from tests.numerics.worn.test_layers import ARM, NO_PAIRS, SLEEVE, parts_of
 
 BALL = icosphere(2, 0.3)[0] + [0.0, 0.0, 5.0], icosphere(2)[1]
@@ -57,3 +58,13 @@ def test_it_is_told_for_another_numbering_of_the_vertices() -> None:
     assert np.array_equal(other.part, found.part[kept]) and other.over is found.over
     covers = np.flatnonzero(other.beneath >= 0)
     assert np.array_equal(kept[other.beneath[covers]], found.beneath[kept[covers]])
+
+
+def test_of_many_cards_the_largest_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    points, faces = grid(3, 3, 0.2)
+    cards = [(np.add(points, (0.0, 0.0, 0.01 * k)), faces) for k in range(150)]
+    layers = Layers(parts_of(ARM, SLEEVE, *cards, closed=(True, *151 * [False])), [NO_PAIRS])
+    asked = []
+    monkeypatch.setattr(layers, "between", lambda *both: asked.append(both))
+    open_layers(layers)
+    assert (0, 1) in asked and len(asked) < 600

@@ -15,7 +15,7 @@ from dtrepair.repair.surface.layers import covering_sides
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from dtrepair.repair.surface.winding import winding_numbers
 from tests.exact_reference import exact_pairs
-from tests.meshes import Mesh, grid, icosphere, joined, tube
+from tests.meshes import Mesh, grid, icosphere, joined, torus, tube
 
 Points = NDArray[np.float64]
 
@@ -137,6 +137,20 @@ def test_parts_of_one_mesh_cover_each_other_too() -> None:
     assert (surface.cover[count:] >= 0).all() and (surface.cover[count:] < count).all()
     sides = sides_of(surface, np.array([[0, sleeve], [0, 1], [sleeve, sleeve + 1]]))
     assert sides is not None and sides.tolist() == [[1.0, -1.0], [1.0, 1.0], [1.0, 1.0]]
+
+
+def test_a_layer_over_one_thing_is_none_over_another_that_no_layer_concerns() -> None:
+    (ring, of_ring), ball = torus(24, 8, 0.3, 0.03), icosphere(2, 0.1)
+    meshes = [arm(), open_sleeve(), (ring, of_ring), (ball[0] + [1.0, 0.0, 0.0], ball[1])]
+    scene = SceneRepairer([Body(*mesh) for mesh in meshes]).scene
+    starts = [int(start) for start in scene.vertex_starts]
+    bodies = [BodyRange(a, b, 99.0) for a, b in pairwise(starts)]
+    surface = Surface(scene.rest, scene.faces, bodies=bodies, covering=scene.covering)
+    # As if the sleeve covered the ring, which like the ball no open layer covers.
+    surface.cover[starts[1] : starts[2]] = starts[2]
+    first = scene.triangle_starts[1:4].tolist()
+    sides = sides_of(surface, np.array([[first[0], first[1]], [first[0], first[2]]]))
+    assert sides is not None and sides.tolist() == [[-1.0, 1.0], [1.0, 1.0]]
 
 
 def test_what_lies_under_an_open_layer_is_not_buried_by_it() -> None:

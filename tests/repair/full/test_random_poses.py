@@ -58,14 +58,14 @@ def check(rest: Mesh, pose: Mesh, most: float) -> float:
     return float(np.linalg.norm(after - points, axis=1).max() / diagonal)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("name", list(CASES))
 def test_limbs_come_clean_and_are_hardly_bent(name: str, seed: int) -> None:
     case, most = CASES[name]
     check(*case(np.random.default_rng(seed)), most)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_limbs_that_cross_like_an_x_leave_by_the_short_way(seed: int) -> None:
     random = np.random.default_rng(seed)
     angle, apart = random.uniform(0.3, 0.6), random.uniform(0.0, 0.1)

@@ -210,12 +210,12 @@ def test_the_cover_ends_outside(cover: str, still: int | None) -> None:
 def test_the_cover_ends_outside_in_every_frame(cover: str) -> None:
     meshes = [arm(), COVERS[cover]()]
     poses = []
-    for time in np.linspace(0.0, 1.0, 8):
+    for time in np.linspace(0.0, 1.0, 5):
         bent = meshes[0][0].copy()
         bent[:, 0] += 0.25 * np.sin(np.pi * time) * bent[:, 2] ** 2
         poses.append([bent, meshes[1][0] - [0.1 * np.sin(np.pi * time), 0.0, 0.2 * time]])
     scene = SceneRepairer([Body(*mesh) for mesh in meshes])
     frames = list(scene.animator.stream(list(enumerate(poses)), jobs=1))
-    assert sum(frame.results[1].before.pairs > 0 for frame in frames) > 5
+    assert sum(frame.results[1].before.pairs > 0 for frame in frames) > 2
     for frame in frames:
         check_layers(frame.results, meshes)

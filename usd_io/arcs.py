@@ -65,24 +65,41 @@ def _assets(edits: Any) -> list[str]:
 
 def _clips(layer: Sdf.Layer, spec: Sdf.PrimSpec) -> Iterator[str]:
     """Yield the layers of the value clips of a prim, and their manifests."""
+    # What is of another type than it should be is left to the reader of USD.
     for values in spec.GetInfo("clips").values():
-        named = [*values.get("assetPaths", ()), values.get("manifestAssetPath")]
-        for asset in named:
+        if not isinstance(values, dict):
+            continue
+        paths = values.get("assetPaths")
+        named = list(paths) if isinstance(paths, Sdf.AssetPathArray) else []
+        for asset in [*named, values.get("manifestAssetPath")]:
             if isinstance(asset, Sdf.AssetPath) and asset.path:
                 yield layer.ComputeAbsolutePath(asset.path)
-        if template := values.get("templateAssetPath"):
-            yield from _numbered(os.path.join(os.path.dirname(layer.realPath), template))
+        template = values.get("templateAssetPath")
+        if isinstance(template, str) and template:
+            yield from _numbered(os.path.join(os.path.dirname(layer.realPath), template), values)
 
 
-def _numbered(template: str) -> list[str]:
-    """Return the files that a template stands for: digits, at least as many, for its `#`."""
+def _numbered(template: str, values: dict[str, Any]) -> list[str]:
+    """Return the files that a template stands for: digits, at least as many, for its `#`.
+
+    Those from `templateStartTime` to `templateEndTime` of the clips: USD opens no others.
+    """
+    ends = [values.get(name) for name in ("templateStartTime", "templateEndTime")]
+    low, high = (float(end) if isinstance(end, int | float) else None for end in ends)
     folder, name = os.path.split(os.path.normpath(template))
     parts = re.split("(#+)", name)
     pattern = "".join(
-        rf"\d{{{len(part)},}}" if part.startswith("#") else re.escape(part) for part in parts
+        rf"(\d{{{len(part)},}})" if part.startswith("#") else re.escape(part) for part in parts
     )
     try:
-        found = sorted(item for item in os.listdir(folder) if re.fullmatch(pattern, item))
+        names = sorted(os.listdir(folder))
     except OSError:
         return []
-    return [os.path.join(folder, item) for item in found]
+    found = []
+    for item in names:
+        if match := re.fullmatch(pattern, item):
+            # `clip.007.usd`, or `clip.007.25.usd` for 7.25.
+            time = float(".".join(match.groups()) or 0)
+            if (low is None or time >= low) and (high is None or time <= high):
+                found.append(os.path.join(folder, item))
+    return found

@@ -89,10 +89,15 @@ def fewest_shapes(
     found_shapes = _rounded(given, seen, weights, shapes.reshape(-1, vertices, 3), tolerance)
     # What was compressed is off by this part of the tolerance itself.
     most = (1.0 + chosen.compressed) * tolerance
-    for count in range(weights.shape[1] - 1, 0, -1):
+    # Where so many are not enough, fewer are not.
+    least, enough = 1, weights.shape[1]
+    while least < enough:
+        count = (least + enough) // 2
         if _impossible(basis[:, :full], small, seen, count, most, chosen.rounds):
-            return replace(found_shapes, least=count + 1)
-    return replace(found_shapes, least=1)
+            least = count + 1
+        else:
+            enough = count
+    return replace(found_shapes, least=least)
 
 
 def _basis(gram: FloatArray) -> FloatArray:

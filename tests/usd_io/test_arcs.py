@@ -69,6 +69,31 @@ def test_layers_of_clips_are_found(tmp_path: Path, kind: str, listed: bool) -> N
     assert sorted(named) == sorted(map(str, [*files, tmp_path / "manifest.usda"]))
 
 
+def test_numbered_files_outside_of_the_range_are_none_of_the_clips(tmp_path: Path) -> None:
+    path, files = clip_stage(tmp_path, "usdc", listed=False)
+    for number in ("000", "004", "900"):
+        (tmp_path / f"clip.{number}.usdc").write_bytes(b"being written")
+    arcs, _ = find_arcs(Sdf.Layer.FindOrOpen(str(path)))
+    named = [arc.asset for arc in arcs if arc.clip]
+    assert sorted(named) == sorted(map(str, [*files, tmp_path / "manifest.usda"]))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        'string a = "x"',
+        "dictionary a = { asset templateAssetPath = @./clip.###.usdc@ }",
+        "dictionary a = { int assetPaths = 3 }",
+        'dictionary a = { string manifestAssetPath = "m" }',
+    ],
+)
+def test_clips_of_wrong_types_name_nothing(wrong: str) -> None:
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    prim = f'def "Root" (\n clips = {{\n {wrong}\n }}\n) {{}}\n'
+    assert layer.ImportFromString("#usda 1.0\n" + prim)
+    assert find_arcs(layer)[0] == []
+
+
 @pytest.mark.parametrize("listed", [True, False])
 def test_a_clip_that_announces_gigabytes_is_refused(tmp_path: Path, listed: bool) -> None:
     path, files = clip_stage(tmp_path, "usdc", listed=listed)

@@ -19,7 +19,8 @@ class Covering(NamedTuple):
     Args:
         part: Number (V,) of the part of each vertex; 0 where no open layer is concerned.
         over: Whether a part lies over another one as an open layer, (P, P) [upper, lower].
-        beneath: The vertex (V,) of what it lies over that each vertex covers at rest, or -1.
+        beneath: The vertex (V,) of what it lies over that each vertex covers, or -1: in the first
+            of the poses that tell the layers, mostly the rest.
     """
 
     part: IntArray
@@ -80,5 +81,7 @@ def _beneath(layers: Layers, layer: WornLayer) -> tuple[IntArray, IntArray, NDAr
     rest, own = parts.poses[0], parts.vertices[layer.under]
     covers = (layer.sides > 0) & np.isfinite(layer.heights)
     vertices = layer.vertices[covers]
+    if layer.covered is not None:
+        own = layer.covered
     distance, place = cKDTree(rest[own]).query(rest[vertices])
     return vertices, own[place], distance

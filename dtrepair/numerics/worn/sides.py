@@ -50,8 +50,8 @@ class LayerOptions:
     one_sided: float = 0.9
     worn: float = 0.7
     poses: int = 5
-    garments: int = 64
-    beneath: int = 8
+    garments: int = 48
+    beneath: int = 6
 
 
 class WornLayer(NamedTuple):

@@ -20,10 +20,10 @@ from dtrepair.repair.clip.window_method import MakeMethod, WindowOptions
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.independent import IndependentOptions
-from dtrepair.repair.parallel.process_pool import ATTEMPTS, WorkerLost
 from dtrepair.repair.parallel.worker_pool import (
+    WorkerPool,
     available_processors,
-    make_worker_pool,
+    with_workers,
     worthwhile_jobs,
 )
 from dtrepair.repair.result import RepairResult, Solved, Stage
@@ -215,23 +215,15 @@ class WindowStream:
         times: FloatArray,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> list[FloatArray] | None:
-        """Return repaired poses (V, 3) of starts (T, V, 3); None where `unless` ended it.
-
-        A window that lost a worker is solved again, with fewer of them: memory may have run out.
-        Raises WorkerLost where that happens again and again.
-        """
+        """Return repaired poses (V, 3) of starts (T, V, 3); None where `unless` ended it."""
         unit = np.stack([mesh.reduced(start) for start in starts])
         jobs = worthwhile_jobs(self.jobs, len(starts), len(mesh.surface.faces))
-        for attempt in range(1, ATTEMPTS + 1):
-            try:
-                with make_worker_pool(mesh.surface, jobs) as pool:
-                    pool.progress = self.progress
-                    found = self.make_method(mesh)(unit, times, pool, unless=unless)
-                break
-            except WorkerLost:
-                if attempt == ATTEMPTS:
-                    raise
-                jobs = max(2, jobs // 2)
+
+        def solved(pool: WorkerPool) -> FloatArray | None:
+            pool.progress = self.progress
+            return self.make_method(mesh)(unit, times, pool, unless=unless)
+
+        found = with_workers(mesh.surface, jobs, solved)
         if found is None:
             return None
         return [mesh.expanded(*each) for each in zip(starts, unit, found, strict=True)]

@@ -12,14 +12,24 @@ from functools import partial
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from dtrepair.device import start_warp
-from dtrepair.repair.parallel.process_pool import can_fork, end, fork, packed, unpacked
+from dtrepair.repair.parallel.process_pool import (
+    ATTEMPTS,
+    WorkerLost,
+    can_fork,
+    end,
+    fork,
+    packed,
+    unpacked,
+)
 from dtrepair.repair.surface.surface import Surface
+
+Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,6 +223,25 @@ def make_worker_pool(surface: Surface, jobs: int | None = None) -> WorkerPool:
         return ThreadWorkerPool(jobs)
     start_warp().force_load("cpu")
     return ProcessWorkerPool(jobs)
+
+
+def with_workers(
+    surface: Surface, jobs: int | None, work: Callable[[WorkerPool], Answer]
+) -> Answer:
+    """Return what `work` makes of a pool for so many jobs.
+
+    Where a worker is lost all of it is done again, with fewer of them: memory may have run out.
+    Raises WorkerLost where that happens again and again.
+    """
+    for attempt in range(1, ATTEMPTS + 1):
+        try:
+            with make_worker_pool(surface, jobs) as pool:
+                return work(pool)
+        except WorkerLost:
+            if attempt == ATTEMPTS:
+                raise
+            jobs = max(2, (jobs or available_processors()) // 2)
+    raise AssertionError("the last attempt returns or raises")
 
 
 def worthwhile_jobs(

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.repair.full.acceptance import reach_of
 from dtrepair.repair.full.relax import Relaxation, RelaxOptions
-from dtrepair.repair.parallel.worker_pool import make_worker_pool, worthwhile_jobs
+from dtrepair.repair.parallel.worker_pool import WorkerPool, with_workers, worthwhile_jobs
 from dtrepair.repair.scene.bounds import strain_of
 from dtrepair.repair.scene.holding import Holding
 from dtrepair.repair.scene.opened_pose import OpenedPose
@@ -24,6 +24,9 @@ from dtrepair.repair.scene.welded_mesh import WeldedMesh
 from dtrepair.repair.strain.meter import Excess
 from dtrepair.repair.surface.defects import contact_scale
 from dtrepair.repair.surface.surface import Surface
+
+# A limit of displacements is kept by this much: rounding to float32 must not exceed it.
+ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +98,8 @@ class Relief:
             crossings=len(surface.contacts.pairs(start)),
         )
         farthest = options.farther * float(lengths(after - before).max())
+        if (limit := self.scene.options.maximum_displacement) is not None:
+            farthest = min(farthest, limit * (1.0 - ROUNDING))
         points, best, value, stalled, holds = after, after, _badness(excess), 0, [*options.hold]
         for _ in range(options.cycles):
             home = points + self.holding(before, points)
@@ -123,10 +128,10 @@ def relieved_poses(
 ) -> list[FloatArray]:
     """Return what was `found` (V, 3) for some poses, with less strain where that can be had.
 
-    Of characters with attached parts only. Nothing gets more pairs. jobs: workers; None: one a
-    processor.
+    Of characters with attached parts only, and without a clearance, which relaxing would close.
+    Nothing gets more pairs. jobs: workers; None: one a processor. Raises WorkerLost.
     """
-    if mesh.surface.ties is None:
+    if mesh.surface.ties is None or scene.options.clearance > 0.0:
         return found
     strained = {}
     for index, (pose, points) in enumerate(zip(poses, found, strict=True)):
@@ -135,11 +140,13 @@ def relieved_poses(
     if not strained:
         return found
     state = Relief(scene, mesh, list(strained.values()), options=options)
-    with make_worker_pool(
-        mesh.surface, worthwhile_jobs(jobs, len(strained), len(mesh.surface.faces))
-    ) as pool:
+
+    def relieved_by(pool: WorkerPool) -> list[FloatArray]:
         pool.start(state)
-        relieved = pool.map("relieved", range(len(strained)))
+        return list(pool.map("relieved", range(len(strained))))
+
+    jobs = worthwhile_jobs(jobs, len(strained), len(mesh.surface.faces))
+    relieved = with_workers(mesh.surface, jobs, relieved_by)
     result = list(found)
     for (index, own), points in zip(strained.items(), relieved, strict=True):
         weld = poses[index].weld

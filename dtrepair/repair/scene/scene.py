@@ -21,7 +21,7 @@ from dtrepair.numerics.geometry import (
     as_points,
     pair_keys,
     unique_edges,
-    weld_map,
+    weld_maps,
 )
 from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.numerics.worn.covering import Covering, open_layers
@@ -239,8 +239,7 @@ class Scene:
     def weld(self, points: FloatArray) -> IntArray:
         """Return the vertex (V,) that stands for each: one where those of a body coincide."""
         with np.errstate(over="ignore"):  # the detector tells what is beyond float32
-            parts = [weld_map(points[a:b]) + a for a, b in pairwise(self.vertex_starts)]
-        return np.concatenate(parts).astype(np.int32)
+            return weld_maps([points[a:b] for a, b in pairwise(self.vertex_starts)])
 
     def pairs(self, points: FloatArray, weld: IntArray) -> IntArray:
         """Return the intersecting pairs (K, 2) of a pose (V, 3), exact on float32 coordinates.

@@ -103,13 +103,15 @@ class LayerLift:
         self.stiffness = laplacian @ sparse.diags(1.0 / self.mass) @ laplacian
         self.fixed = scene.mobility[self.own] == 0.0
         self.fixed[np.searchsorted(self.own, scene.attached_parts.held(layer.top))] = True
-        beneath = scene.rest[parts.vertices[layer.under]]
+        # Rests of their own do not show how far apart the parts are.
+        shown = parts.poses[0]
+        beneath = shown[parts.vertices[layer.under]]
         smaller = min(extent(rest), extent(beneath))
         self.turn, self.slide = options.turn * smaller, options.slide * smaller
-        self.rest, self.rest_middles = rest, scene.rest[self.other_faces].mean(axis=1)
-        self.rest_distance = cKDTree(beneath).query(rest)[0]
+        self.shown, self.shown_middles = shown[self.own], shown[self.other_faces].mean(axis=1)
+        self.shown_distance = cKDTree(beneath).query(self.shown)[0]
         if not self.near.all():
-            self.led &= self.rest_distance < options.reach * smaller
+            self.led &= self.shown_distance < options.reach * smaller
 
     def __call__(self, pose: FloatArray) -> FloatArray:
         """Return displacements (n, 3) that lead what went under of a pose (V, 3) back."""
@@ -202,7 +204,7 @@ class LayerLift:
         known: NDArray[np.bool_],
     ) -> NDArray[np.bool_]:
         """Return whether led vertices (N,) may lie over triangles (N,), as far as these slid."""
-        slid = lengths(self.rest_middles[triangles] - self.rest[led]) - self.rest_distance[led]
+        slid = lengths(self.shown_middles[triangles] - self.shown[led]) - self.shown_distance[led]
         usual = slid[known & self.near[led]]
         allowed = self.slide + 2.0 * max(0.0, float(np.median(usual)) if len(usual) else 0.0)
         covers: NDArray[np.bool_] = slid < allowed

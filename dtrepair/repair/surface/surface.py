@@ -206,7 +206,10 @@ class Surface(Topology):
 
     @cached_property
     def cover(self) -> IntArray:
-        """The vertex (V,) of another body or part that each vertex covers at rest, or -1."""
+        """The vertex (V,) of another body or part that each vertex covers at rest, or -1.
+
+        Bodies that cross at rest cover each other only where the layers of other poses tell.
+        """
         cover = self._covered_bodies()
         if self.covering is None:
             return cover

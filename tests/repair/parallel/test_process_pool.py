@@ -128,13 +128,14 @@ def test_what_a_killed_process_was_at_is_done_by_another(tmp_path: Path) -> None
     assert list(map_in_processes(fragile, range(6), jobs=2)) == [0, 1, 4, 9, 16, 25]
 
 
-def test_a_process_that_is_killed_while_it_waits_is_replaced() -> None:
-    items = iter(range(6))
-    answers = map_in_processes(lambda _: os.getpid(), items, jobs=1 + 1, ahead=1)
-    first = next(answers)
-    os.kill(first, signal.SIGKILL)
-    others = set(answers)
-    assert len(others) > 1 and os.getpid() not in others
+def test_what_a_process_that_is_killed_while_it_waits_would_do_is_done_by_others() -> None:
+    answers = map_in_processes(lambda _: os.getpid(), iter(range(8)), jobs=2, ahead=1)
+    # There may be a second one; two items at most are on their way.
+    killed = {next(answers), next(answers)}
+    for process in killed:
+        os.kill(process, signal.SIGKILL)
+    others = list(answers)
+    assert len(others) == 6 and os.getpid() not in others and not killed & set(others[2:])
 
 
 def test_a_signal_during_the_fork_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,13 +9,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from dtrepair.repair.parallel.process_pool import WorkerLost, can_fork
+from dtrepair.repair.parallel.process_pool import ATTEMPTS, WorkerLost, can_fork
 from dtrepair.repair.parallel.worker_pool import (
     ProcessWorkerPool,
     ThreadWorkerPool,
     WorkerPool,
     available_processors,
     make_worker_pool,
+    with_workers,
     worthwhile_jobs,
 )
 from dtrepair.repair.surface.surface import Surface
@@ -98,6 +99,25 @@ def test_a_killed_worker_is_told() -> None:
                 pool.map("squared", [0, 1], 1.0)
             with pytest.raises(WorkerLost):
                 pool.tell("shift", 1)
+
+
+@pytest.mark.parametrize("losses", [1, ATTEMPTS])
+def test_what_lost_a_worker_is_done_again(losses: int) -> None:
+    pools: list[WorkerPool] = []
+
+    def work(pool: WorkerPool) -> int:
+        pools.append(pool)
+        if len(pools) <= losses:
+            raise WorkerLost
+        return len(pools)
+
+    surface = Surface(*icosphere(1))
+    if losses < ATTEMPTS:
+        assert with_workers(surface, 2, work) == losses + 1
+    else:
+        with pytest.raises(WorkerLost):
+            with_workers(surface, 2, work)
+        assert len(pools) == ATTEMPTS
 
 
 def test_small_windows_are_not_worth_workers() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -83,6 +84,24 @@ def test_a_pose_with_pairs_left_is_relieved_and_gets_no_more() -> None:
     (relieved,) = relieved_poses(scene, mesh, [frame], [mixed])
     assert not scene.strain_meter(frame.centred, relieved)
     assert len(pairs_of(scene, frame, relieved)) <= left
+
+
+def test_a_limit_of_displacements_holds() -> None:
+    scene, frame, mesh = winged(1.35)
+    found = mesh.solve([frame.centred])[0][0]
+    (free,) = relieved_poses(scene, mesh, [frame], [found])
+    limit = float(np.linalg.norm(found - frame.centred, axis=1).max())
+    assert np.linalg.norm(free - frame.centred, axis=1).max() > limit
+    limited = replace(scene, options=replace(scene.options, maximum_displacement=limit))
+    (relieved,) = relieved_poses(limited, mesh, [frame], [found])
+    assert np.linalg.norm(relieved - frame.centred, axis=1).max() <= limit
+
+
+def test_what_a_clearance_opened_is_left_as_it_is() -> None:
+    scene, frame, mesh = winged(1.6)
+    found = mesh.solve([frame.centred])[0][0]
+    apart = replace(scene, options=replace(scene.options, clearance=0.01))
+    assert relieved_poses(apart, mesh, [frame], [found])[0] is found
 
 
 def test_a_pose_ends_clean() -> None:

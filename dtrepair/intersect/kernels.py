@@ -128,7 +128,7 @@ def fit_levels(
 def in_reach(
     low: wp.vec3f, high: wp.vec3f, blocks: wp.array3d(dtype=vec8f), frame: int, leaf: int
 ) -> int:
-    """Bit k: the box of triangle k of a leaf overlaps a box.
+    """Bit k: the box of triangle k of a leaf overlaps a box: few do, of leaves that overlap.
 
     The sign bits of the gaps are put together: the same steps for all eight make vector code.
     """
@@ -160,6 +160,48 @@ def wanted(k: int, excluded: wp.uint64, own_active: int, other_active: int) -> i
     return row
 
 
+@wp.func
+def pairs_left_out(
+    neighbor: wp.array(dtype=wp.int32),
+    excluded: wp.array(dtype=wp.uint64),
+    entry: int,
+    last_entry: int,
+    other: int,
+) -> wp.uint64:
+    """Pairs with a leaf, as bits, that share a vertex: those of an entry if it is of that leaf."""
+    if entry < last_entry and neighbor[entry] == other:
+        return excluded[entry]
+    return wp.uint64(0)
+
+
+@wp.func
+def written_pairs(
+    frame: int,
+    i: int,
+    first: int,
+    others: int,
+    welded: wp.array(dtype=wp.vec3i),
+    candidates: wp.array(dtype=wp.vec3i),
+    count: wp.array(dtype=wp.int32),
+) -> int:
+    """Write the pairs of a triangle with others, bits from `first` on; how many others those are.
+
+    Pairs that share a vertex are left out.
+    """
+    own = welded[i]
+    row = int(others)
+    met = int(0)
+    while row != 0:
+        j = first + lowest_bit(row)
+        row = row & (row - 1)
+        met += 1
+        if not share_vertex(own, welded[j]):
+            slot = wp.atomic_add(count, 0, 1)
+            if slot < candidates.shape[0]:
+                candidates[slot] = wp.vec3i(frame, i, j)
+    return met
+
+
 @wp.kernel
 def find_candidates(
     leaf_start: wp.array(dtype=wp.int32),
@@ -181,11 +223,10 @@ def find_candidates(
 ):
     """Pairs (frame, i, j), i < j in leaf order, that share no vertex and whose boxes overlap.
 
-    One thread a frame and leaf: the leaf with itself and with the leaves behind it. Bit k of a
-    leaf is set in `active` if its triangle k is; pairs of two that are not are left out. The
-    search ends with more than `most` pairs, or when a leaf's triangles have met more than
-    `most_of_leaf` others, whether they share a vertex or not: poses that collapsed are told in no
-    time, and the count, which is more than `most` then, cannot wrap around.
+    One thread a frame and leaf: the leaf with itself and those behind it. Bit k of a leaf is set in
+    `active` if its triangle k is; pairs of two that are not are left out. With more than `most`
+    pairs, or when a leaf has met more than `most_of_leaf` triangles, the search ends: of poses that
+    collapsed the count is more than `most` in no time, and cannot wrap around.
     """
     frame, leaf = wp.tid()
     entry = neighbor_start[leaf]
@@ -214,26 +255,15 @@ def find_candidates(
             node = skip[node]
             while entry < last_entry and neighbor[entry] < other:
                 entry += 1
-            out = wp.uint64(0)
-            if entry < last_entry and neighbor[entry] == other:
-                out = excluded[entry]
-            # Of leaves that overlap, few triangles reach the other one.
+            out = pairs_left_out(neighbor, excluded, entry, last_entry, other)
             reaching = in_reach(other_low, other_high, blocks, frame, leaf)
             while reaching != 0:
                 k = lowest_bit(reaching)
                 reaching = reaching & (reaching - 1)
                 i = leaf_start[leaf] + k
-                own = welded[i]
                 row = in_reach(low[frame, i], high[frame, i], blocks, frame, other)
                 row = row & wanted(k, out, own_active, other_active)
-                while row != 0:
-                    j = leaf_start[other] + lowest_bit(row)
-                    row = row & (row - 1)
-                    met += 1
-                    if not share_vertex(own, welded[j]):
-                        slot = wp.atomic_add(count, 0, 1)
-                        if slot < candidates.shape[0]:
-                            candidates[slot] = wp.vec3i(frame, i, j)
+                met += written_pairs(frame, i, leaf_start[other], row, welded, candidates, count)
 
 
 @wp.func

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -80,7 +80,8 @@ def fewest_shapes(
     small = basis[:, :full].T @ flat
     weights, shapes = basis[:, :rank], basis[:, :rank].T @ flat
     for count in range(rank - 1, 0, -1):
-        found = _levelled(basis[:, :full], small, seen, count, within, chosen.rounds)
+        fits = _fits(basis[:, :full], small, seen, count, chosen.rounds)
+        found = _levelled(fits, seen, within)
         if found is None:
             break
         weights, shapes = found
@@ -93,7 +94,8 @@ def fewest_shapes(
     least, enough = 1, weights.shape[1]
     while least < enough:
         count = (least + enough) // 2
-        if _impossible(basis[:, :full], small, seen, count, most, chosen.rounds):
+        fits = _fits(basis[:, :full], small, seen, count, chosen.rounds)
+        if _impossible(fits, seen, most):
             least = count + 1
         else:
             enough = count
@@ -161,32 +163,20 @@ def _fits(
 
 
 def _levelled(
-    basis: FloatArray,
-    small: FloatArray,
-    seen: FloatArray,
-    count: int,
-    tolerance: float,
-    rounds: int,
+    fits: Iterable[_Fit], seen: FloatArray, tolerance: float
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return weights (T, count) and shapes (count, 3 M) that leave no larger error, or None."""
-    for fit in _fits(basis, small, seen, count, rounds):
+    """Return weights (T, K) and shapes (K, 3 M) of a fit that leaves no larger error, or None."""
+    for fit in fits:
         if _errors(fit.left, seen).max() <= tolerance:
             return fit.weights, fit.shapes
     return None
 
 
-def _impossible(
-    basis: FloatArray,
-    small: FloatArray,
-    seen: FloatArray,
-    count: int,
-    tolerance: float,
-    rounds: int,
-) -> bool:
-    """Return whether some weighting proves that so many shapes leave a larger error."""
+def _impossible(fits: Iterable[_Fit], seen: FloatArray, tolerance: float) -> bool:
+    """Return whether the weighting of a fit proves that so many shapes leave a larger error."""
     # What nobody sees may be off by anything.
     allowed = np.square(np.divide(tolerance, seen, out=np.full(seen.shape, np.inf), where=seen > 0))
-    for fit in _fits(basis, small, seen, count, rounds):
+    for fit in fits:
         counts = np.square(fit.rows[:, None] * fit.columns)
         squared = np.square(fit.left).reshape(*seen.shape, 3).sum(axis=2)
         # More than rounding can make of it.

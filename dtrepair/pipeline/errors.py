@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-from dtrepair.report.record import Report
+if TYPE_CHECKING:  # a command's help needs the codes and no report
+    from dtrepair.report.record import Report
 
 CLEAN, REMAINING, USAGE, INPUT, FRAMES, OUTPUT, ALONE, WORKERS = range(8)
 INTERNAL = 70  # a defect of the program itself (EX_SOFTWARE)

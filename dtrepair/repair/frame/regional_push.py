@@ -14,7 +14,6 @@ from dtrepair.repair.full.directions import (
     volume_gradient,
 )
 from dtrepair.repair.surface.defects import contact_regions
-from dtrepair.repair.surface.layers import covering_sides
 from dtrepair.repair.surface.surface import BoolArray, Surface
 from dtrepair.repair.surface.winding import winding_numbers
 
@@ -66,7 +65,7 @@ def regional_push(
         far,
         1.0 / sizes[of_pair],
         direction=surface.face_direction,
-        sides=covering_sides(surface.cover, surface.faces, surface.labels, far),
+        sides=surface.covering_sides(far),
     )
     fields = [gradient]
     buried = _buried(surface, pairs[~pushed], winding, options)

@@ -15,7 +15,6 @@ from dtrepair.repair.full.directions import (
     volume_gradient,
 )
 from dtrepair.repair.surface.defects import contact_regions, near_contacts
-from dtrepair.repair.surface.layers import covering_sides
 from dtrepair.repair.surface.surface import Surface
 from dtrepair.repair.surface.winding import winding_numbers
 
@@ -198,7 +197,7 @@ def _direction(
             far,
             weights,
             direction=surface.face_direction,
-            sides=covering_sides(surface.cover, surface.faces, surface.labels, far),
+            sides=surface.covering_sides(far),
         )
     ]
     if volume and contacts.buried.any():

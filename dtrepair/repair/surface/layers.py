@@ -8,12 +8,13 @@ pose tells which vertices cover what.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, extent
+from dtrepair.numerics.geometry import FloatArray, IntArray, extent, lengths
 
 
 def covered_vertices(
@@ -77,23 +78,65 @@ def without_crossing(
     return result
 
 
+class Label(NamedTuple):
+    """What vertices belong to, and how far from what they cover that is still covered.
+
+    Args:
+        of: The body, or the part, of each vertex (V,).
+        reach: Length (V,), at rest, in which a vertex's layer may have slid over what it covers.
+    """
+
+    of: NDArray[np.signedinteger]
+    reach: FloatArray
+
+
+def label_of(
+    rest: FloatArray, cover: IntArray, of: NDArray[np.signedinteger], *, slide: float
+) -> Label:
+    """Return the label of what vertices (V,) belong to.
+
+    Args:
+        rest: Rest positions (V, 3).
+        cover: The vertex (V,) that each one covers, or -1.
+        of: The body, or the part, of each vertex (V,).
+        slide: A layer slides by so much of the smaller extent of it and of what it covers.
+    """
+    owner = np.unique(of, return_inverse=True)[1].reshape(-1)
+    low, high = np.full((owner.max(initial=0) + 1, 3), np.inf), np.full((1, 3), -np.inf)
+    high = np.repeat(high, len(low), axis=0)
+    np.minimum.at(low, owner, rest)
+    np.maximum.at(high, owner, rest)
+    sizes = (high - low).max(axis=1)[owner]
+    reach = np.zeros(len(rest))
+    covers = np.flatnonzero(cover >= 0)
+    beneath = cover[covers]
+    reach[covers] = lengths(rest[covers] - rest[beneath])
+    reach[covers] += slide * np.minimum(sizes[covers], sizes[beneath])
+    return Label(of, reach)
+
+
 def covering_sides(
-    cover: IntArray, faces: IntArray, labels: Sequence[NDArray[np.signedinteger]], pairs: IntArray
+    rest: FloatArray, cover: IntArray, faces: IntArray, labels: Sequence[Label], pairs: IntArray
 ) -> FloatArray | None:
     """Return -1 where a triangle of pairs (K, 2) covers what the other one belongs to, else 1.
 
-    None where nothing covers anything. `cover` (V,): see `covered_vertices`; labels: what vertices
-    (V,) belong to, their bodies and parts; a triangle covers nothing of its own label.
+    None where nothing covers anything. A triangle covers nothing of its own label, nor what lay
+    out of reach of what it covers at rest (V, 3): a vest covers the chest of a shirt, and the arms
+    of the shirt that lean on it are no more than beside it. `cover` (V,): see `covered_vertices`.
     """
     if not (cover >= 0).any():
         return None
     sides = np.ones((len(pairs), 2))
+    middles = rest[faces[pairs]].mean(axis=2)
     for label in labels:
         for mine, other in ((0, 1), (1, 0)):
-            covered, own = cover[faces[pairs[:, mine]]], label[faces[pairs[:, mine], 0]]
-            beneath = np.where(covered >= 0, label[covered], -1)
-            of_other = label[faces[pairs[:, other], 0]]
-            covers = (beneath == of_other[:, None]).all(axis=1) & (of_other != own)
+            corners = faces[pairs[:, mine]]
+            covered, own = cover[corners], label.of[corners[:, 0]]
+            beneath = np.where(covered >= 0, label.of[covered], -1)
+            of_other = label.of[faces[pairs[:, other], 0]]
+            apart = np.linalg.norm(rest[covered] - middles[:, other, None], axis=2)
+            near = (apart <= label.reach[corners]).any(axis=1)
+            covers = (beneath == of_other[:, None]).all(axis=1) & (of_other != own) & near
             sides[covers, mine] = -1.0
     return sides
 
@@ -128,6 +171,5 @@ def _spacing(rest: FloatArray, edges: IntArray) -> FloatArray:
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    units: FloatArray = np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
-    return units
+    length = lengths(vectors)[:, None]
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

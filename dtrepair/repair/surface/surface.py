@@ -22,7 +22,13 @@ from dtrepair.numerics.geometry import (
 from dtrepair.numerics.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
 from dtrepair.numerics.worn.covering import Covering
 from dtrepair.repair.surface.contacts import Contacts
-from dtrepair.repair.surface.layers import covered_vertices, without_crossing
+from dtrepair.repair.surface.layers import (
+    Label,
+    covered_vertices,
+    covering_sides,
+    label_of,
+    without_crossing,
+)
 from dtrepair.repair.surface.rigid_bodies import RigidBodies, RigidOptions
 from dtrepair.repair.surface.ties import TieOptions, TieSystem, tie_system
 from dtrepair.repair.surface.topology import Topology
@@ -40,6 +46,8 @@ class SurfaceOptions:
         anchor: Weight of the input in the as-rigid-as-possible steps, next to that of the edges:
             small, so that what is not held drifts back slowly.
         covered_within: A vertex covers what is nearer than this fraction of the size of its body.
+        covered_slide: What lay farther from what it covers than this fraction of the smaller extent
+            of the two bodies or parts is beside it.
         neighbour_rings: Triangles at most so many edge rings apart are the sides of a crease to a
             clearance, which they cannot keep.
         rigid: Of bodies that only move as a whole.
@@ -49,6 +57,7 @@ class SurfaceOptions:
     cotangent_clamp: tuple[float, float] = (1e-3, 1e3)
     anchor: float = 0.01
     covered_within: float = 0.1
+    covered_slide: float = 0.25
     neighbour_rings: int = 6
     rigid: RigidOptions = field(default_factory=RigidOptions)
     ties: TieOptions = field(default_factory=TieOptions)
@@ -215,14 +224,20 @@ class Surface(Topology):
             return cover
         return np.where(cover >= 0, cover, self.covering.beneath)
 
+    def covering_sides(self, pairs: IntArray) -> FloatArray | None:
+        """Return -1 where a triangle of pairs (K, 2) covers the other one, else 1; None if none."""
+        return covering_sides(self.rest, self.cover, self.faces, self._labels, pairs)
+
     @cached_property
-    def labels(self) -> list[NDArray[np.signedinteger]]:
-        """What each vertex (V,) belongs to: its body, and its part where layers are known."""
-        if self.covering is None:
-            return [self.body_of_vertex]
-        # What is of no layer is alone: no two of such vertices are of one part.
-        part = np.where(self.covering.part > 0, self.covering.part, -2 - np.arange(self.count))
-        return [self.body_of_vertex, part]
+    def _labels(self) -> list[Label]:
+        """What each vertex belongs to: its body, and its part where layers are known."""
+        found: list[NDArray[np.signedinteger]] = [self.body_of_vertex]
+        if self.covering is not None:
+            # What is of no layer is alone: no two of such vertices are of one part.
+            part = self.covering.part
+            found.append(np.where(part > 0, part, -2 - np.arange(self.count)))
+        slide = self.options.covered_slide
+        return [label_of(self.rest, self.cover, of, slide=slide) for of in found]
 
     def _covered_bodies(self) -> IntArray:
         """Return the vertex (V,) of another body that each vertex covers at rest, or -1."""

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from dtrepair import Body, RepairResult, SceneRepairer, Status
 from dtrepair.numerics.metrics import volume
 from dtrepair.repair.full.push import push
-from dtrepair.repair.surface.layers import covering_sides
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from dtrepair.repair.surface.winding import winding_numbers
 from tests.exact_reference import exact_pairs
@@ -68,7 +67,14 @@ def surface_of(*meshes: Mesh) -> Surface:
 
 
 def sides_of(surface: Surface, pairs: NDArray[np.signedinteger]) -> NDArray[np.float64] | None:
-    return covering_sides(surface.cover, surface.faces, surface.labels, pairs)
+    return surface.covering_sides(pairs)
+
+
+def beneath_and_far(surface: Surface, of_sleeve: int) -> tuple[int, int]:
+    """The triangles of the arm, whose own come first, that are nearest and farthest from one."""
+    middles = surface.rest[surface.faces].mean(axis=1)
+    away = np.linalg.norm(middles[: len(arm()[1])] - middles[of_sleeve], axis=1)
+    return int(away.argmin()), int(away.argmax())
 
 
 def outside(points: Points, body: Points, faces: NDArray[np.int32]) -> NDArray[np.bool_]:
@@ -91,9 +97,18 @@ def test_a_sleeve_covers_its_arm_and_not_the_reverse() -> None:
     assert (cover[count:] < count).all()
     distance = np.linalg.norm(surface.rest[count:] - surface.rest[cover[count:]], axis=1)
     assert distance.max() * surface.size < 0.1
-    of_arm, of_sleeve = 0, len(arm()[1])
-    sides = sides_of(surface, np.array([[of_arm, of_sleeve], [of_arm, of_arm + 1]]))
+    of_sleeve = len(arm()[1])
+    beneath, far = beneath_and_far(surface, of_sleeve)
+    sides = sides_of(surface, np.array([[beneath, of_sleeve], [beneath, far]]))
     assert sides is not None and sides.tolist() == [[1.0, -1.0], [1.0, 1.0]]
+
+
+def test_what_lay_elsewhere_is_beside_a_layer_not_beneath_it() -> None:
+    surface = surface_of(arm(), open_sleeve())
+    of_sleeve = len(arm()[1])
+    _, far = beneath_and_far(surface, of_sleeve)
+    sides = sides_of(surface, np.array([[far, of_sleeve]]))
+    assert sides is not None and sides.tolist() == [[1.0, 1.0]]
 
 
 def test_only_the_far_side_of_a_thick_sleeve_covers() -> None:
@@ -135,7 +150,9 @@ def test_parts_of_one_mesh_cover_each_other_too() -> None:
     count, sleeve = len(arm()[0]), len(arm()[1])
     assert (surface.cover[:count] == -1).all()
     assert (surface.cover[count:] >= 0).all() and (surface.cover[count:] < count).all()
-    sides = sides_of(surface, np.array([[0, sleeve], [0, 1], [sleeve, sleeve + 1]]))
+    beneath, far = beneath_and_far(surface, sleeve)
+    pairs = np.array([[beneath, sleeve], [beneath, far], [sleeve, sleeve + 1]])
+    sides = sides_of(surface, pairs)
     assert sides is not None and sides.tolist() == [[1.0, -1.0], [1.0, 1.0], [1.0, 1.0]]
 
 

@@ -116,7 +116,8 @@ WALLS = {
     },
     "dtrepair.numerics": {
         "__init__": "",
-        "overlaps": "attachments closest_point enclosure geometry",
+        "overlaps": "hidden_ends attachments closest_point enclosure geometry",
+        "hidden_ends": "attachments closest_point enclosure geometry",
         "attachments": "geometry",
         "worn": "geometry",
         "closest_point": "geometry",

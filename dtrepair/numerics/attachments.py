@@ -8,6 +8,7 @@ that are attached to one third part and not to each other, both in their zones t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -23,13 +24,16 @@ KeyArray = NDArray[np.int64]
 class Reference(NamedTuple):
     """A pose that shows modelled contacts: points (V, 3), and its intersecting pairs (K, 2).
 
-    name: What messages call the pose. asked: whether the user calls these parts attached.
+    name: What messages call the pose. asked: whether the user calls these parts attached. bound:
+    what binds each triangle (F,), -1 for nothing: of parts that one thing binds the pose shows how
+    they lie to each other; None: of none.
     """
 
     points: FloatArray
     pairs: IntArray
     name: str = ""
     asked: bool = False
+    bound: IntArray | None = None
 
 
 class Ties(NamedTuple):
@@ -39,6 +43,25 @@ class Ties(NamedTuple):
     triangles: IntArray
     weights: FloatArray
 
+    def of_triangles(self, number: NDArray[np.integer], place: NDArray[np.integer]) -> Ties:
+        """Return those to triangles with a new number (F,), not -1; `place` (V,) of vertices."""
+        there = number[self.triangles].astype(np.int32)
+        known = there >= 0
+        vertices = place[self.vertices[known]].astype(np.int32)
+        return Ties(vertices, there[known], self.weights[known])
+
+
+def joined_ties(ties: Sequence[Ties]) -> Ties:
+    """Return all ties as one."""
+    return Ties(
+        np.concatenate([own.vertices for own in ties]),
+        np.concatenate([own.triangles for own in ties]),
+        np.concatenate([own.weights for own in ties]),
+    )
+
+
+NO_TIES = Ties(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)))
+
 
 class Attachments:
     """Which contacts were modelled, by triangles; nothing in it ever changes.
@@ -47,13 +70,22 @@ class Attachments:
         part_of: The connected part (F,) of each triangle.
         zones: Sorted keys, triangle x number of parts + other part, of the zones.
         ties: What holds the parts together.
+        carried: Ties of what need not touch to be carried along, see `hidden_ends`.
     """
 
-    def __init__(self, part_of: IntArray, zones: KeyArray, ties: Ties) -> None:
+    def __init__(
+        self, part_of: IntArray, zones: KeyArray, ties: Ties, carried: Ties = NO_TIES
+    ) -> None:
         self.part_of = part_of
         self.count = int(part_of.max(initial=-1)) + 1
         self.zones = zones
         self.ties = ties
+        self.carried = carried
+
+    @property
+    def every_tie(self) -> Ties:
+        """The ties, and those of what is carried along."""
+        return joined_ties([self.ties, self.carried])
 
     @cached_property
     def triangles(self) -> BoolArray:
@@ -110,11 +142,8 @@ class Attachments:
         number[kept] = np.arange(len(kept))
         triangle = number[self.zones // max(self.count, 1)]
         zones = (triangle * self.count + self.zones % max(self.count, 1))[triangle >= 0]
-        vertices, triangles, weights = self.ties
-        there = number[triangles].astype(np.int32)
-        known = there >= 0
-        ties = Ties(place[vertices[known]].astype(np.int32), there[known], weights[known])
-        result = Attachments(self.part_of[kept], zones, ties)
+        both = (ties.of_triangles(number, place) for ties in (self.ties, self.carried))
+        result = Attachments(self.part_of[kept], zones, *both)
         result.count = self.count
         return result
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from dtrepair.numerics.attachments import Attachments, Reference, Ties
+from dtrepair.numerics.attachments import NO_TIES, Attachments, Reference, Ties, joined_ties
 from dtrepair.numerics.closest_point import barycentric, nearest_triangles
 from dtrepair.numerics.enclosure import enclosure
 from dtrepair.numerics.geometry import (
@@ -28,6 +28,7 @@ from dtrepair.numerics.geometry import (
     unique_edges,
     vector_areas,
 )
+from dtrepair.numerics.hidden_ends import hidden_ends
 
 BoolArray = NDArray[np.bool_]
 KeyArray = NDArray[np.int64]
@@ -44,6 +45,7 @@ class AttachmentOptions:
             that or within so many edges of the overlap.
         enclosed: Behind a part with a border lies only what it encloses by this winding number, as
             a sleeve its arm: not a whole body behind its cape.
+        cells: Along the extent of such a part, for its winding numbers: a sleeve is narrow.
         whole: A part of which more than this share is in or behind one of larger area is attached
             as a whole: eyes, teeth, buttons.
         larger: Ratio of areas above which that is so: copies of a part differ by rounding only.
@@ -52,6 +54,7 @@ class AttachmentOptions:
     reach: float = 1.0
     rings: int = 3
     enclosed: float = 0.75
+    cells: int = 64
     whole: float = 0.5
     larger: float = 1.001
 
@@ -79,15 +82,17 @@ def find_attachments(
     part_of_vertex[known] = place[known]
     part_of = part_of_vertex[faces[:, 0]] if len(faces) else np.zeros(0, dtype=np.int32)
     keys: list[KeyArray] = [np.zeros(0, dtype=np.int64)]
-    ties = [Ties(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)))]
+    ties, carried = [NO_TIES], [NO_TIES]
     for reference in references:
         overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
         for first, second in overlaps.attached():
             for zone_keys, tie in overlaps.zones(first, second):
                 keys.append(zone_keys)
                 ties.append(tie)
-    merged = Ties(*(np.concatenate(column) for column in zip(*ties, strict=True)))
-    return Attachments(part_of, np.unique(np.concatenate(keys)), merged)
+        if reference.bound is not None:
+            carried.append(hidden_ends(reference.points, faces, part_of, reference.bound))
+    zones = np.unique(np.concatenate(keys))
+    return Attachments(part_of, zones, joined_ties(ties), joined_ties(carried))
 
 
 class _Overlaps:
@@ -213,7 +218,7 @@ class _Overlaps:
             return own
         points = self.points[own]
         if self.open[other]:
-            around = np.abs(enclosure(points, corners))
+            around = np.abs(enclosure(points, corners, self.options.cells))
             return np.asarray(own[around > self.options.enclosed])
         nearest, closest = nearest_triangles(points, corners)
         weights = barycentric(closest, corners[nearest])
@@ -247,7 +252,7 @@ class _Overlaps:
         triangles = self.triangles(other)
         corners = self.points[self.faces[triangles]]
         if len(seeds) == 0:
-            return Ties(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)))
+            return NO_TIES
         nearest, closest = nearest_triangles(self.points[seeds], corners)
         weights = barycentric(closest, corners[nearest])
         return Ties(seeds.astype(np.int32), triangles[nearest], weights)

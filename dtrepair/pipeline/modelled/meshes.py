@@ -34,12 +34,16 @@ STILL = "still"
 
 
 class Look(NamedTuple):
-    """A pose (V, 3), some of its pairs (K, 2), their parts as keys (K,); what it is called."""
+    """A pose (V, 3), some of its pairs (K, 2), their parts as keys (K,); what it is called.
+
+    bound: What binds each triangle (F,) where the pose shows how parts lie, see `Reference`.
+    """
 
     points: FloatArray
     pairs: IntArray
     keys: NDArray[np.int64]
     name: str
+    bound: IntArray | None = None
 
     def of(self, chosen: BoolArray) -> Look:
         """Return the same with some of the pairs (K,) only."""
@@ -50,7 +54,7 @@ class Look(NamedTuple):
         from dtrepair.numerics.attachments import Reference
 
         pairs = self.pairs if chosen is None else self.pairs[chosen]
-        return Reference(self.points, pairs, self.name, asked)
+        return Reference(self.points, pairs, self.name, asked, None if asked else self.bound)
 
 
 class PlacedMeshes:
@@ -99,6 +103,14 @@ class PlacedMeshes:
         """The connected part of each triangle (F,)."""
         label = components(self.weld[self.faces], len(self.rest))
         return label[self.weld[self.faces[:, 0]]].astype(np.int64)
+
+    @property
+    def bound(self) -> IntArray:
+        """A number (F,) for what binds each triangle, -1 for those that nothing binds."""
+        names = self.binding.astype(str)
+        number = np.unique(names, return_inverse=True)[1].reshape(-1)
+        number[np.isin(names, ("", STILL))] = -1
+        return number[self.mesh_of].astype(np.int32)
 
     @property
     def one_binding(self) -> bool:

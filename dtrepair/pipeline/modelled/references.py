@@ -76,7 +76,7 @@ def _references(
         still = [not is_animated(mesh) for mesh in source.meshes]
         meshes.binding[still] = STILL
     rest = meshes.look(meshes.rest, BIND_POSE)
-    known = [rest.of(meshes.tell_by_rests(rest.pairs))]
+    known = [rest.of(meshes.tell_by_rests(rest.pairs))._replace(bound=meshes.bound)]
     enough = len(source.all_times) >= options.least  # else nobody needs to look
     if enough and (not meshes.one_binding or (meshes.binding == "").any()):
         looks = list(meshes.looks(options.samples))

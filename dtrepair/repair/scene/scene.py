@@ -144,7 +144,8 @@ class Scene:
         if not references:
             return None
         attachments = find_attachments(self.rest_weld[self.faces], len(self.rest), references)
-        return attachments if len(attachments.zones) else None
+        known = len(attachments.zones) + len(attachments.every_tie.vertices) > 0
+        return attachments if known else None
 
     @cached_property
     def strain_meter(self) -> StrainMeter:

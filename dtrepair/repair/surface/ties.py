@@ -56,7 +56,7 @@ def tie_system(
     options: TieOptions = TieOptions(),
 ) -> TieSystem | None:
     """The ties of attachments on a mesh with triangles (F, 3) and some bodies; None without any."""
-    vertices, triangles, weights = attachments.ties
+    vertices, triangles, weights = attachments.every_tie
     number, count = len(vertices), len(body_of_vertex)
     if number == 0 or options.weight == 0.0:
         return None

@@ -1,0 +1,121 @@
+"""Open ends that another part hides: a wrist that ends inside its sleeve, trousers under a shirt.
+
+Such parts need not touch to belong together. Where nothing holds them, a sleeve that is pushed off
+a body slides off the hand that came out of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from dtrepair.numerics.attachments import NO_TIES, Ties, joined_ties
+from dtrepair.numerics.closest_point import barycentric, nearest_triangles
+from dtrepair.numerics.enclosure import enclosure
+from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, triangle_areas
+
+
+@dataclass(frozen=True, kw_only=True)
+class HiddenEndOptions:
+    """What counts as an end that is hidden in another part.
+
+    Args:
+        enclosed: Least winding number of the hiding part around every vertex of the end.
+        near: The hiding part is within this many rms radii of the end, everywhere.
+        hiding: So many open parts, the largest, are asked what they hide.
+        cells: Along the extent of the hiding part: a sleeve is much narrower than its coat.
+    """
+
+    enclosed: float = 0.6
+    near: float = 0.5
+    hiding: int = 24
+    cells: int = 64
+
+
+def hidden_ends(
+    points: FloatArray,
+    faces: IntArray,
+    part_of: IntArray,
+    bound: NDArray[np.integer],
+    *,
+    options: HiddenEndOptions = HiddenEndOptions(),
+) -> Ties:
+    """Tie the ends of open parts to what hides them in a pose.
+
+    Args:
+        points: The pose (V, 3).
+        faces: Triangles (F, 3), whose vertices at one position of the rest are one.
+        part_of: The connected part (F,) of each triangle.
+        bound: What binds each triangle (F,): of parts of two bindings nothing is known; -1: none.
+    """
+    ends = _ends(faces, len(points))
+    part_of_end = np.array([part_of[own.triangle] for own in ends], dtype=np.int64)
+    bound_of_end = np.array([bound[own.triangle] for own in ends], dtype=np.int64)
+    areas = np.bincount(part_of, triangle_areas(points, faces))
+    large = np.unique(part_of_end)
+    large = large[np.argsort(-areas[large], kind="stable")][: options.hiding]
+    found = [NO_TIES]
+    for part in large.tolist():
+        triangles = np.flatnonzero(part_of == part)
+        same = (bound_of_end == bound[triangles[0]]) & (bound_of_end >= 0) & (part_of_end != part)
+        candidates = [ends[k].vertices for k in np.flatnonzero(same)]
+        found += _hidden_in(points, faces, triangles, candidates, options)
+    return joined_ties(found)
+
+
+@dataclass(frozen=True)
+class _End:
+    """The vertices (N,) of one border, and a triangle at it."""
+
+    vertices: IntArray
+    triangle: int
+
+
+def _ends(faces: IntArray, count: int) -> list[_End]:
+    """Return the borders of a mesh."""
+    directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    edges = np.sort(directed, axis=1)
+    keys = edges[:, 0].astype(np.int64) * count + edges[:, 1]
+    first, uses = np.unique(keys, return_index=True, return_counts=True)[1:]
+    lone = first[uses == 1]
+    border = edges[lone]
+    shape = (count, count)
+    graph = sparse.coo_matrix((np.ones(len(border)), (border[:, 0], border[:, 1])), shape=shape)
+    label = csgraph.connected_components(graph, directed=False)[1][border[:, 0]]
+    order = np.argsort(label, kind="stable")
+    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
+    groups = np.split(order, starts[1:]) if len(order) else []
+    return [_End(np.unique(border[own]), int(lone[own[0]] // 3)) for own in groups]
+
+
+def _hidden_in(
+    points: FloatArray,
+    faces: IntArray,
+    triangles: NDArray[np.integer],
+    ends: list[IntArray],
+    options: HiddenEndOptions,
+) -> list[Ties]:
+    """Return the ties of those ends that some triangles of one part hide."""
+    corners = points[faces[triangles]]
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    inside = [((points[own] >= low) & (points[own] <= high)).all() for own in ends]
+    ends = [own for own, within in zip(ends, inside, strict=True) if within]
+    if not ends:
+        return []
+    around = np.abs(enclosure(points[np.concatenate(ends)], corners, options.cells))
+    starts = np.cumsum([0, *(len(own) for own in ends)])
+    found = []
+    for own, start, stop in zip(ends, starts[:-1], starts[1:], strict=True):
+        if around[start:stop].min() <= options.enclosed:
+            continue
+        nearest, closest = nearest_triangles(points[own], corners)
+        centred = points[own] - points[own].mean(axis=0)
+        radius = float(np.sqrt(dots(centred, centred).mean()))
+        if lengths(closest - points[own]).max() <= options.near * radius:
+            weights = barycentric(closest, corners[nearest])
+            found.append(Ties(own.astype(np.int32), triangles[nearest].astype(np.int32), weights))
+    return found

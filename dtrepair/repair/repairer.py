@@ -66,12 +66,19 @@ class SceneRepairer:
         self._clip = clip
         self._independent = numbers = IndependentOptions() if clip is None else clip.independent
         choices = options or RepairOptions()
-        self.scene = make_scene(
-            bodies, choices, ignore, references, layer_poses, strain=numbers.strain
-        )
         # The default method works on the CPU: looking for a GPU would only take a context there.
         idle = device == "auto" and choices.method == "full"
         self.device = "cpu" if idle else resolve_device(device)
+        self.scene = make_scene(
+            bodies,
+            choices,
+            ignore,
+            references,
+            layer_poses,
+            strain=numbers.strain,
+            # The default method forks, which no context of a GPU survives.
+            device=self.device if choices.method == "paper" else "cpu",
+        )
         queue = None if self.device == "cpu" else DeviceQueue(self.device)
         self.meshes = WeldedMeshes(self.scene, queue, full=numbers.full, paper=numbers.paper)
         # How many poses are best given to `batch`.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.device import DeviceQueue
-from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray, differing
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import Solved
@@ -93,7 +93,7 @@ class WeldedMesh:
         `before` is what `points` were reduced to: vertices that stayed there keep every bit.
         """
         after = self.surface.rigid.fitted(before, after)
-        stayed = (after == before).all(axis=1)[self.place]
+        stayed = ~differing(after, before)[self.place]
         return np.where(stayed[:, None], points, (after * self.surface.size)[self.place])
 
 

@@ -51,9 +51,9 @@ def as_points(points: ArrayLike, count: int | None = None) -> FloatArray:
             f"points should have {count} rows as the rest mesh has, got {len(vertices)}: "
             "a pose must have the topology of its rest"
         )
-    finite = np.isfinite(vertices).all(axis=1)
+    finite = np.isfinite(vertices)
     if not finite.all():
-        first = int(np.flatnonzero(~finite)[0])
+        first = int(np.flatnonzero(~finite.all(axis=1))[0])
         raise ValueError(f"points should be finite, got {vertices[first]} at vertex {first}")
     return vertices
 
@@ -170,6 +170,8 @@ def weld_maps(meshes: Sequence[ArrayLike]) -> IntArray:
     """
     points = [np.asarray(mesh, dtype=np.float32).reshape(-1, 3) for mesh in meshes]
     positions = np.concatenate(points) + np.float32(0.0)
+    if _surely_distinct(positions, [len(own) for own in points]):
+        return np.arange(len(positions), dtype=np.int32)
     order = np.lexsort((positions[:, 2], positions[:, 1], positions[:, 0]))
     if len(points) > 1:
         # Short numbers are sorted in linear time; stable, so that positions stay sorted.
@@ -186,6 +188,19 @@ def weld_maps(meshes: Sequence[ArrayLike]) -> IntArray:
     weld = np.empty(len(order), dtype=np.int32)
     weld[order] = first
     return weld
+
+
+def _surely_distinct(positions: NDArray[np.float32], counts: Sequence[int]) -> bool:
+    """Return whether no two positions (V, 3) of a mesh are one, by hashes: mostly so, and quick.
+
+    counts: of vertices of each mesh. Equal hashes prove nothing.
+    """
+    hashed = np.repeat(np.arange(len(counts), dtype=np.uint64), counts)
+    for column in positions.view(np.uint32).T:
+        hashed = (hashed ^ column) * np.uint64(0x9E3779B97F4A7C15)  # odd: no bit is lost
+        hashed ^= hashed >> np.uint64(32)
+    hashed.sort()
+    return not (hashed[1:] == hashed[:-1]).any()
 
 
 def extent(points: ArrayLike) -> float:

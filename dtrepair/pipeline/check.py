@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time as clock
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
@@ -28,6 +28,7 @@ from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.devices import use_device
 from dtrepair.pipeline.stages.enclosed_parts import EnclosedParts
 from dtrepair.pipeline.stages.frames import (
+    AtOnePlace,
     Frame,
     count_frame,
     frame_time,
@@ -155,11 +156,14 @@ def _check(
         attachments=modelled.attachments,
     )
     enclosed = EnclosedParts(source, mode=settings.mode, ignored=ignored)
+    hidden = AtOnePlace(source)
+    frames = hidden.among(read_frames(source, source.times))
     with (
         Progress(observer, "checking", len(source.times)) as progress,
-        closing(_records(source, counter, enclosed, modelled, jobs, observer)) as found,
+        closing(_records(source, frames, counter, enclosed, modelled, jobs, observer)) as found,
     ):
         records = tuple(progress.over(found))
+    warn(observer, hidden.warnings)
     refuse_if_none_usable(source, records)
     watch.lap("detect")
     return Report(
@@ -171,7 +175,7 @@ def _check(
         seconds=watch.total(),
         prims=prim_records(source),
         frames=records,
-        warnings=source.warnings,
+        warnings=(*source.warnings, *hidden.warnings),
         attached=modelled.attached,
     )
 
@@ -209,6 +213,7 @@ def _recorded(
 
 def _records(
     source: Source,
+    frames: Iterable[Frame],
     counter: SceneCounter,
     enclosed: EnclosedParts,
     modelled: ModelledParts,
@@ -234,7 +239,7 @@ def _records(
         )
         return record, PairsFound(record.time, found.pairs)
 
-    for _, (record, pairs) in side_by_side(count, read_frames(source, source.times), jobs=jobs):
+    for _, (record, pairs) in side_by_side(count, frames, jobs=jobs):
         if pairs is not None:
             observer.remark(pairs)
         yield record

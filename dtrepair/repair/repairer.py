@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +20,7 @@ from dtrepair.repair.result import RepairResult
 from dtrepair.repair.scene.bodies import Body, about_centre
 from dtrepair.repair.scene.bounds import strain_of
 from dtrepair.repair.scene.diagnosis import strains_of
-from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.scene import make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.solution_cache import Memory, remembering
 
@@ -67,12 +66,19 @@ class SceneRepairer:
         self._clip = clip
         self._independent = numbers = IndependentOptions() if clip is None else clip.independent
         choices = options or RepairOptions()
-        self.scene = make_scene(
-            bodies, choices, ignore, references, layer_poses, strain=numbers.strain
-        )
         # The default method works on the CPU: looking for a GPU would only take a context there.
         idle = device == "auto" and choices.method == "full"
         self.device = "cpu" if idle else resolve_device(device)
+        self.scene = make_scene(
+            bodies,
+            choices,
+            ignore,
+            references,
+            layer_poses,
+            strain=numbers.strain,
+            # The default method forks, which no context of a GPU survives.
+            device=self.device if choices.method == "paper" else "cpu",
+        )
         queue = None if self.device == "cpu" else DeviceQueue(self.device)
         self.meshes = WeldedMeshes(self.scene, queue, full=numbers.full, paper=numbers.paper)
         # How many poses are best given to `batch`.
@@ -140,24 +146,16 @@ class SceneRepairer:
         """Repair many poses, each for itself: on a GPU `poses_at_once` are solved at once."""
         numbers = self._independent
         results = repair_poses(self.scene, self.meshes, poses, options=numbers)
-        if self._undirected is None:
+        if (meshes := self.meshes.undirected) is None:
             return results
-        # A direction is a wish: where it strains the shape, the way that does not is better.
-        scene, meshes = self._undirected
         for index, steered in enumerate(results):
             if any(result.status is Status.STRAINED for result in steered):
-                free = repair_poses(scene, meshes, poses[index : index + 1], options=numbers)[0]
+                free = repair_poses(
+                    meshes.scene, meshes, poses[index : index + 1], options=numbers
+                )[0]
                 if free[0].after.pairs < steered[0].after.pairs:
                     results[index] = free
         return results
-
-    @cached_property
-    def _undirected(self) -> tuple[Scene, WeldedMeshes] | None:
-        """The scene without preferred directions; None where there are none to be left out."""
-        if self.options.method == "paper" or not self.scene.direction.any():
-            return None
-        scene = replace(self.scene, direction=np.zeros_like(self.scene.direction))
-        return scene, WeldedMeshes(scene, None, full=self._independent.full)
 
 
 class Repairer:

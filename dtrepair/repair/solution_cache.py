@@ -59,7 +59,9 @@ def _remembering(solve: WindowSolver, surface: Surface, memory: Memory) -> Windo
         *,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
-        key = hash_of(original, frames, surface.faces, surface.rest)
+        # A window may be solved with directions and without.
+        ways = () if surface.direction is None else (surface.direction,)
+        key = hash_of(original, frames, surface.faces, surface.rest, *ways)
         kept = memory.recall(key)
         if kept is not None:
             found = original.copy()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -126,6 +127,25 @@ def test_meshes_in_a_row_weld_each_by_itself() -> None:
     starts = np.cumsum([0, 9, 0, 1])
     expected = [geometry.weld_map(own) + start for own, start in zip(meshes, starts, strict=True)]
     assert geometry.weld_maps(meshes).tolist() == np.concatenate(expected).tolist()
+
+
+@pytest.mark.parametrize("repeat", [0, 1])
+def test_positions_are_sorted_only_where_any_may_be_one(
+    repeat: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grid = np.stack(np.meshgrid(*[np.arange(20.0)] * 3), axis=-1).reshape(-1, 3)
+    points = np.concatenate([grid, grid[:repeat]])
+    sort = np.lexsort
+    sorts: list[int] = []
+
+    def counted(keys: Any) -> Any:
+        sorts.append(len(keys))
+        return sort(keys)
+
+    monkeypatch.setattr(np, "lexsort", counted)
+    weld = geometry.weld_maps([points, grid])
+    assert len(sorts) == repeat
+    assert (weld != np.arange(len(weld))).sum() == repeat
 
 
 def test_weld_map_compares_float32_positions() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from pxr import Gf, Usd, UsdGeom
 from dtrepair.pipeline import check_stage, repair_stage
 from dtrepair.report.record import Report
 from tests.meshes import Mesh, icosphere
+from tests.observers import Recorder
 from tests.usd_stages import new_stage, vec3f
 
 BALL = icosphere(5)  # each triangle with each other: 210 million pairs
@@ -73,3 +75,20 @@ def test_a_repair_skips_it_and_solves_the_others(stage: Path, tmp_path: Path) ->
         for own in stages
     )
     assert np.array_equal(before, after)
+
+
+def test_a_small_mesh_that_a_scale_hides_is_told(tmp_path: Path) -> None:
+    made = new_stage(tmp_path / "hidden.usda")
+    define_ball(made, "Other", OTHER)
+    scale = define_ball(made, "Prop", icosphere(1)).AddScaleOp()
+    for time in TIMES:
+        scale.Set(Gf.Vec3f(0.0 if time == COLLAPSED else 1.0), time)
+    made.GetRootLayer().Save()
+    for run in (check_stage, partial(repair_stage, output=tmp_path / "out.usda")):
+        observer = Recorder()
+        report = run(tmp_path / "hidden.usda", jobs=1, observer=observer)
+        # Of the other meshes everything is counted, so that the frame is no fault.
+        assert [record.status for record in report.frames] == ["clean"] * len(TIMES)
+        (text,) = [text for text in observer.warnings if "at one place" in text]
+        assert text.startswith("/Root/Prop: all points are at one place in frame 2, so that")
+        assert text in report.warnings

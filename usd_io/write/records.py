@@ -50,7 +50,8 @@ def check_alike(
     if first.get("version") != other.get("version"):
         reasons.insert(0, f"version ({_told(first, 'version')} and {_told(other, 'version')})")
     if first.get("input_digest") != other.get("input_digest"):
-        reasons.insert(0, "the content of the input")
+        alike = ("chunk" in settings[0]) == ("chunk" in settings[1])  # only chunks have a digest
+        reasons.insert(0, "the content of the input" if alike else "that only one is a chunk")
     if reasons:
         raise StageError(
             f"{first_path} and {path} differ in {', '.join(reasons[:4])}; write them again, all "

@@ -19,6 +19,7 @@ from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frame
 from dtrepair.pipeline.stages.bodies import Controls, PlacedBodies, in_units_of_frames
 from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.frames import (
+    AtOnePlace,
     make_counter,
     prim_records,
     read_frames,
@@ -101,7 +102,8 @@ def repair_here(
     if run.options.rest_contacts == "auto" and run.options.method == "full":
         met = untold_contacts(source, rests, ignored=run.ignored, attached=run.attached)
         warn(observer, met)
-    records, jitter = _repair_frames(prepared, repairer, observer)
+    hidden = AtOnePlace(source)
+    records, jitter = _repair_frames(prepared, repairer, hidden, observer)
     sink, told = prepared.sink, list[str]()
     if isinstance(sink, CorrectionSink) and sink.form == "shapes":
         records, told = settle_shapes(sink, repairer, records)
@@ -110,7 +112,7 @@ def repair_here(
     written = sink.commit({"counts": summarize(records)})
     if isinstance(sink, CorrectionSink):
         sink.tell(observer)
-    warnings = (*repairer.warnings, *told, *written)
+    warnings = (*repairer.warnings, *hidden.warnings, *told, *written)
     if journal is not None:
         warnings = (*warnings, *journal.failures)
         journal.remove()
@@ -134,15 +136,16 @@ def repair_here(
 
 
 def _repair_frames(
-    prepared: Prepared, repairer: FrameRepairer, observer: Observer
+    prepared: Prepared, repairer: FrameRepairer, hidden: AtOnePlace, observer: Observer
 ) -> tuple[list[FrameRecord], float | None]:
     """Repair all frames into the sink; return their records, and the largest jitter of a mesh."""
     source, chunk, clock = prepared.source, prepared.chunk, prepared.run.clock
     records: list[FrameRecord] = []
     meters = [JitterMeter() for _ in source.meshes]
+    given = hidden.among(read_frames(source, chunk.times))
     with (
         Progress(observer, "repairing", len(chunk.times)) as progress,
-        closing(repair_frames(read_frames(source, chunk.times), repairer)) as frames,
+        closing(repair_frames(given, repairer)) as frames,
     ):
         repairer.progress = progress.ahead
         for repaired, written in progress.over(zip(frames, chunk.written, strict=True)):

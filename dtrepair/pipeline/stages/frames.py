@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dtrepair.pipeline.errors import InputError
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time
 from dtrepair.report.record import FrameRecord, PrimRecord
+from dtrepair.wording import frame_list
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCount, SceneCounter
@@ -67,6 +68,42 @@ def read_frame(source: Source, time: float) -> Frame:
         except FrameError as error:
             return Frame(time, failure=str(error))
     return Frame(time, tuple(points), tuple(spaces))
+
+
+class AtOnePlace:
+    """Meshes of which all points lie at one place in a frame, as where a scale of zero hides them.
+
+    Vertices at one place are one vertex, so that nothing of such a mesh is counted.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._times: dict[str, list[float]] = {}
+
+    def among(self, frames: Iterable[Frame]) -> Iterator[Frame]:
+        """Pass frames on, and remember the meshes."""
+        for frame in frames:
+            for mesh, space in zip(self._source.meshes, frame.spaces, strict=False):
+                points = np.asarray(space, dtype=np.float32)
+                if len(mesh.faces) > 1 and (points == points[:1]).all():
+                    self._times.setdefault(mesh.path, []).append(frame.time)
+            yield frame
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What there is to tell of them, once they have passed."""
+        return tuple(
+            f"{path}: all points are at one place{_in_frames(times)}, so that nothing of it is "
+            "counted there; where it should be seen, mend its points or its scale"
+            for path, times in self._times.items()
+        )
+
+
+def _in_frames(times: Sequence[float]) -> str:
+    """Return frames in a sentence; the default time needs no word."""
+    numbered = [time for time in times if not math.isnan(time)]
+    noun = "frame" if len(numbered) == 1 else "frames"
+    return f" in {noun} {frame_list(numbered)}" if numbered else ""
 
 
 def frame_time(frame: Frame) -> float | None:

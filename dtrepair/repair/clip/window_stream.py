@@ -138,12 +138,12 @@ class WindowStream:
         if len(tail) == len(frames):
             judged = tail
         elif self.scene.options.clearance > 0.0 or any(frame.wrong for frame in frames):
-            times = np.array([frame.time for frame in frames])
-            numbers, poses = self.options.independent, self._solve(mesh(), frames)
-            poses = relieved_poses(
-                self.scene, mesh(), frames, poses, jobs=self.jobs, options=numbers.relief
-            )
-            judged = bounded_frames(self.scene, frames, poses, times, options=numbers.share)
+            judged = self._judged(self.meshes, frames)
+            free = self.meshes.undirected
+            if free is not None and any(found.lowered for found in judged):
+                otherwise = self._judged(free, frames)
+                if self._left(frames, otherwise) < self._left(frames, judged):
+                    judged = otherwise
         if len(tail) < len(frames):
             judged = faded(frames, tail, judged, self.scene.rigid)
         done = len(frames) - keep
@@ -154,6 +154,19 @@ class WindowStream:
             for frame, found, pairs in zip(frames[:done], judged[:done], left, strict=True)
         ]
         return results, judged[done:]
+
+    def _judged(self, meshes: WeldedMeshes, frames: list[Frame]) -> list[Judged]:
+        """Return the repaired poses of a window within the bounds."""
+        scene, numbers = meshes.scene, self.options.independent
+        mesh = meshes([frame.weld for frame in frames])
+        poses = self._solve(scene, mesh, frames)
+        poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
+        times = np.array([frame.time for frame in frames])
+        return bounded_frames(scene, frames, poses, times, options=numbers.share)
+
+    def _left(self, frames: list[Frame], judged: list[Judged]) -> int:
+        """Return how many pairs are left in all poses."""
+        return sum(map(len, self._verified(frames, [found.points for found in judged])))
 
     def _verified(self, frames: list[Frame], poses: list[FloatArray]) -> list[IntArray]:
         """Return the pairs of the poses, exactly, on the float32 coordinates of the results."""
@@ -172,20 +185,20 @@ class WindowStream:
         with ThreadPoolExecutor(jobs) as pool:
             return list(pool.map(function, items))
 
-    def _solve(self, mesh: WeldedMesh, frames: list[Frame]) -> list[FloatArray]:
+    def _solve(self, scene: Scene, mesh: WeldedMesh, frames: list[Frame]) -> list[FloatArray]:
         """Return repaired poses (V, 3) of a window."""
         options = self.options.independent
         times = frame_units(np.array([frame.time for frame in frames]))
         starts = np.stack([frame.centred for frame in frames])
         if any(len(frame.enclosed) for frame in frames):
-            enclosed = [not_worn(self.scene, frame.enclosed) for frame in frames]
-            starts = released_frames(self.scene, starts, enclosed, times, options=options.release)
+            enclosed = [not_worn(scene, frame.enclosed) for frame in frames]
+            starts = released_frames(scene, starts, enclosed, times, options=options.release)
         pairs = [frame.pairs for frame in frames]
-        met = [parts_that_meet(self.scene, frame.pairs, frame.enclosed) for frame in frames]
-        starts = lifted_frames(self.scene, starts, met, times, options=options.lift)
+        met = [parts_that_meet(scene, frame.pairs, frame.enclosed) for frame in frames]
+        starts = lifted_frames(scene, starts, met, times, options=options.lift)
         separate = partial(
             separated_frames,
-            self.scene,
+            scene,
             mesh,
             starts,
             pairs,
@@ -196,10 +209,10 @@ class WindowStream:
 
         def unless(left: list[IntArray]) -> bool:
             """Return whether sheets, and what pushing left as it was, can be led apart instead."""
-            met = [contact_counts(self.scene.body_of, found) for found in pairs]
+            met = [contact_counts(scene.body_of, found) for found in pairs]
             still = [contact_counts(mesh.surface.body_of, found) for found in left]
             tangled = tangled_contacts(met, still, options=options.separation.untangling)
-            otherwise.append(separate(sheets=range(len(self.scene.bodies)), tangled=tangled))
+            otherwise.append(separate(sheets=range(len(scene.bodies)), tangled=tangled))
             return not np.array_equal(otherwise[0], led)
 
         found = self._solve_from(mesh, led, times, unless=unless)

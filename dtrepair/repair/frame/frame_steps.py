@@ -15,6 +15,7 @@ from dtrepair.repair.frame.lending import Loan, carried, cost, relaxed, solved_f
 from dtrepair.repair.full.cure import cure
 from dtrepair.repair.full.mend import mend
 from dtrepair.repair.full.relax import Relaxation
+from dtrepair.repair.full.steering import Steering
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import Surface
 
@@ -25,6 +26,8 @@ class WindowFrames(FramePoses):
     def __init__(self, *given: Any, **named: Any) -> None:
         """Take what `FramePoses` takes."""
         super().__init__(*given, **named)
+        phases = self.options.lending.phases
+        self._steering = Steering(self.surface, options=phases.steering)
         self._relaxations: dict[int, Relaxation] = {}
         self._farthest_pull: dict[int, FloatArray] = {}
 
@@ -103,9 +106,9 @@ class WindowFrames(FramePoses):
     def relaxed_alone(self, surface: Surface, frame: int) -> float:
         """Relax a clean frame by itself; its motion is in `added`. Return what it costs."""
         before, now = self.original[frame], self.poses[frame]
-        pose = relaxed(surface, before, now, self.options.lending)
+        pose = relaxed(surface, before, now, self._steering, self.options.lending)
         self.added[frame] = pose - now
-        return cost(surface, before, pose)
+        return cost(surface, before, pose, self._steering)
 
     def borrowed_from(self, surface: Surface, loan: Loan, scale: float) -> float:
         """Solve a frame from another's displacement; in `added` if it costs less. Return its cost.
@@ -120,7 +123,15 @@ class WindowFrames(FramePoses):
             start = carried(surface, self.original[lender], before, moved)
         # A frame that has a pose is only asked whether another way out distorts it less.
         alone, options = None if np.isfinite(loan.cost) else self.alone, self.options.lending
-        pose, value = solved_from(surface, before, start, scale=scale, alone=alone, options=options)
+        pose, value = solved_from(
+            surface,
+            before,
+            start,
+            scale=scale,
+            alone=alone,
+            steering=self._steering,
+            options=options,
+        )
         if value < loan.cost:
             self.added[frame] = pose - now
         return min(value, loan.cost)
@@ -163,6 +174,7 @@ class WindowFrames(FramePoses):
             reach[frame].astype(np.float64),
             scale,
             self.options.relax,
+            self._steering,
         )
 
     def relaxed(self, surface: Surface, frame: int, weight: float) -> float:

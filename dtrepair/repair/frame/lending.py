@@ -20,6 +20,7 @@ from dtrepair.repair.full.mend import MendOptions, mend
 from dtrepair.repair.full.phases import PhaseOptions, Phases
 from dtrepair.repair.full.relax import QUICK, RelaxOptions, relax
 from dtrepair.repair.full.settle import SettleOptions, Settling
+from dtrepair.repair.full.steering import Steering
 from dtrepair.repair.surface.surface import Surface
 
 
@@ -52,35 +53,46 @@ class Loan(NamedTuple):
     cost: float
 
 
-def cost(surface: Surface, original: FloatArray, points: FloatArray) -> float:
+def cost(surface: Surface, original: FloatArray, points: FloatArray, steering: Steering) -> float:
     """Return what a pose (V, 3) costs: its distortion, and the width of what it turned over.
 
-    Edges keep their lengths where skin is folded over. A pose that intersects costs more than any
-    clean one.
+    Edges keep their lengths where skin is folded over. What strays from directions costs as much
+    as in single poses. A pose that intersects costs more than any clean one.
     """
     if len(surface.contacts.pairs(points)):
         return np.inf
     old, new = (vector_areas(pose, surface.faces) for pose in (original, points))
     over = lengths(new)[dots(old, new) < 0.0].sum()
-    return distortion(original, points, surface.edges) + float(np.sqrt(over))
+    astray = steering.options.weight * steering.astray(points - original)
+    return distortion(original, points, surface.edges) + float(np.sqrt(over)) + astray
 
 
 def relaxed(
-    surface: Surface, original: FloatArray, points: FloatArray, options: LendingOptions
+    surface: Surface,
+    original: FloatArray,
+    points: FloatArray,
+    steering: Steering,
+    options: LendingOptions,
 ) -> FloatArray:
     """Return a clean pose (V, 3) taken back towards its input, as in single poses."""
     moved = points - original
     if not moved.any():
         return points
+    folds = len(surface.contacts.folds(points))
+    if steering:
+        points = steering.led_back(original, points, folds=folds)
+        moved = points - original
     pairs = surface.contacts.pairs(original)
-    settling = Settling(surface, original, pairs, options=options.settle) if len(pairs) else None
+    settles = len(pairs) > 0 and not steering
+    settling = Settling(surface, original, pairs, options=options.settle) if settles else None
     return relax(
         surface,
         original,
         points,
         cycles=options.cycles,
-        folds=len(surface.contacts.folds(points)),
+        folds=folds,
         reach=reach_of(surface, moved, rings=options.relax.acceptance.reach_rings),
+        steering=steering,
         settling=settling,
         options=options.relax,
     )[0]
@@ -105,6 +117,7 @@ def solved_from(
     *,
     scale: float,
     alone: Callable[[Surface, FloatArray], FloatArray] | None,
+    steering: Steering,
     options: LendingOptions,
 ) -> tuple[FloatArray, float]:
     """Return the pose (V, 3) that a start leads to, cleaned and relaxed, and what it costs.
@@ -116,20 +129,24 @@ def solved_from(
         pose = mend(surface, original, [start], step=scale * options.step, options=options.mend)
     if len(surface.contacts.pairs(pose)):
         pose = Phases(surface, original, options=options.phases).insist_from(pose).points
-    found = _judged(surface, original, pose, options)
+    found = _judged(surface, original, pose, steering, options)
     if alone is None or found[1] <= options.rough:
         return found
-    cold = _judged(surface, original, alone(surface, original), options)
+    cold = _judged(surface, original, alone(surface, original), steering, options)
     return min(found, cold, key=lambda judged: judged[1])
 
 
 def _judged(
-    surface: Surface, original: FloatArray, pose: FloatArray, options: LendingOptions
+    surface: Surface,
+    original: FloatArray,
+    pose: FloatArray,
+    steering: Steering,
+    options: LendingOptions,
 ) -> tuple[FloatArray, float]:
     """Return a pose relaxed if it is clean, and what it costs."""
     if len(surface.contacts.pairs(pose)) == 0:
-        pose = relaxed(surface, original, pose, options)
-    return pose, cost(surface, original, pose)
+        pose = relaxed(surface, original, pose, steering, options)
+    return pose, cost(surface, original, pose, steering)
 
 
 def disagreement(first: FloatArray, second: FloatArray) -> float:

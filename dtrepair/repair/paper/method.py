@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.device import DeviceQueue, out_of_memory
@@ -117,14 +118,30 @@ class PaperMethod:
         descent = self.descent or self._descent(originals[0])
         result = descent(torch.from_numpy(np.stack(originals)))
         seconds = (time.perf_counter() - start) / len(originals)
+        left = self._left(descent, result)
         results = []
         for index, original in enumerate(originals):
             points = result.points[index].numpy()
-            left = len(self.surface.contacts.pairs(points))
             value = distortion(original, points, self.surface.edges)
             count = int(result.iterations[index])
-            results.append(Solved(points, [Stage("descent", left, 0, value, count, seconds)]))
+            stage = Stage("descent", int(left[index]), 0, value, count, seconds)
+            results.append(Solved(points, [stage]))
         return results
+
+    def _left(
+        self, descent: Callable[[torch.Tensor], DescentResult], result: DescentResult
+    ) -> NDArray[np.int64]:
+        """Return how many pairs each pose has; none that the loop found clean is looked at again.
+
+        They are counted where the loop ran.
+        """
+        surface, left = self.surface, np.zeros(len(result.points), dtype=np.int64)
+        if len(dirty := np.flatnonzero(result.triangles.numpy() != 0)):
+            detector = descent.detector if isinstance(descent, DeviceDescent) else surface.detector
+            found = detector(surface.written(result.points.numpy()[dirty]))
+            found = found[surface.contacts.counts(found)]
+            left[dirty] = np.bincount(found[:, 0], minlength=len(dirty))
+        return left
 
     def _detect(self, points: torch.Tensor) -> IntArray:
         return self.surface.contacts.batch_pairs(points.numpy())

@@ -90,8 +90,7 @@ def advice_for(scene: Scene, pairs: IntArray) -> tuple[Advice, ...]:
 
 def _still(scene: Scene, pairs: IntArray) -> NDArray[np.bool_]:
     """Return which pairs (K, 2) are of triangles no vertex of which may move."""
-    still: NDArray[np.bool_] = (scene.mobility == 0.0)[scene.faces].all(axis=1)
-    return np.asarray(still[pairs].all(axis=1))
+    return np.asarray((scene.mobility[scene.faces[pairs]] == 0.0).all(axis=(1, 2)))
 
 
 def enclosures_left(scene: Scene, parts: IntArray) -> tuple[RemainingEnclosure, ...]:

@@ -65,6 +65,7 @@ class Scene:
         layer_poses: Poses (V, 3) that show which part lies over which, with all their pairs (K, 2);
             default: the rest.
         strain: What a correction may do to a shape.
+        device: Where poses are counted, before and after.
     """
 
     bodies: tuple[Body, ...]
@@ -79,6 +80,7 @@ class Scene:
     references: tuple[Reference, ...] = ()
     layer_poses: tuple[Reference, ...] = ()
     strain: StrainOptions = StrainOptions()
+    device: str = "cpu"
 
     @cached_property
     def body_of(self) -> NDArray[np.int64]:
@@ -98,7 +100,7 @@ class Scene:
     @cached_property
     def detector(self) -> Detector:
         """Detector of all bodies, built on their rest poses."""
-        return Detector(self.centred_rest, self.faces)
+        return Detector(self.centred_rest, self.faces, device=self.device)
 
     @cached_property
     def rest_weld(self) -> IntArray:
@@ -275,10 +277,11 @@ def make_scene(
     layer_poses: Sequence[Reference] = (),
     *,
     strain: StrainOptions = StrainOptions(),
+    device: str = "cpu",
 ) -> Scene:
     """Return the scene of some bodies, whose contacts between pairs in `ignore` do not count.
 
-    references, layer_poses, strain: see `Scene`.
+    references, layer_poses, strain, device: see `Scene`.
 
     Raises:
         ValueError: bodies, options or pairs that cannot be used.
@@ -304,4 +307,5 @@ def make_scene(
         references=tuple(references),
         layer_poses=tuple(layer_poses),
         strain=strain,
+        device=device,
     )

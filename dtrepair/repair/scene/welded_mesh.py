@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.device import DeviceQueue
-from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray, differing
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import Solved
@@ -91,7 +93,7 @@ class WeldedMesh:
         `before` is what `points` were reduced to: vertices that stayed there keep every bit.
         """
         after = self.surface.rigid.fitted(before, after)
-        stayed = (after == before).all(axis=1)[self.place]
+        stayed = ~differing(after, before)[self.place]
         return np.where(stayed[:, None], points, (after * self.surface.size)[self.place])
 
 
@@ -143,13 +145,24 @@ class WeldedMeshes:
         full: FullOptions = FullOptions(),
         paper: PaperOptions | None = None,
     ) -> None:
-        self._scene, self._queue = scene, queue
+        self.scene, self._queue = scene, queue
         self._full, self._paper = full, paper
         self._known: dict[bytes, WeldedMesh] = {}
 
+    @cached_property
+    def undirected(self) -> WeldedMeshes | None:
+        """The meshes without preferred directions; None where there are none to be left out.
+
+        A direction is a wish: where it strains the shape, the way that does not is better.
+        """
+        if self.scene.options.method == "paper" or not self.scene.direction.any():
+            return None
+        scene = replace(self.scene, direction=np.zeros_like(self.scene.direction))
+        return WeldedMeshes(scene, full=self._full)
+
     def __call__(self, welds: Sequence[IntArray]) -> WeldedMesh:
         """Return the mesh of poses with welds (V,): what coincides there and at rest is one."""
-        rest_weld = self._scene.rest_weld
+        rest_weld = self.scene.rest_weld
         joined = np.ones(len(rest_weld), dtype=bool)
         for weld in welds:
             joined &= weld[rest_weld] == weld
@@ -157,6 +170,6 @@ class WeldedMeshes:
         key = together.tobytes()
         if key not in self._known:
             self._known[key] = WeldedMesh(
-                self._scene, together, self._queue, full=self._full, paper=self._paper
+                self.scene, together, self._queue, full=self._full, paper=self._paper
             )
         return self._known[key]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ import torch
 from numpy.typing import NDArray
 
 from dtrepair.device import DeviceQueue
+from dtrepair.intersect.detector import Detector
 from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.paper.descent import DescentResult
 from dtrepair.repair.paper.diffusion import Diffusion
 from dtrepair.repair.paper.gpu_descent import DeviceDescent
 from dtrepair.repair.paper.method import PaperMethod
@@ -37,6 +40,30 @@ def test_poses_at_once_are_those_one_by_one() -> None:
         assert len(surface.contacts.pairs(pose)) > 0
         assert np.array_equal(solved.points, method(pose).points)
         assert len(surface.contacts.pairs(solved.points)) == solved.stages[0].crossings < 20
+
+
+@pytest.mark.parametrize("queue", [None, DeviceQueue("cpu")], ids=["cpu", "device"])
+def test_a_pose_that_the_loop_found_clean_is_not_looked_at_again(
+    queue: DeviceQueue | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    surface, (shallow, deep) = tube()
+    method = PaperMethod(surface, replace(OPTIONS, iterations=1), queue=queue)
+    solve, find = method.descent, Detector.__call__
+    detected: list[int] = []
+    assert solve is not None
+
+    def counted(detector: Detector, points: Any, **given: Any) -> Any:
+        detected.append(len(points))
+        return find(detector, points, **given)
+
+    def watched(poses: torch.Tensor) -> DescentResult:
+        result = solve(poses)
+        monkeypatch.setattr(Detector, "__call__", counted)
+        return result
+
+    method.descent = watched
+    left = [done.stages[0].crossings for done in method.batch([surface.rest, deep, shallow])]
+    assert detected == [2] and left[0] == 0 and min(left[1:]) > 0
 
 
 def test_a_body_without_area_takes_part() -> None:

@@ -11,6 +11,7 @@ import pytest
 from dtrepair import Body, RepairOptions
 from dtrepair.intersect.ignored import counted_between
 from dtrepair.numerics.attachments import Reference
+from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.scene import Scene, make_scene
 from tests.meshes import icosphere, joined, with_seam
 
@@ -42,6 +43,22 @@ def test_bodies_are_numbered_through() -> None:
     assert (both.body_of_vertex[both.faces] == both.body_of[:, None]).all()
     edges = both.edges_of_bodies[1]
     assert edges.min() == 0 and edges.max() == len(BALL) - 1
+
+
+@pytest.mark.parametrize(("method", "expected"), [("paper", "cuda:3"), ("full", "cpu")])
+def test_poses_are_counted_where_the_published_method_runs(
+    method: str, expected: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    devices = []
+
+    def detector(rest: object, faces: object, *, device: str) -> None:
+        devices.append(device)
+
+    monkeypatch.setattr("dtrepair.repair.repairer.resolve_device", lambda name: name)
+    monkeypatch.setattr("dtrepair.repair.repairer.DeviceQueue", lambda name: None)
+    monkeypatch.setattr("dtrepair.repair.scene.scene.Detector", detector)
+    repairer = SceneRepairer(BODIES, options=RepairOptions(method=method), device="cuda:3")
+    assert repairer.scene.detector is None and devices == [expected]
 
 
 def test_a_scene_does_not_change() -> None:

@@ -12,7 +12,7 @@ from tests.usd_io.read.test_damaged import with_count
 from tests.usd_io.write.test_joining import chunk
 from tests.usd_stages import cube_file, moved_cube
 from usd_io import StageError, join_layers
-from usd_io.write.records import check_record, part_of
+from usd_io.write.records import check_alike, check_record, part_of
 
 GOOD = {"settings": {"chunk": "1/2"}, "frames": [1.0], "written": {"/A": [1.0]}}
 
@@ -66,3 +66,16 @@ def test_a_sample_that_cannot_be_read_names_layer_and_attribute(tmp_path: Path) 
     with pytest.raises(StageError, match=r"2\.usdc: /Root/Cube\.points: cannot be read \("):
         join_layers(parts, tmp_path / "out.usdc")
     assert not (tmp_path / "out.usdc").exists()
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ({"settings": {"chunk": "2/2"}, "input_digest": "f00d"}, "the content of the input"),
+        ({"settings": {}}, "that only one is a chunk"),
+    ],
+)
+def test_what_two_layers_differ_in_is_named(entries: dict[str, Any], words: str) -> None:
+    part = {"settings": {"chunk": "1/2"}, "input_digest": "beef"}
+    with pytest.raises(StageError, match=rf"differ in {words}; write them again"):
+        check_alike("a.usdc", part, "b.usdc", entries, ())

@@ -15,8 +15,8 @@ def largest_move(frame: Record) -> str:
     share = frame["displacement_max"]
     prims = [prim for prim in frame["prims"] if prim.get("motion")] or frame["prims"]
     if share == 0.0 or not prims:
-        return length(share, None) if share else "0"
-    return length(share, max(prims, key=_moved).get("size"))
+        return _held(share, None) if share else "0"
+    return _held(share, max(prims, key=_moved).get("size"))
 
 
 def length_of(prims: Sequence[Record], name: str) -> str:
@@ -25,7 +25,12 @@ def length_of(prims: Sequence[Record], name: str) -> str:
     if not known:
         return ""
     most = max(known, key=lambda prim: float(prim["motion"][name]))
-    return length(most["motion"][name], most.get("size"))
+    return _held(most["motion"][name], most.get("size"))
+
+
+def _held(share: float, size: float | None) -> str:
+    """A length whose per cent sign stays with its number in a narrow table."""
+    return length(share, size).replace(" %", "\u00a0%")
 
 
 def _moved(prim: Record) -> float:

@@ -174,7 +174,8 @@ class DTREPAIR_OT_repair(_Work, bpy.types.Operator):
         overlay.hide()
         self._warn()
         if self._job.dirty:
-            self.report({"WARNING"}, f"not clean: frames {', '.join(map(str, self._job.dirty))}")
+            frames = ", ".join(map(str, self._job.dirty))
+            self.report({"WARNING"}, f"not clean: frames {frames}; Check lists what is left")
         self.report({"INFO"}, f"{len(copies)} objects changed" if copies else "all was clean")
 
 

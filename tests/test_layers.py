@@ -35,7 +35,7 @@ WALLS = {
         "pipeline": "__init__ report keyposes transfer repair intersect numerics display files"
         " diagnosis device wording",
         "__init__": "transfer repair intersect diagnosis",
-        "report": "keyposes files diagnosis",
+        "report": "keyposes files diagnosis wording",
         "keyposes": "numerics",
         "transfer": "numerics files",
         "repair": "intersect numerics diagnosis device",

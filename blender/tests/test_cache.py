@@ -35,9 +35,9 @@ def test_a_cache_has_the_repaired_points_and_the_original_is_untouched(
     wanted: list[Any] = []
     inherited = Job.apply
 
-    def kept(job: Job, told: Any) -> Any:
-        wanted.extend(read_points(job.worker.folder / told["result"], job.meshes))
-        return inherited(job, told)
+    def kept(job: Job) -> Any:
+        wanted.extend(read_points(job.worker.folder / job.told["result"], job.meshes))
+        return inherited(job)
 
     monkeypatch.setattr(Job, "apply", kept)
     assert bpy.ops.dtrepair.repair() == {"FINISHED"}

@@ -11,9 +11,10 @@ import bpy
 import pytest
 
 from blender.dtrepair_addon import register, unregister
+from blender.dtrepair_addon.scene import jobs
 from blender.dtrepair_addon.scene.sampling import points_of
-from blender.dtrepair_addon.ui.operators import _Work
-from blender.tests.character import character
+from blender.dtrepair_addon.ui.operators import DTREPAIR_OT_repair, _Work
+from blender.tests.character import character, state
 
 TIMER, ESC, MOVE = (SimpleNamespace(type=name) for name in ("TIMER", "ESC", "MOUSEMOVE"))
 
@@ -30,8 +31,8 @@ class Work(_Work):
     def report(self, kinds: set[str], text: str) -> None:
         self.said.append(text)
 
-    def _finish(self, context: Any, told: dict[str, Any]) -> None:
-        self.told.append(told)
+    def _finish(self, context: Any) -> None:
+        self.told.append(self._job.told)
 
 
 class Window:
@@ -62,9 +63,18 @@ def context() -> Iterator[Any]:
         window=None,
         window_manager=Window(),
         selected_objects=[body],
+        view_layer=bpy.context.view_layer,
         mode="OBJECT",
     )
     unregister()
+
+
+class Repair(Work):
+    """One that puts its result into the scene."""
+
+    def _finish(self, context: Any) -> None:
+        finish: Any = DTREPAIR_OT_repair._finish
+        finish(self, context)
 
 
 @pytest.mark.parametrize("by_panel", [False, True])
@@ -88,17 +98,81 @@ def test_work_is_cancelled_and_the_next_may_begin(context: Any, by_panel: bool) 
 def test_the_timer_leads_to_the_result(context: Any) -> None:
     work = Work()
     work.invoke(context, None)
-    while (state := work.modal(context, TIMER)) == {"PASS_THROUGH"}:
-        time.sleep(0.05)
-    assert state == {"FINISHED"} and work.told[0]["frames"][0]["frame"] == 3.0
+    assert until_the_end(work, context) == {"FINISHED"}
+    assert work.told[0]["frames"][0]["frame"] == 3.0
     assert context.window_manager.timers == 0 and context.scene.dtrepair.state == ""
+
+
+@pytest.mark.parametrize("by_panel", [False, True])
+def test_shape_keys_are_counted_by_a_worker_while_blender_stays_usable(
+    context: Any, by_panel: bool
+) -> None:
+    body = context.selected_objects[0]
+    body.select_set(True)
+    before, actions = state(body), len(bpy.data.actions)
+    work = counting(context)
+    assert context.scene.dtrepair.state == "counting again" and not Work.poll(context)
+    assert state(body) == before and body.select_get() and len(bpy.data.actions) == actions
+    worker = work._job.worker
+    assert worker.running and work.modal(context, MOVE) == {"PASS_THROUGH"}
+    if by_panel:
+        bpy.ops.dtrepair.cancel()
+    assert work.modal(context, TIMER if by_panel else ESC) == {"CANCELLED"}
+    assert not worker.running and not worker.folder.exists() and not context.window_manager.timers
+    assert state(body) == before and len(bpy.data.actions) == actions
+    work = counting(context)
+    assert until_the_end(work, context) == {"FINISHED"}
+    copy = bpy.data.objects["Hero repaired"]
+    assert copy.data.shape_keys and body.hide_get() and "1 objects changed" in work.said
+
+
+def test_keys_that_cost_a_clean_frame_are_counted_once_more(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jobs, "TOLERANCE", 0.5)
+    context.scene.dtrepair.span, context.scene.dtrepair.frames = "CHOSEN", "2:4"
+    work = counting(context)
+    first = work._job.worker
+    while work._job.worker is first:
+        assert work.modal(context, TIMER) == {"PASS_THROUGH"}
+        time.sleep(0.05)
+    assert not first.folder.exists() and "Hero repaired" not in bpy.data.objects
+    assert until_the_end(work, context) == {"FINISHED"}
+    (copy,) = (each for each in bpy.data.objects if each.name == "Hero repaired")
+    changed = [f for f in work._job.told["frames"] if f["before"]]
+    assert len(copy.data.shape_keys.key_blocks) - 1 >= len(changed) > 1
+    assert not any("not clean" in text for text in work.said)
+
+
+def test_what_is_deleted_while_keys_are_counted_is_told(context: Any) -> None:
+    work = counting(context)
+    bpy.data.objects.remove(bpy.data.objects["Hero"])
+    assert until_the_end(work, context) == {"CANCELLED"}
+    assert "Hero was deleted in the meantime" in work.said[0]
+    assert "Hero repaired" not in bpy.data.objects and Work.poll(context)
+
+
+def counting(context: Any) -> Repair:
+    """A repair whose shape keys are being counted."""
+    work = Repair()
+    assert work.invoke(context, None) == {"RUNNING_MODAL"}
+    while not work._job.recounts:
+        assert work.modal(context, TIMER) == {"PASS_THROUGH"}
+        time.sleep(0.05)
+    return work
+
+
+def until_the_end(work: Work, context: Any) -> set[str]:
+    """Send timer events; return what ended the work."""
+    while (ended := work.modal(context, TIMER)) == {"PASS_THROUGH"}:
+        time.sleep(0.05)
+    return ended
 
 
 def test_a_worker_that_dies_is_told_and_nothing_stays_behind(context: Any) -> None:
     work = Work()
     work.invoke(context, None)
     work._job.worker._end()
-    while (state := work.modal(context, TIMER)) == {"PASS_THROUGH"}:
-        time.sleep(0.05)
-    assert state == {"CANCELLED"} and "ended with exit code" in work.said[0]
+    assert until_the_end(work, context) == {"CANCELLED"}
+    assert "ended with exit code" in work.said[0]
     assert Work.poll(context) and not work._job.worker.folder.exists()

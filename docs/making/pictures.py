@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -43,13 +44,13 @@ class Row:
 
     results: caption and options of each result; `{folder}` is that of the stage,
         `{time}` the frame.
+    looks: frames, each with the azimuth in degrees that it is looked at from.
     first: caption of the input. above: the height below which nothing need be shown.
     """
 
     make: Callable[[Path], Path]
     results: Sequence[tuple[str, str]]
-    frames: Sequence[float] = (1.0,)
-    azimuth: float = 0.0
+    looks: Sequence[tuple[float, float]] = ((1.0, 0.0),)
     elevation: float = 12.0
     size: int = 360
     columns: int | None = None
@@ -59,23 +60,21 @@ class Row:
 
 # The stages of the method after those that push parts out of each other.
 DRAWN_BACK = " ".join(f"--skip-stage {name}" for name in ("pull-back", "relax", "edges", "unbend"))
+BEFORE_AND_AFTER = partial(
+    Row, results=[("repaired", "")], first="frame {time:g}", size=420, columns=4
+)
 ROWS = {
-    "dressed": Row(
-        make=stages.dressed,
-        results=[("repaired", "")],
-        first="frame {time:g}",
-        frames=(5.0, 10.0),
-        azimuth=25.0,
-        size=420,
-        columns=4,
-    ),
+    "dressed": BEFORE_AND_AFTER(make=stages.dressed, looks=((5.0, 25.0), (10.0, 25.0))),
+    "sleeves": BEFORE_AND_AFTER(make=stages.sleeves, looks=((12.0, 25.0), (12.0, 80.0))),
+    "skirt": BEFORE_AND_AFTER(make=stages.skirt, looks=((7.0, 25.0), (7.0, 80.0))),
+    "cape": BEFORE_AND_AFTER(make=stages.cape, looks=((5.0, 25.0), (5.0, 80.0))),
     "how_it_works": Row(
         make=stages.hugging,
         results=[
             ("2. pushed apart, filled", DRAWN_BACK),
             ("3. drawn back, counted", ""),
         ],
-        azimuth=20.0,
+        looks=((1.0, 20.0),),
         above=0.75,
         first="1. found: red",
     ),
@@ -181,11 +180,11 @@ def draw(name: str, row: Row, folder: Path) -> Path:
             output = Path(temporary) / f"result{number}.usdc"
             paths.append((caption, repaired(stage, options, output)))
         images, captions = [], []
-        for time in row.frames:
+        for time, azimuth in row.looks:
             seen = [(caption, read(path, time)) for caption, path in paths]
             view = make_view(
                 [shown.points[shown.points[:, 1] > row.above] for _, shown in seen],
-                azimuth=row.azimuth,
+                azimuth=azimuth,
                 elevation=row.elevation,
             )
             for caption, shown in seen:

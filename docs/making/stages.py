@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
+from benchmarks import dressed as dressed_stages
 from dtrepair.demo.character import make_character
 from examples import dressed_character
 from examples.shapes import Mesh, arm, ball, tube
@@ -103,6 +104,21 @@ def dressed(folder: Path) -> Path:
     """dressed.usda: the example of a dressed character."""
     dressed_character.main(folder / "dressed.usda")
     return folder / "dressed.usda"
+
+
+def sleeves(folder: Path) -> Path:
+    """sleeves.usdc: body, arms, shirt and sleeves as six parts of one mesh; the arms come down."""
+    return dressed_stages.write("sleeves", folder)
+
+
+def skirt(folder: Path) -> Path:
+    """skirt.usdc: an open skirt over two legs that swing through it."""
+    return dressed_stages.write("skirt", folder)
+
+
+def cape(folder: Path) -> Path:
+    """cape.usdc: a hat and an open cape on a body that bows."""
+    return dressed_stages.write("cape", folder)
 
 
 def hugging(folder: Path) -> Path:

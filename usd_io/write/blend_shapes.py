@@ -76,12 +76,14 @@ def write_shapes_over(
 
 
 def check_target(mesh: AnimatedMesh) -> Sdf.Path:
-    """Return the prim that can be the SkelRoot of a mesh. Raises StageError without any."""
+    """Return the SkelRoot above a mesh, or the prim that can be one. Raises StageError without."""
     if mesh.skinned:
         raise StageError(f"{mesh.path}: is skinned already; give its mesh without the skin")
-    root = Sdf.Path(mesh.path).GetPrefixes()[0]
+    above = Sdf.Path(mesh.path).GetPrefixes()[:-1]
+    known = [path for path in above if mesh.stage.GetPrimAtPath(path).IsA(UsdSkel.Root)]
+    root = known[0] if known else Sdf.Path(mesh.path).GetPrefixes()[0]
     prim = mesh.stage.GetPrimAtPath(root)
-    if root == Sdf.Path(mesh.path) or prim.GetTypeName() not in ("", "Xform", "Scope", "SkelRoot"):
+    if not above or prim.GetTypeName() not in ("", "Xform", "Scope", "SkelRoot"):
         raise StageError(
             f"{mesh.path}: blend shapes need a SkelRoot above the mesh; put it under an Xform"
         )

@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import bpy
 
 
-@dataclass(frozen=True)
-class Copy:
-    """A copy, its original, and whether that was hidden, in the viewport and in renders."""
-
-    object: Any
-    original: Any
-    hidden: tuple[bool, bool]
-
-
-def copied(original: Any) -> Copy:
-    """Return a copy of an object, with a mesh and animation of its own; hide the original."""
+def copied(original: Any) -> Any:
+    """Return a copy of an object, with a mesh and animation of its own, beside it."""
     copy = original.copy()
     copy.data = original.data.copy()
     copy.name = f"{original.name} repaired"
@@ -29,23 +19,27 @@ def copied(original: Any) -> Copy:
     for own in (copy, copy.data.shape_keys):
         if own is not None and own.animation_data is not None and own.animation_data.action:
             own.animation_data.action = own.animation_data.action.copy()
-    hidden = original.hide_get(), original.hide_render
+    return copy
+
+
+def hide(original: Any) -> None:
+    """Hide an object, in the viewport and in renders."""
     original.hide_set(True)
     original.hide_render = True
-    return Copy(copy, original, hidden)
 
 
-def discard(copy: Copy) -> None:
-    """Take a copy away again; the original is hidden as it was."""
-    mesh = copy.object.data
-    bpy.data.objects.remove(copy.object)
+def discard(copy: Any) -> None:
+    """Take a copy away again, with its mesh and its actions."""
+    mesh = copy.data
+    animations = [own.animation_data for own in (copy, mesh.shape_keys) if own is not None]
+    actions = {each.action for each in animations if each is not None and each.action is not None}
+    bpy.data.objects.remove(copy)
     bpy.data.meshes.remove(mesh)
-    copy.original.hide_set(copy.hidden[0])
-    copy.original.hide_render = copy.hidden[1]
+    bpy.data.batch_remove([action for action in actions if not action.users])
 
 
 @contextmanager
-def discarded_on_failure(copies: Iterable[Copy]) -> Iterator[None]:
+def discarded_on_failure(copies: Iterable[Any]) -> Iterator[None]:
     """Take copies away again where what is done with them fails."""
     try:
         yield
@@ -53,3 +47,14 @@ def discarded_on_failure(copies: Iterable[Copy]) -> Iterator[None]:
         for copy in copies:
             discard(copy)
         raise
+
+
+@contextmanager
+def trial(originals: Mapping[int, Any]) -> Iterator[dict[int, Any]]:
+    """Give copies of objects, by the same keys, that are gone at the end."""
+    copies = {key: copied(each) for key, each in originals.items()}
+    try:
+        yield copies
+    finally:
+        for copy in copies.values():
+            discard(copy)

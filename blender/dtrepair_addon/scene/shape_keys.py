@@ -19,14 +19,6 @@ from .sampling import PREFIX, SceneError, cage_only, evaluated, kept_frame
 ROUNDS = 3
 
 
-@dataclass(frozen=True)
-class Applied:
-    """The names of the shape keys, and how far a vertex is from where it should be (T,)."""
-
-    keys: tuple[str, ...]
-    off: NDArray[np.float64]
-
-
 def refuse_added_vertices(objects: Sequence[Any], meshes: Sequence[SampledMesh]) -> None:
     """Raise SceneError where shape keys cannot hold what a repair may find."""
     for each, mesh in zip(objects, meshes, strict=True):
@@ -40,24 +32,43 @@ def refuse_added_vertices(objects: Sequence[Any], meshes: Sequence[SampledMesh])
             raise SceneError(f"{each.name}: its shape keys are absolute; make them relative")
 
 
-def apply(
-    copy: Any,
-    frames: Sequence[int],
-    mesh: SampledMesh,
-    points: NDArray[np.float32],
-    tolerance: float = 0.0,
-) -> Applied:
-    """Give an object shape keys that lead to the points (T, V, 3) at the frames.
+@dataclass(frozen=True)
+class Keys:
+    """Shape keys of a run of frames: offsets (K, V, 3), and weights (T, K) at the frames."""
 
-    The keys hold offsets before the modifiers; what a modifier makes of an offset is measured on
-    the evaluated mesh. Each run of frames has as few keys as leave no vertex farther off than the
-    tolerance, a part of the size of the mesh; with 0 each frame has its own.
+    run: list[int]
+    shapes: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+
+def fewest(
+    frames: Sequence[int], offsets: NDArray[np.float64], tolerance: float = 0.0
+) -> list[Keys]:
+    """Return the shape keys of offsets (T, V, 3) at frames, for each run of those that change.
+
+    As few of them as leave no vertex farther off than the tolerance; with 0 each frame has its own.
     """
+    changed = [f for f, offset in zip(frames, offsets, strict=True) if offset.any()]
+    places = [[frames.index(frame) for frame in run] for run in runs(changed)]
+    return [
+        Keys(run, *few_shapes(offsets[own], tolerance))
+        for run, own in zip(runs(changed), places, strict=True)
+    ]
+
+
+def add_keys(copy: Any, found: Sequence[Keys]) -> list[str]:
+    """Give an object shape keys, keyed on their run and off beside it; return their names."""
     basis = _basis(copy)
-    with cage_only([copy]), kept_frame(bpy.context.scene):
-        offsets, off = _offsets(copy, basis, frames, mesh.points, points)
-        names = _keyed(copy, basis, list(frames), offsets, tolerance * size_of(basis))
-    return Applied(tuple(names), off)
+    names = []
+    for each in found:
+        for number, shape in enumerate(each.shapes):
+            suffix = "" if len(each.shapes) == 1 else f" {number + 1}"
+            name = f"{PREFIX} {run_name(each.run)}{suffix}"
+            made = copy.shape_key_add(name=name, from_mix=False)
+            _set_points(copy, made, basis + shape)
+            _key_values(made, weight_keys(each.run, each.weights[:, number]))
+            names.append(made.name)
+    return names
 
 
 def _basis(target: Any) -> NDArray[np.float32]:
@@ -74,71 +85,42 @@ def points_of_key(key: Any) -> NDArray[np.float32]:
     return points.reshape(-1, 3)
 
 
-def _offsets(
-    copy: Any,
-    basis: NDArray[np.float32],
-    frames: Sequence[int],
-    before: NDArray[np.float32],
-    wanted: NDArray[np.float32],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return offsets before the modifiers (T, V, 3), and what is left at each frame (T,)."""
+def fitted(
+    copy: Any, frame: int, before: NDArray[np.float32], wanted: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """Return the offsets (V, 3) of a shape key that leads to the wanted points (V, 3) at a frame.
+
+    They hold before the modifiers; what a modifier makes of an offset is measured on the evaluated
+    mesh.
+    """
+    offset = np.zeros(wanted.shape)
+    moving = moved(before[None], wanted[None])
+    if not len(moving):
+        return offset
+    basis = _basis(copy)
     probe = copy.shape_key_add(name=f"{PREFIX} probe", from_mix=False)
     probe.slider_max = probe.value = 1.0
-    offsets = np.zeros(wanted.shape)
-    off = np.zeros(len(frames))
     step = 0.1 * float(np.ptp(basis, axis=0).max()) or 1.0
 
     def posed(offset: NDArray[np.float64]) -> NDArray[np.float64]:
         _set_points(copy, probe, basis + offset)
-        return evaluated(copy)[0].astype(np.float64)
+        return evaluated(copy)[0].astype(np.float64)[moving]
 
-    for index, frame in enumerate(frames):
-        moving = moved(before[index : index + 1], wanted[index : index + 1])
-        if not len(moving):
-            continue
+    with cage_only([copy]), kept_frame(bpy.context.scene):
         bpy.context.scene.frame_set(frame)
-        own = offsets[index]
-        here = posed(own)
+        here = posed(offset)
         columns = []
         for axis in range(3):
-            shifted = np.zeros_like(own)
+            shifted = np.zeros_like(offset)
             shifted[moving, axis] = step
-            columns.append((posed(shifted) - here)[moving] / step)
-        jacobian = np.stack(columns, axis=2)
+            columns.append((posed(shifted) - here) / step)
+        # Where an offset is lost on the way, the least one is taken.
+        inverse = np.linalg.pinv(np.stack(columns, axis=2), rcond=1e-4)
         for _ in range(ROUNDS):
-            left = wanted[index, moving] - here[moving]
-            own[moving] += _solved(jacobian, left)
-            here = posed(own)
-        off[index] = np.abs(wanted[index, moving] - here[moving]).max()
+            offset[moving] += np.einsum("mij,mj->mi", inverse, wanted[moving] - here)
+            here = posed(offset)
     copy.shape_key_remove(probe)
-    return offsets, off
-
-
-def _solved(jacobian: NDArray[np.float64], left: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the offsets (M, 3) that move vertices by what is left, least where some are lost."""
-    inverse = np.linalg.pinv(jacobian, rcond=1e-4)
-    return np.asarray(np.einsum("mij,mj->mi", inverse, left))
-
-
-def _keyed(
-    copy: Any,
-    basis: NDArray[np.float32],
-    frames: list[int],
-    offsets: NDArray[np.float64],
-    tolerance: float,
-) -> list[str]:
-    """Add shape keys for each run of changed frames, and key their values."""
-    changed = [f for f, offset in zip(frames, offsets, strict=True) if offset.any()]
-    names = []
-    for run in runs(changed):
-        shapes, weights = few_shapes(offsets[[frames.index(f) for f in run]], tolerance)
-        for number, shape in enumerate(shapes):
-            name = run_name(run) if len(shapes) == 1 else f"{run_name(run)} {number + 1}"
-            key = copy.shape_key_add(name=f"{PREFIX} {name}", from_mix=False)
-            _set_points(copy, key, basis + shape)
-            _key_values(key, weight_keys(run, weights[:, number]))
-            names.append(key.name)
-    return names
+    return offset
 
 
 def size_of(points: NDArray[np.floating]) -> float:

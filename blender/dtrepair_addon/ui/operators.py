@@ -3,6 +3,7 @@
 # Blender reads annotations that are calls, and its classes carry no types.
 # mypy: allow-subclassing-any, disable-error-code="valid-type"
 
+import time
 from typing import Any, ClassVar
 
 import bpy
@@ -21,8 +22,9 @@ from .settings import chosen_frames
 
 # The last is what Blender raises of an object that was deleted in the meantime.
 FAILURES = (NoInterpreterError, OSError, SceneError, ValueError, WorkerError, ReferenceError)
-# Seconds between two looks at the worker.
-TICK = 0.2
+# Seconds between two looks at the worker, with a window and without.
+TICK = 0.1
+PAUSE = 0.02
 
 
 class _Work:
@@ -35,7 +37,7 @@ class _Work:
     _job: Any = None
     _timer: Any = None
 
-    def _finish(self, context: Any, told: dict[str, Any]) -> None:
+    def _finish(self, context: Any) -> None:
         """Put a result into the scene."""
         raise NotImplementedError
 
@@ -48,7 +50,9 @@ class _Work:
         """Wait for the result: for scripts, and without a window."""
         try:
             self._begin(context)
-            self._finish(context, self._job.worker.wait())
+            while self._job.goes_on():
+                time.sleep(PAUSE)
+            self._finish(context)
         except FAILURES as error:
             return self._failed(context, error)
         self._end(context)
@@ -75,14 +79,11 @@ class _Work:
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
         try:
-            told = self._job.worker.poll()
-            if told is None:
-                progress = self._job.worker.progress
-                settings.progress = progress.done / max(progress.total, 1)
-                settings.state = progress.phase
+            if self._job.goes_on():
+                settings.state, settings.progress = self._job.progress
                 _redraw(context)
                 return {"PASS_THROUGH"}
-            self._finish(context, told)
+            self._finish(context)
         except FAILURES as error:
             return self._failed(context, error)
         self._end(context)
@@ -122,7 +123,7 @@ class _Work:
         return {"CANCELLED"}
 
     def _warn(self) -> None:
-        for text in self._job.worker.progress.warnings:
+        for text in self._job.warnings:
             self.report({"WARNING"}, text)
 
 
@@ -133,9 +134,9 @@ class DTREPAIR_OT_check(_Work, bpy.types.Operator):
     bl_label = "Check"
     command = "check"
 
-    def _finish(self, context: Any, told: dict[str, Any]) -> None:
+    def _finish(self, context: Any) -> None:
         job, objects = self._job, self._job.objects
-        pairs, contacts = job.found(told)
+        pairs, contacts = job.found()
         scene = context.scene
         scene.dtrepair.contacts.clear()
         for contact in contacts:
@@ -165,16 +166,16 @@ class DTREPAIR_OT_repair(_Work, bpy.types.Operator):
     bl_label = "Repair"
     command = "repair"
 
-    def _finish(self, context: Any, told: dict[str, Any]) -> None:
-        copies, dirty = self._job.apply(told)
+    def _finish(self, context: Any) -> None:
+        copies = self._job.apply()
         for each in copies:
             each.select_set(True)
             context.view_layer.objects.active = each
         overlay.hide()
         self._warn()
-        left = {int(f["frame"]) for f in told["frames"] if f["status"] != "clean"} | set(dirty)
-        if left:
-            self.report({"WARNING"}, f"not clean: frames {', '.join(map(str, sorted(left)))}")
+        if self._job.dirty:
+            frames = ", ".join(map(str, self._job.dirty))
+            self.report({"WARNING"}, f"not clean: frames {frames}; Check lists what is left")
         self.report({"INFO"}, f"{len(copies)} objects changed" if copies else "all was clean")
 
 

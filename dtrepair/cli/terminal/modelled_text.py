@@ -24,7 +24,7 @@ def print_modelled(console: Console, report: Report) -> None:
         rows.append([str(record.pairs), number, record.pose, where, _names(record)])
     for frame in most.values():
         number = str(frame.counts.pairs_before)
-        rows.append(["0", number, "", place(frame.centre), _names(frame)])
+        rows.append(["0", number, "frames only", place(frame.centre), _names(frame)])
     if not rows:
         console.result("nothing is taken as modelled")
         return

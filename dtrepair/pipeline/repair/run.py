@@ -7,8 +7,11 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from dtrepair import __version__
 from dtrepair.numerics.metrics import JitterMeter
+from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.modelled.parts import tell_modelled
 from dtrepair.pipeline.observer import FrameDone, Observer, Progress, ProgressKept, Trouble, warn
 from dtrepair.pipeline.repair.chunks import Chunk
@@ -180,12 +183,16 @@ def make_repairer(
     """Build the solver and the counter, once for all frames; count the rests' own intersections.
 
     told_by_rest: meshes that do not move at all are known to lie as they were modelled together.
+
+    Raises:
+        UsageError: a clearance too wide for the rest poses.
     """
     from dtrepair.intersect.scene_counts import SceneCounter
     from dtrepair.pipeline.modelled.references import layer_poses, modelled_references
     from dtrepair.repair.repairer import SceneRepairer
 
     options = in_units_of_frames(source, run.options)
+    _refuse_wide_clearance(run.options.clearance, options.clearance, bodies)
     references = modelled_references(
         source, rests, ignored=run.ignored, attached=run.attached, told_by_rest=told_by_rest
     )
@@ -218,6 +225,18 @@ def make_repairer(
         FrameRepairer(source, scene, counter, jobs=run.jobs, alone=run.alone, memory=memory),
         rest_counts,
     )
+
+
+def _refuse_wide_clearance(told: float, clearance: float, bodies: list[Body]) -> None:
+    """Raise UsageError where a clearance, as it was told and in the space of rests, is too wide."""
+    from dtrepair.repair.scene.bodies import widest_clearance
+
+    most = widest_clearance(np.concatenate([np.asarray(body.rest) for body in bodies]))
+    if clearance > most > 0.0:
+        raise UsageError(
+            f"--clearance {told:g}: expected at most {most * told / clearance:.4g}, a twentieth of "
+            "the diagonal of all rest poses; a thousandth is plenty"
+        )
 
 
 def _store(repaired: Repaired, sink: Sink, meters: list[JitterMeter]) -> None:

@@ -111,9 +111,14 @@ def checked_meshes(bodies: Sequence[Body]) -> list[tuple[FloatArray, IntArray]]:
     return meshes
 
 
+def widest_clearance(rest: FloatArray) -> float:
+    """Return the widest clearance that there may be for rest positions (V, 3) of all bodies."""
+    return WIDEST_CLEARANCE * diagonal(rest)
+
+
 def check_clearance(clearance: float, rest: FloatArray) -> None:
     """Refuse a clearance that is too wide for rest positions (V, 3) of all bodies: ValueError."""
-    most = WIDEST_CLEARANCE * diagonal(rest)
+    most = widest_clearance(rest)
     if clearance > most > 0.0:
         raise ValueError(
             f"clearance should be at most {most:.4g}, {WIDEST_CLEARANCE:.0%} of the diagonal of "

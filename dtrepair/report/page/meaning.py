@@ -10,8 +10,9 @@ _WORDS = {
     "pairs": "Two triangles that intersect. One triangle may be in many pairs.",
     "modelled": "Contacts that belong there: parts that overlap on purpose in the rest pose, such "
     "as a sleeve sewn to a shoulder. They are counted apart, and stay.",
-    "size": "The length of the diagonal of the box round the mesh. Moves are parts of it.",
-    "largest move": "How far the vertex that was moved most was moved.",
+    "size": "The length of the diagonal of the box round the mesh.",
+    "largest move": "How far the vertex that was moved most was moved, in units of the stage, "
+    "and in per cent of the size.",
     "as a whole (rms)": "How far an object was moved if it is taken for stiff.",
     "edges": "How much lengths of edges changed on average: 0.05 is five per cent.",
     "volume": "Largest change of the volume of a closed object. Where a limb was "

@@ -13,6 +13,7 @@ from typing import Any
 from dtrepair.diagnosis import REMEDIES
 from dtrepair.report.page.advice import Remedies, advice_box, frame_links, label
 from dtrepair.report.page.content import Contact, PageContent
+from dtrepair.report.page.lengths import largest_move
 from dtrepair.report.page.libraries import Library, LibraryError, chart_library, space_library
 from dtrepair.report.page.meaning import meaning
 from dtrepair.report.page.tables import pair_name, smaller_contacts, tables
@@ -44,7 +45,7 @@ def make_page(
     body = [
         f"<h1>{escape(title)}</h1>",
         f"<p class=soft>{escape(_origin(report))}</p>",
-        _totals(report["summary"]),
+        _totals(report),
         advice_box(report, remedies, [*notes, *missing]),
         "<h2>All frames</h2>",
         "<p class=soft>Click a frame to look at it; drag to zoom, double-click to zoom out; "
@@ -128,12 +129,14 @@ def _origin(report: Mapping[str, Any]) -> str:
     return f"version {report['version']}, {report['device']}, {total:.1f} s{output}"
 
 
-def _totals(summary: Mapping[str, Any]) -> str:
+def _totals(report: Mapping[str, Any]) -> str:
+    summary = report["summary"]
+    most = max(report["frames"], key=lambda frame: float(frame["displacement_max"]), default=None)
     values = [
         ("frames clean", f"{summary['clean']} of {summary['frames']}"),
         ("triangles before", f"{summary['triangles_before']}"),
         ("triangles after", f"{summary['triangles_after']}"),
-        ("largest move, of the size", f"{summary['displacement_max']:.2%}"),
+        ("largest move", "0" if most is None else largest_move(most)),
     ]
     if summary.get("strained"):
         values.append(("frames strained", str(summary["strained"])))

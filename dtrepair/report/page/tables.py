@@ -9,6 +9,7 @@ from typing import Any
 from dtrepair.report.modelled import ModelledList, place
 from dtrepair.report.page.advice import Frames, frame_links
 from dtrepair.report.page.content import Contact
+from dtrepair.report.page.lengths import largest_move, length_of
 from dtrepair.report.page.sections import keyposes_table, transfer_table
 from dtrepair.report.page.table import Cell, Markup, html_table
 
@@ -58,7 +59,7 @@ def _objects(report: Mapping[str, Any], colours: Colours) -> str:
     """Each object: its size, what intersected in all frames, how far it was moved at most."""
     frames = report["frames"]
     moved = any(prim.get("motion") for frame in frames for prim in frame["prims"])
-    names = ("displacement_max", "rigid_rms", "edge_change", "edge_distortion")
+    lengths, changes = ("displacement_max", "rigid_rms"), ("edge_change", "edge_distortion")
     header = ["vertices", "triangles", "intersecting at rest", "in all frames before", "after"]
     if moved:
         header += ["largest move", "as a whole (rms)", "edges against input", "against rest"]
@@ -71,7 +72,8 @@ def _objects(report: Mapping[str, Any], colours: Colours) -> str:
         row += [str(count) if own else "" for count in counts]
         if moved:
             motions = [p["motion"] for p in own if p.get("motion")]
-            row += [f"{max(m[n] for m in motions):.2%}" if motions else "" for n in names]
+            row += [length_of(own, name) for name in lengths]
+            row += [f"{max(m[n] for m in motions):.2%}" if motions else "" for n in changes]
         rows.append([*row, Markup(_key(colours, number) + escape(prim["path"]))])
     return "<h2>Objects</h2>" + html_table([*header, "object"], rows)
 
@@ -164,7 +166,6 @@ def _frames(frames: Frames) -> str:
         counts = [str(frame[k]["triangles"]) if frame[k] else "" for k in ("before", "after")]
         state = frame["status"] + (f": {frame['message']}" if frame["message"] else "")
         link = Markup(frame_links(frames, [number]))
-        move = f"{frame['displacement_max']:.2%}"
-        rows.append([link, *counts, move, f"{frame['seconds']:.2f}", state])
+        rows.append([link, *counts, largest_move(frame), f"{frame['seconds']:.2f}", state])
     table = html_table(header, rows, numbered=True)
     return f"<details open><summary><h2>Frames</h2></summary>{table}</details>"

@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import Any
 
 from dtrepair.report.page.advice import label
+from dtrepair.report.page.lengths import largest_move
 
 Frame = Mapping[str, Any]
 Values = list[float | None]
@@ -39,7 +40,7 @@ def told(frame: Frame, command: str) -> str:
     before, after = frame["before"]["triangles"], frame["after"]["triangles"]
     if command == "check":
         return f"{start}{before} intersecting triangles"
-    moved = f"moved by {frame['displacement_max']:.2%} of the size at most"
+    moved = f"moved by {largest_move(frame)} at most"
     return f"{start}{before} → {after} intersecting triangles, {moved}, {frame['status']}"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -93,6 +94,20 @@ def test_clearance_opens_the_gap(tmp_path: Path, alone: list[str]) -> None:
         assert run("repair", path, "-o", out, *alone, "--clearance", clearance).code == 0
         gaps.append(gap(read_samples(out)[2]))
     assert gaps[1] > max(gaps[0], 0.025)
+
+
+def test_a_clearance_beyond_all_measure_is_refused_in_stage_units(tmp_path: Path) -> None:
+    from pxr import Usd, UsdGeom
+
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
+    stage = Usd.Stage.Open(str(path))
+    UsdGeom.Xformable(stage.GetPrimAtPath("/Root")).AddScaleOp().Set((10.0,) * 3)
+    stage.Save()
+    outcome = run("repair", path, "-o", tmp_path / "b.usdc", "--clearance", "90")
+    told = re.search(r"error: --clearance 90: expected at most ([\d.]+), a twent", outcome.err)
+    assert outcome.code == 2 and told is not None and "internal" not in outcome.err
+    size = 10.0 * float(np.linalg.norm(np.ptp(read_samples(path)[1], axis=0)))
+    assert 0.02 * size < float(told[1]) < 0.1 * size
 
 
 @pytest.mark.parametrize("alone", [["--alone"], [], ["--method", "paper", "--iterations", "3"]])

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 
-from dtrepair.cli.terminal.modelled_text import modelled_line
-from dtrepair.report.modelled import AttachedList, AttachedRecord
+from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.modelled_text import modelled_line, print_modelled
+from dtrepair.report.modelled import AttachedList, AttachedRecord, ModelledList
 from tests.command_line import OPEN, run, tube_obj
 from tests.jointed_arm import FRAMES, arm_stage
-from tests.report.modelled_records import part
+from tests.report.modelled_records import part, record
 
 
 def test_check_lists_the_pairs_of_parts_that_are_modelled(tmp_path: Path) -> None:
@@ -24,6 +28,14 @@ def test_check_lists_the_pairs_of_parts_that_are_modelled(tmp_path: Path) -> Non
     assert at_rest == report["attached"]["listed"][0]["pairs"]
     assert in_a_frame == max(frame["before"]["modelled_pairs"] for frame in report["frames"])
     assert rest == run("check", path).out.splitlines()
+
+
+def test_what_meets_in_frames_only_is_called_so(capsys: pytest.CaptureFixture[str]) -> None:
+    frames = (SimpleNamespace(modelled=ModelledList(listed=(record(1, 46),))),)
+    report: Any = SimpleNamespace(attached=AttachedList(), frames=frames)
+    print_modelled(Console(), report)
+    row = capsys.readouterr().out.splitlines()[1]
+    assert row.split()[:4] == ["0", "46", "frames", "only"]
 
 
 def test_it_is_said_where_nothing_is_modelled(tmp_path: Path) -> None:

@@ -35,7 +35,8 @@ def test_objects_and_pairs_have_their_numbers() -> None:
             status="clean",
             before=count,
             after=none,
-            prims=(FramePrimRecord(path="/A", before=count, after=none, motion=moved),),
+            prims=(FramePrimRecord("/A", count, none, moved, size=4.0),),
+            displacement_max=0.02,
             contacts=(ContactRecord("/A", "/B", 2 + k, 0),),
         )
         for k in range(3)
@@ -46,7 +47,12 @@ def test_objects_and_pairs_have_their_numbers() -> None:
     )
     page = make_page(document(frames=frames, prims=prims))
     parsed(page)
-    assert "<td>12</td><td>0</td><td>2.00%</td><td>1.00%</td><td>0.50%</td>" in page
+    assert (
+        "<td>12</td><td>0</td><td>0.08 (2\u00a0%)</td><td>0.04 (1\u00a0%)</td><td>0.50%</td>"
+        in page
+    )
+    assert "<b>0.08 (2\u00a0%)</b>largest move" in page
+    assert "moved by 0.08 (2\\u00a0%) at most" in page
     assert '<td>9</td><td>0</td><td><button class=frame data-go="0">0 to 2</button></td>' in page
     assert '<td><button class=frame data-go="2">2</button></td><td>/A and /B</td>' in page
 

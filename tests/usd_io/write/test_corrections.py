@@ -86,6 +86,23 @@ def test_animated_points_have_no_rest_for_shapes(tmp_path: Path) -> None:
         check_correctable(mesh)
 
 
+def test_a_prop_beside_skinned_parts_is_corrected_below_their_root(tmp_path: Path) -> None:
+    """As a sword that a joint's transform moves, in a SkelRoot that is not the topmost prim."""
+    stage = new_stage(tmp_path / "in.usda")
+    UsdSkel.Root.Define(stage, "/Root/Rig")
+    UsdGeom.Xform.Define(stage, "/Root/Rig/Sword")
+    define_cube(stage, "/Root/Rig/Sword/Cube")
+    stage.GetRootLayer().Save()
+    opened, correction = lifted(tmp_path / "in.usda")
+    output = tmp_path / "out.usda"
+    write_corrections(output, opened, [correction])
+    result = Usd.Stage.Open(str(output))
+    found = points_of(result, "/Root/Rig/Sword/Cube", np.nan)
+    np.testing.assert_array_equal(present(found), expected())
+    roots = [str(prim.GetPath()) for prim in result.Traverse() if prim.IsA(UsdSkel.Root)]
+    assert roots == ["/Root/Rig"]
+
+
 def test_a_character_below_would_be_inside_two_roots(tmp_path: Path) -> None:
     stage = new_stage(tmp_path / "in.usda")
     define_cube(stage)

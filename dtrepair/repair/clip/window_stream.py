@@ -274,7 +274,7 @@ class WindowStream:
         found = kept(self.scene, frame, judged.points, left)
         spent = seconds + clock.perf_counter() - start
         moved = bool((found.points != frame.centred).any())
-        stages = [Stage("space-time", len(found.pairs), 0, 0.0, 0, spent)] if moved else []
+        stages = [Stage("window", len(found.pairs), 0, 0.0, 0, spent)] if moved else []
         close = self._too_close(mesh(), found.points) if self.scene.options.clearance else 0
         solved = Solved(found.points, stages, close)
         times = {"detect": frame.seconds, "solve": spent}

@@ -1,4 +1,4 @@
-"""A single frame that the space-time scheme left dirty: pushed and filled from its state."""
+"""A single frame that its window left dirty: pushed and filled from its state."""
 
 from __future__ import annotations
 

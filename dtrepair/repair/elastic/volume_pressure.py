@@ -20,8 +20,8 @@ class PressureOptions:
     """Numbers of the pressure that keeps volumes.
 
     Args:
-        highest: Highest pressure, next to edges of weight about 1 and units of the size; above it
-            skin balloons between contacts.
+        highest: Highest pressure, next to edges of weight about 1 and units of the component's own
+            extent at rest; above it skin balloons between contacts.
         least_volume: Fraction of the original's volume below which a component gets pressure.
         largest_volume: Fraction above which it gets suction. Between both there is no pressure, so
             that what kept its volume is left alone.
@@ -62,7 +62,7 @@ class VolumePressure:
         closed = lengths(total) <= options.closed * self._sum(lengths(areas))
         volumes = self._volumes(original, areas)
         self._sign, self._given = np.sign(volumes), np.abs(volumes)
-        self._highest = np.where(closed, options.highest, 0.0)
+        self._highest = np.where(closed, options.highest / self._extents(), 0.0)
         self.pressure = np.zeros(len(total))
 
     def force(self, points: FloatArray, pull: FloatArray, solve: Solve) -> FloatArray:
@@ -104,6 +104,16 @@ class VolumePressure:
         closed = self._highest > 0
         total = self._given[closed].sum()
         return float((missing + excess)[closed].sum() / total) if total > 0 else 0.0
+
+    def _extents(self) -> FloatArray:
+        """Return the largest coordinate range of each component at rest."""
+        low = np.full((len(self._first), 3), np.inf)
+        high = -low
+        np.minimum.at(low, self._component, self.surface.rest)
+        np.maximum.at(high, self._component, self.surface.rest)
+        # To some digits: what is all there is has the extent 1.
+        extents = np.round((high - low).max(axis=1), 9)
+        return np.where(extents > 0.0, extents, 1.0)
 
     def _volumes(self, points: FloatArray, areas: FloatArray) -> FloatArray:
         """Return the signed volume of each component (divergence theorem)."""

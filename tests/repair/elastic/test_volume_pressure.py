@@ -76,6 +76,20 @@ def test_each_component_has_its_own_pressure_and_open_ones_have_none() -> None:
     assert force[:count].any() and not force[count:].any()
 
 
+def test_a_small_component_is_held_as_firmly_as_a_large_one() -> None:
+    points, faces = icosphere(2)
+    both = np.concatenate([points, 0.1 * points + 5.0])
+    surface = Surface(both, np.concatenate([faces, faces + len(points)]))
+    pressure, halves = pressure_of(surface), (slice(0, len(points)), slice(len(points), None))
+    pose = surface.rest.copy()
+    for own in halves:
+        pose[own] += 0.3 * (pose[own].mean(axis=0) - pose[own])
+    for _ in range(400):  # until no more is allowed
+        force_at(pressure, pose)
+    large, small = np.abs(pressure.pressure)
+    assert small == pytest.approx(10.0 * large, rel=1e-6)
+
+
 def test_relaxing_gives_volume_back() -> None:
     # Pressed flat: the edges alone would not make it round again at once.
     surface = Surface(*icosphere(3))

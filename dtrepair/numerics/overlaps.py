@@ -44,9 +44,7 @@ class AttachmentOptions:
         rings: A triangle belongs to a zone if it begins within the reach, and lies wholly within
             that or within so many edges of the overlap.
         enclosed: Behind a part with a border lies only what it encloses by this winding number, as
-            a sleeve its arm.
-        sheet: A part of whose area more than this share is turned one way is more a sheet than a
-            sleeve, and must go round by twice the excess more: a body is not all behind its cape.
+            a sleeve its arm: not all that is in front of a sheet.
         cells: Along the extent of such a part, for its winding numbers: a sleeve is narrow.
         whole: A part of which more than this share is in or behind one of larger area is attached
             as a whole: eyes, teeth, buttons.
@@ -56,7 +54,6 @@ class AttachmentOptions:
     reach: float = 1.0
     rings: int = 3
     enclosed: float = 0.5
-    sheet: float = 0.5
     cells: int = 64
     whole: float = 0.5
     larger: float = 1.001
@@ -222,10 +219,7 @@ class _Overlaps:
         points = self.points[own]
         if self.open[other]:
             around = np.abs(enclosure(points, corners, self.options.cells))
-            areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            one_way = float(lengths(areas.sum(axis=0)[None])[0] / (lengths(areas).sum() or 1.0))
-            sheet = max(one_way - self.options.sheet, 0.0)
-            return np.asarray(own[around > self.options.enclosed + 2.0 * sheet])
+            return np.asarray(own[around > self.options.enclosed])
         nearest, closest = nearest_triangles(points, corners)
         weights = barycentric(closest, corners[nearest])
         normals = self.normals[self.faces[triangles[nearest]]]

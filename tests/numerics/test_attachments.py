@@ -12,7 +12,7 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.overlaps import AttachmentOptions, find_attachments
-from tests.meshes import Mesh, icosphere, joined, tube
+from tests.meshes import Mesh, grid, icosphere, joined, tube
 
 
 def moved(mesh: Mesh, offset: tuple[float, float, float], scale: float = 1.0) -> Mesh:
@@ -155,14 +155,12 @@ def test_zones_end_within_the_reach_or_a_few_edges() -> None:
 
 
 def cape(inside_out: bool) -> Mesh:
-    """A trunk, and half a tube behind it whose upper rim is sunk in it."""
-    trunk, (points, faces) = tube(24, 40, 0.2, 2.4), tube(24, 24, 0.3, 2.0)
-    faces = faces[(points[:, 1] <= 1e-9)[faces].all(axis=1)]
-    used, number = np.unique(faces, return_inverse=True)
-    sheet = points[used]
-    sheet[:, :2] *= np.where(sheet[:, 2:] > 0.85, 0.6, 1.0)
-    own = number.reshape(-1, 3).astype(np.int32)
-    return joined(trunk, (sheet, own[:, [0, 2, 1]] if inside_out else own))
+    """A trunk, and a sheet behind it whose upper rim is sunk in it."""
+    sheet, faces = grid(16, 40, 1.0)
+    across, along = sheet[:, 0] - sheet[:, 0].mean(), sheet[:, 1] - sheet[:, 1].mean()
+    down = 2.0 * along / np.ptp(along)
+    points = np.stack([0.8 * across, np.where(down > 0.85, -0.15, -0.3), down], axis=1)
+    return joined(tube(24, 40, 0.2, 2.4), (points, faces[:, [0, 2, 1]] if inside_out else faces))
 
 
 @pytest.mark.parametrize("inside_out", [False, True])

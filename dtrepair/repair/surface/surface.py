@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from dtrepair.device import Device
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.queries import Queries
 from dtrepair.numerics.attachments import Attachments
@@ -91,7 +92,7 @@ class Surface(Topology):
         leave_rest: Leave pairs and folds alone that the rest pose has as well.
         direction: Preferred direction (V, 3) of the repair, zero rows where none.
         ignored: Pairs of bodies, each pair (i, j) with i <= j, whose contacts do not count.
-        device: Where pairs are detected.
+        device: Where its kernels run, "cpu" or "cuda:N": what works on a surface names none.
         options: Numbers of the operators.
         attachments: Contacts that were modelled; they do not count, and their ties hold.
         covering: What open layers cover, by vertices; None: nothing is known.
@@ -119,7 +120,9 @@ class Surface(Topology):
         sizes = [body.stop - body.start for body in self.bodies]
         self.body_of_vertex = np.repeat(np.arange(len(self.bodies)), sizes)
         self.ties = self._tied(attachments, faces)
-        super().__init__(faces, len(rest), links=self.ties and self.ties.links)
+        super().__init__(
+            faces, len(rest), links=self.ties and self.ties.links, device=Device(device)
+        )
         self.size = extent(rest) or 1.0
         self.rest = rest / self.size
         self.mobility = np.ones(self.count) if mobility is None else mobility

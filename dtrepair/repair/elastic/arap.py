@@ -10,7 +10,7 @@ from scipy import sparse
 
 from dtrepair.device import start_warp
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.numerics.operators import Factor
+from dtrepair.numerics.operators import Solver
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
 
@@ -63,7 +63,7 @@ class ArapSystem:
             self._device.array(laplacian.indices.astype(np.int32), self._warp.int32),
             self._device.array(laplacian.data, self._warp.float64),
         ]
-        self._own: tuple[sparse.csr_matrix, Factor] | None = None
+        self._own: tuple[sparse.csr_matrix, Solver] | None = None
 
     def hold(self, home: FloatArray, weight: float) -> None:
         """Pull vertices to places (V, 3) as well, by a weight next to that of the edges."""
@@ -117,12 +117,12 @@ class ArapSystem:
         result[self._inner] += self._region()[0] @ points
         return result
 
-    def _region(self) -> tuple[sparse.csr_matrix, Factor]:
+    def _region(self) -> tuple[sparse.csr_matrix, Solver]:
         """Return rows of the Laplacian of a small region, and the factor of its block."""
         if self._own is None:
             rows = self._surface.laplacian[self._inner]
             anchor = sparse.diags(self._anchor * self._surface.mass[self._inner])
-            self._own = rows, Factor(rows[:, self._inner] + anchor)
+            self._own = rows, self._surface.factor(rows[:, self._inner] + anchor)
         return self._own
 
     def _anchored(self, points: FloatArray) -> FloatArray:

@@ -76,5 +76,5 @@ def test_every_kernel_of_a_repair_runs_where_its_mesh_is(monkeypatch: pytest.Mon
     assert result.before.triangles > 0 and result.after.triangles == 0
     assert len(list(repairer.animation(np.stack([bent, bent]), jobs=1))) == 2
     assert through == all_of_them
-    expected = {"ring_distances", "link_roots", "nearest_points", "fit_rotations", "cast_rays"}
+    expected = {"ring_distances", "hook_roots", "nearest_points", "fit_rotations", "cast_rays"}
     assert expected < set(through)

@@ -1,6 +1,6 @@
 """Warp kernels on the graph of a mesh: edge rings between triangles, connected components.
 
-Each comes twice: in one thread, which does least work, and in as many as there are items.
+The rings come twice: in one thread, which does least work, and in as many as there are items.
 """
 
 from __future__ import annotations
@@ -97,24 +97,6 @@ def ring_distances(
                         if stamp[0, w] == tag:
                             best = wp.min(best, reach + rings[0, w])
         distance[p] = best
-
-
-@wp.kernel
-def link_roots(links: wp.array(dtype=wp.vec2i), root: wp.array(dtype=wp.int32)):
-    """The least item that each item is linked to, from each item itself; one thread does all."""
-    for k in range(links.shape[0]):
-        i = links[k][0]
-        j = links[k][1]
-        while root[i] != i:
-            root[i] = root[root[i]]
-            i = root[i]
-        while root[j] != j:
-            root[j] = root[root[j]]
-            j = root[j]
-        root[wp.max(i, j)] = wp.min(i, j)
-    # A root comes before what hangs on it.
-    for item in range(root.shape[0]):
-        root[item] = root[root[item]]
 
 
 @wp.func

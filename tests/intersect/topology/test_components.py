@@ -1,4 +1,4 @@
-"""Connected components of links: those of the graph, by one thread and by many."""
+"""Connected components of links: those of the graph."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from dtrepair.device import Device, start_warp
-from dtrepair.intersect.topology.components import link_labels, roots_at_once, roots_in_turn
+from dtrepair.device import Device
+from dtrepair.intersect.topology.components import least_linked, link_labels
 
 ITEMS = 300
 
@@ -36,13 +36,11 @@ def test_components_of_links_are_those_of_the_graph(count: int) -> None:
     st.lists(st.tuples(st.integers(0, 39), st.integers(0, 39)), max_size=80),
     st.integers(40, 50),
 )
-def test_many_threads_find_the_roots_of_one(links: list[tuple[int, int]], count: int) -> None:
+def test_roots_are_the_least_items_of_components(links: list[tuple[int, int]], count: int) -> None:
     given_links = np.array(links, dtype=np.int64).reshape(-1, 2)
-    device, items = Device(), np.arange(count, dtype=np.int32)
-    uploaded = device.array(given_links.astype(np.int32), start_warp().vec2i)
-    one, many = (search(device, uploaded, items) for search in (roots_in_turn, roots_at_once))
-    # The root of each component is its least item.
     labels = components(given_links, count)
-    first = np.unique(labels, return_index=True)[1]
-    assert np.array_equal(one, first[labels])
-    assert np.array_equal(many, first[labels])
+    expected = np.unique(labels, return_index=True)[1][labels]
+    items = np.arange(count, dtype=np.int32)
+    for order in (given_links, given_links[::-1], given_links[:, ::-1]):
+        assert np.array_equal(least_linked(order, items, Device()), expected)
+    assert np.array_equal(link_labels(given_links, count), labels)

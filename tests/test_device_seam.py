@@ -10,9 +10,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from numpy.typing import NDArray
 
 from dtrepair import Repairer
 from dtrepair.device import Device, start_warp
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.elastic.arap import ArapSystem
+from dtrepair.repair.full.method import FullMethod
+from dtrepair.repair.surface.surface import Surface
+from dtrepair.repair.surface.winding import winding_numbers
 from tests.meshes import elbow
 
 PACKAGE = Path(__file__).resolve().parents[1] / "dtrepair"
@@ -78,3 +85,33 @@ def test_every_kernel_of_a_repair_runs_where_its_mesh_is(monkeypatch: pytest.Mon
     assert through == all_of_them
     expected = {"ring_distances", "hook_roots", "nearest_points", "fit_rotations", "cast_rays"}
     assert expected < set(through)
+
+
+def answers(surface: Surface, pose: FloatArray) -> tuple[list[NDArray[Any]], list[FloatArray]]:
+    """What the kernels of a surface tell of a pose: what is counted, and what is measured."""
+    pairs = surface.contacts.pairs(pose)
+    above = np.asarray(pose[:, 2] > np.median(pose[:, 2]))
+    counted = [pairs, surface.contacts.ring_distance(pairs), surface.components(above)]
+    counted += [surface.contacts.folds(pose), surface.contacts.close_pairs(pose, 0.01)]
+    counted += [winding_numbers(surface, pose, pairs)]
+    system = ArapSystem(surface, surface.rest)
+    return counted, [surface.vector_areas(pose), system.target(pose), system.rotations(pose)]
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_cuda_answers_as_the_cpu() -> None:
+    """What is counted is equal; what is measured is rounded otherwise."""
+    (rest, faces), (bent, _) = elbow(0.0, 24, 8), elbow(2.9, 24, 8)
+    here, there = (Surface(rest, faces, device=name) for name in ("cpu", "cuda:0"))
+    (counted, measured), found = (answers(s, bent / here.size) for s in (here, there))
+    assert len(counted[0]) > 0
+    assert all(np.array_equal(a, b) for a, b in zip(counted, found[0], strict=True))
+    assert all(np.allclose(a, b, atol=1e-9) for a, b in zip(measured, found[1], strict=True))
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_a_pose_is_repaired_with_all_kernels_on_cuda() -> None:
+    (rest, faces), (bent, _) = elbow(0.0, 24, 8), elbow(2.9, 24, 8)
+    surface = Surface(rest, faces, device="cuda:0")
+    found = FullMethod(surface)(bent / surface.size).points
+    assert len(Surface(rest, faces).contacts.pairs(found)) == 0

@@ -55,7 +55,7 @@ def print_row(
 PARTS = {
     "detection": [("detector.py", "__call__")],
     "buried vertices": [("winding.py", "winding_numbers")],
-    "ring distances": [("queries.py", "__call__")],
+    "ring distances": [("ring_distances.py", "__call__")],
     "diffusion solves": [("surface.py", "diffuse")],
     "softening of creases": [("adaptive_fairing.py", n) for n in ("__call__", "settle", "update")],
     "smoothing in time": [("temporal.py", "undamped")],

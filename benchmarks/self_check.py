@@ -4,8 +4,8 @@
 
 Every module is imported; results.md must be what its figures give; the check for machines with a
 GPU runs on the CPU, and must notice forces that are wrong; the objects of each stage that is made
-in code must meet, and be clean for themselves. `--data` looks at the shared scenes, too. Exit code
-1 if something does not hold.
+in code must meet, and be clean for themselves; the time of a repair must be that of its parts.
+`--data` looks at the shared scenes, too. Exit code 1 if something does not hold.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import argparse
 import io
 import sys
 import tempfile
+import time
 import traceback
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
@@ -27,11 +28,15 @@ import numpy as np
 import torch
 
 from benchmarks import gpu_check, results
+from benchmarks.method_parts import PARTS, Shares, functions_of
 from benchmarks.scene_files import read_world, write_stage
 from benchmarks.scene_stages import STAGES
 from benchmarks.scenes import SHARED, count_dirty, find_pairs
+from dtrepair import Repairer
+from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.metrics import volume
 from dtrepair.repair.paper.gpu_operators import Forces
+from tests.meshes import elbow
 
 SMALL = ["--cpu", "--triangles", "800", "--frames", "3"]
 # What only `requirements.txt` of this folder installs.
@@ -100,6 +105,22 @@ def gpu_check_tells_what_to_do_without_a_gpu() -> None:
         assert code == 2 and "PyTorch sees 0 CUDA devices" in out, out
 
 
+def time_of_a_repair_has_its_parts() -> None:
+    """Every part is there, each second belongs to one, and functions are put back."""
+    for part, _, places in PARTS:
+        assert all(list(functions_of(place)) for place in places), part
+    (rest, faces), (bent, _) = elbow(0.0, 24, 8), elbow(2.9, 24, 8)
+    shares, before = Shares(), Repairer.__call__
+    with shares.watching():
+        start = time.process_time()
+        Repairer(rest, faces)(bent)
+        shares.switch()
+        spent = time.process_time() - start
+    assert {"detection: tree and pairs", "factors", "push"} <= set(shares.seconds)
+    assert abs(sum(shares.seconds.values()) - spent) < 0.01 + 0.01 * spent
+    assert Repairer.__call__ is before and not hasattr(Detector.__call__, "__wrapped__")
+
+
 def objects_meet_and_are_clean_for_themselves(name: str) -> None:
     """What a stage of `scene_stages` promises."""
     stage = STAGES[name]()
@@ -135,6 +156,7 @@ def main() -> int:
         "gpu_check holds on the CPU": gpu_check_holds_on_the_cpu,
         "gpu_check notices wrong forces": gpu_check_notices_wrong_forces,
         "gpu_check without a GPU": gpu_check_tells_what_to_do_without_a_gpu,
+        "time of a repair has its parts": time_of_a_repair_has_its_parts,
         **{name: partial(objects_meet_and_are_clean_for_themselves, name) for name in STAGES},
     }
     if data is not None:

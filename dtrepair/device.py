@@ -13,6 +13,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 _START = threading.Lock()
 # How the names of compiled modules of this program begin.
 _OWN_KERNELS = "wp_dtrepair"
@@ -110,6 +113,46 @@ def resolve_device(name: str) -> str:
             f"device {name!r} is not there: PyTorch sees {available} CUDA devices; use 'cpu'"
         )
     return f"cuda:{index}"
+
+
+class Device:
+    """Arrays and launches of Warp on one device: what stages work on has one, and they name none.
+
+    Launches are in Warp's current stream, and what is read on the host waits for them.
+
+    Args:
+        name: "cpu" or "cuda:N".
+    """
+
+    def __init__(self, name: str = "cpu") -> None:
+        self.name = name
+        # A launch on the CPU runs all its threads one after the other.
+        self.serial = name == "cpu"
+        self._warp = start_warp()
+
+    def array(self, values: ArrayLike, dtype: Any) -> Any:
+        """Return a copy of values on the device, as a Warp array."""
+        return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device=self.name)
+
+    def view(self, values: NDArray[Any], dtype: Any) -> Any:
+        """Return contiguous values of the type itself as a Warp array: on the CPU no copy."""
+        return self._warp.array(values, dtype=dtype, device=self.name, copy=False)
+
+    def empty(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
+        """Return a Warp array to be written."""
+        return self._warp.empty(shape, dtype=dtype, device=self.name)
+
+    def zeros(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
+        """Return a Warp array of zeros."""
+        return self._warp.zeros(shape, dtype=dtype, device=self.name)
+
+    def launch(self, kernel: Any, dim: int | tuple[int, ...], inputs: Sequence[Any]) -> None:
+        """Launch a Warp kernel."""
+        self._warp.launch(kernel, dim=dim, inputs=inputs, device=self.name)
+
+    def load(self) -> None:
+        """Compile and load what was imported of kernels, before processes are forked."""
+        self._warp.force_load(self.name)
 
 
 class DeviceQueue:

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dtrepair.device import Device, start_warp
 from dtrepair.intersect.exact import settled
 from dtrepair.intersect.ignored import PairLimits, collapsed
+from dtrepair.intersect.topology.device_mesh import DeviceMesh
 from dtrepair.intersect.tree import build_tree, leaf_neighbors
 from dtrepair.numerics.geometry import as_mesh, as_numpy, weld_map
 from dtrepair.numerics.work import add_work
@@ -51,7 +53,6 @@ class Detector:
         device: str = "cpu",
         limits: PairLimits = PairLimits(),
     ) -> None:
-        from dtrepair.device import start_warp
         from dtrepair.intersect import kernels
 
         points, triangles = as_mesh(rest, faces)
@@ -59,20 +60,17 @@ class Detector:
         self.vertex_count = len(points)
         self.faces = triangles
         self.tree = build_tree(points[triangles].mean(axis=1)) if len(triangles) else None
-        self._warp, self._kernels = start_warp(), kernels
+        self._warp, self._kernels, self._there = start_warp(), kernels, Device(device)
+        self.mesh = DeviceMesh(triangles, len(points), tree=self.tree, device=self._there)
         if self.tree is None:
             return
         self._capacity = max(4096, 4 * len(triangles))
-        ordered = triangles[self.tree.order]
-        self._ordered = self._upload(ordered, self._warp.vec3i)
-        self._order = self._upload(self.tree.order, self._warp.int32)
-        self._leaf_start = self._upload(self.tree.leaf_start, self._warp.int32)
-        self._skip = self._upload(self.tree.skip, self._warp.int32)
-        near = leaf_neighbors(ordered, self.tree.leaf_start)
-        self._neighbors = [self._upload(a, self._warp.int32) for a in (near.start, near.leaf)]
-        self._neighbors += [self._upload(near.excluded, self._warp.uint64)]
+        near = leaf_neighbors(triangles[self.tree.order], self.tree.leaf_start)
+        upload = self._there.array
+        self._neighbors = [upload(a, self._warp.int32) for a in (near.start, near.leaf)]
+        self._neighbors += [upload(near.excluded, self._warp.uint64)]
         self._all_active = self._active(np.ones(len(triangles), dtype=bool))
-        self._welded = self._weld(weld) if weld is not None else self._ordered
+        self._welded = self._weld(weld) if weld is not None else self.mesh.ordered
 
     def __call__(
         self,
@@ -117,12 +115,12 @@ class Detector:
             return np.zeros((0, 4), dtype=np.int32)
         warp = self._warp
         welded = self._welded if weld is None else self._weld(weld)
-        positions = warp.array(points, dtype=warp.vec3f, device=self.device, copy=False)
+        positions = self._there.view(points, warp.vec3f)
         near = self._near(positions, welded, active)
-        pairs = warp.empty(len(near), dtype=warp.vec4i, device=self.device)
-        count = warp.zeros(1, dtype=warp.int32, device=self.device)
-        inputs = [near, positions, self._ordered, self._order, pairs, count]
-        self._launch(self._kernels.test_candidates, (len(near),), inputs)
+        pairs = self._there.empty(len(near), warp.vec4i)
+        count = self._there.zeros(1, warp.int32)
+        inputs = [near, positions, self.mesh.ordered, self.mesh.order, pairs, count]
+        self._there.launch(self._kernels.test_candidates, (len(near),), inputs)
         found = int(count.numpy()[0])
         if found > self.limits.of(len(self.faces) * len(points))[1]:
             raise collapsed(len(self.faces))
@@ -137,9 +135,9 @@ class Detector:
         most = self.limits.of(len(self.faces) * positions.shape[0])[0]
         while True:
             capacity = self._capacity  # another thread may raise it meanwhile
-            near = warp.empty(capacity, dtype=warp.vec3i, device=self.device)
-            count = warp.zeros(1, dtype=warp.int32, device=self.device)
-            self.search(boxes, welded, near, count, self._launch, active=active)
+            near = self._there.empty(capacity, warp.vec3i)
+            count = self._there.zeros(1, warp.int32)
+            self.search(boxes, welded, near, count, self._there.launch, active=active)
             needed = int(count.numpy()[0])
             if needed > most:
                 raise collapsed(len(self.faces))
@@ -155,7 +153,7 @@ class Detector:
                 f"active should be booleans of shape ({len(self.faces)},), one for each "
                 f"triangle, got {active.dtype} of shape {active.shape}"
             )
-        return self._upload(self.tree.marks(active), self._warp.uint8)
+        return self._there.array(self.tree.marks(active), self._warp.uint8)
 
     def _rounded(self, points: Any) -> NDArray[np.float32]:
         """Return points as float32 poses (B, V, 3). Raises ValueError for others."""
@@ -178,7 +176,7 @@ class Detector:
         """Return the rows (K, 4) that intersect: uncertain ones are decided in integers."""
         uncertain = pairs[:, 3] > 1
         keep = ~uncertain
-        keep[uncertain] = settled(points, self.faces, pairs[uncertain, :3])
+        keep[uncertain] = settled(self.mesh, points, pairs[uncertain, :3])
         return pairs if keep.all() else pairs[keep]
 
     def boxes(self, points: Any) -> list[Any]:
@@ -187,9 +185,9 @@ class Detector:
         The fifth array holds the boxes of the triangles once more, as blocks by leaf.
         """
         warp = self._warp
-        positions = warp.array(points, dtype=warp.vec3f, device=self.device, copy=False)
+        positions = self._there.view(points, warp.vec3f)
         boxes = self.box_arrays(points.shape[0])
-        self.fit(positions, boxes, self._launch)
+        self.fit(positions, boxes, self._there.launch)
         return boxes
 
     def box_arrays(self, frames: int) -> list[Any]:
@@ -197,17 +195,17 @@ class Detector:
         assert self.tree is not None
         warp, nodes = self._warp, self.tree.node_count
         boxes = [
-            warp.empty((frames, count), dtype=warp.vec3f, device=self.device)
+            self._there.empty((frames, count), warp.vec3f)
             for count in (len(self.faces), len(self.faces), nodes, nodes)
         ]
         blocks = (frames, self.tree.leaf_count, 6)
-        return [*boxes, warp.empty(blocks, dtype=self._kernels.vec8f, device=self.device)]
+        return [*boxes, self._there.empty(blocks, self._kernels.vec8f)]
 
     def fit(self, positions: Any, boxes: list[Any], launch: Launch) -> None:
         """Fill the `box_arrays` of poses, a Warp array (B, V) of vec3f."""
         assert self.tree is not None
         frames = positions.shape[0]
-        leaves = [positions, self._ordered, self._leaf_start, *boxes]
+        leaves = [positions, self.mesh.ordered, self.mesh.leaves[0], *boxes]
         launch(self._kernels.fit_leaves, (frames, self.tree.leaf_count), leaves)
         for bottom in range(self.tree.depth, 0, -LEVELS):
             top = max(0, bottom - LEVELS)
@@ -234,18 +232,14 @@ class Detector:
         assert self.tree is not None
         marks = self._all_active if active is None else self._active(active)
         most = self.limits.of(len(self.faces) * boxes[0].shape[0])[0]
-        inputs = [self._leaf_start, self._skip, welded, *self._neighbors, marks, *boxes]
+        inputs = [*self.mesh.leaves, welded, *self._neighbors, marks, *boxes]
         inputs += [most, self.limits.of_leaf, near, count]
         launch(self._kernels.find_candidates, (boxes[0].shape[0], self.tree.leaf_count), inputs)
 
     @property
     def topology(self) -> list[Any]:
         """Warp arrays of the triangles in leaf order: corners, welded corners, own numbers."""
-        return [self._ordered, self._welded, self._order]
-
-    def _launch(self, kernel: Any, dimensions: tuple[int, ...], inputs: list[Any]) -> None:
-        """Launch a Warp kernel on the detector's device."""
-        self._warp.launch(kernel, dim=dimensions, inputs=inputs, device=self.device)
+        return [self.mesh.ordered, self._welded, self.mesh.order]
 
     def _weld(self, weld: ArrayLike) -> Any:
         """Return the welded corners (F, 3) in leaf order on the device. Raises ValueError."""
@@ -257,11 +251,7 @@ class Detector:
                 f"got {welded.dtype} of shape {welded.shape}"
             )
         corners = welded.astype(np.int32)[self.faces[self.tree.order]]
-        return self._upload(corners, self._warp.vec3i)
-
-    def _upload(self, values: NDArray[Any], dtype: Any) -> Any:
-        """Return values as a Warp array on the detector's device."""
-        return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
+        return self._there.array(corners, self._warp.vec3i)
 
 
 def find_intersections(points: ArrayLike, faces: ArrayLike) -> NDArray[np.int32]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dtrepair.device import start_warp
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import collapsed
 from dtrepair.numerics.geometry import FloatArray, IntArray, dots, vector_areas
@@ -29,28 +30,22 @@ def close_pairs(
     tree = detector.tree
     if tree is None or distance <= 0.0:
         return np.zeros((0, 2), dtype=np.int32)
-    from dtrepair.device import start_warp
     from dtrepair.intersect.proximity_kernels import find_close_pairs
 
-    warp = start_warp()
+    warp, mesh, device = start_warp(), detector.mesh, detector.mesh.device
     searching = np.ones(len(tree.order), dtype=bool) if active is None else active[tree.order]
     queries = np.flatnonzero(searching).astype(np.int32)
     boxes = detector.boxes(points[None])
-    inputs = [warp.array(points, dtype=warp.vec3f, device="cpu", copy=False)]
-    inputs.append(warp.array(detector.faces[tree.order], dtype=warp.vec3i, device="cpu"))
-    inputs += [
-        warp.array(values, dtype=warp.int32, device="cpu")
-        for values in (tree.order, tree.leaf_start, tree.skip)
-    ]
-    inputs += [*boxes[:4], warp.array(queries, dtype=warp.int32, device="cpu")]
-    inputs.append(warp.array(searching.astype(np.uint8), dtype=warp.uint8, device="cpu"))
+    inputs = [device.view(points, warp.vec3f), mesh.ordered, mesh.order, *mesh.leaves]
+    inputs += [*boxes[:4], device.array(queries, warp.int32)]
+    inputs.append(device.array(searching.astype(np.uint8), warp.uint8))
     most = detector.limits.of(len(tree.order))[0]
     capacity = 4 * len(tree.order) + 1024
     while True:
-        pairs = warp.empty(capacity, dtype=warp.vec2i, device="cpu")
-        count = warp.zeros(1, dtype=warp.int32, device="cpu")
+        pairs = device.empty(capacity, warp.vec2i)
+        count = device.zeros(1, warp.int32)
         arguments = [*inputs, float(distance), most, pairs, count]
-        warp.launch(find_close_pairs, dim=len(queries), inputs=arguments, device="cpu")
+        device.launch(find_close_pairs, len(queries), arguments)
         pair_count = int(count.numpy()[0])
         if pair_count > most:
             raise collapsed(len(tree.order))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Callable
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,8 +93,33 @@ def _laplacian(edges: sparse.csr_matrix) -> sparse.csr_matrix:
     return (sparse.diags(np.asarray(edges.sum(axis=1)).ravel()) - edges).tocsr()
 
 
+class Solver(Protocol):
+    """Solves with one sparse symmetric positive definite matrix (V, V), factorised once.
+
+    The seam for other devices: what stages solve with comes from a `Factorise` that their surface
+    was given, and only `solve` has frames of a batch at once.
+    """
+
+    size: int
+
+    def __call__(self, right_hand_side: NDArray[np.floating]) -> FloatArray:
+        """Return the solution of one right-hand side, (V,) or (V, k), float64."""
+        ...
+
+    def solve(self, frames: NDArray[np.floating]) -> FloatArray:
+        """Return the solutions (B, V, k) of the right-hand sides (B, V, k) of B frames.
+
+        A frame has the bits that it has alone, whatever else is in the batch.
+        """
+        ...
+
+
+# Makes the solver of a matrix (V, V); ValueError where it has none.
+Factorise = Callable[[sparse.spmatrix], Solver]
+
+
 class Factor:
-    """Solves with a sparse symmetric positive definite matrix, factorised once (Cholesky).
+    """The solver of the CPU: a sparse Cholesky factor.
 
     `Factor.count` counts the factorisations of the process, so that a test can assert reuse.
     """
@@ -130,3 +156,13 @@ class Factor:
         solution = np.zeros_like(rows)
         self._solver.solve(rows, solution)
         return solution
+
+    def solve(self, frames: NDArray[np.floating]) -> FloatArray:
+        """Return the solutions (B, V, k) of the right-hand sides (B, V, k) of B frames.
+
+        One after the other: columns of several frames in one solve are rounded otherwise.
+        """
+        result = np.empty(frames.shape)
+        for frame, right in enumerate(frames):
+            result[frame] = self(right)
+        return result

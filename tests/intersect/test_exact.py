@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dtrepair.device import Device
 from dtrepair.intersect.exact import settled
+from dtrepair.intersect.topology.device_mesh import DeviceMesh
 from tests.cgal_reference import cgal_intersect
 from tests.crossing_meshes import TWO_FACES
 from tests.integer_arithmetic import as_integers, integer_intersect
@@ -78,7 +80,7 @@ def intersect(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArra
     """Whether the triangles first[k] and second[k] (K, 3, 3) have a common point (K,)."""
     poses = np.concatenate([first, second], axis=1)
     rows = np.arange(len(poses))[:, None] * (1, 0, 0) + (0, 0, 1)
-    return settled(poses, TWO_FACES, rows.astype(np.int32))
+    return settled(DeviceMesh(TWO_FACES, 6, device=Device()), poses, rows.astype(np.int32))
 
 
 def as_triangles(corners: Sequence[tuple[float, ...]]) -> NDArray[np.float32]:

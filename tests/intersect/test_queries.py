@@ -7,11 +7,9 @@ import itertools
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse import csgraph
 
 from dtrepair.intersect.detector import Detector
-from dtrepair.intersect.queries import Queries, link_labels, one_vertex_pairs
+from dtrepair.intersect.queries import Queries, one_vertex_pairs
 from tests.integer_arithmetic import as_integers, cross, dot, sign
 from tests.meshes import Mesh, elbow, grid, icosphere, joined, overlapping_spheres, torus, tube
 
@@ -172,14 +170,3 @@ def test_vector_areas_are_those_of_the_triangles_around() -> None:
     np.add.at(expected, faces.ravel(), np.repeat(area / 3.0, 3, axis=0))
     found = Queries(Detector(points, faces)).vector_areas(points)
     assert np.abs(found - expected).max() < 1e-15
-
-
-@pytest.mark.parametrize("count", [0, 20, 200, 2000])
-def test_components_of_links_are_those_of_the_graph(count: int) -> None:
-    links = np.random.default_rng(count).integers(0, 300, size=(count, 2))
-    graph = sparse.coo_matrix((np.ones(count), links.T), shape=(300, 300))
-    expected = csgraph.connected_components(graph, directed=False)[1]
-    assert np.array_equal(link_labels(links, 300), expected)
-    # In a row, worst order first.
-    chain = np.stack([np.arange(299), np.arange(1, 300)], axis=1)
-    assert not link_labels(chain[::-1], 300).any()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.numerics.geometry import triangle_areas
@@ -124,6 +125,24 @@ def test_factor_solves_vectors_and_columns() -> None:
     assert np.allclose(factor(matrix @ wanted), wanted, atol=1e-10)
     assert np.allclose(factor(matrix @ wanted[:, 0]), wanted[:, 0], atol=1e-10)
     assert factor(matrix @ wanted[:, 0]).shape == (len(points),)
+
+
+def test_frames_of_a_batch_have_the_bits_that_they_have_alone() -> None:
+    points, faces = meshes.icosphere(3)
+    matrix = cotangent_laplacian(points, faces) + sparse.diags(lumped_mass(points, faces))
+    factor, random = Factor(matrix), np.random.default_rng(0)
+    frames = random.normal(size=(7, len(points), 3))
+    right: NDArray[np.floating]
+    for right in (frames, frames.astype(np.float32)):
+        found = factor.solve(right)
+        assert found.dtype == np.float64 and found.shape == right.shape
+        assert all(np.array_equal(one, factor(own)) for one, own in zip(found, right, strict=True))
+        assert np.array_equal(factor.solve(right[2:4]), found[2:4])
+        residual = np.stack([matrix @ one for one in found]) - right
+        assert np.abs(residual).max() < 1e-12
+    assert factor.solve(right[:0]).shape == (0, len(points), 3)
+    with pytest.raises(ValueError, match="rows, got"):
+        factor.solve(right[:, :-1])
 
 
 def test_factor_keeps_its_right_hand_side_and_takes_float32_and_strides() -> None:

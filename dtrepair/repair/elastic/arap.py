@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.device import start_warp
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.numerics.operators import Factor
+from dtrepair.numerics.operators import Solver
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
 
@@ -51,7 +50,7 @@ class ArapSystem:
         from dtrepair.repair.elastic import arap_kernels
 
         self._kernels = arap_kernels
-        self._warp = start_warp()
+        self._warp, self._device = start_warp(), surface.device
         self._surface, self._anchor = surface, surface.options.anchor
         self._original = self._home = np.ascontiguousarray(original)
         if region is None:
@@ -60,11 +59,11 @@ class ArapSystem:
         self._inner = np.flatnonzero(region) if region.mean() < options.small_region else None
         laplacian = surface.laplacian
         self._matrix = [
-            self._array(laplacian.indptr.astype(np.int32), self._warp.int32),
-            self._array(laplacian.indices.astype(np.int32), self._warp.int32),
-            self._array(laplacian.data, self._warp.float64),
+            self._device.array(laplacian.indptr.astype(np.int32), self._warp.int32),
+            self._device.array(laplacian.indices.astype(np.int32), self._warp.int32),
+            self._device.array(laplacian.data, self._warp.float64),
         ]
-        self._own: tuple[sparse.csr_matrix, Factor] | None = None
+        self._own: tuple[sparse.csr_matrix, Solver] | None = None
 
     def hold(self, home: FloatArray, weight: float) -> None:
         """Pull vertices to places (V, 3) as well, by a weight next to that of the edges."""
@@ -76,12 +75,12 @@ class ArapSystem:
     def target(self, points: FloatArray) -> FloatArray:
         """Return the right-hand side (V, 3) of a step from `points`, zero beyond a small region."""
         warp, count = self._warp, self._surface.count
-        original = self._array(self._original, warp.vec3d)
+        original = self._device.array(self._original, warp.vec3d)
         rotations = self._fitted(points)
-        edges = warp.zeros(count, dtype=warp.vec3d, device="cpu")
+        edges = self._device.zeros(count, warp.vec3d)
         rows = np.arange(count) if self._inner is None else self._inner
-        inputs = [self._array(rows, warp.int32), *self._matrix, original, rotations, edges]
-        warp.launch(self._kernels.rotated_edges, dim=len(rows), inputs=inputs, device="cpu")
+        inputs = [self._device.array(rows, warp.int32), *self._matrix, original, rotations, edges]
+        self._device.launch(self._kernels.rotated_edges, len(rows), inputs)
         right: FloatArray = edges.numpy() + self._anchored(self._home)
         return right
 
@@ -91,16 +90,14 @@ class ArapSystem:
         return fitted
 
     def _fitted(self, points: FloatArray) -> Any:
-        """Return the rotations of all vertices on the CPU device, none beyond a region."""
+        """Return the rotations of all vertices on the device, none beyond a region."""
         warp = self._warp
         identities = np.tile(np.eye(3), (self._surface.count, 1, 1))
-        rotations = self._array(identities, warp.mat33d)
-        turning = self._array(self._turning, warp.int32)
-        inputs = [turning, *self._matrix, self._array(self._original, warp.vec3d)]
-        inputs += [self._array(points, warp.vec3d), rotations]
-        warp.launch(
-            self._kernels.fit_rotations, dim=len(self._turning), inputs=inputs, device="cpu"
-        )
+        rotations = self._device.array(identities, warp.mat33d)
+        turning = self._device.array(self._turning, warp.int32)
+        inputs = [turning, *self._matrix, self._device.array(self._original, warp.vec3d)]
+        inputs += [self._device.array(points, warp.vec3d), rotations]
+        self._device.launch(self._kernels.fit_rotations, len(self._turning), inputs)
         return rotations
 
     def solve(self, right: FloatArray) -> FloatArray:
@@ -120,12 +117,12 @@ class ArapSystem:
         result[self._inner] += self._region()[0] @ points
         return result
 
-    def _region(self) -> tuple[sparse.csr_matrix, Factor]:
+    def _region(self) -> tuple[sparse.csr_matrix, Solver]:
         """Return rows of the Laplacian of a small region, and the factor of its block."""
         if self._own is None:
             rows = self._surface.laplacian[self._inner]
             anchor = sparse.diags(self._anchor * self._surface.mass[self._inner])
-            self._own = rows, Factor(rows[:, self._inner] + anchor)
+            self._own = rows, self._surface.factor(rows[:, self._inner] + anchor)
         return self._own
 
     def _anchored(self, points: FloatArray) -> FloatArray:
@@ -136,6 +133,3 @@ class ArapSystem:
             self._anchor * self._surface.mass[self._inner, None] * points[self._inner]
         )
         return result
-
-    def _array(self, values: NDArray[Any], dtype: Any) -> Any:
-        return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")

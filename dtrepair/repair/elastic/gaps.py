@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,18 +54,13 @@ class Gaps:
         from dtrepair.repair.elastic import gap_kernels
 
         self.options = options
-        self._kernels, self._warp = gap_kernels, start_warp()
+        self._kernels, self._warp, self._device = gap_kernels, start_warp(), surface.device
         self.surface, self.mobility = surface, mobility
         self.corners = np.zeros((0, 6), dtype=np.int32)
         self.keys = np.zeros(0, dtype=np.int64)
         self.forces = np.zeros(0)
         self._harder = np.zeros(0)
-        tree = surface.detector.tree
-        assert tree is not None
-        self._faces = self._array(surface.faces, self._warp.vec3i)
-        self._tree = [
-            self._array(part, self._warp.int32) for part in (tree.order, tree.leaf_start, tree.skip)
-        ]
+        self._mesh = surface.detector.mesh
         self._triangle_at = np.zeros(surface.count, dtype=np.int32)
         self._triangle_at[surface.faces.ravel()] = np.repeat(np.arange(len(surface.faces)), 3)
 
@@ -159,34 +153,31 @@ class Gaps:
         self._harder = np.concatenate([self._harder, np.ones(new.sum())])
 
     def _nearest(self, points: FloatArray) -> list[FloatArray]:
-        warp = self._warp
-        nearest = [warp.empty(len(self), dtype=warp.vec3d, device="cpu") for _ in range(3)]
-        inputs = [self._array(points, warp.vec3d), self._array(self.corners, warp.int32), *nearest]
-        warp.launch(self._kernels.nearest_points, dim=len(self), inputs=inputs, device="cpu")
+        warp, device = self._warp, self._device
+        nearest = [device.empty(len(self), warp.vec3d) for _ in range(3)]
+        corners = device.array(self.corners, warp.int32)
+        inputs = [device.array(points, warp.vec3d), corners, *nearest]
+        device.launch(self._kernels.nearest_points, len(self), inputs)
         return [array.numpy() for array in nearest]
 
     def _faced(
         self, points: FloatArray, areas: FloatArray, vertices: IntArray, radius: float
     ) -> IntArray:
         """Return the nearest triangle (Q,) along the normal of each vertex, or -1."""
-        warp, surface = self._warp, self.surface
+        warp, device, surface, mesh = self._warp, self._device, self.surface, self._mesh
         normals = areas / (lengths(areas)[:, None] + 1e-300)
         low, high = surface.detector.boxes(surface.written(points)[None])[2:4]
-        triangles = warp.empty(len(vertices), dtype=warp.int32, device="cpu")
-        positions = self._array(points, warp.vec3d)
-        fronts = warp.empty(len(surface.faces), dtype=warp.vec3d, device="cpu")
-        inputs = [positions, self._faces, self._tree[0], fronts]
-        warp.launch(self._kernels.front_areas, dim=len(fronts), inputs=inputs, device="cpu")
-        inputs = [positions, self._array(normals, warp.vec3d), self._array(vertices, warp.int32)]
-        inputs += [self._faces, fronts, *self._tree, low, high]
+        triangles = device.empty(len(vertices), warp.int32)
+        positions = device.array(points, warp.vec3d)
+        fronts = device.empty(len(surface.faces), warp.vec3d)
+        inputs = [positions, mesh.faces, mesh.order, fronts]
+        device.launch(self._kernels.front_areas, len(fronts), inputs)
+        inputs = [positions, device.array(normals, warp.vec3d), device.array(vertices, warp.int32)]
+        inputs += [mesh.faces, fronts, mesh.order, *mesh.leaves, low, high]
         inputs += [float(surface.size), float(radius), triangles]
-        dimension = len(vertices)
-        warp.launch(self._kernels.faced_triangles, dim=dimension, inputs=inputs, device="cpu")
+        device.launch(self._kernels.faced_triangles, len(vertices), inputs)
         nearest: IntArray = triangles.numpy()
         return nearest
-
-    def _array(self, values: NDArray[Any], dtype: Any) -> Any:
-        return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")
 
 
 def _fold_corners(faces: IntArray, folds: IntArray) -> list[IntArray]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dtrepair.intersect.queries import link_labels
+from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.geometry import FloatArray, dots, lengths
 from dtrepair.repair.surface.surface import Surface
 
@@ -54,7 +54,9 @@ class VolumePressure:
         self.options = options
         self.surface, self.reach = surface, reach
         _, self._first, self._component = np.unique(
-            link_labels(surface.edges, surface.count), return_index=True, return_inverse=True
+            link_labels(surface.edges, surface.count, device=surface.device),
+            return_index=True,
+            return_inverse=True,
         )
         self._of = original
         self._areas = areas = surface.vector_areas(original)

@@ -12,7 +12,7 @@ from scipy import sparse
 from torch import Tensor
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.numerics.operators import Factor
+from dtrepair.numerics.operators import Factor, Factorise
 from dtrepair.repair.paper.gpu_diffusion import BlockDiffusion, BlockOptions
 
 
@@ -59,6 +59,7 @@ class Diffusion:
         laplacian: L (V, V), positive semidefinite.
         mass: Lumped masses (V,), positive; default: the identity.
         strength: lambda, 99 in the paper; larger is smoother.
+        factor: What the matrix is factorised by.
 
     Raises:
         ValueError: a strength or a mass that is not positive, shapes that do not agree.
@@ -70,6 +71,7 @@ class Diffusion:
         *,
         mass: FloatArray | None = None,
         strength: float = 99.0,
+        factor: Factorise = Factor,
     ) -> None:
         """Factor the matrix; see the class."""
         count = laplacian.shape[0]
@@ -87,14 +89,11 @@ class Diffusion:
         self.mass = mass
         diagonal = sparse.identity(count) if mass is None else sparse.diags(mass)
         self.matrix = sparse.csc_matrix(diagonal + strength * laplacian)
-        self.factor = Factor(self.matrix)
+        self.factor = factor(self.matrix)
 
     def begin(self, field: Tensor) -> Tensor:
         """Return A^-1 field (B, V, 3)."""
-        result = torch.empty_like(field)
-        for source, target in zip(field, result, strict=True):
-            target.copy_(torch.from_numpy(self.factor(source.numpy())))
-        return result
+        return torch.from_numpy(self.factor.solve(field.numpy())).to(field.dtype)
 
     def finish(self, field: Tensor) -> Tensor:
         """Return A^-1 Mass field (B, V, 3)."""

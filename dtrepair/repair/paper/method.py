@@ -193,6 +193,6 @@ def _bodies(surface: Surface, laplacian: sparse.csr_matrix) -> list[tuple[int, i
     found = []
     for body in surface.bodies:
         own = slice(body.start, body.stop)
-        diffusion = Diffusion(laplacian[own, own], strength=body.diffusion)
+        diffusion = Diffusion(laplacian[own, own], strength=body.diffusion, factor=surface.factor)
         found.append((body.start, body.stop, diffusion))
     return found

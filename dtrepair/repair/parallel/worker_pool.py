@@ -17,7 +17,6 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from dtrepair.device import start_warp
 from dtrepair.repair.parallel.process_pool import (
     ATTEMPTS,
     WorkerLost,
@@ -221,7 +220,7 @@ def make_worker_pool(surface: Surface, jobs: int | None = None) -> WorkerPool:
     surface.contacts.ring_distance(np.array([[0, len(surface.faces) - 1]], dtype=np.int32))
     if not can_fork():
         return ThreadWorkerPool(jobs)
-    start_warp().force_load("cpu")
+    surface.device.load()
     return ProcessWorkerPool(jobs)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from dtrepair.intersect.queries import link_labels
+from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import (
     FloatArray,

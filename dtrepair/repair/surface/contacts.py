@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs, counted_between
 from dtrepair.intersect.proximity import close_pairs, face_each_other
-from dtrepair.intersect.queries import Queries, RingDistances
+from dtrepair.intersect.queries import Queries
+from dtrepair.intersect.topology.ring_distances import RingDistances
 from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import FloatArray, IntArray, pair_keys
 from dtrepair.repair.surface.uncertain_pairs import UncertainPairs
@@ -67,7 +68,7 @@ class Contacts:
         self._whole = rigid[faces[:, 0]] if self._stiff.any() else None
         self._uncertain = UncertainPairs(detector, self._rest)
         self._close_at_rest: dict[float, NDArray[np.int64]] = {}
-        self.ring_distance = RingDistances(faces, detector.vertex_count)
+        self.ring_distance = RingDistances(detector.mesh)
 
     def pairs(self, points: FloatArray, *, active: BoolArray | None = None) -> IntArray:
         """Return the intersecting pairs (K, 2); with `active` (F,) those with an active triangle.

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.intersect.queries import link_labels
+from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.geometry import FloatArray, IntArray, extent
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
@@ -71,7 +71,8 @@ def contact_regions(surface: Surface, pairs: IntArray, buried: BoolArray) -> tup
     touched = buried | surface.vertices_of(pairs)
     edges = surface.edges[touched[surface.edges].all(axis=1)]
     across = np.stack([surface.faces[pairs[:, 0], 0], surface.faces[pairs[:, 1], 0]], axis=1)
-    labels = link_labels(np.concatenate([edges, across]), surface.count)
+    links = np.concatenate([edges, across])
+    labels = link_labels(links, surface.count, device=surface.device)
     names, regions = np.unique(labels[touched], return_inverse=True)
     result = np.full(surface.count, -1, dtype=np.int32)
     result[touched] = regions

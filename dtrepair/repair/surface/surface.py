@@ -10,16 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from dtrepair.device import Device
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.queries import Queries
 from dtrepair.numerics.attachments import Attachments
-from dtrepair.numerics.geometry import (
-    FloatArray,
-    IntArray,
-    extent,
-    lengths,
+from dtrepair.numerics.geometry import FloatArray, IntArray, extent, lengths
+from dtrepair.numerics.operators import (
+    Factor,
+    Factorise,
+    Solver,
+    cotangent_laplacian,
+    lumped_mass,
+    uniform_laplacian,
 )
-from dtrepair.numerics.operators import Factor, cotangent_laplacian, lumped_mass, uniform_laplacian
 from dtrepair.numerics.worn.covering import Covering
 from dtrepair.repair.surface.contacts import Contacts
 from dtrepair.repair.surface.layers import (
@@ -91,7 +94,8 @@ class Surface(Topology):
         leave_rest: Leave pairs and folds alone that the rest pose has as well.
         direction: Preferred direction (V, 3) of the repair, zero rows where none.
         ignored: Pairs of bodies, each pair (i, j) with i <= j, whose contacts do not count.
-        device: Where pairs are detected.
+        device: Where its kernels run, "cpu" or "cuda:N": what works on a surface names none.
+        factor: What its systems are factorised by.
         options: Numbers of the operators.
         attachments: Contacts that were modelled; they do not count, and their ties hold.
         covering: What open layers cover, by vertices; None: nothing is known.
@@ -109,17 +113,20 @@ class Surface(Topology):
         direction: FloatArray | None = None,
         ignored: Sequence[tuple[int, int]] = (),
         device: str = "cpu",
+        factor: Factorise = Factor,
         options: SurfaceOptions = SurfaceOptions(),
         attachments: Attachments | None = None,
         covering: Covering | None = None,
     ) -> None:
-        self.options, self.covering = options, covering
-        self._arap_factors: dict[float, Factor] = {}
+        self.options, self.covering, self.factor = options, covering, factor
+        self._arap_factors: dict[float, Solver] = {}
         self.bodies = tuple(bodies or (BodyRange(0, len(rest), 99.0),))
         sizes = [body.stop - body.start for body in self.bodies]
         self.body_of_vertex = np.repeat(np.arange(len(self.bodies)), sizes)
         self.ties = self._tied(attachments, faces)
-        super().__init__(faces, len(rest), links=self.ties and self.ties.links)
+        super().__init__(
+            faces, len(rest), links=self.ties and self.ties.links, device=Device(device)
+        )
         self.size = extent(rest) or 1.0
         self.rest = rest / self.size
         self.mobility = np.ones(self.count) if mobility is None else mobility
@@ -178,12 +185,12 @@ class Surface(Topology):
         return len(np.unique(self.cluster_of_body))
 
     @cached_property
-    def diffusion_factors(self) -> list[tuple[slice | NDArray[np.intp], Factor]]:
+    def diffusion_factors(self) -> list[tuple[slice | NDArray[np.intp], Solver]]:
         """The vertices of each cluster of bodies that may move, and the factor of M + lambda L.
 
         A body that nothing is tied to has a factor of its own.
         """
-        factors: list[tuple[slice | NDArray[np.intp], Factor]] = []
+        factors: list[tuple[slice | NDArray[np.intp], Solver]] = []
         for cluster in range(int(self.cluster_of_body.max(initial=-1)) + 1):
             bodies = [self.bodies[k] for k in np.flatnonzero(self.cluster_of_body == cluster)]
             moving = [b for b in bodies if not (b.rigid or self.fixed[b.start : b.stop].all())]
@@ -197,19 +204,19 @@ class Surface(Topology):
                 roots = [np.full(b.stop - b.start, np.sqrt(b.diffusion)) for b in moving]
                 scale = sparse.diags(np.concatenate(roots))
                 strong = scale @ self.laplacian[own][:, own] @ scale
-            factors.append((own, Factor(sparse.diags(self.mass[own]) + strong)))
+            factors.append((own, self.factor(sparse.diags(self.mass[own]) + strong)))
         return factors
 
     @property
-    def arap_factor(self) -> Factor:
+    def arap_factor(self) -> Solver:
         """Factor of L + anchor M for the as-rigid-as-possible steps."""
         return self.arap_factor_with(self.options.anchor)
 
-    def arap_factor_with(self, anchor: float) -> Factor:
+    def arap_factor_with(self, anchor: float) -> Solver:
         """Return the factor of L + anchor M, made once for each anchor."""
         factor = self._arap_factors.get(anchor)
         if factor is None:
-            factor = Factor(self.laplacian + anchor * sparse.diags(self.mass))
+            factor = self.factor(self.laplacian + anchor * sparse.diags(self.mass))
             self._arap_factors[anchor] = factor
         return factor
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from dtrepair.intersect.queries import link_labels
+from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import IntArray
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from dtrepair.intersect.queries import link_labels
+from dtrepair.device import Device
+from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.geometry import IntArray, adjacency, pair_keys, shared_edges, unique_edges
 
 BoolArray = NDArray[np.bool_]
@@ -21,12 +22,19 @@ class Topology:
         faces: Triangles (F, 3).
         count: Number of vertices V.
         links: Positive (V, V) where vertices are neighbours besides those that share an edge.
+        device: Where kernels work on the mesh; default: the CPU.
     """
 
     def __init__(
-        self, faces: IntArray, count: int, *, links: sparse.csr_matrix | None = None
+        self,
+        faces: IntArray,
+        count: int,
+        *,
+        links: sparse.csr_matrix | None = None,
+        device: Device | None = None,
     ) -> None:
         self.faces, self.count = faces, count
+        self.device = device or Device()
         self.edges = unique_edges(faces)
         self.indptr, self.indices = adjacency(faces, count)
         self.neighbours = sparse.csr_matrix(
@@ -85,4 +93,4 @@ class Topology:
     def components(self, mask: BoolArray) -> IntArray:
         """Return the component (V,) that each vertex of a mask is in; others stand alone."""
         kept = self.edges[mask[self.edges].all(axis=1)]
-        return link_labels(kept, self.count)
+        return link_labels(kept, self.count, device=self.device)

@@ -49,4 +49,4 @@ class UncertainPairs:
 
     def _settled(self, points: NDArray[np.float32], rows: IntArray) -> BoolArray:
         """Return which rows (K, 4) of poses (B, V, 3) intersect, exactly."""
-        return settled(points, self._detector.faces, rows[:, :3])
+        return settled(self._detector.mesh, points, rows[:, :3])

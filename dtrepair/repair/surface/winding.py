@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dtrepair.device import start_warp
-from dtrepair.intersect.queries import link_labels
+from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, pair_keys
 from dtrepair.repair.surface.surface import BoolArray, Surface
+from dtrepair.repair.surface.topology import Topology
 
 # The corner after each of the six of two triangles.
 NEXT = np.array([1, 2, 0, 4, 5, 3])
@@ -80,13 +81,13 @@ def _pieces(surface: Surface, points: FloatArray, pairs: IntArray, fold_rings: i
     # Of the rounded coordinates, as the pairs: an edge that just misses the one triangle and hits
     # the next must do so here too.
     rounded = surface.written(points).astype(np.float64)
-    cut = crossing_edges(rounded, surface.faces, np.concatenate([pairs, folds]))
+    cut = crossing_edges(surface, rounded, np.concatenate([pairs, folds]))
     kept = np.ones(len(surface.edges), dtype=bool)
     kept[np.searchsorted(surface.edge_keys, pair_keys(cut))] = False
     # The shared vertex of a fold lies on the cut itself.
     shared = _shared_vertices(surface, folds)
     kept &= ~(shared[surface.edges[:, 0]] | shared[surface.edges[:, 1]])
-    return link_labels(surface.edges[kept], surface.count)
+    return link_labels(surface.edges[kept], surface.count, device=surface.device)
 
 
 def _shared_vertices(surface: Surface, folds: IntArray) -> BoolArray:
@@ -96,14 +97,14 @@ def _shared_vertices(surface: Surface, folds: IntArray) -> BoolArray:
     return mask
 
 
-def crossing_edges(points: FloatArray, faces: IntArray, pairs: IntArray) -> IntArray:
+def crossing_edges(mesh: Topology, points: FloatArray, pairs: IntArray) -> IntArray:
     """Return edges (E, 2), i < j, of one triangle of a pair that cross the other; may repeat."""
     from dtrepair.repair.surface import winding_kernels
 
-    warp, vertices = start_warp(), faces[pairs].reshape(-1, 6)
-    corners = warp.array(points.take(vertices, axis=0), dtype=warp.vec3d, device="cpu")
-    cut = warp.empty(vertices.shape, dtype=warp.uint8, device="cpu")
-    warp.launch(winding_kernels.find_cut, dim=len(pairs), inputs=[corners, cut], device="cpu")
+    warp, device, vertices = start_warp(), mesh.device, mesh.faces[pairs].reshape(-1, 6)
+    corners = device.array(points.take(vertices, axis=0), warp.vec3d)
+    cut = device.empty(vertices.shape, warp.uint8)
+    device.launch(winding_kernels.find_cut, len(pairs), [corners, cut])
     pair, start = np.nonzero(cut.numpy())
     edges = vertices[pair[:, None], np.stack([start, NEXT[start]], axis=1)]
     return np.sort(edges, axis=1)

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import splu
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion, volume
 from dtrepair.numerics.operators import Factor
+from dtrepair.repair.elastic.arap import ArapSystem
 from dtrepair.repair.full.biharmonic_fill import FillOptions
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.full.phases import PhaseOptions
@@ -124,6 +128,38 @@ def test_one_factor_for_the_push_and_one_for_the_edges() -> None:
     for amount in (0.0, 0.001, 0.002):
         FullMethod(surface)(pose * (1 + amount))
     assert Factor.count == before + 2
+
+
+class OtherSolver:
+    """A solver that is not the project's own: LU by scipy, which rounds otherwise."""
+
+    made = 0
+
+    def __init__(self, matrix: sparse.spmatrix) -> None:
+        type(self).made += 1
+        self.size, self._lu = matrix.shape[0], splu(sparse.csc_matrix(matrix))
+
+    def __call__(self, right_hand_side: NDArray[np.floating]) -> FloatArray:
+        return np.asarray(self._lu.solve(np.ascontiguousarray(right_hand_side, dtype=float)))
+
+    def solve(self, frames: NDArray[np.floating]) -> FloatArray:
+        return np.stack([self(frame) for frame in frames])
+
+
+@pytest.mark.parametrize("kind", ["knot", "deep crease"])
+def test_stages_solve_with_what_their_surface_was_given(kind: str) -> None:
+    (points, faces), (rest, _) = POSES[kind]
+    before, made = Factor.count, OtherSolver.made
+    surface = Surface(rest, faces, factor=OtherSolver)
+    pose = points / surface.size
+    found = FullMethod(surface)(pose).points
+    # Of a small region alone, too.
+    region = np.arange(surface.count) < 20
+    ArapSystem(surface, surface.rest, region=region).solve(surface.rest)
+    assert Factor.count == before and OtherSolver.made >= made + 2
+    assert len(find_defects(surface, found).crossings) == 0
+    usual = FullMethod(Surface(rest, faces))(pose).points
+    assert 0.0 < np.abs(found - usual).max() < 0.1
 
 
 def test_what_is_far_from_a_contact_keeps_every_bit() -> None:

@@ -64,6 +64,22 @@ def test_factored_once() -> None:
     assert Factor.count == before + 1
 
 
+def test_frames_are_solved_in_one_call_of_what_was_given() -> None:
+    asked: list[tuple[int, ...]] = []
+
+    class Watched(Factor):
+        def solve(self, frames: NDArray[np.floating]) -> NDArray[np.float64]:
+            asked.append(frames.shape)
+            return super().solve(frames)
+
+    field = random_field(len(MASS))
+    for given in (field, field.float()):
+        found = Diffusion(LAPLACIAN, factor=Watched)(given)
+        alone = torch.cat([Diffusion(LAPLACIAN)(own[None]) for own in given])
+        assert torch.equal(found, alone) and found.dtype == given.dtype
+    assert asked == 4 * [tuple(field.shape)]
+
+
 def test_bodies_do_not_mix_and_a_fixed_body_stays() -> None:
     torus_points, torus_faces = torus(12, 6)
     other = cotangent_laplacian(torus_points, torus_faces)

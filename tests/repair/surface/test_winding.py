@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_normals
 from dtrepair.repair.surface.surface import Surface
+from dtrepair.repair.surface.topology import Topology
 from dtrepair.repair.surface.winding import crossing_edges, winding_numbers
 from tests.integer_arithmetic import integer_intersect
 from tests.meshes import (
@@ -125,7 +126,7 @@ def test_crossing_edges_are_those_that_pass_through_the_other_triangle() -> None
     surface = Surface(*overlapping_spheres())
     points, faces = surface.rest, surface.faces
     pairs = surface.contacts.pairs(points)
-    found = set(map(tuple, crossing_edges(points, faces, pairs).tolist()))
+    found = set(map(tuple, crossing_edges(surface, points, pairs).tolist()))
     expected = set()
     normals = triangle_normals(points, faces)
     for mine, other in np.concatenate([pairs, pairs[:, ::-1]]).tolist():
@@ -149,9 +150,12 @@ def test_an_edge_that_meets_an_edge_is_cut() -> None:
         points = np.array([*roof, ridge + up, ridge - up, ridge + np.array([5.0, 1, 3])])
         faces = np.array([[0, 1, 2], [1, 0, 3], [5, 6, 7]], dtype=np.int32)
         pairs = np.array([[0, 2], [1, 2]], dtype=np.int32)
-        assert (5, 6) in set(map(tuple, crossing_edges(points, faces, pairs).tolist()))
+        mesh = Topology(faces, len(points))
+        assert (5, 6) in set(map(tuple, crossing_edges(mesh, points, pairs).tolist()))
 
 
 def test_no_pairs_cross_no_edges() -> None:
     points, faces = icosphere(1)
-    assert crossing_edges(points, faces, np.zeros((0, 2), np.int32)).shape == (0, 2)
+    assert crossing_edges(
+        Topology(faces, len(points)), points, np.zeros((0, 2), np.int32)
+    ).shape == (0, 2)

@@ -48,7 +48,7 @@ def test_frames_that_pushing_left_dirty_are_led_their_way(way: FloatArray) -> No
     for motion in arm_motions(way, (4.2, 4.4))[0]:
         along = float(motion @ way)
         assert along > 0.1
-        assert np.linalg.norm(motion - along * way) < 0.3 * along
+        assert np.linalg.norm(motion - along * way) < 0.5 * along
 
 
 def test_a_window_that_its_directions_strain_is_solved_without() -> None:

@@ -94,6 +94,16 @@ class Attachments:
         mask[self.zones // max(self.count, 1)] = True
         return mask
 
+    def wholly_in_zones(self, faces: IntArray, count: int) -> BoolArray:
+        """Return the vertices (V,) all of whose triangles lie in zones: buried by design, perhaps.
+
+        faces: the triangles (F, 3); count: the number V of vertices.
+        """
+        result = np.zeros(count, dtype=bool)
+        result[faces[self.triangles]] = True
+        result[faces[~self.triangles]] = False
+        return result
+
     @cached_property
     def pairs_of_parts(self) -> list[tuple[int, int]]:
         """The pairs of parts (A, B), A < B, that are attached."""

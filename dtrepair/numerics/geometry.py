@@ -209,6 +209,15 @@ def extent(points: ArrayLike) -> float:
     return float(_sides(vertices).max()) if vertices.size else 0.0
 
 
+def extents(points: FloatArray, label: NDArray[np.integer]) -> FloatArray:
+    """Return the largest coordinate range of the points (V, 3) of each label (V,), from 0 on."""
+    low = np.full((int(label.max(initial=-1)) + 1, 3), np.inf)
+    high = -low
+    np.minimum.at(low, label, points)
+    np.maximum.at(high, label, points)
+    return np.asarray((high - low).max(axis=1))
+
+
 def diagonal(points: ArrayLike) -> float:
     """Return the diagonal of the bounding box: the unit of the reported displacements."""
     vertices = np.asarray(points, dtype=np.float64)
@@ -226,6 +235,12 @@ def _sides(vertices: NDArray[Any]) -> NDArray[Any]:
 def lengths(vectors: FloatArray) -> FloatArray:
     """Return the length (N,) of each vector (N, 3)."""
     return np.sqrt(dots(vectors, vectors))
+
+
+def unit_vectors(vectors: FloatArray) -> FloatArray:
+    """Return vectors (N, 3) of length 1, zero where there is no length."""
+    length = lengths(vectors)[:, None]
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 def dots(first: FloatArray, second: FloatArray) -> FloatArray:

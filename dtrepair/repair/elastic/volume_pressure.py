@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dtrepair.intersect.topology.components import link_labels
-from dtrepair.numerics.geometry import FloatArray, dots, lengths
+from dtrepair.numerics.geometry import FloatArray, dots, extents, lengths
 from dtrepair.repair.surface.surface import Surface
 
 # The motion (V, 3) that forces (V, 3) lead to.
@@ -109,13 +109,9 @@ class VolumePressure:
 
     def _extents(self) -> FloatArray:
         """Return the largest coordinate range of each component at rest."""
-        low = np.full((len(self._first), 3), np.inf)
-        high = -low
-        np.minimum.at(low, self._component, self.surface.rest)
-        np.maximum.at(high, self._component, self.surface.rest)
         # To some digits: what is all there is has the extent 1.
-        extents = np.round((high - low).max(axis=1), 9)
-        return np.where(extents > 0.0, extents, 1.0)
+        found = np.round(extents(self.surface.rest, self._component), 9)
+        return np.where(found > 0.0, found, 1.0)
 
     def _volumes(self, points: FloatArray, areas: FloatArray) -> FloatArray:
         """Return the signed volume of each component (divergence theorem)."""

@@ -14,7 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, extent, lengths
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    extent,
+    extents,
+    lengths,
+    unit_vectors,
+)
+from dtrepair.numerics.worn.covering import Covering
 
 
 def covered_vertices(
@@ -38,7 +46,7 @@ def covered_vertices(
         near: A vertex covers what is nearer than this fraction of the size of its body.
     """
     result = np.full(len(rest), -1, dtype=np.int32)
-    spacing, normals = _spacing(rest, edges), _unit(normals)
+    spacing, normals = _spacing(rest, edges), unit_vectors(normals)
     for body in bodies if len(bodies) > 1 else ():
         own = np.arange(body.start, body.stop)
         reach = near * extent(rest[own])
@@ -90,23 +98,35 @@ class Label(NamedTuple):
     reach: FloatArray
 
 
-def label_of(
-    rest: FloatArray, cover: IntArray, of: NDArray[np.signedinteger], *, slide: float
-) -> Label:
-    """Return the label of what vertices (V,) belong to.
+def labels_of(
+    rest: FloatArray,
+    cover: IntArray,
+    body_of_vertex: NDArray[np.signedinteger],
+    covering: Covering | None,
+    *,
+    slide: float,
+) -> list[Label]:
+    """Return what vertices belong to: their bodies, and their parts where layers are known.
 
     Args:
         rest: Rest positions (V, 3).
         cover: The vertex (V,) that each one covers, or -1.
-        of: The body, or the part, of each vertex (V,).
+        body_of_vertex: The body of each vertex (V,).
+        covering: What open layers cover; None: nothing is known.
         slide: A layer slides by so much of the smaller extent of it and of what it covers.
     """
+    owners: list[NDArray[np.signedinteger]] = [body_of_vertex]
+    if covering is not None:
+        # What is of no layer is alone: no two of such vertices are of one part.
+        part = covering.part
+        owners.append(np.where(part > 0, part, -2 - np.arange(len(part))))
+    return [_label(rest, cover, owner, slide) for owner in owners]
+
+
+def _label(rest: FloatArray, cover: IntArray, of: NDArray[np.signedinteger], slide: float) -> Label:
+    """Return the label of what vertices (V,) belong to."""
     owner = np.unique(of, return_inverse=True)[1].reshape(-1)
-    low, high = np.full((owner.max(initial=0) + 1, 3), np.inf), np.full((1, 3), -np.inf)
-    high = np.repeat(high, len(low), axis=0)
-    np.minimum.at(low, owner, rest)
-    np.maximum.at(high, owner, rest)
-    sizes = (high - low).max(axis=1)[owner]
+    sizes = extents(rest, owner)[owner]
     reach = np.zeros(len(rest))
     covers = np.flatnonzero(cover >= 0)
     beneath = cover[covers]
@@ -153,7 +173,7 @@ def pushed_off_covered(
     if len(turned) == 0:
         return field
     beneath = cover[turned]
-    force = np.linalg.norm(field[turned], axis=1, keepdims=True) * _unit(normals)[beneath]
+    force = np.linalg.norm(field[turned], axis=1, keepdims=True) * unit_vectors(normals)[beneath]
     result = field.copy()
     result[turned] = -force
     np.add.at(result, beneath, force)
@@ -168,8 +188,3 @@ def _spacing(rest: FloatArray, edges: IntArray) -> FloatArray:
     for side in (0, 1):
         np.maximum.at(result, edges[:, side], length)
     return result
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    length = lengths(vectors)[:, None]
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

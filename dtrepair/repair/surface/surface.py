@@ -14,7 +14,7 @@ from dtrepair.device import Device
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.queries import Queries
 from dtrepair.numerics.attachments import Attachments
-from dtrepair.numerics.geometry import FloatArray, IntArray, extent, lengths
+from dtrepair.numerics.geometry import FloatArray, IntArray, extent, lengths, unit_vectors
 from dtrepair.numerics.operators import (
     Factor,
     Factorise,
@@ -29,7 +29,7 @@ from dtrepair.repair.surface.layers import (
     Label,
     covered_vertices,
     covering_sides,
-    label_of,
+    labels_of,
     without_crossing,
 )
 from dtrepair.repair.surface.rigid_bodies import RigidBodies, RigidOptions
@@ -131,13 +131,12 @@ class Surface(Topology):
         self.rest = rest / self.size
         self.mobility = np.ones(self.count) if mobility is None else mobility
         self.body_of = self.body_of_vertex[faces[:, 0]]
-        self.laplacian = cotangent_laplacian(self.rest, faces, clamp=options.cotangent_clamp)
-        if self.ties is not None:
-            self.laplacian = (self.laplacian + self.ties.laplacian).tocsr()
-            self.laplacian.sort_indices()
+        self.laplacian = self._tied_laplacian()
         self.uniform = uniform_laplacian(faces, self.count)
         self.mass = lumped_mass(self.rest, faces)
-        self.in_zone = _in_zones(attachments, faces, self.count)
+        self.in_zone: BoolArray = np.zeros(self.count, dtype=bool)
+        if attachments is not None:
+            self.in_zone = attachments.wholly_in_zones(faces, self.count)
         whole = [(body.start, body.stop) for body in self.bodies if body.rigid]
         self.rigid = RigidBodies(whole, self.mass, options=options.rigid)
         self.fixed = self.mobility == 0.0
@@ -148,7 +147,36 @@ class Surface(Topology):
         )
         self.detector = Detector(rest, faces, device=device)
         self.queries = Queries(self.detector)
-        self.contacts = Contacts(
+        self.contacts = self._contacts(mode, ignored, attachments, leave_rest=leave_rest)
+        self.direction = direction
+        self.face_direction = (
+            None if direction is None else unit_vectors(direction[faces].sum(axis=1))
+        )
+
+    def _tied(self, attachments: Attachments | None, faces: IntArray) -> TieSystem | None:
+        """Return the ties of what is attached; None where nothing is."""
+        if attachments is None:
+            return None
+        owner = self.body_of_vertex.astype(np.int32)
+        return tie_system(attachments, faces, owner, len(self.bodies), options=self.options.ties)
+
+    def _tied_laplacian(self) -> sparse.csr_matrix:
+        """Return the cotangent Laplacian (V, V) of the rest, with the edges of ties."""
+        laplacian = cotangent_laplacian(self.rest, self.faces, clamp=self.options.cotangent_clamp)
+        if self.ties is not None:
+            laplacian = (laplacian + self.ties.laplacian).tocsr()
+            laplacian.sort_indices()
+        return laplacian
+
+    def _contacts(
+        self,
+        mode: str,
+        ignored: Sequence[tuple[int, int]],
+        attachments: Attachments | None,
+        *,
+        leave_rest: bool,
+    ) -> Contacts:
+        return Contacts(
             self.detector,
             self.queries,
             self.rest,
@@ -159,18 +187,9 @@ class Surface(Topology):
             mode=mode,
             ignored=tuple(ignored),
             leave_rest=leave_rest,
-            neighbour_rings=options.neighbour_rings,
+            neighbour_rings=self.options.neighbour_rings,
             attachments=attachments,
         )
-        self.direction = direction
-        self.face_direction = None if direction is None else _unit(direction[faces].sum(axis=1))
-
-    def _tied(self, attachments: Attachments | None, faces: IntArray) -> TieSystem | None:
-        """Return the ties of what is attached; None where nothing is."""
-        if attachments is None:
-            return None
-        owner = self.body_of_vertex.astype(np.int32)
-        return tie_system(attachments, faces, owner, len(self.bodies), options=self.options.ties)
 
     @cached_property
     def cluster_of_body(self) -> IntArray:
@@ -238,13 +257,8 @@ class Surface(Topology):
     @cached_property
     def _labels(self) -> list[Label]:
         """What each vertex belongs to: its body, and its part where layers are known."""
-        found: list[NDArray[np.signedinteger]] = [self.body_of_vertex]
-        if self.covering is not None:
-            # What is of no layer is alone: no two of such vertices are of one part.
-            part = self.covering.part
-            found.append(np.where(part > 0, part, -2 - np.arange(self.count)))
-        slide = self.options.covered_slide
-        return [label_of(self.rest, self.cover, of, slide=slide) for of in found]
+        slide, owner = self.options.covered_slide, self.body_of_vertex
+        return labels_of(self.rest, self.cover, owner, self.covering, slide=slide)
 
     def _covered_bodies(self) -> IntArray:
         """Return the vertex (V,) of another body that each vertex covers at rest, or -1."""
@@ -295,17 +309,3 @@ class Surface(Topology):
     def vector_areas(self, points: FloatArray) -> FloatArray:
         """Return the vector area (V, 3) of each vertex: a third of its triangles'."""
         return self.queries.vector_areas(points)
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    length = lengths(vectors)[:, None]
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
-
-
-def _in_zones(attachments: Attachments | None, faces: IntArray, count: int) -> BoolArray:
-    """Return the vertices (V,) all of whose triangles lie in zones: buried by design, perhaps."""
-    result = np.zeros(count, dtype=bool)
-    if attachments is not None:
-        result[faces[attachments.triangles]] = True
-        result[faces[~attachments.triangles]] = False
-    return result

@@ -82,6 +82,12 @@ class Attachments:
         self.ties = ties
         self.carried = carried
 
+    def holding(self, kept: BoolArray) -> Attachments:
+        """Return the same with only those of the ties (N,) that are kept."""
+        vertices, triangles, weights = self.ties
+        ties = Ties(vertices[kept], triangles[kept], weights[kept])
+        return Attachments(self.part_of, self.zones, ties, self.carried)
+
     @property
     def every_tie(self) -> Ties:
         """The ties, and those of what is carried along."""

@@ -37,8 +37,9 @@ class ReliefOptions:
         cycles: At most so many.
         patience: After so many that gained nothing the pull changes, or it ends.
         gain: A cycle gains if it lowers the strain to this factor of the least before.
-        hold: Weights, next to the edges, of the pull to where attached parts are in their places:
-            a strong one gains most, under a weak one contacts make way where it got stuck.
+        hold: Weights, next to the edges, of the pull to where attached parts are in their places,
+            in turn; a second way starts again. A strong one gains most at last, under a weak one
+            shapes recover and contacts make way.
         farther: Factor of the longest motion of a correction that it may grow by.
         relax: The cycles. Short steps and many tries: what is strained lies beside contacts.
     """
@@ -46,7 +47,7 @@ class ReliefOptions:
     cycles: int = 24
     patience: int = 4
     gain: float = 0.99
-    hold: tuple[float, ...] = (2.0, 0.5)
+    hold: tuple[tuple[float, ...], ...] = ((2.0, 0.5), (8.0, 2.0, 0.5))
     farther: float = 1.1
     relax: RelaxOptions = field(
         default_factory=lambda: RelaxOptions(step=0.005, first=1.0, longer=1.0, tries=10)
@@ -84,7 +85,21 @@ class Relief:
 
     def relieved(self, surface: Surface, index: int) -> FloatArray:
         """Return a pose (V, 3) that is less strained, with no more pairs, if there is one."""
-        before, after, excess = self.strained[index]
+        strained = self.strained[index]
+        best, value = strained.after, _badness(strained.excess)
+        for holds in self.options.hold:
+            found, least = self._led(surface, strained, list(holds))
+            if least < value:
+                best, value = found, least
+            if value == 0.0:
+                break
+        return best
+
+    def _led(
+        self, surface: Surface, strained: _Strained, holds: list[float]
+    ) -> tuple[FloatArray, float]:
+        """Return the least strained pose (V, 3) on one way from what was found, and its strain."""
+        before, after, excess = strained
         options, mesh = self.options, self.mesh
         unit, start = mesh.reduced(before), mesh.reduced(after)
         state = Relaxation(
@@ -97,10 +112,8 @@ class Relief:
             options.relax,
             crossings=len(surface.contacts.pairs(start)),
         )
-        farthest = options.farther * float(lengths(after - before).max())
-        if (limit := self.scene.options.maximum_displacement) is not None:
-            farthest = min(farthest, limit * (1.0 - ROUNDING))
-        points, best, value, stalled, holds = after, after, _badness(excess), 0, [*options.hold]
+        farthest = self._farthest(strained)
+        points, best, value, stalled = after, after, _badness(excess), 0
         for _ in range(options.cycles):
             home = points + self.holding(before, points)
             state.system.hold(mesh.reduced(home), holds[0])
@@ -114,7 +127,14 @@ class Relief:
                 break
             if stalled == options.patience:
                 stalled, holds = 0, holds[1:]
-        return best
+        return best, value
+
+    def _farthest(self, strained: _Strained) -> float:
+        """Return how far a vertex may move."""
+        farthest = self.options.farther * float(lengths(strained.after - strained.before).max())
+        if (limit := self.scene.options.maximum_displacement) is not None:
+            farthest = min(farthest, limit * (1.0 - ROUNDING))
+        return farthest
 
 
 def relieved_poses(

@@ -40,6 +40,7 @@ from dtrepair.repair.scene.bodies import (
     layer_of,
     mobility_of,
 )
+from dtrepair.repair.strain.letting_go import ties_that_hold
 from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
 from dtrepair.repair.strain.parts import ConnectedParts
 from dtrepair.repair.surface.containment import Enclosures, meshes_oriented_outwards
@@ -150,11 +151,21 @@ class Scene:
         return attachments if known else None
 
     @cached_property
+    def held(self) -> Attachments | None:
+        """The attachments without the ties that the clip lets go."""
+        known = self.attachments
+        if known is None or len(known.ties.vertices) == 0:
+            return known
+        poses = [pose.points for pose in self.layer_poses]
+        return known.holding(ties_that_hold(self.strain_meter, poses))
+
+    @cached_property
     def strain_meter(self) -> StrainMeter:
         """Measures what a correction does to the shapes of the bodies."""
         faces = self.rest_weld[self.faces]
         parts = ConnectedParts(faces, self.body_of_vertex, self.attachments)
-        return StrainMeter(parts, options=self.strain)
+        shown = [reference.points for reference in self.references]
+        return StrainMeter(parts, references=shown, options=self.strain)
 
     def attachments_of(self, body: int) -> Attachments | None:
         """Return what was modelled within one body, by its own triangles and vertices."""

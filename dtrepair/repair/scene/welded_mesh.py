@@ -105,7 +105,7 @@ def _surface(scene: Scene, kept: NDArray[np.integer], place: NDArray[np.integer]
     solid &= faces[:, 2] != faces[:, 0]
     triangles = np.flatnonzero(solid).astype(np.int32)
     starts = np.searchsorted(kept, scene.vertex_starts)
-    options, attachments = scene.options, scene.attachments
+    options, attachments = scene.options, scene.held
     bodies = [
         BodyRange(int(a), int(b), body.diffusion or options.diffusion, rigid=body.rigid)
         for a, b, body in zip(starts[:-1], starts[1:], scene.bodies, strict=True)

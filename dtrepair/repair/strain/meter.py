@@ -6,7 +6,9 @@ each measured where they are, against the pose of the input, and each has a boun
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +23,7 @@ from dtrepair.numerics.geometry import (
     lengths,
     vector_areas,
 )
-from dtrepair.repair.strain.parts import ConnectedParts
+from dtrepair.repair.strain.parts import ConnectedParts, changes
 from dtrepair.repair.strain.turning import folded_more, turned_over
 
 Places = NDArray[np.integer]
@@ -41,7 +43,8 @@ class StrainOptions:
         drift: An attached vertex may move so far off its place on the other part: an eye or a cuff
             seen from near comes off.
         slide: 95 % of all attached vertices move less: what slides more looks loose all over.
-        joint: 95 % of those between the same two parts: one joint is few of all vertices.
+        joint: 95 % of those between the same two parts: one joint is few of all vertices. What slid
+            farther from the rest in the input itself, as hair over a shoulder, is no joint there.
         volume: Change of the volume of a closed part: flesh that swells or shrivels more is seen.
         thicker: Of what has more volume, growth of the volume over the area: a ring that is widened
             to go round an arm has more of both, and did not swell.
@@ -84,11 +87,18 @@ class StrainMeter:
 
     Args:
         parts: The parts.
+        references: Poses (V, 3) that show how attached parts were modelled; none: each input.
         options: The bounds.
     """
 
-    def __init__(self, parts: ConnectedParts, *, options: StrainOptions = StrainOptions()) -> None:
-        self.parts, self.options = parts, options
+    def __init__(
+        self,
+        parts: ConnectedParts,
+        *,
+        references: Sequence[FloatArray] = (),
+        options: StrainOptions = StrainOptions(),
+    ) -> None:
+        self.parts, self.references, self.options = parts, references, options
 
     def __call__(self, before: FloatArray, after: FloatArray) -> list[Excess]:
         """Return what is beyond its bound in a pose (V, 3), against that of the input."""
@@ -153,10 +163,11 @@ class StrainMeter:
         drift = self.parts.tie_changes(before, after) / size
         if drift.max() <= min(options.drift, options.joint, options.slide):
             return []
+        held = ~self.let_go(before, options.joint)
         result = []
         for index in np.unique(self.parts.joint[drift > min(options.drift, options.joint)]):
             own = np.flatnonzero(self.parts.joint == index)
-            far = float(np.quantile(drift[own], 0.95))
+            far = float(np.quantile(drift[own[held[own]]], 0.95)) if held[own].any() else 0.0
             if drift[own].max() > options.drift:
                 value, bound, kind = drift[own].max(), options.drift, StrainKind.DRIFT
             elif far > options.joint:
@@ -170,6 +181,20 @@ class StrainMeter:
             kind, bound = StrainKind.SLIDE, options.slide
             result.append(self._slid(kind, every, bound, own, drift, bound))
         return result
+
+    def let_go(self, pose: FloatArray, bound: float) -> NDArray[np.bool_]:
+        """Return which ties (N,) a pose (V, 3) of the input has led off their place at rest."""
+        if not self.references or self.parts.ties is None:
+            return np.zeros(0 if self.parts.ties is None else len(self.parts.joint), dtype=bool)
+        offsets = self.parts.tie_offsets(pose) / (diagonal(pose) or 1.0)
+        return changes(self._modelled, offsets) > bound
+
+    @cached_property
+    def _modelled(self) -> FloatArray:
+        """The offsets (N, 2, 3) of ties, in diagonals, in the reference where each is shortest."""
+        shown = np.stack([self.parts.tie_offsets(p) / diagonal(p) for p in self.references])
+        shortest = np.argmin(np.linalg.norm(shown[:, :, 0], axis=2), axis=0)
+        return np.asarray(shown[shortest, np.arange(shown.shape[1])])
 
     def _slid(
         self,

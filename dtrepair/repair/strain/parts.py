@@ -58,6 +58,20 @@ class ConnectedParts:
             self.joint = sides[0] * self.count + sides[1]
 
     @cached_property
+    def tie_patches(self) -> IntArray:
+        """The patch (N,) of each tie: of one joint and part, at vertices that edges connect."""
+        assert self.ties is not None
+        side = self.joint * self.count + self.of_vertex[self.ties.vertices]
+        links = [np.zeros((0, 2), dtype=np.int32)]
+        for number in np.unique(side):
+            own = np.flatnonzero(side == number)
+            tie = np.full(self.vertices, -1, dtype=np.int32)
+            tie[self.ties.vertices[own]] = own
+            ends = tie[self.edges]
+            links.append(ends[(ends >= 0).all(axis=1)])
+        return link_labels(np.concatenate(links), len(side))
+
+    @cached_property
     def closed(self) -> BoolArray:
         """Which parts (P,) have every edge run through as often one way as the other."""
         return closed_parts(self.faces, self.of_face, self.count)
@@ -107,18 +121,19 @@ class ConnectedParts:
         Seen from the world or from the triangle that it rests on, whichever is less: what swings
         together has not come apart.
         """
-        offsets = [self._offsets(points) for points in (before, after)]
-        frames = [self._frames(points) for points in (before, after)]
-        local = [np.einsum("nij,nj->ni", *both) for both in zip(frames, offsets, strict=True)]
-        changes = [lengths(new - old) for old, new in (offsets, local)]
-        return np.asarray(np.fmin(*changes))
+        return changes(self.tie_offsets(before), self.tie_offsets(after))
 
-    def _offsets(self, points: FloatArray) -> FloatArray:
-        """Return the offset (N, 3) of each tied vertex from its point on the other part."""
+    def tie_offsets(self, points: FloatArray) -> FloatArray:
+        """Return the offset (N, 2, 3) of each tied vertex from its point on the other part.
+
+        In the axes of the world, and in those of the triangle that it rests on.
+        """
         assert self.ties is not None
         corners = points[self.corners[self.ties.triangles]]
         host = np.einsum("ik,ikj->ij", self.ties.weights, corners)
-        return np.asarray(points[self.ties.vertices] - host)
+        offsets = points[self.ties.vertices] - host
+        local = np.einsum("nij,nj->ni", self._frames(points), offsets)
+        return np.stack([offsets, local], axis=1)
 
     def _frames(self, points: FloatArray) -> FloatArray:
         """Return the axes (N, 3, 3), as rows, of the triangle that each tied vertex rests on."""
@@ -141,3 +156,9 @@ class ConnectedParts:
         once = np.unique(keys, return_index=True)[1]
         entries = np.tile(length, 2)[once], (ends[0][once], ends[1][once])
         return sparse.csr_matrix(entries, shape=(self.vertices, self.vertices))
+
+
+def changes(before: FloatArray, after: FloatArray) -> FloatArray:
+    """Return how far (N,) tied vertices went, by their offsets (N, 2, 3): the lesser of both."""
+    world, local = np.moveaxis(after - before, 1, 0)
+    return np.asarray(np.fmin(lengths(world), lengths(local)))

@@ -1,0 +1,98 @@
+"""What rests on something in the reference alone is not attached to it; what is held there is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair import Body, RepairOptions
+from dtrepair.diagnosis import StrainKind
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attachments import Reference
+from dtrepair.numerics.geometry import FloatArray, diagonal
+from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from dtrepair.repair.strain.letting_go import LettingGoOptions, ties_that_hold
+from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
+from tests.meshes import joined, tube
+
+# A trunk, and a lock that is rooted in its top and whose tip touches its side further down.
+TRUNK, LOCK = tube(14, 24, 0.25, 2.0), tube(10, 40, 0.05, 1.4)
+
+
+def bent(tip: float) -> FloatArray:
+    """The lock from the top of the trunk down to its tip, which lies so far from the side."""
+    points = LOCK[0]
+    along = points[:, 2] + 0.7  # 0 at the root, 1.4 at the tip
+    out = np.interp(along, [0.0, 0.4, 0.9, 1.4], [0.0, 0.35, 0.35, 0.26 + tip])
+    up = np.interp(along, [0.0, 0.4, 1.4], [0.95, 0.95, -0.05])
+    return np.stack([points[:, 0] + out, points[:, 1], up + 0.0 * along], axis=1)
+
+
+def lock_on_trunk(*tips: float) -> Scene:
+    """The scene of the reference, in which the tip touches, and of a clip with these tips."""
+    rest, faces = joined(TRUNK, (bent(0.0), LOCK[1]))
+    shown = Reference(rest, Detector(rest, faces)(rest))
+    poses = [joined(TRUNK, (bent(tip), LOCK[1]))[0] for tip in tips]
+    layers = [Reference(pose, np.zeros((0, 2), dtype=np.int32)) for pose in poses]
+    bodies = [Body(*TRUNK), Body(bent(0.0), LOCK[1])]
+    return make_scene(bodies, RepairOptions(), references=[shown], layer_poses=layers)
+
+
+def tied_tips(scene: Scene) -> int:
+    """How many vertices of the tip are tied in the mesh that is solved."""
+    ties = WeldedMeshes(scene)([scene.weld(scene.rest)]).surface.ties
+    assert ties is not None
+    first = int(len(TRUNK[0]) + 0.8 * len(LOCK[0]))
+    return len(np.unique(ties.links[first:].nonzero()[0]))
+
+
+def test_what_only_rests_is_not_tied_once_the_clip_leads_it_off() -> None:
+    every = tied_tips(lock_on_trunk())
+    assert every > 4 and tied_tips(lock_on_trunk(0.0, 0.01, 0.02)) == every
+    # Led off in one pose of three it is still held, in two it is not.
+    assert tied_tips(lock_on_trunk(0.0, 0.0, 0.5)) == every
+    assert tied_tips(lock_on_trunk(0.0, 0.5, 0.4)) == 0
+    scene = lock_on_trunk(0.5)
+    assert scene.attachments is not None and scene.held is not None
+    # Its root holds, and so does what counts as modelled.
+    assert 0 < len(scene.held.ties.vertices) < len(scene.attachments.ties.vertices)
+    assert np.array_equal(scene.held.zones, scene.attachments.zones)
+
+
+def test_what_nothing_else_holds_stays_tied() -> None:
+    scene = lock_on_trunk(0.5)
+    away = scene.layer_poses[0].points.copy()
+    away[len(TRUNK[0]) :] += [0.5, 0.0, 0.0]
+    assert ties_that_hold(scene.strain_meter, [away]).all()
+    assert not ties_that_hold(scene.strain_meter, [scene.layer_poses[0].points]).all()
+
+
+def test_a_patch_goes_as_a_whole() -> None:
+    scene = lock_on_trunk(0.5)
+    meter, pose = scene.strain_meter, scene.layer_poses[0].points
+    gone = meter.let_go(pose, LettingGoOptions.bound)
+    patch = meter.parts.tie_patches
+    tips = np.unique(patch[~ties_that_hold(meter, [pose])])
+    assert len(tips) and gone[np.isin(patch, tips)].mean() >= LettingGoOptions.patch
+    most = LettingGoOptions(patch=1.01)
+    assert ties_that_hold(meter, [pose], options=most).all()
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 100.0])
+def test_what_the_input_led_off_is_no_joint_but_does_not_go_farther(scale: float) -> None:
+    """`scale`: of the pose, whose animation enlarges all."""
+    known = lock_on_trunk().strain_meter
+    # Half of all ties are those of the tip.
+    meter = StrainMeter(known.parts, references=known.references, options=StrainOptions(slide=1.0))
+    before = scale * joined(TRUNK, (bent(0.5), LOCK[1]))[0]
+    size = diagonal(before)
+    share = np.linspace(0.0, 1.0, len(LOCK[0])) > 0.8
+    for away, kinds in ((0.015, []), (0.025, [StrainKind.DRIFT])):
+        after = before.copy()
+        after[len(TRUNK[0]) :][share] += [away * size, 0.0, 0.0]
+        found = [own.kind for own in meter(before, after)]
+        assert [kind for kind in found if kind in (StrainKind.DRIFT, StrainKind.SLIDE)] == kinds
+        if not kinds:
+            held = StrainMeter(known.parts, options=meter.options)(before, after)
+            assert StrainKind.SLIDE in [own.kind for own in held]

@@ -67,6 +67,8 @@ class RepairOptions:
         rest_contacts: What to do with intersections that the rest pose has as well: "auto" takes
             those of different connected parts as modelled, leaves and holds them together; "repair"
             or "leave" them all.
+        inner_mobility: How freely what open layers lie over moves, next to them, from above 0 to 1:
+            the clothes give way before the body, and the jacket before the shirt.
         effort: Factor of the work that is spent on a pose before what is left is told; the work is
             counted, so that results are the same on any machine.
 
@@ -91,6 +93,7 @@ class RepairOptions:
     maximum_displacement: float | None = None
     clearance: float = 0.0
     rest_contacts: str = "auto"
+    inner_mobility: float = 0.3
     effort: float = 1.0
     at_any_cost: bool = False
     skip: tuple[str, ...] = ()
@@ -137,6 +140,7 @@ class RepairOptions:
             "regularization",
             "clearance",
             "maximum_displacement",
+            "inner_mobility",
             "effort",
             "kernel_power",
             "learning_rate",
@@ -148,11 +152,20 @@ class RepairOptions:
         for name, lowest in least.items():
             if not getattr(self, name) >= lowest:
                 raise OptionError(name, f"should be at least {lowest}, got {getattr(self, name)}")
-        positive = ("diffusion", "effort", "kernel_power", "learning_rate", "brake_band")
+        positive = (
+            "diffusion",
+            "inner_mobility",
+            "effort",
+            "kernel_power",
+            "learning_rate",
+            "brake_band",
+        )
         for name in positive:
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise OptionError(name, f"should be positive, got {value}")
+        if self.inner_mobility > 1.0:
+            raise OptionError("inner_mobility", f"should be at most 1, got {self.inner_mobility}")
 
     def _check_loop(self) -> None:
         """Check the numbers of the published loop that only some of its parts have."""

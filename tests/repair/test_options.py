@@ -64,7 +64,7 @@ def test_numbers_have_a_least_value(name: str, wrong: float, least: float) -> No
     assert getattr(made(name, least), name) == least
 
 
-POSITIVE = ["diffusion", "kernel_power", "learning_rate", "brake_band"]
+POSITIVE = ["diffusion", "inner_mobility", "kernel_power", "learning_rate", "brake_band"]
 
 
 @pytest.mark.parametrize("name", POSITIVE)
@@ -72,6 +72,12 @@ POSITIVE = ["diffusion", "kernel_power", "learning_rate", "brake_band"]
 def test_some_numbers_are_positive(name: str, wrong: float) -> None:
     with pytest.raises(ValueError, match=f"{name} should be positive"):
         made(name, wrong)
+
+
+def test_inner_layers_move_no_more_freely_than_outer_ones() -> None:
+    with pytest.raises(ValueError, match="inner_mobility should be at most 1, got 1.5"):
+        RepairOptions(inner_mobility=1.5)
+    assert RepairOptions(inner_mobility=1.0).inner_mobility == 1.0
 
 
 @pytest.mark.parametrize("wrong", [2, 0, -1])

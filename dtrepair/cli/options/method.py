@@ -66,6 +66,12 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "help": "Intersections that the rest pose has as well: those of different connected parts "
         "were modelled, and stay (auto); or repair, or leave, all of them.",
     },
+    "inner_mobility": {
+        "type": float,
+        "metavar": "M",
+        "help": "How freely what clothes lie over moves next to them, from above 0 to 1: the body "
+        "gives way last.",
+    },
     "at_any_cost": {
         "help": "Keep what strains a shape beyond the bounds, else the best pose within them.",
     },
@@ -127,6 +133,7 @@ _FULL_ONLY = (
     "clearance",
     "maximum_displacement",
     "rest_contacts",
+    "inner_mobility",
     "at_any_cost",
     "effort",
     "skip",

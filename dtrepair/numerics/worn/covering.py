@@ -12,6 +12,9 @@ from dtrepair.numerics.geometry import IntArray, triangle_areas
 from dtrepair.numerics.worn.layers import Layers
 from dtrepair.numerics.worn.sides import WornLayer
 
+# Shirt, jacket and coat: beneath more layers nothing moves less.
+DEEPEST = 3
+
 
 class Covering(NamedTuple):
     """The open layers of a mesh.
@@ -32,6 +35,15 @@ class Covering(NamedTuple):
         beneath = self.beneath[kept]
         there = np.where(beneath >= 0, place[beneath], -1).astype(np.int32)
         return Covering(self.part[kept], self.over, there)
+
+    @property
+    def depth(self) -> IntArray:
+        """How many layers lie over the part of each vertex (V,), at most `DEEPEST`."""
+        depth = np.zeros(len(self.over), dtype=np.int32)
+        for _ in range(DEEPEST):  # circles end there
+            above = np.where(self.over, depth[:, None] + 1, 0)
+            depth = np.minimum(above.max(axis=0), DEEPEST).astype(np.int32)
+        return np.asarray(depth[self.part])
 
 
 def open_layers(layers: Layers) -> Covering | None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from dtrepair.numerics.geometry import FloatArray, lengths
+from dtrepair.numerics.work import work_done
 from dtrepair.repair.full.acceptance import reach_of
 from dtrepair.repair.full.relax import Relaxation, RelaxOptions
 from dtrepair.repair.parallel.worker_pool import WorkerPool, with_workers, worthwhile_jobs
@@ -40,6 +41,8 @@ class ReliefOptions:
         hold: Weights, next to the edges, of the pull to where attached parts are in their places,
             in turn; a second way starts again. A strong one gains most at last, under a weak one
             shapes recover and contacts make way.
+        work, work_a_triangle: After so much of it, plus this for each triangle, times the effort, a
+            pose is left as it is (units of `numerics.work`).
         farther: Factor of the longest motion of a correction that it may grow by.
         relax: The cycles. Short steps and many tries: what is strained lies beside contacts.
     """
@@ -48,6 +51,8 @@ class ReliefOptions:
     patience: int = 4
     gain: float = 0.99
     hold: tuple[tuple[float, ...], ...] = ((2.0, 0.5), (8.0, 2.0, 0.5))
+    work: float = 3e5
+    work_a_triangle: float = 12.0
     farther: float = 1.1
     relax: RelaxOptions = field(
         default_factory=lambda: RelaxOptions(step=0.005, first=1.0, longer=1.0, tries=10)
@@ -87,18 +92,23 @@ class Relief:
         """Return a pose (V, 3) that is less strained, with no more pairs, if there is one."""
         strained = self.strained[index]
         best, value = strained.after, _badness(strained.excess)
+        most = self.options.work + self.options.work_a_triangle * len(surface.faces)
+        enough = work_done() + self.scene.options.effort * most
         for holds in self.options.hold:
-            found, least = self._led(surface, strained, list(holds))
+            found, least = self._led(surface, strained, list(holds), enough)
             if least < value:
                 best, value = found, least
-            if value == 0.0:
+            if value == 0.0 or work_done() > enough:
                 break
         return best
 
     def _led(
-        self, surface: Surface, strained: _Strained, holds: list[float]
+        self, surface: Surface, strained: _Strained, holds: list[float], enough: float
     ) -> tuple[FloatArray, float]:
-        """Return the least strained pose (V, 3) on one way from what was found, and its strain."""
+        """Return the least strained pose (V, 3) on one way from what was found, and its strain.
+
+        holds: weights of the pull, in turn; enough: total work after which it ends.
+        """
         before, after, excess = strained
         options, mesh = self.options, self.mesh
         unit, start = mesh.reduced(before), mesh.reduced(after)
@@ -124,6 +134,8 @@ class Relief:
             if strain < value and float(lengths(points - before).max()) <= farthest:
                 best, value = points, strain
             if value == 0.0 or (stalled == options.patience and len(holds) == 1):
+                break
+            if work_done() > enough:
                 break
             if stalled == options.patience:
                 stalled, holds = 0, holds[1:]

@@ -156,8 +156,7 @@ class Scene:
         known = self.attachments
         if known is None or len(known.ties.vertices) == 0:
             return known
-        poses = [pose.points for pose in self.layer_poses]
-        return known.holding(ties_that_hold(self.strain_meter, poses))
+        return known.holding(ties_that_hold(self.strain_meter, known, self.layer_poses))
 
     @cached_property
     def strain_meter(self) -> StrainMeter:

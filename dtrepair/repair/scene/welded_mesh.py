@@ -112,6 +112,9 @@ def _surface(scene: Scene, kept: NDArray[np.integer], place: NDArray[np.integer]
     ]
     mobility = np.ones(len(kept))
     np.minimum.at(mobility, place, scene.mobility)
+    covering = scene.covering and scene.covering.of_vertices(kept, place)
+    if covering is not None:
+        mobility *= options.inner_mobility**covering.depth
     return Surface(
         scene.centred_rest[kept],
         faces[solid],
@@ -122,7 +125,7 @@ def _surface(scene: Scene, kept: NDArray[np.integer], place: NDArray[np.integer]
         ignored=scene.ignored,
         direction=scene.direction[kept] if scene.direction.any() else None,
         attachments=attachments and attachments.of_triangles(triangles, place),
-        covering=scene.covering and scene.covering.of_vertices(kept, place),
+        covering=covering,
     )
 
 

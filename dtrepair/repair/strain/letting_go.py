@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.repair.strain.meter import StrainMeter
+from dtrepair.repair.strain.parts import ConnectedParts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,21 +32,33 @@ class LettingGoOptions:
 
 def ties_that_hold(
     meter: StrainMeter,
-    poses: Sequence[FloatArray],
+    attachments: Attachments,
+    poses: Sequence[Reference],
     *,
     options: LettingGoOptions = LettingGoOptions(),
 ) -> NDArray[np.bool_]:
-    """Return which ties (N,) hold parts together in poses (V, 3) of the whole clip.
+    """Return which ties (N,) hold parts together in poses of the whole clip, with all their pairs.
 
     Hair that lies on a shoulder at rest leaves it when the head turns, and is held by its roots:
-    tied to the shoulder it would drag it along. Two parts of which no patch holds keep all ties: a
-    rod slides far in its cylinder.
+    tied to the shoulder it would drag it along. Two parts of which no patch holds keep all ties
+    where they still meet as they were modelled: a rod slides far in its cylinder.
     """
     parts = meter.parts
     if not poses:
         return np.ones(len(parts.joint), dtype=bool)
     patch = parts.tie_patches
     least = options.patch * np.bincount(patch)
-    gone = [np.bincount(patch, meter.let_go(pose, options.bound)) >= least for pose in poses]
+    gone = [np.bincount(patch, meter.let_go(pose.points, options.bound)) >= least for pose in poses]
     kept = np.asarray(np.mean(gone, axis=0) <= options.poses)[patch]
-    return np.asarray(kept | ~np.isin(parts.joint, parts.joint[kept]))
+    meeting = [np.isin(parts.joint, _modelled_joints(parts, attachments, pose)) for pose in poses]
+    met = np.mean(meeting, axis=0) >= 1.0 - options.poses
+    return np.asarray(kept | (met & ~np.isin(parts.joint, parts.joint[kept])))
+
+
+def _modelled_joints(
+    parts: ConnectedParts, attachments: Attachments, pose: Reference
+) -> NDArray[np.int64]:
+    """Return the joints of which a pose has modelled pairs."""
+    pairs = pose.pairs[attachments.modelled(pose.pairs)]
+    sides = np.sort(parts.of_vertex[parts.corners[pairs, 0]], axis=1)
+    return np.unique(sides @ [parts.count, 1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.numerics.worn.covering import Covering, open_layers
+from dtrepair.numerics.worn.covering import DEEPEST, Covering, open_layers
 from dtrepair.numerics.worn.layers import Layers
 from tests.meshes import grid, icosphere, torus, tube
 from tests.numerics.worn.test_layers import ARM, NO_PAIRS, SLEEVE, parts_of
@@ -68,3 +68,17 @@ def test_of_many_cards_the_largest_are_looked_at(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(layers, "between", lambda *both: asked.append(both))
     open_layers(layers)
     assert (0, 1) in asked and len(asked) < 600
+
+
+def test_a_layer_more_lies_over_what_is_farther_in() -> None:
+    coat = tube(24, 12, 0.27, 1.2)
+    parts = parts_of(ARM, SLEEVE, coat, BALL, closed=(True, False, False, True))
+    found = open_layers(Layers(parts, [NO_PAIRS]))
+    assert found is not None
+    first = np.cumsum([0, *(len(points) for points, _ in (ARM, SLEEVE, coat))])
+    assert found.depth[first].tolist() == [2, 1, 0, 0]
+
+
+def test_layers_that_lie_over_one_another_in_a_circle_end_somewhere() -> None:
+    circle = Covering(np.array([0, 1, 2]), np.roll(np.eye(3, dtype=bool), 1, axis=1), np.zeros(3))
+    assert circle.depth.tolist() == [DEEPEST] * 3

@@ -13,6 +13,7 @@ from dtrepair.diagnosis import Status
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.work import work_done
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.scene.bounds import Judged, bounded_pose
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
@@ -134,3 +135,17 @@ def test_what_is_within_the_bounds_or_not_attached_keeps_every_bit(cycles: int) 
         if not attached:
             found = frame.centred + 9.0 * (found - frame.centred)
         assert relieved_poses(scene, mesh, [frame], [found], options=options)[0] is found
+
+
+def test_the_effort_bounds_the_work() -> None:
+    scene, frame, mesh = winged(1.6)
+    found = mesh.solve([frame.centred])[0][0]
+    # A pull that brings nothing together goes through all cycles.
+    vain = ReliefOptions(hold=((1e-9,),), patience=10, cycles=10)
+    spent = []
+    for effort in (1e-9, 1.0):
+        limited = replace(scene, options=replace(scene.options, effort=effort))
+        start = work_done()
+        relieved_poses(limited, mesh, [frame], [found], options=vain)
+        spent.append(work_done() - start)
+    assert 0 < spent[0] < 0.5 * spent[1]

@@ -16,6 +16,7 @@ from dtrepair.repair.strain.letting_go import LettingGoOptions, ties_that_hold
 from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
 from tests.meshes import joined, tube
 
+NO_PAIRS = np.zeros((0, 2), dtype=np.int32)
 # A trunk, and a lock that is rooted in its top and whose tip touches its side further down.
 TRUNK, LOCK = tube(14, 24, 0.25, 2.0), tube(10, 40, 0.05, 1.4)
 
@@ -34,7 +35,7 @@ def lock_on_trunk(*tips: float) -> Scene:
     rest, faces = joined(TRUNK, (bent(0.0), LOCK[1]))
     shown = Reference(rest, Detector(rest, faces)(rest))
     poses = [joined(TRUNK, (bent(tip), LOCK[1]))[0] for tip in tips]
-    layers = [Reference(pose, np.zeros((0, 2), dtype=np.int32)) for pose in poses]
+    layers = [Reference(pose, NO_PAIRS) for pose in poses]
     bodies = [Body(*TRUNK), Body(bent(0.0), LOCK[1])]
     return make_scene(bodies, RepairOptions(), references=[shown], layer_poses=layers)
 
@@ -60,23 +61,29 @@ def test_what_only_rests_is_not_tied_once_the_clip_leads_it_off() -> None:
     assert np.array_equal(scene.held.zones, scene.attachments.zones)
 
 
-def test_what_nothing_else_holds_stays_tied() -> None:
-    scene = lock_on_trunk(0.5)
-    away = scene.layer_poses[0].points.copy()
-    away[len(TRUNK[0]) :] += [0.5, 0.0, 0.0]
-    assert ties_that_hold(scene.strain_meter, [away]).all()
-    assert not ties_that_hold(scene.strain_meter, [scene.layer_poses[0].points]).all()
+def test_two_parts_that_no_patch_holds_stay_tied_where_they_meet() -> None:
+    scene = lock_on_trunk()
+    known = scene.attachments
+    assert known is not None
+    slid = scene.rest.copy()
+    slid[len(TRUNK[0]) :] -= [0.0, 0.0, 0.2]
+    met = Reference(slid, scene.detector(slid))
+    assert scene.strain_meter.let_go(slid, LettingGoOptions.bound).mean() > 0.9
+    assert known.modelled(met.pairs).any()
+    assert ties_that_hold(scene.strain_meter, known, [met]).all()
+    assert not ties_that_hold(scene.strain_meter, known, [met._replace(pairs=NO_PAIRS)]).any()
 
 
 def test_a_patch_goes_as_a_whole() -> None:
     scene = lock_on_trunk(0.5)
-    meter, pose = scene.strain_meter, scene.layer_poses[0].points
-    gone = meter.let_go(pose, LettingGoOptions.bound)
+    meter, known, poses = scene.strain_meter, scene.attachments, scene.layer_poses
+    assert known is not None
+    gone = meter.let_go(poses[0].points, LettingGoOptions.bound)
     patch = meter.parts.tie_patches
-    tips = np.unique(patch[~ties_that_hold(meter, [pose])])
+    tips = np.unique(patch[~ties_that_hold(meter, known, poses)])
     assert len(tips) and gone[np.isin(patch, tips)].mean() >= LettingGoOptions.patch
     most = LettingGoOptions(patch=1.01)
-    assert ties_that_hold(meter, [pose], options=most).all()
+    assert ties_that_hold(meter, known, poses, options=most).all()
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 100.0])

@@ -175,10 +175,23 @@ def _binding(mesh: SourceMesh, rest: Rest) -> str:
         return ""
     if rest.named and not is_animated(mesh):
         return STILL
-    moves = bool(mesh.handle.skinned) or len(mesh.handle.times) > 1
     if not (mesh.has_rest or rest.named):
         return ""
+    moves = bool(mesh.handle.skinned) or len(mesh.handle.times) > 1 or _posed_once(mesh)
     return mesh.handle.skeleton or (POINTS if moves else "")
+
+
+def _posed_once(mesh: SourceMesh) -> bool:
+    """Whether the only time sample of a mesh has other points than the default time."""
+    import usd_io
+
+    if not mesh.has_rest or np.isnan(mesh.handle.times[0]):
+        return False
+    try:
+        (points,) = usd_io.read_points(mesh.handle, mesh.handle.times)
+    except usd_io.FrameError:
+        return False
+    return bool((points != mesh.rest.astype(np.float32)).any())
 
 
 def is_animated(mesh: SourceMesh) -> bool:

@@ -42,6 +42,16 @@ def test_a_stage_of_nothing_but_modelled_contacts_is_clean(tmp_path: Path) -> No
     assert all(frame.status == "clean" and not frame.displacement_max for frame in done.frames)
 
 
+def test_points_at_the_default_time_tell_of_a_single_sample_too(tmp_path: Path) -> None:
+    """A stage of one frame has a bind pose as well, unless the frame is that very pose."""
+    posed = arm_stage(tmp_path / "a.usda", np.array([0.6]))
+    assert [found.pose for found in check_stage(posed).attached.listed] == ["bind pose"]
+    (frame,) = repair_stage(posed, tmp_path / "b.usda").frames
+    assert frame.status == "clean" and not frame.displacement_max
+    same = arm_stage(tmp_path / "c.usda", np.zeros(1))
+    assert not check_stage(same).attached
+
+
 def test_nearly_all_frames_tell_where_there_is_no_rest(tmp_path: Path) -> None:
     many = arm_stage(tmp_path / "a.usda", np.linspace(0.1, 0.5, FRAMES), rest=False)
     few = arm_stage(tmp_path / "b.usda", np.linspace(0.1, 0.5, 3), rest=False)
@@ -66,7 +76,7 @@ def test_a_check_of_too_few_frames_tells_what_it_leaves_open(tmp_path: Path) -> 
     assert [text[: len(told)] for text in warnings(one)] == [told]
     assert [text[: len(told)] for text in warnings(few)] == [told]
     # Where something tells, or the user does, there is nothing to say.
-    assert not warnings(np.linspace(0.1, 0.5, 5)) and not warnings(few, rest=True)
+    assert not warnings(np.linspace(0.1, 0.5, 5)) and not warnings(one, rest=True)
     assert not warnings(one, attach=("/Root/Arm,/Root/Arm",))
     assert not warnings(one, ignore=("/Root/Arm,/Root/Arm",))
     assert not warnings(one, rest_contacts="repair")

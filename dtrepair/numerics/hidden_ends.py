@@ -81,7 +81,8 @@ def _ends(faces: IntArray, count: int) -> list[_End]:
     edges = np.sort(directed, axis=1)
     keys = edges[:, 0].astype(np.int64) * count + edges[:, 1]
     first, uses = np.unique(keys, return_index=True, return_counts=True)[1:]
-    lone = first[uses == 1]
+    # A triangle two corners of which are one vertex has an edge of no length there.
+    lone = first[(uses == 1) & (edges[first, 0] != edges[first, 1])]
     border = edges[lone]
     shape = (count, count)
     graph = sparse.coo_matrix((np.ones(len(border)), (border[:, 0], border[:, 1])), shape=shape)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dtrepair.pipeline.modelled.meshes import BIND_POSE, STILL, Look, PlacedMeshes, is_animated
 from dtrepair.pipeline.modelled.parts import ModelledParts
+from dtrepair.pipeline.modelled.unrepaired import unrepaired
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.wording import listed
@@ -164,7 +165,7 @@ def untold_in_check(
 
 def frames_tell(source: Source, options: ReferenceOptions = ReferenceOptions()) -> bool:
     """Return whether the clip has so many frames that they tell what no bind pose does."""
-    return len(source.all_times) >= options.least
+    return len(unrepaired(source).all_times) >= options.least
 
 
 def _untold(

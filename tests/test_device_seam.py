@@ -28,7 +28,7 @@ OWNER = PACKAGE / "device.py"
 
 
 def named_devices(source: str) -> list[int]:
-    """Lines of calls that are given a device by name, or launch, allocate or load by Warp."""
+    """Lines of calls that are given a device by name, or launch or load kernels by Warp."""
     lines = []
     for node in ast.walk(ast.parse(source)):
         if not isinstance(node, ast.Call):

@@ -88,6 +88,8 @@ def _numbered(template: str, values: dict[str, Any]) -> list[str]:
     low, high = (float(end) if isinstance(end, int | float) else None for end in ends)
     folder, name = os.path.split(os.path.normpath(template))
     parts = re.split("(#+)", name)
+    if len(parts) > 5:  # USD knows one number, and one after its point
+        return []
     pattern = "".join(
         rf"(\d{{{len(part)},}})" if part.startswith("#") else re.escape(part) for part in parts
     )

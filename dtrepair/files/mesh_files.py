@@ -109,7 +109,8 @@ def _format(path: Path) -> str:
     """Return the extension of a path in lower case. Raises MeshFileError where there is none."""
     format = path.suffix.lower().lstrip(".")
     if not format:
-        raise MeshFileError(f"{path}: expected a file extension such as .obj, got none")
+        what = "got a folder" if path.is_dir() else "got none"
+        raise MeshFileError(f"{path}: expected a file extension such as .obj, {what}")
     return format
 
 
@@ -152,7 +153,10 @@ def _read_trimesh(data: bytes, format: str) -> PolygonMesh:
     import trimesh
 
     if format not in trimesh.available_formats():
-        raise MeshFileError(f"expected a mesh format such as {', '.join(WRITABLE)}, got {format}")
+        raise MeshFileError(
+            f"expected a mesh format such as {', '.join(WRITABLE)}, or a USD stage (.usd), got "
+            f".{format}; check the path"
+        )
     _check_sizes(data, format)
     stream = trimesh.util.wrap_as_stream(data)
     try:

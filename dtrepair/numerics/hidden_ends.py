@@ -55,6 +55,9 @@ def hidden_ends(
     ends = _ends(faces, len(points))
     part_of_end = np.array([part_of[own.triangle] for own in ends], dtype=np.int64)
     bound_of_end = np.array([bound[own.triangle] for own in ends], dtype=np.int64)
+    boxes = np.array(
+        [[points[own.vertices].min(axis=0), points[own.vertices].max(axis=0)] for own in ends]
+    ).reshape(-1, 2, 3)
     areas = np.bincount(part_of, triangle_areas(points, faces))
     large = np.unique(part_of_end)
     large = large[np.argsort(-areas[large], kind="stable")][: options.hiding]
@@ -62,8 +65,12 @@ def hidden_ends(
     for part in large.tolist():
         triangles = np.flatnonzero(part_of == part)
         same = (bound_of_end == bound[triangles[0]]) & (bound_of_end >= 0) & (part_of_end != part)
-        candidates = [ends[k].vertices for k in np.flatnonzero(same)]
-        found += _hidden_in(points, faces, triangles, candidates, options)
+        corners = points[faces[triangles]]
+        same &= (boxes[:, 0] >= corners.min(axis=(0, 1))).all(axis=1)
+        same &= (boxes[:, 1] <= corners.max(axis=(0, 1))).all(axis=1)
+        if same.any():
+            within = [ends[k].vertices for k in np.flatnonzero(same)]
+            found += _hidden_in(points, corners, triangles, within, options)
     return joined_ties(found)
 
 
@@ -81,7 +88,8 @@ def _ends(faces: IntArray, count: int) -> list[_End]:
     edges = np.sort(directed, axis=1)
     keys = edges[:, 0].astype(np.int64) * count + edges[:, 1]
     first, uses = np.unique(keys, return_index=True, return_counts=True)[1:]
-    lone = first[uses == 1]
+    # A triangle two corners of which are one vertex has an edge of no length there.
+    lone = first[(uses == 1) & (edges[first, 0] != edges[first, 1])]
     border = edges[lone]
     shape = (count, count)
     graph = sparse.coo_matrix((np.ones(len(border)), (border[:, 0], border[:, 1])), shape=shape)
@@ -94,18 +102,12 @@ def _ends(faces: IntArray, count: int) -> list[_End]:
 
 def _hidden_in(
     points: FloatArray,
-    faces: IntArray,
+    corners: FloatArray,
     triangles: NDArray[np.integer],
     ends: list[IntArray],
     options: HiddenEndOptions,
 ) -> list[Ties]:
-    """Return the ties of those ends that some triangles of one part hide."""
-    corners = points[faces[triangles]]
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    inside = [((points[own] >= low) & (points[own] <= high)).all() for own in ends]
-    ends = [own for own, within in zip(ends, inside, strict=True) if within]
-    if not ends:
-        return []
+    """Return the ties of those ends that triangles (T,) with corners (T, 3, 3) hide."""
     around = np.abs(enclosure(points[np.concatenate(ends)], corners, options.cells))
     starts = np.cumsum([0, *(len(own) for own in ends)])
     found = []

@@ -13,7 +13,11 @@ from dtrepair import __version__
 from dtrepair.intersect import MODES
 from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.modelled.parts import ModelledParts, tell_modelled
-from dtrepair.pipeline.modelled.references import modelled_parts
+from dtrepair.pipeline.modelled.references import (
+    frames_tell,
+    modelled_parts,
+    untold_in_check,
+)
 from dtrepair.pipeline.observer import SILENT, Observer, PairsFound, Progress, warn
 from dtrepair.pipeline.repair.records import contact_records
 from dtrepair.pipeline.selection import (
@@ -48,9 +52,13 @@ from dtrepair.report.record import FramePrimRecord, FrameRecord, Report
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCounter
+    from dtrepair.numerics.geometry import IntArray
 
 # What a check may do with contacts that were modelled: count them apart, or like all others.
 COUNTED_APART = ("auto", "repair")
+
+# Pairs (i, j), i <= j, of meshes.
+MeshPairs = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +155,7 @@ def _check(
     warn(observer, [*source.warnings, *mode_warnings(source, settings.mode)])
     watch.lap("read")
     ignored = ignored_pairs(source, settings.ignore)
-    each, modelled = _modelled(source, settings, ignored, observer)
+    each, attached, modelled = _modelled(source, settings, ignored, observer)
     counter = make_counter(
         source,
         mode=settings.mode,
@@ -158,12 +166,19 @@ def _check(
     enclosed = EnclosedParts(source, mode=settings.mode, ignored=ignored)
     hidden = AtOnePlace(source)
     frames = hidden.among(read_frames(source, source.times))
+    records: list[FrameRecord] = []
+    met: list[IntArray] = []
+    told = settings.rest_contacts != "auto" or frames_tell(source)
     with (
         Progress(observer, "checking", len(source.times)) as progress,
-        closing(_records(source, frames, counter, enclosed, modelled, jobs, observer)) as found,
+        closing(_counted(source, frames, counter, enclosed, modelled, jobs)) as counted,
     ):
-        records = tuple(progress.over(found))
-    warn(observer, hidden.warnings)
+        for record, pairs in progress.over(counted):
+            records.append(record)
+            if pairs is not None:
+                observer.remark(pairs)
+                met += [] if told else [pairs.pairs]
+    warn(observer, [*untold_in_check(source, met, attached=attached), *hidden.warnings])
     refuse_if_none_usable(source, records)
     watch.lap("detect")
     return Report(
@@ -174,7 +189,7 @@ def _check(
         settings=_recorded(source, settings, each),
         seconds=watch.total(),
         prims=prim_records(source),
-        frames=records,
+        frames=tuple(records),
         warnings=(*source.warnings, *hidden.warnings),
         attached=modelled.attached,
     )
@@ -183,10 +198,10 @@ def _check(
 def _modelled(
     source: Source,
     settings: CheckSettings,
-    ignored: tuple[tuple[int, int], ...],
+    ignored: MeshPairs,
     observer: Observer,
-) -> tuple[list[ObjectSettings], ModelledParts]:
-    """What each mesh is attached to, and what counts as modelled; both are told."""
+) -> tuple[list[ObjectSettings], MeshPairs, ModelledParts]:
+    """The settings of each mesh, which are attached, and what counts as modelled; it is told."""
     tables = [table for table in settings.tables if table.settings.attach is not None]
     found = read_settings(source, tables=tables, keys=("attach",))
     attached, warnings = attached_pairs(source, settings.attach, found.each)
@@ -194,7 +209,7 @@ def _modelled(
     auto = settings.rest_contacts == "auto"
     modelled = modelled_parts(source, ignored=ignored, attached=attached, auto=auto)
     tell_modelled(observer, modelled, asked=attached)
-    return found.each, modelled
+    return found.each, attached, modelled
 
 
 def _recorded(
@@ -211,15 +226,16 @@ def _recorded(
     }
 
 
-def _records(
+def _counted(
     source: Source,
     frames: Iterable[Frame],
     counter: SceneCounter,
     enclosed: EnclosedParts,
     modelled: ModelledParts,
     jobs: int | None,
-    observer: Observer,
-) -> Generator[FrameRecord]:
+) -> Generator[tuple[FrameRecord, PairsFound | None]]:
+    """Yield the record of each frame, and its pairs that count; None where it is unusable."""
+
     def count(frame: Frame) -> tuple[FrameRecord, PairsFound | None]:
         start = clock.perf_counter()
         frame, found = count_frame(counter, frame)
@@ -239,7 +255,5 @@ def _records(
         )
         return record, PairsFound(record.time, found.pairs)
 
-    for _, (record, pairs) in side_by_side(count, frames, jobs=jobs):
-        if pairs is not None:
-            observer.remark(pairs)
-        yield record
+    for _, found in side_by_side(count, frames, jobs=jobs):
+        yield found

@@ -49,6 +49,16 @@ def test_an_end_outside_or_far_from_what_goes_round_it_is_not_tied() -> None:
     assert tied_ends(hand_in_sleeve(radius=0.1)) == ([], [])
 
 
+def test_a_triangle_without_area_is_no_border() -> None:
+    """A closed part hides nothing: what lies in it is inside it, and no end of a sleeve."""
+    ball, faces = icosphere(3, radius=0.25)
+    hand, hand_faces = tube(20, 20, radius=0.2, length=1.0)
+    points, every = joined((ball, faces), (hand + np.array([0.0, 0.0, 0.5]), hand_faces))
+    assert tied_ends((points, every)) == ([], [])
+    flat = np.array([[0, 0, int(faces[0, 1])]], dtype=np.int32)
+    assert tied_ends((points, np.concatenate([every, flat]))) == ([], [])
+
+
 def slid(bound: NDArray[np.int32] | None) -> float:
     """How far a hand slides in its sleeve where that is pushed aside by a ball."""
     ball, ball_faces = icosphere(3, radius=0.2)

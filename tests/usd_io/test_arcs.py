@@ -78,6 +78,15 @@ def test_numbered_files_outside_of_the_range_are_none_of_the_clips(tmp_path: Pat
     assert sorted(named) == sorted(map(str, [*files, tmp_path / "manifest.usda"]))
 
 
+def test_a_template_of_three_numbers_names_nothing(tmp_path: Path) -> None:
+    path, files = clip_stage(tmp_path, "usdc", listed=False)
+    path.write_text(path.read_text().replace("clip.###.", "clip.#.#.#."))
+    (tmp_path / "clip.1.2.3.usdc").write_bytes(files[0].read_bytes())
+    arcs, _ = find_arcs(Sdf.Layer.FindOrOpen(str(path)))
+    named = [arc.asset for arc in arcs if arc.clip]
+    assert named == [str(tmp_path / "manifest.usda")]
+
+
 @pytest.mark.parametrize(
     "wrong",
     [

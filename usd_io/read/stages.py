@@ -125,6 +125,8 @@ def _check_file(path: str) -> None:
         raise StageError(f"{path}: no such file; check the path")
     if os.path.isdir(path):
         raise StageError(f"{path}: is a directory; name a file in it")
+    if not os.access(path, os.R_OK):
+        raise StageError(f"{path}: cannot be read: no permission; let it be readable to you")
     if os.path.getsize(path) == 0:
         raise StageError(f"{path}: the file is empty (0 bytes); export it again")
     if not path.lower().endswith(USD_EXTENSIONS):

@@ -1,4 +1,4 @@
-"""The record of an output layer, checked before a join: another program may have changed it."""
+"""The record of an output layer: what it lies over, and whether another program damaged it."""
 
 from __future__ import annotations
 
@@ -7,10 +7,38 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
+from pxr import Sdf, Usd
 
 from usd_io.errors import StageError
+from usd_io.read.stages import OpenedStage, as_stage
+from usd_io.write.metadata import get_record
 
 _PART = re.compile(r"([0-9]{1,9})/([0-9]{1,9})")
+
+
+def repaired_stage(stage: OpenedStage | Usd.Stage) -> str:
+    """Return the path of the stage that a layer of a repair lies over; "" for any other stage.
+
+    Of a repair of a repaired stage, that of the first one.
+    """
+    layer: Sdf.Layer | None = as_stage(stage).GetRootLayer()
+    found, seen = "", set[str]()
+    while layer is not None and layer.identifier not in seen and _is_repair(layer):
+        seen.add(layer.identifier)
+        found = layer.ComputeAbsolutePath(layer.subLayerPaths[0])
+        layer = Sdf.Layer.Find(found)
+    return found
+
+
+def _is_repair(layer: Sdf.Layer) -> bool:
+    """Return whether a layer has repaired points of the one that it lies over, and not of others.
+
+    A transfer gives a stage the motion of another one.
+    """
+    settings = get_record(layer).get("settings")
+    if not isinstance(settings, Mapping) or len(layer.subLayerPaths) != 1:
+        return False
+    return "rest_contacts" in settings and "source_path" not in settings
 
 
 def check_record(path: str, record: Mapping[str, Any]) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dtrepair.intersect.ignored import CollapsedPoseError
 from dtrepair.numerics.geometry import FloatArray, IntArray, components, vector_areas, weld_maps
+from dtrepair.pipeline.modelled.unrepaired import unrepaired
 from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.frames import read_frame
 from dtrepair.pipeline.stages.rest import Rest
@@ -61,6 +62,7 @@ class PlacedMeshes:
     """All meshes of a source in one: rest (V, 3), faces (F, 3), weld (V,), mesh of triangles.
 
     binding: what binds each mesh (M,), see `_binding`: of those of one the rests tell how they lie.
+    Of a repaired layer the stage below it tells, and the frames are those of that stage.
     """
 
     def __init__(
@@ -71,7 +73,8 @@ class PlacedMeshes:
         ignored: Pairs = (),
         attached: Pairs = (),
     ) -> None:
-        self.source, self.ignored, self.attached = source, ignored, attached
+        self.source = source = unrepaired(source)
+        self.ignored, self.attached = ignored, attached
         starts = np.cumsum([0, *(len(rest.points) for rest in rests)])
         self._ends = starts[:-1].tolist(), starts[1:].tolist()
         shifted = zip(source.meshes, starts, strict=False)
@@ -175,10 +178,23 @@ def _binding(mesh: SourceMesh, rest: Rest) -> str:
         return ""
     if rest.named and not is_animated(mesh):
         return STILL
-    moves = bool(mesh.handle.skinned) or len(mesh.handle.times) > 1
     if not (mesh.has_rest or rest.named):
         return ""
+    moves = bool(mesh.handle.skinned) or len(mesh.handle.times) > 1 or _posed_once(mesh)
     return mesh.handle.skeleton or (POINTS if moves else "")
+
+
+def _posed_once(mesh: SourceMesh) -> bool:
+    """Whether the only time sample of a mesh has other points than the default time."""
+    import usd_io
+
+    if not mesh.has_rest or np.isnan(mesh.handle.times[0]):
+        return False
+    try:
+        (points,) = usd_io.read_points(mesh.handle, mesh.handle.times)
+    except usd_io.FrameError:
+        return False
+    return bool((points != mesh.rest.astype(np.float32)).any())
 
 
 def is_animated(mesh: SourceMesh) -> bool:

@@ -11,15 +11,27 @@ from numpy.typing import NDArray
 
 from dtrepair.pipeline.modelled.meshes import BIND_POSE, STILL, Look, PlacedMeshes, is_animated
 from dtrepair.pipeline.modelled.parts import ModelledParts
+from dtrepair.pipeline.modelled.unrepaired import unrepaired
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.wording import listed
 
 if TYPE_CHECKING:
     from dtrepair.numerics.attachments import Reference
+    from dtrepair.numerics.geometry import IntArray
 
 BoolArray = NDArray[np.bool_]
 Pairs = Sequence[tuple[int, int]]
+
+# What becomes of contacts of which nothing tells, and what would tell.
+ALL_REPAIRED = (
+    "every contact is repaired; name a pose that shows what was with --rest, or call prims "
+    "attached with --attach"
+)
+ALL_COUNTED = (
+    "every contact is counted, and repair would repair it; call prims attached with --attach, or "
+    "name a pose that shows what was with --rest of repair"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +89,7 @@ def _references(
         meshes.binding[still] = STILL
     rest = meshes.look(meshes.rest, BIND_POSE)
     known = [rest.of(meshes.tell_by_rests(rest.pairs))._replace(bound=meshes.bound)]
-    enough = len(source.all_times) >= options.least  # else nobody needs to look
+    enough = frames_tell(source, options)  # else nobody needs to look
     if enough and (not meshes.one_binding or (meshes.binding == "").any()):
         looks = list(meshes.looks(options.samples))
         looks = [look.of(~meshes.tell_by_rests(look.pairs)) for look in looks]
@@ -128,25 +140,56 @@ def untold_contacts(
     options: ReferenceOptions = ReferenceOptions(),
 ) -> list[str]:
     """Say which meshes have parts that meet, while nothing tells whether they were modelled so."""
-    if len(source.all_times) >= options.least:
+    if frames_tell(source, options):
         return []
     meshes = PlacedMeshes(source, rests, ignored=ignored, attached=attached)
     if meshes.one_part:
         return []
-    looks = list(meshes.looks(options.least))
-    found = [look.pairs for look in looks]
-    untold = [own[~(meshes.tell_by_rests(own) | meshes.asked(own))] for own in found]
-    met = np.unique(meshes.mesh_of[np.concatenate(untold)]).tolist() if untold else []
+    found = [look.pairs for look in meshes.looks(options.least)]
+    return _untold(meshes, found, then=ALL_REPAIRED, options=options)
+
+
+def untold_in_check(
+    source: Source,
+    found: Sequence[IntArray],
+    *,
+    attached: Pairs = (),
+    options: ReferenceOptions = ReferenceOptions(),
+) -> list[str]:
+    """Say the same as `untold_contacts` of pairs (K, 2) of triangles that a check has counted."""
+    if frames_tell(source, options) or not any(map(len, found)):
+        return []
+    meshes = PlacedMeshes(source, _own_rests(source), attached=attached)
+    return _untold(meshes, found, then=ALL_COUNTED, options=options)
+
+
+def frames_tell(source: Source, options: ReferenceOptions = ReferenceOptions()) -> bool:
+    """Return whether the clip has so many frames that they tell what no bind pose does."""
+    return len(unrepaired(source).all_times) >= options.least
+
+
+def _untold(
+    meshes: PlacedMeshes, found: Sequence[IntArray], *, then: str, options: ReferenceOptions
+) -> list[str]:
+    """Say which meshes have parts in pairs (K, 2) of triangles of which nothing tells."""
+    pairs = np.concatenate([np.zeros((0, 2), np.int32), *found])
+    first, second = meshes.part_of[pairs].T
+    pairs = pairs[(first != second) & ~(meshes.tell_by_rests(pairs) | meshes.asked(pairs))]
+    met = np.unique(meshes.mesh_of[pairs]).tolist()
     if not met:
         return []
-    names = listed([source.meshes[index].path for index in met])
+    names = listed([meshes.source.meshes[index].path for index in met])
     bound = (meshes.binding[met] != "").all()
     lacking = "bind poses of different skeletons" if bound else "no bind pose"
     return [
         f"different parts of {names} meet, and with {lacking} and fewer than {options.least} "
-        "frames nothing tells whether they were modelled so: every contact is repaired; name a "
-        "pose that shows what was with --rest, or call prims attached with --attach"
+        f"frames nothing tells whether they were modelled so: {then}"
     ]
+
+
+def _own_rests(source: Source) -> list[Rest]:
+    """Return the rests that meshes bring along; of those that have none some pose."""
+    return [Rest(mesh.rest, "") for mesh in source.meshes]
 
 
 def modelled_parts(
@@ -168,7 +211,7 @@ def modelled_parts(
     if not (auto or attached):
         return ModelledParts(source, None)
     known = rests is not None
-    rests = [Rest(mesh.rest, "") for mesh in source.meshes] if rests is None else rests
+    rests = _own_rests(source) if rests is None else rests
     meshes = PlacedMeshes(source, rests, ignored=ignored, attached=attached)
     references = _references(meshes, told_by_rest=known, options=ReferenceOptions())
     references = [reference for reference in references if auto or reference.asked]

@@ -96,5 +96,5 @@ def _calm(document: Mapping[str, Any], run: PosedRun, size: int) -> tuple[Image,
     view = make_view(poses, up=run.first.source.up)
     faces, objects = run.first.faces, run.first.objects
     images = [render(pose, faces, view=view, objects=objects, size=size) for pose in poses]
-    names = ", ".join(run.scenes)
-    return np.concatenate(images, axis=1), f"frame {time_label(time)}, {names}: no intersections"
+    names = f", {', '.join(run.scenes)}" if len(images) > 1 else ""  # of a check there is one
+    return np.concatenate(images, axis=1), f"frame {time_label(time)}{names}: no intersections"

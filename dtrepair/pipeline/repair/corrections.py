@@ -197,10 +197,13 @@ class CorrectionSink:
     def tell(self, observer: Observer) -> None:
         """Tell what was written, and how large it is."""
         assert self._corrections is not None
+        number = sum(len(own.shapes) for own in self._corrections)
+        if self.form == "offsets":  # of several meshes in one frame
+            number = len(np.unique([time for own in self._corrections for time in own.times]))
         observer.remark(
             CorrectionWritten(
                 form=self.form,
-                shapes=sum(len(own.shapes) for own in self._corrections),
+                shapes=number,
                 vertices=sum(len(own.vertices) for own in self._corrections),
                 bytes=os.path.getsize(self.path),
                 error=self._error,

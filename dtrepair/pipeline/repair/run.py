@@ -88,7 +88,10 @@ def open_journal(
         resume=resume,
         on_kept=lambda entries: observer.remark(ProgressKept(entries)),
     )
-    return None if len(times) <= (1 if run.alone else ClipOptions().window) else journal
+    single = len(times) <= (1 if run.alone else ClipOptions().window)
+    if resume or not single:  # what was kept of a longer run is gone
+        warn(observer, journal.warnings)
+    return None if single else journal
 
 
 def repair_here(

@@ -84,7 +84,6 @@ def repair_stage(
             workers = Workers(distributed, jobs, device)
             return _distributed(prepared, placed, chosen, workers, observer)
         journal = open_journal(prepared, placed.bodies, observer, resume=resume)
-        warn(observer, journal.warnings if journal is not None else ())
         return repair_here(prepared, placed, observer, journal)
 
 

@@ -150,7 +150,7 @@ def _found(values: PerMesh, option: str, what: str) -> PerMesh:
 class PlacedBodies(NamedTuple):
     """Bodies in one space, and the pairs (i, j), i < j, of them that meet wherever the rests lie.
 
-    Only pairs whose contacts count.
+    Only pairs whose contacts count, and of which no number of a layer tells which one is outside.
     """
 
     bodies: list[Body]
@@ -168,6 +168,7 @@ def make_bodies(
     if several:
         time, met = _time_of_rest(source, rests)
         met = [pair for pair in met if mode != "self" and pair not in controls.ignored]
+        met = [pair for pair in met if not _told_apart(controls.layers, *pair)]
     bodies = []
     for index, (mesh, rest) in enumerate(zip(source.meshes, rests, strict=True)):
         points = source.to_world(mesh, time, rest.points) if several else rest.points
@@ -190,6 +191,18 @@ def make_bodies(
             )
         )
     return PlacedBodies(bodies, met)
+
+
+def _told_apart(layers: Sequence[NDArray[np.int32] | None], first: int, second: int) -> bool:
+    """Return whether the user says which of two meshes lies farther out; 0 where nothing is said.
+
+    layers: how far out the triangles (F,) of each mesh lie.
+    """
+    given = [layers[first], layers[second]]
+    (low, high), (other_low, other_high) = (
+        (0, 0) if own is None else (int(own.min()), int(own.max())) for own in given
+    )
+    return low > other_high or other_low > high
 
 
 def _time_of_rest(source: Source, rests: list[Rest]) -> tuple[float, list[tuple[int, int]]]:
@@ -233,8 +246,8 @@ def unclear_sides(source: Source, pairs: Sequence[tuple[int, int]]) -> list[str]
     more = f" (and {counted(len(pairs) - 1, 'more pair')})" if len(pairs) > 1 else ""
     return [
         f"{first} and {second}{more} intersect in every frame in which their rest poses were "
-        "placed: if one is a layer over the other, nothing tells which side is out; a frame, or "
-        "--rest points, in which both are clear of each other would"
+        "placed: if one is a layer over the other, nothing tells which side is out; --layer, or a "
+        "frame or --rest points in which both are clear of each other, would"
     ]
 
 

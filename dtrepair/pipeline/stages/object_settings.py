@@ -23,6 +23,8 @@ from dtrepair.pipeline.stages.sources import Source, StageSource
 
 # Primvars of a stage that speak to this program are in this namespace.
 NAMESPACE = "dtrepair"
+# What is in it for other programs: the offsets that --delta writes.
+WRITTEN = ("offset",)
 
 
 @dataclass
@@ -73,6 +75,8 @@ def _of_stage(path: str, handle: Any, keys: Collection[str], warnings: list[str]
     values: dict[str, Any] = {}
     for name, value in read_constants(handle, NAMESPACE).items():
         where = f"{path}: {NAMESPACE}:{name}"
+        if name in WRITTEN:
+            continue
         if name not in KEYS:
             warnings.append(f"{where}: unknown; known are {', '.join(KEYS)}")
         elif name not in keys:

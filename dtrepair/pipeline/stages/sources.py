@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -149,7 +149,7 @@ class StageSource:
         import usd_io
 
         spec = usd_io.parse_frames(selection.frames) if selection.frames is not None else None
-        self.name = path
+        self.name, self._given = path, (selection, collider, keys)
         self.opened = usd_io.open_stage(path, strict=selection.strict)
         chosen = self._read(selection, selection.prim)
         still = self._read(selection, collider) if collider is not None else None
@@ -186,6 +186,11 @@ class StageSource:
         self.origin, self._matrices = np.zeros(3), usd_io.WorldMatrices()
         if len(self.meshes) > 1:
             self._leave_coarse_coordinates()
+
+    def like(self, path: str) -> StageSource:
+        """Open another stage as this one was opened, with all its frames."""
+        selection, collider, keys = self._given
+        return StageSource(path, replace(selection, frames=None), collider=collider, keys=keys)
 
     def _read(self, selection: Selection, prim: str | None) -> MeshSelection:
         import usd_io

@@ -127,6 +127,16 @@ def test_other_settings_or_inputs_start_over(
     assert other.code == 0 and "is not resumed" in other.err
 
 
+def test_a_run_of_one_window_tells_of_the_longer_one_that_is_not_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path
+) -> None:
+    output = tmp_path / "b.usdc"
+    interrupted(monkeypatch, clip, output, 4, "--alone", "--frames", "1:6")
+    other = run("repair", clip, "-o", output, "--resume", "--frames", "1:3")
+    assert other.code == 0 and "is not resumed" in other.err
+    assert listing(tmp_path) == ["b.usdc"]
+
+
 def test_poses_that_changed_are_solved_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: Path
 ) -> None:

@@ -131,6 +131,10 @@ def test_meshes_that_never_lie_clear_of_each_other_are_named(
     assert f"/Ball/Mesh and /Rod/Mesh {told}" in run("repair", still, *out).err
     assert told not in run("repair", still, *out, "--mode", "self").err
     assert told not in run("repair", still, *out, "--ignore", "/Ball,/Rod").err
+    # Whoever says which is outside need not hear that nothing does; equal numbers say nothing.
+    layer, equal = ("--layer", "/Ball=2"), ("--layer", "/Rod=2")
+    assert told not in run("repair", still, *out, *layer).err
+    assert told in run("repair", still, *out, *layer, *equal).err
     # What the user calls attached is no layer over the other, and is told as such.
     attached = run("repair", still, *out, "--attach", "/Ball,/Rod").err
     assert told not in attached and "taken as modelled: 1 pair of parts" in attached

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel
 
 from dtrepair.pipeline import check_stage, repair_stage
@@ -16,6 +18,7 @@ from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.sources import open_source
 from dtrepair.repair.options import RepairOptions
 from tests.jointed_arm import FRAMES, arm, arm_mesh, arm_stage
+from tests.pipeline.hosts import Listener
 from tests.rigged_tube import rigged_tube
 
 
@@ -39,6 +42,16 @@ def test_a_stage_of_nothing_but_modelled_contacts_is_clean(tmp_path: Path) -> No
     assert all(frame.status == "clean" and not frame.displacement_max for frame in done.frames)
 
 
+def test_points_at_the_default_time_tell_of_a_single_sample_too(tmp_path: Path) -> None:
+    """A stage of one frame has a bind pose as well, unless the frame is that very pose."""
+    posed = arm_stage(tmp_path / "a.usda", np.array([0.6]))
+    assert [found.pose for found in check_stage(posed).attached.listed] == ["bind pose"]
+    (frame,) = repair_stage(posed, tmp_path / "b.usda").frames
+    assert frame.status == "clean" and not frame.displacement_max
+    same = arm_stage(tmp_path / "c.usda", np.zeros(1))
+    assert not check_stage(same).attached
+
+
 def test_nearly_all_frames_tell_where_there_is_no_rest(tmp_path: Path) -> None:
     many = arm_stage(tmp_path / "a.usda", np.linspace(0.1, 0.5, FRAMES), rest=False)
     few = arm_stage(tmp_path / "b.usda", np.linspace(0.1, 0.5, 3), rest=False)
@@ -46,6 +59,27 @@ def test_nearly_all_frames_tell_where_there_is_no_rest(tmp_path: Path) -> None:
     assert found is not None and found.pairs_of_parts == [(0, 1)]
     # A pose or two tell nothing: both may just be bad.
     assert modelled_parts(open_source(str(few), Selection())).attachments is None
+
+
+def test_a_check_of_too_few_frames_tells_what_it_leaves_open(tmp_path: Path) -> None:
+    told = (
+        "different parts of /Root/Arm meet, and with no bind pose and fewer than 5 frames nothing "
+        "tells whether they were modelled so: every contact is counted"
+    )
+
+    def warnings(bends: NDArray[np.float64], *, rest: bool = False, **choices: Any) -> list[str]:
+        path, host = arm_stage(tmp_path / "a.usda", bends, rest=rest), Listener()
+        check_stage(path, observer=host, **choices)
+        return [text for text in host.warnings if text.startswith("different parts")]
+
+    one, few = np.array([0.3]), np.linspace(0.1, 0.5, 4)
+    assert [text[: len(told)] for text in warnings(one)] == [told]
+    assert [text[: len(told)] for text in warnings(few)] == [told]
+    # Where something tells, or the user does, there is nothing to say.
+    assert not warnings(np.linspace(0.1, 0.5, 5)) and not warnings(one, rest=True)
+    assert not warnings(one, attach=("/Root/Arm,/Root/Arm",))
+    assert not warnings(one, ignore=("/Root/Arm,/Root/Arm",))
+    assert not warnings(one, rest_contacts="repair")
 
 
 def test_a_frame_that_cannot_be_used_is_left_out(tmp_path: Path) -> None:

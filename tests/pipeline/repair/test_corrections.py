@@ -239,6 +239,20 @@ def test_what_comes_too_near_again_is_told(tmp_path: Path, monkeypatch: pytest.M
     assert any("intersect again" in warning for warning in host.warnings)
 
 
+def test_offsets_are_of_frames_and_no_setting_that_is_unknown(tmp_path: Path) -> None:
+    stage = rigged_tube(tmp_path / "in.usda", every=2.0, names=("Tube", "Other"))
+    output, host = tmp_path / "out.usdc", Listener()
+    repair_stage(stage, output, writing=OutputOptions(delta=True), jobs=1, observer=host)
+    (done,) = (remark for remark in host.remarks if isinstance(remark, CorrectionWritten))
+    layer = Sdf.Layer.FindOrOpen(str(output))
+    names = [f"/Root/{name}.primvars:dtrepair:offset" for name in ("Tube", "Other")]
+    times = [set(layer.ListTimeSamplesForPath(name)) for name in names]
+    assert all(times) and done.shapes == len(times[0] | times[1])
+    checked = Listener()
+    check_stage(output, observer=checked)
+    assert not any("unknown" in warning for warning in checked.warnings)
+
+
 def test_what_cannot_be_is_refused_at_once(tmp_path: Path) -> None:
     stage = rigged_tube(tmp_path / "in.usda")
     cache = tube_stage(tmp_path / "cache.usda", (0.5, 6.0))

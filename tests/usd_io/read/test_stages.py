@@ -35,6 +35,16 @@ def test_missing_empty_garbage_and_truncated_files(tmp_path: Path) -> None:
         open_stage("")
 
 
+def test_a_file_without_permission_is_no_damaged_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = cube_file(tmp_path / "shot.usda")
+    # Whoever runs the tests as root may read every file.
+    monkeypatch.setattr(os, "access", lambda given, mode: str(given) != str(path))
+    with pytest.raises(StageError, match=r"shot\.usda: cannot be read: no permission"):
+        open_stage(path)
+
+
 def test_broken_references_are_warnings_or_strict_errors(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,8 +11,8 @@ from pxr import Sdf
 from tests.usd_io.read.test_damaged import with_count
 from tests.usd_io.write.test_joining import chunk
 from tests.usd_stages import cube_file, moved_cube
-from usd_io import StageError, join_layers
-from usd_io.write.records import check_alike, check_record, part_of
+from usd_io import StageError, join_layers, open_stage
+from usd_io.write.records import check_alike, check_record, part_of, repaired_stage
 
 GOOD = {"settings": {"chunk": "1/2"}, "frames": [1.0], "written": {"/A": [1.0]}}
 
@@ -45,6 +45,35 @@ def test_an_entry_of_a_wrong_type_is_named(name: str, value: Any) -> None:
     check_record("a.usdc", GOOD)
     with pytest.raises(StageError, match=rf"^a\.usdc: entry '{name}.*' of its record is damaged"):
         check_record("a.usdc", {**GOOD, name: value})
+
+
+def layer_over(path: Path, below: list[str], settings: Any) -> Path:
+    """A layer over others, with a record of some settings."""
+    layer = Sdf.Layer.CreateNew(str(path))
+    layer.subLayerPaths = below
+    layer.customLayerData = {"dtrepair": {"settings": settings}}
+    layer.Save()
+    return path
+
+
+def test_a_repaired_stage_is_known_by_its_record(tmp_path: Path) -> None:
+    path, repair = cube_file(tmp_path / "in.usda"), {"rest_contacts": "auto"}
+    once = layer_over(tmp_path / "once.usda", ["./in.usda"], repair)
+    twice = layer_over(tmp_path / "twice.usda", ["./once.usda"], repair)
+    others = [
+        layer_over(tmp_path / "moved.usda", ["./in.usda"], {**repair, "source_path": "walk.usd"}),
+        layer_over(tmp_path / "two.usda", ["./once.usda", "./in.usda"], repair),
+        layer_over(tmp_path / "none.usda", ["./in.usda"], {}),
+        layer_over(tmp_path / "text.usda", ["./in.usda"], "rest_contacts"),
+        path,
+    ]
+    assert [repaired_stage(open_stage(layer)) for layer in (once, twice)] == 2 * [str(path)]
+    assert not any(repaired_stage(open_stage(layer)) for layer in others)
+
+
+def test_a_layer_below_itself_is_followed_once(tmp_path: Path) -> None:
+    path = layer_over(tmp_path / "a.usda", ["./a.usda"], {"rest_contacts": "auto"})
+    assert repaired_stage(open_stage(path)) == str(path)
 
 
 def test_a_record_that_another_program_changed_is_refused(tmp_path: Path) -> None:

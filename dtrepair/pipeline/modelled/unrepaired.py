@@ -1,0 +1,37 @@
+"""The stage below a repaired layer, which still tells what moves what."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dtrepair.pipeline.errors import PipelineError
+from dtrepair.pipeline.stages.sources import Source, StageSource
+
+
+def unrepaired(source: Source) -> Source:
+    """Return the stage that a stage is a repair of, with the same meshes; any other one itself.
+
+    A layer with repaired points unbinds what a skeleton moves, and gives time samples to what only
+    transforms move: it no longer shows which parts were modelled together.
+    """
+    import usd_io
+
+    if type(source) is not StageSource or not (path := usd_io.repaired_stage(source.opened)):
+        return source
+    try:
+        found = source.like(path)
+    except (PipelineError, usd_io.UsdIoError):
+        return source
+    return found if _alike(found, source) else source
+
+
+def _alike(first: StageSource, second: StageSource) -> bool:
+    """Return whether two stages have the same meshes, in one space."""
+    return (
+        [mesh.path for mesh in first.meshes] == [mesh.path for mesh in second.meshes]
+        and np.array_equal(first.origin, second.origin)
+        and all(
+            a.rest.shape == b.rest.shape and np.array_equal(a.faces, b.faces)
+            for a, b in zip(first.meshes, second.meshes, strict=True)
+        )
+    )

@@ -75,7 +75,7 @@ def test_some_numbers_are_positive(name: str, wrong: float) -> None:
 
 
 def test_inner_layers_move_no_more_freely_than_outer_ones() -> None:
-    with pytest.raises(ValueError, match="inner_mobility should be at most 1, got 1.5"):
+    with pytest.raises(ValueError, match="inner_mobility should be at most 1"):
         RepairOptions(inner_mobility=1.5)
     assert RepairOptions(inner_mobility=1.0).inner_mobility == 1.0
 

@@ -80,5 +80,6 @@ def test_a_layer_more_lies_over_what_is_farther_in() -> None:
 
 
 def test_layers_that_lie_over_one_another_in_a_circle_end_somewhere() -> None:
-    circle = Covering(np.array([0, 1, 2]), np.roll(np.eye(3, dtype=bool), 1, axis=1), np.zeros(3))
+    three = np.arange(3, dtype=np.int32)
+    circle = Covering(three, np.roll(np.eye(3, dtype=bool), 1, axis=1), three)
     assert circle.depth.tolist() == [DEEPEST] * 3

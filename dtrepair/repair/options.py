@@ -67,8 +67,9 @@ class RepairOptions:
         rest_contacts: What to do with intersections that the rest pose has as well: "auto" takes
             those of different connected parts as modelled, leaves and holds them together; "repair"
             or "leave" them all.
-        inner_mobility: How freely what open layers lie over moves, next to them, from above 0 to 1:
-            the clothes give way before the body, and the jacket before the shirt.
+        inner_mobility: How freely what open layers lie over is pushed, next to them, from above 0
+            to 1, and beneath two of them by its square. Below 1 the body gives way less than its
+            clothes, but joints of overlapping pieces bend worse.
         effort: Factor of the work that is spent on a pose before what is left is told; the work is
             counted, so that results are the same on any machine.
 
@@ -93,7 +94,7 @@ class RepairOptions:
     maximum_displacement: float | None = None
     clearance: float = 0.0
     rest_contacts: str = "auto"
-    inner_mobility: float = 0.3
+    inner_mobility: float = 1.0
     effort: float = 1.0
     at_any_cost: bool = False
     skip: tuple[str, ...] = ()

@@ -74,14 +74,14 @@ def direction_of(body: Body, count: int) -> FloatArray:
     return direction
 
 
-def layer_of(body: Body, count: int) -> IntArray | None:
-    """Return how far out each triangle (count,) lies, None where nobody says.
+def layer_of(body: Body, count: int) -> IntArray:
+    """Return how far out each triangle (count,) lies, 0 where nobody says.
 
     Raises:
         ValueError: another number of triangles, or numbers that are not whole.
     """
     if body.layer is None:
-        return None
+        return np.zeros(count, dtype=np.int32)
     layer = np.asarray(body.layer)
     if layer.shape != (count,) or layer.dtype.kind not in "iu":
         raise ValueError(

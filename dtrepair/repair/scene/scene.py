@@ -204,10 +204,8 @@ class Scene:
         """How far out each part lies: the median of what its triangles are told, 0 if nothing."""
         counts = np.diff(self.triangle_starts).tolist()
         told = [layer_of(*both) for both in zip(self.bodies, counts, strict=True)]
-        both = zip(told, counts, strict=True)
-        filled = [np.zeros(n, dtype=np.int32) if own is None else own for own, n in both]
         own = self.enclosures
-        return median_of_parts(np.concatenate(filled), own.part_of_face, own.count)
+        return median_of_parts(np.concatenate(told), own.part_of_face, own.count)
 
     @cached_property
     def rest_pairs(self) -> IntArray:

@@ -69,8 +69,8 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "inner_mobility": {
         "type": float,
         "metavar": "M",
-        "help": "How freely what clothes lie over is pushed, next to them, from above 0 to 1: below "
-        "1 the body gives way less.",
+        "help": "How freely what clothes lie over is pushed, next to them, from above 0 to 1: "
+        "below 1 the body gives way less.",
     },
     "at_any_cost": {
         "help": "Keep what strains a shape beyond the bounds, else the best pose within them.",

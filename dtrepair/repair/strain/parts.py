@@ -61,15 +61,26 @@ class ConnectedParts:
     def tie_patches(self) -> IntArray:
         """The patch (N,) of each tie: of one joint and part, at vertices that edges connect."""
         assert self.ties is not None
-        side = self.joint * self.count + self.of_vertex[self.ties.vertices]
-        links = [np.zeros((0, 2), dtype=np.int32)]
-        for number in np.unique(side):
-            own = np.flatnonzero(side == number)
-            tie = np.full(self.vertices, -1, dtype=np.int32)
-            tie[self.ties.vertices[own]] = own
-            ends = tie[self.edges]
-            links.append(ends[(ends >= 0).all(axis=1)])
-        return link_labels(np.concatenate(links), len(side))
+        vertex = self.ties.vertices
+        side = self.joint * self.count + self.of_vertex[vertex]
+        number = np.unique(side, return_inverse=True)[1].reshape(-1)
+        keys = number * self.vertices + vertex
+        order = np.argsort(keys, kind="stable")
+        again = np.flatnonzero(np.diff(keys[order]) == 0)
+        twice = np.stack([order[again], order[again + 1]], axis=1)
+        # Of each edge the ties at its first end, and where there is one, that at its second end.
+        first, second = self.edges.T
+        by_vertex = np.argsort(vertex, kind="stable")
+        start = np.searchsorted(vertex[by_vertex], first)
+        stop = np.searchsorted(vertex[by_vertex], first, side="right")
+        edge = np.repeat(np.arange(len(first)), stop - start)
+        place = np.arange(len(edge)) - np.repeat(np.cumsum(stop - start) - stop, stop - start)
+        tie = by_vertex[place]
+        sought = number[tie] * self.vertices + second[edge]
+        found = np.minimum(np.searchsorted(keys[order], sought), len(keys) - 1)
+        there = keys[order][found] == sought
+        links = np.stack([tie[there], order[found[there]]], axis=1)
+        return link_labels(np.concatenate([twice, links]).astype(np.int32), len(keys))
 
     @cached_property
     def closed(self) -> BoolArray:

@@ -8,12 +8,15 @@ import pytest
 from dtrepair import Body, RepairOptions
 from dtrepair.diagnosis import StrainKind
 from dtrepair.intersect.detector import Detector
+from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, diagonal
+from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.repair.scene.scene import Scene, make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.strain.letting_go import LettingGoOptions, ties_that_hold
 from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
+from dtrepair.repair.strain.parts import ConnectedParts
 from tests.meshes import joined, tube
 
 NO_PAIRS = np.zeros((0, 2), dtype=np.int32)
@@ -84,6 +87,25 @@ def test_a_patch_goes_as_a_whole() -> None:
     assert len(tips) and gone[np.isin(patch, tips)].mean() >= LettingGoOptions.patch
     most = LettingGoOptions(patch=1.01)
     assert ties_that_hold(meter, known, poses, options=most).all()
+
+
+@pytest.mark.parametrize("references", [1, 2])
+def test_patches_are_what_edges_connect_on_one_side_of_a_joint(references: int) -> None:
+    """With two references the same vertex is tied twice."""
+    rest, faces = joined(TRUNK, (bent(0.0), LOCK[1]))
+    shown = Reference(rest, Detector(rest, faces)(rest))
+    found = find_attachments(faces, len(rest), [shown] * references)
+    parts = ConnectedParts(faces, np.zeros(len(rest), dtype=np.int32), found)
+    assert parts.ties is not None
+    side = parts.of_vertex[parts.ties.vertices]
+    expected = np.empty(len(side), dtype=np.int32)
+    for own in np.unique(side):
+        tied = np.isin(parts.edges, parts.ties.vertices[side == own]).all(axis=1)
+        label = link_labels(parts.edges[tied], parts.vertices)
+        expected[side == own] = label[parts.ties.vertices[side == own]]
+    patch = parts.tie_patches
+    both = np.unique(np.stack([patch, expected]), axis=1)
+    assert both.shape[1] == len(np.unique(patch)) == len(np.unique(expected)) == 4
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 100.0])

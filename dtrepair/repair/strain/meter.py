@@ -184,8 +184,8 @@ class StrainMeter:
 
     def let_go(self, pose: FloatArray, bound: float) -> NDArray[np.bool_]:
         """Return which ties (N,) a pose (V, 3) of the input has led off their place at rest."""
-        if not self.references or self.parts.ties is None:
-            return np.zeros(0 if self.parts.ties is None else len(self.parts.joint), dtype=bool)
+        if not self.references:
+            return np.zeros(len(self.parts.joint), dtype=bool)
         offsets = self.parts.tie_offsets(pose) / (diagonal(pose) or 1.0)
         return changes(self._modelled, offsets) > bound
 

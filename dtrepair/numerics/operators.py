@@ -12,8 +12,10 @@ from scipy import sparse
 from dtrepair.numerics.geometry import FloatArray, IntArray, unique_edges, vertex_areas
 from dtrepair.numerics.work import add_work
 
-# A factorisation takes so many units of work (see `work`) for a row of its matrix.
+# A factorisation takes so many units of work (see `work`) for a row of its matrix, and a solve so
+# many for a number of its solution.
 WORK_A_ROW = 3
+WORK_A_NUMBER = 0.025
 
 
 def cotangent_laplacian(
@@ -154,6 +156,7 @@ class Factor:
         if rows.shape[0] != self.size:
             raise ValueError(f"right-hand side should have {self.size} rows, got {rows.shape}")
         solution = np.zeros_like(rows)
+        add_work(WORK_A_NUMBER * solution.size)
         self._solver.solve(rows, solution)
         return solution
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pytest
 from scipy import sparse
 
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.operators import Factor
 from dtrepair.numerics.work import add_work, work_done
+from dtrepair.repair.full.biharmonic_fill import solve_patch
 from tests.meshes import icosphere
 
 
@@ -32,7 +34,22 @@ def test_detections_count_what_they_look_at() -> None:
     assert work_done() - before == len(faces) + 20
 
 
-def test_factorisations_count() -> None:
+def test_factorisations_and_solves_count() -> None:
     before = work_done()
-    Factor(sparse.identity(50, format="csc"))
-    assert work_done() > before
+    solve = Factor(sparse.identity(50, format="csc"))
+    factored = work_done()
+    assert factored > before
+    solve(np.ones(50))
+    one = work_done() - factored
+    solve(np.ones((50, 3)))
+    assert one > 0.0
+    assert work_done() - factored == pytest.approx(4.0 * one)
+
+
+def test_patches_count_by_their_rows() -> None:
+    spent = []
+    for rows in (10, 20):
+        before = work_done()
+        solve_patch(sparse.identity(rows, format="csc"), np.ones((rows, 3)))
+        spent.append(work_done() - before)
+    assert 0.0 < spent[0] < spent[1]

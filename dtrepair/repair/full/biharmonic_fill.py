@@ -11,6 +11,8 @@ from scipy import sparse
 from scipy.sparse import linalg
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.operators import WORK_A_ROW
+from dtrepair.numerics.work import add_work
 from dtrepair.repair.surface.defects import Defects, find_defects, update_defects
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
@@ -155,6 +157,7 @@ def bilaplacian_fill(
 
 def solve_patch(matrix: sparse.spmatrix, right_hand_side: FloatArray) -> FloatArray:
     """Return the solution of a sparse symmetric system of a patch."""
+    add_work(WORK_A_ROW * matrix.shape[0])
     # Patches come and go: a general factorisation each, with an ordering for symmetric matrices.
     factor = linalg.splu(
         sparse.csc_matrix(matrix),

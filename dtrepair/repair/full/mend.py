@@ -20,11 +20,14 @@ class MendOptions:
             them; a frame that is nearly clean needs no 20 rings as a whole repair does.
         push: What separates contacts; few iterations, as most are apart.
         fill: What closes the creases.
+        share_pairs: A pose that keeps only a share of its correction is mended if at most so many
+            pairs are left: more of them are what had to be given up.
     """
 
     near: tuple[int, ...] = (12, 6, 0)
     push: PushOptions = field(default_factory=lambda: PushOptions(iterations=12, patience=5))
     fill: FillOptions = field(default_factory=FillOptions)
+    share_pairs: int = 100
 
 
 def mend(

@@ -39,6 +39,8 @@ class FullOptions:
         unbend: Zipped creases opened.
         cure: How both are cured.
         clearance: Contacts opened to a distance.
+        relax_attached: Of attached parts no cycle of relaxing begins after so many times the work
+            that the phases may take: what follows needs its time, too.
         at_rest: A pose nearer to the rest than this, units of the size, is the rest pose itself:
             rounding apart they are one.
     """
@@ -54,6 +56,7 @@ class FullOptions:
     unbend: DihedralOptions = field(default_factory=DihedralOptions)
     cure: CureOptions = field(default_factory=CureOptions)
     clearance: ClearanceOptions = field(default_factory=ClearanceOptions)
+    relax_attached: float = 1.5
     at_rest: float = 1e-7
 
 
@@ -149,6 +152,7 @@ class FullMethod:
                 scale=phases.scale,
                 steering=phases.steering,
                 settling=settling,
+                until=np.inf if surface.ties is None else phases.enough(options.relax_attached),
                 options=numbers,
             )
             log.add("relax", points, start, folds=folds, iterations=cycles)

@@ -40,7 +40,7 @@ class PhaseOptions:
         insist_rounds: Times that pushing and filling take turns with each of them.
         work, work_a_triangle: After so much work (units of `numerics.work`), and so much for each
             triangle of the mesh, times the effort, no other attempt begins: some three seconds of
-            a processor for a pose of 1,000 triangles, four for 20,000.
+            a processor for a pose of 1,000 triangles, five for 20,000.
         push: Numbers of the push.
         steering: Numbers of preferred directions.
         fill: Numbers of the fill.
@@ -57,7 +57,7 @@ class PhaseOptions:
     insist_steps: tuple[float, ...] = (0.005, 0.002, 0.01)
     insist_rounds: int = 4
     work: float = 1.5e6
-    work_a_triangle: float = 60.0
+    work_a_triangle: float = 50.0
     push: PushOptions = field(default_factory=PushOptions)
     steering: SteeringOptions = field(default_factory=SteeringOptions)
     fill: FillOptions = field(default_factory=FillOptions)
@@ -109,8 +109,8 @@ class Phases:
         """
         self.surface, self.original, self.options = surface, original, options
         self.farthest, self.skip = farthest, skip
-        most = options.work + options.work_a_triangle * len(surface.faces)
-        self._enough = work_done() + effort * most
+        self._begun = work_done()
+        self._most = effort * (options.work + options.work_a_triangle * len(surface.faces))
         self.log = log or StageLog(surface, original)
         self.known = find_defects(surface, original)
         self.scale = contact_scale(surface, self.known.crossings)
@@ -129,7 +129,11 @@ class Phases:
     @property
     def worked_enough(self) -> bool:
         """Whether so much work was done that no other attempt should begin."""
-        return work_done() > self._enough
+        return work_done() > self.enough()
+
+    def enough(self, times: float = 1.0) -> float:
+        """Return the total of `work_done` when so many times the work of the phases is done."""
+        return self._begun + times * self._most
 
     def best(self) -> Candidate:
         """Return the best of several first steps; later ones only where the first did not suffice.
@@ -152,11 +156,14 @@ class Phases:
         best: Candidate | None = None
         points, options = self.original, self.options
         for index, near in enumerate(options.near):
+            start = points
             pushed = self._pushed(points, near, self.scale * step * options.step_decay**index)
             points = pushed.points
             if pushed.iterations == 0 and best is not None:
                 continue
-            candidate, previous = self._filled(pushed, near, options.fill), best
+            previous = best
+            if best is None or points is not start:  # else filling does what it did before
+                candidate = self._filled(pushed, near, options.fill)
             best = candidate if best is None or candidate.rank < best.rank else best
             if self.worked_enough:
                 break
@@ -215,6 +222,8 @@ class Phases:
     def _alternated(self, best: Candidate, step: float) -> Candidate:
         """Push all contacts and fill in turns for as long as crossings become fewer."""
         for _ in range(self.options.insist_rounds):
+            if self.worked_enough:
+                break
             trial = self._filled(self._pushed(best.points, 0, step), 0, self.options.fill)
             if len(trial.defects.crossings) >= len(best.defects.crossings):
                 break

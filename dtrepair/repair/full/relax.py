@@ -8,6 +8,7 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.metrics import distortion
+from dtrepair.numerics.work import work_done
 from dtrepair.repair.elastic.arap import ArapOptions, ArapSystem
 from dtrepair.repair.elastic.contact_step import ContactStepOptions, step_with_gaps
 from dtrepair.repair.elastic.gaps import GapOptions, Gaps
@@ -104,6 +105,7 @@ def relax(
     scale: float = 1.0,
     steering: Steering | None = None,
     settling: Settling | None = None,
+    until: float = np.inf,
     options: RelaxOptions = RelaxOptions(),
 ) -> tuple[FloatArray, int]:
     """Return the pose of least distortion between a clean one and its original, and the cycles.
@@ -114,7 +116,8 @@ def relax(
 
     cycles: at most, unless volume is missing; folds: so many are allowed; reach: (V,) scales the
     motion of each vertex; scale: factor of the step (see `contact_scale`); steering: regions that
-    stay on the line of their direction; settling: takes back what is far from contacts.
+    stay on the line of their direction; settling: takes back what is far from contacts; until:
+    total of `work_done` after which no cycle begins.
     """
     if not reach.any():
         return points, 0
@@ -122,17 +125,19 @@ def relax(
     done = 0
     if settling is not None:
         for strain in options.settle:
-            done += _relaxed(state, options.settle_after)
+            done += _relaxed(state, options.settle_after, until)
             state.settle(settling, strain)
-    done += _relaxed(state, max(cycles - done, 1))
+    done += _relaxed(state, max(cycles - done, 1), until)
     return state.best[1], done
 
 
-def _relaxed(state: Relaxation, cycles: int) -> int:
-    """Relax for so many cycles, fewer where they gain nothing; return how many."""
+def _relaxed(state: Relaxation, cycles: int, until: float) -> int:
+    """Relax for so many cycles, fewer where they gain nothing or work ends; return how many."""
     options, history = state.options, [state.best[0]]
     state.failures = 0
     for cycle in range(options.more * cycles):
+        if work_done() > until:
+            break
         state.cycle()
         history.append(state.best[0])
         if state.failures == options.failures:

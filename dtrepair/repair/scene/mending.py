@@ -34,9 +34,12 @@ def mended(
     """Return a pose with `pairs` (K, 2) mended, or solved `alone`, if it gets fewer; its pairs.
 
     Of what keeps only a share of the correction, nothing is taken that is solved alone, which is
-    all of the correction, is strained or moves farther than `farthest`. step: largest motion in an
+    all of the correction, is strained or moves farther than `farthest`; with many pairs it is left
+    as it is. step: largest motion in an
     iteration; both in units of the surface's size.
     """
+    if judged.lowered and len(pairs) > options.share_pairs:
+        return judged, pairs
     unit, start = mesh.reduced(before), mesh.reduced(judged.points)
     last = None if judged.lowered else alone
     near = mend(mesh.surface, unit, [start], step=step, alone=last, options=options)

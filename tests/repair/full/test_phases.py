@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from dtrepair.repair.full.phases import PhaseOptions, Phases
+from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
+from dtrepair.repair.full.push import PushOptions
 from dtrepair.repair.options import OptionError, RepairOptions
 from dtrepair.repair.repairer import Repairer
 from dtrepair.repair.surface.surface import Surface
@@ -38,6 +41,26 @@ def test_effort_changes_nothing_where_it_suffices() -> None:
         for effort in (1.0, 10.0)
     )
     assert (one.points == ten.points).all()
+
+
+def test_insisting_ends_between_its_rounds() -> None:
+    points, faces = crossing_tubes(24, 32, 0.0)
+    surface = Surface(points, faces)
+    phases = Phases(surface, points / surface.size, effort=1e-9, options=HARD)
+    given = Candidate(phases.original, phases.known, 0.0, 0)
+    assert phases.worked_enough
+    assert phases._alternated(given, 0.01) is given
+
+
+def test_what_a_push_left_as_it_was_is_not_filled_again() -> None:
+    # A step as long as the mesh only makes things worse, so that both phases end where they began.
+    points, faces = crossing_tubes(24, 32, 0.0)
+    surface = Surface(points, faces)
+    options = replace(HARD, near=(0, 0), push=PushOptions(patience=1))
+    phases = Phases(surface, points / surface.size, options=options)
+    best = phases.run(1.0)
+    assert [stage.name for stage in phases.log.stages] == ["push 0", "fill", "push 0"]
+    assert phases.candidates == [best] and not best.clean
 
 
 @pytest.mark.parametrize("effort", [0.0, -1.0, float("inf"), float("nan")])

@@ -9,6 +9,7 @@ import pytest
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import displacements, distortion
+from dtrepair.numerics.work import work_done
 from dtrepair.repair.full import relax as module
 from dtrepair.repair.full.biharmonic_fill import Filled
 from dtrepair.repair.full.relax import RelaxOptions, relax
@@ -67,6 +68,20 @@ def test_relaxing_ends_when_cycles_fail_in_a_row(
     reach, options = np.ones(surface.count), RelaxOptions(enough=-1.0, missing=1.0)
     _, cycles = relax(surface, original, clean, cycles=8, folds=0, reach=reach, options=options)
     assert cycles == len(calls) == expected
+
+
+def test_relaxing_ends_when_so_much_work_is_done() -> None:
+    surface, original, clean = loosely_solved("spheres")
+    reach = np.ones(surface.count)
+
+    def relaxed(until: float) -> tuple[FloatArray, int]:
+        return relax(surface, original, clean, cycles=6, folds=0, reach=reach, until=until)
+
+    same, none = relaxed(work_done() - 1.0)
+    assert none == 0 and np.array_equal(same, clean)
+    start = work_done()
+    every = relaxed(np.inf)[1]
+    assert 1 <= relaxed(1.5 * work_done() - 0.5 * start)[1] < every
 
 
 def test_nothing_moves_beyond_the_reach_or_farther_than_the_step() -> None:

@@ -36,11 +36,16 @@ class Judged(NamedTuple):
     lowered: bool = False
 
 
-def strain_of(scene: Scene, before: FloatArray, after: FloatArray) -> tuple[Excess, ...]:
-    """Return what a correction strains beyond the bounds; the published method has none."""
+def strain_of(
+    scene: Scene, before: FloatArray, after: FloatArray, *, strict: bool = False
+) -> tuple[Excess, ...]:
+    """Return what a correction strains beyond the bounds; the published method has none.
+
+    strict: see `StrainMeter`.
+    """
     if scene.options.method != "full":
         return ()
-    return tuple(scene.strain_meter(before, after))
+    return tuple(scene.strain_meter(before, after, strict=strict))
 
 
 def bounded_pose(

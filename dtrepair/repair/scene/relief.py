@@ -51,8 +51,8 @@ class ReliefOptions:
     patience: int = 4
     gain: float = 0.99
     hold: tuple[tuple[float, ...], ...] = ((2.0, 0.5), (8.0, 2.0, 0.5))
-    work: float = 3e5
-    work_a_triangle: float = 12.0
+    work: float = 5e5
+    work_a_triangle: float = 16.0
     farther: float = 1.1
     relax: RelaxOptions = field(
         default_factory=lambda: RelaxOptions(step=0.005, first=1.0, longer=1.0, tries=10)
@@ -129,7 +129,7 @@ class Relief:
             state.system.hold(mesh.reduced(home), holds[0])
             state.cycle()
             points = mesh.expanded(before, unit, state.points)
-            strain = _badness(strain_of(self.scene, before, points))
+            strain = _badness(strain_of(self.scene, before, points, strict=True))
             stalled = 0 if strain < options.gain * value else stalled + 1
             if strain < value and float(lengths(points - before).max()) <= farthest:
                 best, value = points, strain
@@ -167,7 +167,7 @@ def relieved_poses(
         return found
     strained = {}
     for index, (pose, points) in enumerate(zip(poses, found, strict=True)):
-        if excess := strain_of(scene, pose.centred, points):
+        if excess := strain_of(scene, pose.centred, points, strict=True):
             strained[index] = _Strained(pose.centred, points, excess)
     if not strained:
         return found

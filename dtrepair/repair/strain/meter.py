@@ -42,6 +42,8 @@ class StrainOptions:
         point: Edges shorter than this before and after are points: rounding changes their length.
         drift: An attached vertex may move so far off its place on the other part: an eye or a cuff
             seen from near comes off.
+        loose: The same where the input itself has led it off, as hair that a turned head leads off
+            a shoulder: it rests there no more.
         slide: 95 % of all attached vertices move less: what slides more looks loose all over.
         joint: 95 % of those between the same two parts: one joint is few of all vertices. What slid
             farther from the rest in the input itself, as hair over a shoulder, is no joint there.
@@ -61,6 +63,7 @@ class StrainOptions:
     edges_share: float = 0.0005
     point: float = 1e-5
     drift: float = 0.02
+    loose: float = 0.04
     slide: float = 0.004
     joint: float = 0.01
     volume: float = 0.2
@@ -100,15 +103,20 @@ class StrainMeter:
     ) -> None:
         self.parts, self.references, self.options = parts, references, options
 
-    def __call__(self, before: FloatArray, after: FloatArray) -> list[Excess]:
-        """Return what is beyond its bound in a pose (V, 3), against that of the input."""
+    def __call__(
+        self, before: FloatArray, after: FloatArray, *, strict: bool = False
+    ) -> list[Excess]:
+        """Return what is beyond its bound in a pose (V, 3), against that of the input.
+
+        strict: what the input let go is judged like what it holds.
+        """
         if np.array_equal(before, after):
             return []
         size = diagonal(before) or 1.0
         old, new = (vector_areas(points, self.parts.faces) for points in (before, after))
         return [
             *self._spoilt_edges(before, after, size),
-            *self._drifts(before, after, size),
+            *self._drifts(before, after, size, strict),
             *self._volumes(before, after, old, new),
             *self._flips(before, after, old, new, size),
         ]
@@ -155,7 +163,9 @@ class StrainMeter:
             )
         return result
 
-    def _drifts(self, before: FloatArray, after: FloatArray, size: float) -> list[Excess]:
+    def _drifts(
+        self, before: FloatArray, after: FloatArray, size: float, strict: bool
+    ) -> list[Excess]:
         """Return where attached parts came off each other, or slid."""
         if self.parts.ties is None:
             return []
@@ -164,12 +174,14 @@ class StrainMeter:
         if drift.max() <= min(options.drift, options.joint, options.slide):
             return []
         held = ~self.let_go(before, options.joint)
+        most = np.where(held | strict, options.drift, options.loose)
         result = []
         for index in np.unique(self.parts.joint[drift > min(options.drift, options.joint)]):
             own = np.flatnonzero(self.parts.joint == index)
             far = float(np.quantile(drift[own[held[own]]], 0.95)) if held[own].any() else 0.0
-            if drift[own].max() > options.drift:
-                value, bound, kind = drift[own].max(), options.drift, StrainKind.DRIFT
+            worst = own[np.argmax(drift[own] / most[own])]
+            if drift[worst] > most[worst]:
+                value, bound, kind = drift[worst], float(most[worst]), StrainKind.DRIFT
             elif far > options.joint:
                 value, bound, kind = far, options.joint, StrainKind.SLIDE
             else:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.work import work_done
 from dtrepair.repair.full.acceptance import reach_of
@@ -60,11 +61,10 @@ class ReliefOptions:
 
 
 class _Strained(NamedTuple):
-    """A pose (V, 3) of the input, what was found for it, and how that is strained."""
+    """A pose (V, 3) of the input, and what was found for it."""
 
     before: FloatArray
     after: FloatArray
-    excess: tuple[Excess, ...]
 
 
 class Relief:
@@ -91,25 +91,25 @@ class Relief:
     def relieved(self, surface: Surface, index: int) -> FloatArray:
         """Return a pose (V, 3) that is less strained, with no more pairs, if there is one."""
         strained = self.strained[index]
-        best, value = strained.after, _badness(strained.excess)
+        best, value = strained.after, self._strain(strained.before, strained.after)
         most = self.options.work + self.options.work_a_triangle * len(surface.faces)
         enough = work_done() + self.scene.options.effort * most
         for holds in self.options.hold:
             found, least = self._led(surface, strained, list(holds), enough)
             if least < value:
                 best, value = found, least
-            if value == 0.0 or work_done() > enough:
+            if not any(value) or work_done() > enough:
                 break
         return best
 
     def _led(
         self, surface: Surface, strained: _Strained, holds: list[float], enough: float
-    ) -> tuple[FloatArray, float]:
+    ) -> tuple[FloatArray, tuple[float, float]]:
         """Return the least strained pose (V, 3) on one way from what was found, and its strain.
 
         holds: weights of the pull, in turn; enough: total work after which it ends.
         """
-        before, after, excess = strained
+        before, after = strained
         options, mesh = self.options, self.mesh
         unit, start = mesh.reduced(before), mesh.reduced(after)
         state = Relaxation(
@@ -123,23 +123,32 @@ class Relief:
             crossings=len(surface.contacts.pairs(start)),
         )
         farthest = self._farthest(strained)
-        points, best, value, stalled = after, after, _badness(excess), 0
+        points, best, value, stalled = after, after, self._strain(before, after), 0
         for _ in range(options.cycles):
             home = points + self.holding(before, points)
             state.system.hold(mesh.reduced(home), holds[0])
             state.cycle()
             points = mesh.expanded(before, unit, state.points)
-            strain = _badness(strain_of(self.scene, before, points, strict=True))
-            stalled = 0 if strain < options.gain * value else stalled + 1
+            strain = self._strain(before, points)
+            gained = strain < (options.gain * value[0], options.gain * value[1])
+            stalled = 0 if gained else stalled + 1
             if strain < value and float(lengths(points - before).max()) <= farthest:
                 best, value = points, strain
-            if value == 0.0 or (stalled == options.patience and len(holds) == 1):
+            if not any(value) or (stalled == options.patience and len(holds) == 1):
                 break
             if work_done() > enough:
                 break
             if stalled == options.patience:
                 stalled, holds = 0, holds[1:]
         return best, value
+
+    def _strain(self, before: FloatArray, points: FloatArray) -> tuple[float, float]:
+        """Return how far beyond its bounds a pose (V, 3) is, and beyond the strict ones."""
+        strict = strain_of(self.scene, before, points, strict=True)
+        excess = strict
+        if any(own.kind is StrainKind.DRIFT for own in strict):  # else they are the same
+            excess = strain_of(self.scene, before, points)
+        return _badness(excess), _badness(strict)
 
     def _farthest(self, strained: _Strained) -> float:
         """Return how far a vertex may move."""
@@ -167,8 +176,8 @@ def relieved_poses(
         return found
     strained = {}
     for index, (pose, points) in enumerate(zip(poses, found, strict=True)):
-        if excess := strain_of(scene, pose.centred, points, strict=True):
-            strained[index] = _Strained(pose.centred, points, excess)
+        if strain_of(scene, pose.centred, points, strict=True):
+            strained[index] = _Strained(pose.centred, points)
     if not strained:
         return found
     state = Relief(scene, mesh, list(strained.values()), options=options)

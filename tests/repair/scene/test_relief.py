@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 
 from dtrepair import Body, RepairOptions, SceneRepairer
-from dtrepair.diagnosis import Status
+from dtrepair.diagnosis import Status, StrainKind
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.work import work_done
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
+from dtrepair.repair.scene import relief
 from dtrepair.repair.scene.bounds import Judged, bounded_pose
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.relief import ReliefOptions, relieved_poses
 from dtrepair.repair.scene.scene import Scene, make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
-from dtrepair.repair.strain.meter import StrainOptions
+from dtrepair.repair.strain.meter import Excess, StrainOptions
 from tests.meshes import joined, tube
 
 
@@ -148,6 +149,26 @@ def test_what_the_input_let_go_is_brought_near_though_it_is_not_strained() -> No
     relieved = relieved_poses(own, mesh, [frame], [found])[0]
     assert not meter(before, relieved, strict=True)
     assert not len(pairs_of(own, frame, relieved))
+
+
+@pytest.mark.parametrize("spoils", [False, True])
+def test_what_is_within_the_bounds_stays_there(
+    spoils: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Less drift of what the input let go is nothing worth where it strains another joint."""
+    scene, frame, mesh = winged(1.6)
+    found = mesh.solve([frame.centred])[0][0]
+    drift = Excess(StrainKind.DRIFT, 0, 2.0, 1.0, 0, np.zeros(1, dtype=np.int32))
+
+    def judged(
+        _scene: Scene, _before: FloatArray, points: FloatArray, *, strict: bool = False
+    ) -> tuple[Excess, ...]:
+        if strict:
+            return (drift if points is found else drift._replace(value=1.5),)
+        return (drift._replace(kind=StrainKind.SLIDE),) * (spoils and points is not found)
+
+    monkeypatch.setattr(relief, "strain_of", judged)
+    assert (relieved_poses(scene, mesh, [frame], [found])[0] is found) == spoils
 
 
 def test_the_effort_bounds_the_work() -> None:

@@ -53,7 +53,7 @@ class WindowFrames(FramePoses):
             if not 0 <= other < len(self.cold) or self._moved(other) >= share * length:
                 continue
             start = surface.rigid.fitted(before, before + self.cold[other] - self.original[other])
-            pose = mend(surface, before, [start], step=step, options=self.options.mend)
+            pose = mend(surface, before, [start], step=step, most=pairs, options=self.options.mend)
             found, moved = self.left(surface, pose), float(lengths(pose - before).mean())
             if moved < share * length and found <= pairs:
                 self.cold[frame], length, pairs = pose, moved, found
@@ -70,7 +70,7 @@ class WindowFrames(FramePoses):
         """
         cold, now, before = self.cold[frame], self.poses[frame], self.original[frame]
         least = self.left(surface, cold)
-        mended = mend(surface, before, [now], step=step, options=self.options.mend)
+        mended = mend(surface, before, [now], step=step, most=least, options=self.options.mend)
         near = np.linalg.norm(mended - now) < np.linalg.norm(cold - now)
         if near and self.left(surface, mended) <= least:
             self.added[frame] = mended - now

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.full.biharmonic_fill import Filled, FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import PushOptions, push
@@ -20,14 +22,18 @@ class MendOptions:
             them; a frame that is nearly clean needs no 20 rings as a whole repair does.
         push: What separates contacts; few iterations, as most are apart.
         fill: What closes the creases.
-        share_pairs: A pose that keeps only a share of its correction is mended if at most so many
-            pairs are left: more of them are what had to be given up.
+        small_motions: More pairs than this are not mended by small motions: they are what solving
+            left, or what had to be given up with a share of the correction.
+        hopeless, few: Where a pose is of no use with more than so many pairs, no turn follows one
+            that left more than `hopeless` times as many and a `few`.
     """
 
     near: tuple[int, ...] = (12, 6, 0)
     push: PushOptions = field(default_factory=lambda: PushOptions(iterations=12, patience=5))
     fill: FillOptions = field(default_factory=FillOptions)
-    share_pairs: int = 100
+    small_motions: int = 100
+    hopeless: float = 2.0
+    few: int = 20
 
 
 def mend(
@@ -37,6 +43,7 @@ def mend(
     *,
     step: float,
     alone: Callable[[Surface, FloatArray], FloatArray] | None = None,
+    most: int | None = None,
     options: MendOptions = MendOptions(),
 ) -> FloatArray:
     """Return a clean pose near one of some poses (V, 3), or the one with the fewest pairs.
@@ -44,8 +51,9 @@ def mend(
     starts: tried in order until one leads to a clean pose, so the least change comes first. step:
     largest motion in an iteration of the push, units of the size. alone: the solver from the
     input's pose, the last resort; its pose may lie on another side of a contact than the
-    neighbours'.
+    neighbours'. most: with more pairs a pose is of no use; default: it is if it has fewer.
     """
+    limit = np.inf if most is None else options.hopeless * most + options.few
     best: Filled | None = None
     for start in starts:
         pose = surface.rigid.fitted(original, start)
@@ -57,6 +65,8 @@ def mend(
                 best = filled
             if len(best.defects.crossings) == 0:
                 return best.points
+            if len(filled.defects.crossings) > limit:
+                break
     assert best is not None
     if alone is not None:
         cold = alone(surface, original)

@@ -34,14 +34,14 @@ def mended(
     """Return a pose with `pairs` (K, 2) mended, or solved `alone`, if it gets fewer; its pairs.
 
     Of what keeps only a share of the correction, nothing is taken that is solved alone, which is
-    all of the correction, is strained or moves farther than `farthest`; with many pairs it is left
-    as it is. step: largest motion in an
-    iteration; both in units of the surface's size.
+    all of the correction, is strained or moves farther than `farthest`. With many pairs, for which
+    small motions do not do, a pose that is not solved alone is left as it is. step: largest motion
+    in an iteration; both in units of the surface's size.
     """
-    if judged.lowered and len(pairs) > options.share_pairs:
+    last = None if judged.lowered else alone
+    if last is None and len(pairs) > options.small_motions:
         return judged, pairs
     unit, start = mesh.reduced(before), mesh.reduced(judged.points)
-    last = None if judged.lowered else alone
     near = mend(mesh.surface, unit, [start], step=step, alone=last, options=options)
     near = allowed(mesh.surface.rigid, unit, near, mesh.farthest)
     points = mesh.expanded(before, unit, near)

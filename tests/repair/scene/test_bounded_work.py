@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from dtrepair.numerics.work import work_done
-from dtrepair.repair.full.mend import MendOptions
+from dtrepair.repair.full.biharmonic_fill import FillOptions
+from dtrepair.repair.full.mend import MendOptions, mend
 from dtrepair.repair.full.method import FullMethod, FullOptions
+from dtrepair.repair.full.push import PushOptions
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.mending import mended
 from tests.repair.scene.test_relief import pairs_of, winged
@@ -24,12 +28,14 @@ def test_relaxing_of_attached_parts_ends_with_their_work(attached: bool) -> None
     assert cycles[0] == (0 if attached else cycles[1])
 
 
-@pytest.mark.parametrize("lowered", [True, False])
-def test_a_share_that_left_many_pairs_is_not_mended(lowered: bool) -> None:
+@pytest.mark.parametrize(
+    ("lowered", "solved_alone"), [(True, False), (False, False), (False, True)]
+)
+def test_many_pairs_are_mended_only_by_solving_alone(lowered: bool, solved_alone: bool) -> None:
     scene, frame, mesh = winged(1.6)
     judged = Judged(frame.centred, lowered=lowered)
 
-    def work(share_pairs: int) -> float:
+    def work(small_motions: int) -> float:
         start = work_done()
         own, left = mended(
             scene,
@@ -39,10 +45,27 @@ def test_a_share_that_left_many_pairs_is_not_mended(lowered: bool) -> None:
             frame.pairs,
             lambda points: pairs_of(scene, frame, points),
             step=0.002,
-            options=MendOptions(share_pairs=share_pairs),
+            alone=(lambda _, pose: pose) if solved_alone else None,
+            options=MendOptions(small_motions=small_motions),
         )
         assert len(left) < len(frame.pairs) or own is judged
         return work_done() - start
 
     assert work(len(frame.pairs)) > 0.0
-    assert (work(len(frame.pairs) - 1) == 0.0) == lowered
+    assert (work(len(frame.pairs) - 1) > 0.0) == solved_alone
+
+
+@pytest.mark.parametrize("most", [None, 0, 100])
+def test_no_turn_of_mending_follows_a_hopeless_one(most: int | None) -> None:
+    """One pose that may have as many pairs, one that may have none, and what nobody asked of."""
+    _, frame, mesh = winged(1.6)
+    pose, still = mesh.reduced(frame.centred), PushOptions(iterations=0)
+    options = MendOptions(push=still, fill=FillOptions(rounds=0), few=0)
+
+    def work(most: int | None, options: MendOptions) -> float:
+        start = work_done()
+        assert mend(mesh.surface, pose, [pose], step=0.0, most=most, options=options) is pose
+        return work_done() - start
+
+    one = work(None, replace(options, near=(12,)))
+    assert work(most, options) == (1 if most == 0 else 3) * one > 0.0

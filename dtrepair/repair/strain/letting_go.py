@@ -23,11 +23,13 @@ class LettingGoOptions:
         patch: And a patch of them where this share is: a ball that turns in its socket slides as
             far, but not near its axis.
         poses: In more than this share of the poses.
+        least: Of fewer poses nothing is let go: a single one may be the rest, or just odd.
     """
 
     bound: float = 0.02
     patch: float = 0.9
     poses: float = 0.5
+    least: int = 2
 
 
 def ties_that_hold(
@@ -44,7 +46,7 @@ def ties_that_hold(
     where they still meet as they were modelled: a rod slides far in its cylinder.
     """
     parts = meter.parts
-    if not poses:
+    if len(poses) < options.least:
         return np.ones(len(parts.joint), dtype=bool)
     patch = parts.tie_patches
     least = options.patch * np.bincount(patch)

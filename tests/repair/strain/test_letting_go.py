@@ -57,7 +57,9 @@ def test_what_only_rests_is_not_tied_once_the_clip_leads_it_off() -> None:
     # Led off in one pose of three it is still held, in two it is not.
     assert tied_tips(lock_on_trunk(0.0, 0.0, 0.5)) == every
     assert tied_tips(lock_on_trunk(0.0, 0.5, 0.4)) == 0
-    scene = lock_on_trunk(0.5)
+    # A single pose, which may be the rest, is no clip.
+    assert tied_tips(lock_on_trunk(0.5)) == every
+    scene = lock_on_trunk(0.5, 0.4)
     assert scene.attachments is not None and scene.held is not None
     # Its root holds, and so does what counts as modelled.
     assert 0 < len(scene.held.ties.vertices) < len(scene.attachments.ties.vertices)
@@ -73,12 +75,13 @@ def test_two_parts_that_no_patch_holds_stay_tied_where_they_meet() -> None:
     met = Reference(slid, scene.detector(slid))
     assert scene.strain_meter.let_go(slid, LettingGoOptions.bound).mean() > 0.9
     assert known.modelled(met.pairs).any()
-    assert ties_that_hold(scene.strain_meter, known, [met]).all()
-    assert not ties_that_hold(scene.strain_meter, known, [met._replace(pairs=NO_PAIRS)]).any()
+    assert ties_that_hold(scene.strain_meter, known, [met] * 2).all()
+    apart = [met._replace(pairs=NO_PAIRS)] * 2
+    assert not ties_that_hold(scene.strain_meter, known, apart).any()
 
 
 def test_a_patch_goes_as_a_whole() -> None:
-    scene = lock_on_trunk(0.5)
+    scene = lock_on_trunk(0.5, 0.5)
     meter, known, poses = scene.strain_meter, scene.attachments, scene.layer_poses
     assert known is not None
     gone = meter.let_go(poses[0].points, LettingGoOptions.bound)

@@ -48,6 +48,11 @@ def strain_of(
     return tuple(scene.strain_meter(before, after, strict=strict))
 
 
+def badness(excess: Sequence[Excess]) -> float:
+    """Return how far beyond its bounds a pose is, 0 where it is within them."""
+    return float(sum(own.value / max(own.bound, 1e-12) for own in excess))
+
+
 def bounded_pose(
     scene: Scene,
     pose: OpenedPose,

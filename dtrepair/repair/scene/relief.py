@@ -18,12 +18,12 @@ from dtrepair.numerics.work import work_done
 from dtrepair.repair.full.acceptance import reach_of
 from dtrepair.repair.full.relax import Relaxation, RelaxOptions
 from dtrepair.repair.parallel.worker_pool import WorkerPool, with_workers, worthwhile_jobs
-from dtrepair.repair.scene.bounds import strain_of
+from dtrepair.repair.scene.bounds import badness, strain_of
 from dtrepair.repair.scene.holding import Holding
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
-from dtrepair.repair.strain.meter import Excess
+from dtrepair.repair.scene.wholes import with_wholes
 from dtrepair.repair.surface.defects import contact_scale
 from dtrepair.repair.surface.surface import Surface
 
@@ -44,16 +44,19 @@ class ReliefOptions:
             shapes recover and contacts make way.
         work, work_a_triangle: After so much of it, plus this for each triangle, times the effort, a
             pose is left as it is (units of `numerics.work`).
+        wholes: So many parts that lost their shapes are tried as wholes: pins, buttons and teeth
+            come back, limbs do not.
         farther: Factor of the longest motion of a correction that it may grow by.
         relax: The cycles. Short steps and many tries: what is strained lies beside contacts.
     """
 
-    cycles: int = 24
+    cycles: int = 60
     patience: int = 4
     gain: float = 0.99
     hold: tuple[tuple[float, ...], ...] = ((2.0, 0.5), (8.0, 2.0, 0.5))
     work: float = 5e5
     work_a_triangle: float = 16.0
+    wholes: int = 8
     farther: float = 1.1
     relax: RelaxOptions = field(
         default_factory=lambda: RelaxOptions(step=0.005, first=1.0, longer=1.0, tries=10)
@@ -148,7 +151,7 @@ class Relief:
         excess = strict
         if any(own.kind is StrainKind.DRIFT for own in strict):  # else they are the same
             excess = strain_of(self.scene, before, points)
-        return _badness(excess), _badness(strict)
+        return badness(excess), badness(strict)
 
     def _farthest(self, strained: _Strained) -> float:
         """Return how far a vertex may move."""
@@ -174,12 +177,14 @@ def relieved_poses(
     """
     if mesh.surface.ties is None or scene.options.clearance > 0.0:
         return found
+    both = zip(poses, found, strict=True)
+    result = [with_wholes(scene, pose, own, most=options.wholes) for pose, own in both]
     strained = {}
-    for index, (pose, points) in enumerate(zip(poses, found, strict=True)):
+    for index, (pose, points) in enumerate(zip(poses, result, strict=True)):
         if strain_of(scene, pose.centred, points, strict=True):
             strained[index] = _Strained(pose.centred, points)
     if not strained:
-        return found
+        return result
     state = Relief(scene, mesh, list(strained.values()), options=options)
 
     def relieved_by(pool: WorkerPool) -> list[FloatArray]:
@@ -188,14 +193,8 @@ def relieved_poses(
 
     jobs = worthwhile_jobs(jobs, len(strained), len(mesh.surface.faces))
     relieved = with_workers(mesh.surface, jobs, relieved_by)
-    result = list(found)
     for (index, own), points in zip(strained.items(), relieved, strict=True):
         weld = poses[index].weld
         if len(scene.pairs(points, weld)) <= len(scene.pairs(own.after, weld)):
             result[index] = points
     return result
-
-
-def _badness(excess: Sequence[Excess]) -> float:
-    """Return how far beyond its bounds a pose is, 0 where it is within them."""
-    return float(sum(own.value / max(own.bound, 1e-12) for own in excess))

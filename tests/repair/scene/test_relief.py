@@ -15,6 +15,7 @@ from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.work import work_done
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
+from dtrepair.repair.full.relax import RelaxOptions
 from dtrepair.repair.scene import relief
 from dtrepair.repair.scene.bounds import Judged, bounded_pose
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
@@ -169,6 +170,19 @@ def test_what_is_within_the_bounds_stays_there(
 
     monkeypatch.setattr(relief, "strain_of", judged)
     assert (relieved_poses(scene, mesh, [frame], [found])[0] is found) == spoils
+
+
+def test_what_still_gains_goes_on() -> None:
+    """A wing that swelled comes back by many short steps."""
+    scene, frame, mesh = winged(1.2)
+    swollen = frame.centred.copy()
+    swollen[scene.vertex_starts[1] :, 1] *= 5.0
+    assert scene.strain_meter(frame.centred, swollen)
+    short = RelaxOptions(step=0.003, first=1.0, longer=1.0, tries=10)
+    (relieved,) = relieved_poses(
+        scene, mesh, [frame], [swollen], options=ReliefOptions(relax=short)
+    )
+    assert not scene.strain_meter(frame.centred, relieved)
 
 
 def test_the_effort_bounds_the_work() -> None:

@@ -55,7 +55,7 @@ class FrameOptions:
         lending: What frames give each other where pushing is stuck.
         edges, cure: Edges that are crushed or drawn out, and their cure.
         borrow: A frame takes a neighbour's displacement where that is less than this part of its
-            own, in the mean over the vertices.
+            own, in the mean over the vertices; or where that leaves fewer contacts.
         alone_shares: Shares of the way from where a frame was solved alone to its place among its
             neighbours that are tried in turn.
     """

@@ -45,17 +45,19 @@ class WindowFrames(FramePoses):
     def borrowed(self, surface: Surface, frame: int, step: float) -> None:
         """Take a neighbour's displacement instead, mended, where that moves the frame much less.
 
-        Two frames that are nearly alike may be solved in unlike ways.
+        Or where it leaves less: two frames that are nearly alike may be solved in unlike ways.
         """
         before, share = self.original[frame], self.options.borrow
         pairs, length = self.left(surface, self.cold[frame]), self._moved(frame)
         for other in (frame - 1, frame + 1):
-            if not 0 <= other < len(self.cold) or self._moved(other) >= share * length:
+            if not 0 <= other < len(self.cold):
+                continue
+            if self._moved(other) >= share * length and not pairs:
                 continue
             start = surface.rigid.fitted(before, before + self.cold[other] - self.original[other])
             pose = mend(surface, before, [start], step=step, most=pairs, options=self.options.mend)
             found, moved = self.left(surface, pose), float(lengths(pose - before).mean())
-            if moved < share * length and found <= pairs:
+            if found < pairs or (moved < share * length and found == pairs):
                 self.cold[frame], length, pairs = pose, moved, found
         self.added[frame] = self.cold[frame] - self.poses[frame]
 

@@ -78,6 +78,15 @@ def test_a_frame_that_went_far_takes_what_its_neighbours_found() -> None:
     assert way.max() < 1.3 * NEEDED
 
 
+@pytest.mark.parametrize("dirty", [0, 3, 6])
+def test_a_frame_that_stayed_dirty_takes_what_a_neighbour_found(dirty: int) -> None:
+    """However far that is: the frame itself went nowhere."""
+    ways = [0.0 if frame == dirty else NEEDED for frame in range(FRAMES)]
+    _, state = solved(ways)
+    assert not state.dirty
+    assert [state.work.left(state.surface, pose) for pose in state.work.cold] == [0] * FRAMES
+
+
 def test_unlike_ways_go_over_into_each_other() -> None:
     ways = np.array([1.0, 1.0, 1.0, 1.0, 1.2, 1.2, 1.2]) * NEEDED
     way, state = solved(list(ways))

@@ -107,7 +107,7 @@ class Relief:
 
     def _led(
         self, surface: Surface, strained: _Strained, holds: list[float], enough: float
-    ) -> tuple[FloatArray, tuple[float, float]]:
+    ) -> tuple[FloatArray, tuple[bool, float]]:
         """Return the least strained pose (V, 3) on one way from what was found, and its strain.
 
         holds: weights of the pull, in turn; enough: total work after which it ends.
@@ -133,7 +133,7 @@ class Relief:
             state.cycle()
             points = mesh.expanded(before, unit, state.points)
             strain = self._strain(before, points)
-            gained = strain < (options.gain * value[0], options.gain * value[1])
+            gained = strain < (value[0], options.gain * value[1])
             stalled = 0 if gained else stalled + 1
             if strain < value and float(lengths(points - before).max()) <= farthest:
                 best, value = points, strain
@@ -145,13 +145,13 @@ class Relief:
                 stalled, holds = 0, holds[1:]
         return best, value
 
-    def _strain(self, before: FloatArray, points: FloatArray) -> tuple[float, float]:
-        """Return how far beyond its bounds a pose (V, 3) is, and beyond the strict ones."""
+    def _strain(self, before: FloatArray, points: FloatArray) -> tuple[bool, float]:
+        """Return whether a pose (V, 3) is strained, and how far it is beyond the strict bounds."""
         strict = strain_of(self.scene, before, points, strict=True)
         excess = strict
         if any(own.kind is StrainKind.DRIFT for own in strict):  # else they are the same
             excess = strain_of(self.scene, before, points)
-        return badness(excess), badness(strict)
+        return bool(excess), badness(strict)
 
     def _farthest(self, strained: _Strained) -> float:
         """Return how far a vertex may move."""

@@ -108,7 +108,8 @@ class StrainMeter:
     ) -> list[Excess]:
         """Return what is beyond its bound in a pose (V, 3), against that of the input.
 
-        strict: what the input let go is judged like what it holds.
+        strict: what the input let go is judged like what it holds, and every bound is told, not
+        only the first that a joint passes.
         """
         if np.array_equal(before, after):
             return []
@@ -180,15 +181,16 @@ class StrainMeter:
             own = np.flatnonzero(self.parts.joint == index)
             far = float(np.quantile(drift[own[held[own]]], 0.95)) if held[own].any() else 0.0
             worst = own[np.argmax(drift[own] / most[own])]
+            # A joint is told by the first of its bounds that is passed, and all only if none is.
+            beyond = []
             if drift[worst] > most[worst]:
-                value, bound, kind = drift[worst], float(most[worst]), StrainKind.DRIFT
-            elif far > options.joint:
-                value, bound, kind = far, options.joint, StrainKind.SLIDE
-            else:
-                continue
-            result.append(self._slid(kind, value, bound, own, drift, min(bound, options.joint)))
+                beyond.append((StrainKind.DRIFT, float(drift[worst]), float(most[worst])))
+            if far > options.joint and (strict or not beyond):
+                beyond.append((StrainKind.SLIDE, far, options.joint))
+            for kind, value, bound in beyond:
+                result.append(self._slid(kind, value, bound, own, drift, min(bound, options.joint)))
         every = float(np.quantile(drift, 0.95))
-        if every > options.slide and not result:
+        if every > options.slide and (strict or not result):
             own = np.arange(len(drift))
             kind, bound = StrainKind.SLIDE, options.slide
             result.append(self._slid(kind, every, bound, own, drift, bound))

@@ -132,6 +132,8 @@ def test_what_the_input_led_off_is_no_joint_but_does_not_go_much_farther(scale: 
         assert _loosened(meter(before, after)) == loose
         assert _loosened(meter(before, after, strict=True)) == strict
         assert _loosened(held(before, after)) == tied
+        every = slide if tied == slide else drift + slide
+        assert _loosened(held(before, after, strict=True)) == every
 
 
 def _loosened(found: list[Excess]) -> list[StrainKind]:

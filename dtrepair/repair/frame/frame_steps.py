@@ -48,18 +48,23 @@ class WindowFrames(FramePoses):
         Or where it leaves less: two frames that are nearly alike may be solved in unlike ways.
         """
         before, share = self.original[frame], self.options.borrow
-        pairs, length = self.left(surface, self.cold[frame]), self._moved(frame)
+        pairs, length = self._cold_pairs(surface, frame), self._moved(frame)
         for other in (frame - 1, frame + 1):
             if not 0 <= other < len(self.cold):
                 continue
-            if self._moved(other) >= share * length and not pairs:
-                continue
+            if self._moved(other) >= share * length:
+                if not pairs or self._cold_pairs(surface, other) >= pairs:
+                    continue
             start = surface.rigid.fitted(before, before + self.cold[other] - self.original[other])
             pose = mend(surface, before, [start], step=step, most=pairs, options=self.options.mend)
             found, moved = self.left(surface, pose), float(lengths(pose - before).mean())
             if found < pairs or (moved < share * length and found == pairs):
                 self.cold[frame], length, pairs = pose, moved, found
         self.added[frame] = self.cold[frame] - self.poses[frame]
+
+    def _cold_pairs(self, surface: Surface, frame: int) -> int:
+        """Return how many pairs a frame has that was solved alone."""
+        return self.left(surface, self.cold[frame])
 
     def _moved(self, frame: int) -> float:
         """Return how far a frame moved where it was solved alone, in the mean over the vertices."""

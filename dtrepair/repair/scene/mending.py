@@ -34,9 +34,9 @@ def mended(
     """Return a pose with `pairs` (K, 2) mended, or solved `alone`, if it gets fewer; its pairs.
 
     Of what keeps only a share of the correction, nothing is taken that is solved alone, which is
-    all of the correction, is strained or moves farther than `farthest`. With many pairs, for which
-    small motions do not do, a pose that is not solved alone is left as it is. step: largest motion
-    in an iteration; both in units of the surface's size.
+    all of the correction, or moves farther than `farthest`. Where nothing is solved alone, a pose
+    that is not strained does not get so, and one with many pairs, for which small motions do not
+    do, is left as it is. step: largest motion in an iteration; both in units of the surface's size.
     """
     last = None if judged.lowered else alone
     if last is None and len(pairs) > options.small_motions:
@@ -49,5 +49,6 @@ def mended(
     taken = len(found) < len(pairs)
     if judged.lowered:
         taken &= float(np.abs(near - start).max()) <= farthest
-        taken = taken and not strain_of(scene, before, points)
+    if taken and last is None and strain_of(scene, before, points):
+        taken = bool(strain_of(scene, before, judged.points))
     return (judged._replace(points=points), found) if taken else (judged, pairs)

@@ -54,7 +54,7 @@ class ReliefOptions:
     patience: int = 4
     gain: float = 0.99
     hold: tuple[tuple[float, ...], ...] = ((2.0, 0.5), (8.0, 2.0, 0.5))
-    work: float = 5e5
+    work: float = 8e5
     work_a_triangle: float = 16.0
     wholes: int = 8
     farther: float = 1.1

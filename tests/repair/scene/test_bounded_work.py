@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from dtrepair.diagnosis import StrainKind
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.work import work_done
 from dtrepair.repair.full.biharmonic_fill import FillOptions
 from dtrepair.repair.full.mend import MendOptions, mend
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.full.push import PushOptions
+from dtrepair.repair.scene import mending
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.mending import mended
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.strain.meter import Excess
 from tests.repair.scene.test_relief import pairs_of, winged
 
 
@@ -53,6 +59,38 @@ def test_many_pairs_are_mended_only_by_solving_alone(lowered: bool, solved_alone
 
     assert work(len(frame.pairs)) > 0.0
     assert (work(len(frame.pairs) - 1) > 0.0) == solved_alone
+
+
+@pytest.mark.parametrize(("before", "after"), [(False, False), (False, True), (True, True)])
+def test_mending_does_not_strain_what_is_not(
+    before: bool, after: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """before, after: whether the pose is strained, and the mended one."""
+    scene, frame, mesh = winged(1.6)
+    solved = mesh.solve([frame.centred])[0][0]
+    judged = Judged(frame.centred + 0.9 * (solved - frame.centred))
+    left = pairs_of(scene, frame, judged.points)
+    excess = Excess(StrainKind.EDGES, 0, 6.0, 5.0, 0, np.zeros(1, dtype=np.int32))
+
+    def strained(_scene: Scene, _before: FloatArray, points: FloatArray) -> tuple[Excess, ...]:
+        return (excess,) * (before if points is judged.points else after)
+
+    monkeypatch.setattr(mending, "strain_of", strained)
+    own, found = mended(
+        scene,
+        mesh,
+        frame.centred,
+        judged,
+        left,
+        lambda points: pairs_of(scene, frame, points),
+        step=0.002,
+        options=MendOptions(),
+    )
+    assert len(left) > 0
+    if after and not before:
+        assert own is judged and found is left
+    else:
+        assert len(found) < len(left)
 
 
 @pytest.mark.parametrize("most", [None, 0, 100])

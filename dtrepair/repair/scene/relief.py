@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.work import work_done
 from dtrepair.repair.full.acceptance import reach_of
@@ -148,10 +147,8 @@ class Relief:
     def _strain(self, before: FloatArray, points: FloatArray) -> tuple[bool, float]:
         """Return whether a pose (V, 3) is strained, and how far it is beyond the strict bounds."""
         strict = strain_of(self.scene, before, points, strict=True)
-        excess = strict
-        if any(own.kind is StrainKind.DRIFT for own in strict):  # else they are the same
-            excess = strain_of(self.scene, before, points)
-        return bool(excess), badness(strict)
+        strained = bool(strict) and bool(strain_of(self.scene, before, points))
+        return strained, badness(strict)
 
     def _farthest(self, strained: _Strained) -> float:
         """Return how far a vertex may move."""

@@ -45,6 +45,7 @@ class StrainOptions:
         loose: The same where the input itself has led it off, as hair that a turned head leads off
             a shoulder: it rests there no more.
         slide: 95 % of all attached vertices move less: what slides more looks loose all over.
+        aim: What is relieved comes within this part of it: others look at other vertices.
         joint: 95 % of those between the same two parts: one joint is few of all vertices. What slid
             farther from the rest in the input itself, as hair over a shoulder, is no joint there.
         volume: Change of the volume of a closed part: flesh that swells or shrivels more is seen.
@@ -65,6 +66,7 @@ class StrainOptions:
     drift: float = 0.02
     loose: float = 0.04
     slide: float = 0.004
+    aim: float = 0.9
     joint: float = 0.01
     volume: float = 0.2
     thicker: float = 0.02
@@ -108,8 +110,8 @@ class StrainMeter:
     ) -> list[Excess]:
         """Return what is beyond its bound in a pose (V, 3), against that of the input.
 
-        strict: what the input let go is judged like what it holds, and every bound is told, not
-        only the first that a joint passes.
+        strict: what relief aims at: what the input let go is judged like what it holds, all may
+        slide a little less, and every bound is told, not only the first that a joint passes.
         """
         if np.array_equal(before, after):
             return []
@@ -172,7 +174,8 @@ class StrainMeter:
             return []
         options = self.options
         drift = self.parts.tie_changes(before, after) / size
-        if drift.max() <= min(options.drift, options.joint, options.slide):
+        slide = options.slide * (options.aim if strict else 1.0)
+        if drift.max() <= min(options.drift, options.joint, slide):
             return []
         held = ~self.let_go(before, options.joint)
         most = np.where(held | strict, options.drift, options.loose)
@@ -190,10 +193,9 @@ class StrainMeter:
             for kind, value, bound in beyond:
                 result.append(self._slid(kind, value, bound, own, drift, min(bound, options.joint)))
         every = float(np.quantile(drift, 0.95))
-        if every > options.slide and (strict or not result):
+        if every > slide and (strict or not result):
             own = np.arange(len(drift))
-            kind, bound = StrainKind.SLIDE, options.slide
-            result.append(self._slid(kind, every, bound, own, drift, bound))
+            result.append(self._slid(StrainKind.SLIDE, every, slide, own, drift, slide))
         return result
 
     def let_go(self, pose: FloatArray, bound: float) -> NDArray[np.bool_]:

@@ -136,5 +136,16 @@ def test_what_the_input_led_off_is_no_joint_but_does_not_go_much_farther(scale: 
         assert _loosened(held(before, after, strict=True)) == every
 
 
+def test_relief_aims_at_a_little_less_than_may_be() -> None:
+    scene = lock_on_trunk()
+    meter, before = scene.strain_meter, scene.rest
+    assert 0.0034 < StrainOptions.aim * StrainOptions.slide < 0.0038 < StrainOptions.slide
+    for away, strict in ((0.0034, []), (0.0038, [StrainKind.SLIDE])):
+        after = before.copy()
+        after[len(TRUNK[0]) :] += [away * diagonal(before), 0.0, 0.0]
+        assert not meter(before, after)
+        assert _loosened(meter(before, after, strict=True)) == strict
+
+
 def _loosened(found: list[Excess]) -> list[StrainKind]:
     return [own.kind for own in found if own.kind in (StrainKind.DRIFT, StrainKind.SLIDE)]

@@ -22,8 +22,8 @@ class MendOptions:
             them; a frame that is nearly clean needs no 20 rings as a whole repair does.
         push: What separates contacts; few iterations, as most are apart.
         fill: What closes the creases.
-        small_motions: More pairs than this are not mended by small motions: they are what solving
-            left, or what had to be given up with a share of the correction.
+        mendable: More pairs than this small motions do not mend: they are what solving left, or
+            what had to be given up with a share of the correction.
         hopeless, few: Where a pose is of no use with more than so many pairs, no turn follows one
             that left more than `hopeless` times as many and a `few`.
     """
@@ -31,7 +31,7 @@ class MendOptions:
     near: tuple[int, ...] = (12, 6, 0)
     push: PushOptions = field(default_factory=lambda: PushOptions(iterations=12, patience=5))
     fill: FillOptions = field(default_factory=FillOptions)
-    small_motions: int = 100
+    mendable: int = 100
     hopeless: float = 2.0
     few: int = 20
 
@@ -51,7 +51,7 @@ def mend(
     starts: tried in order until one leads to a clean pose, so the least change comes first. step:
     largest motion in an iteration of the push, units of the size. alone: the solver from the
     input's pose, the last resort; its pose may lie on another side of a contact than the
-    neighbours'. most: with more pairs a pose is of no use; default: it is if it has fewer.
+    neighbours'. most: a pose with more pairs is of no use to the caller; None: any may be.
     """
     limit = np.inf if most is None else options.hopeless * most + options.few
     best: Filled | None = None

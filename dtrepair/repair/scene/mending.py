@@ -39,7 +39,7 @@ def mended(
     do, is left as it is. step: largest motion in an iteration; both in units of the surface's size.
     """
     last = None if judged.lowered else alone
-    if last is None and len(pairs) > options.small_motions:
+    if last is None and len(pairs) > options.mendable:
         return judged, pairs
     unit, start = mesh.reduced(before), mesh.reduced(judged.points)
     near = mend(mesh.surface, unit, [start], step=step, alone=last, options=options)

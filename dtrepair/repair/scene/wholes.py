@@ -30,11 +30,13 @@ def with_wholes(scene: Scene, pose: OpenedPose, points: FloatArray, *, most: int
     farthest, sizes = lengths(points - before).max(), np.bincount(parts.of_face)
     for part in sorted(lost, key=sizes.__getitem__)[:most]:
         own = parts.of_vertex[scene.rest_weld] == part
+        if (scene.mobility[own] == 0.0).any():
+            continue
         turn, shift = rigid_motion(parts, before, points, part)
         trial = np.where(own[:, None], before @ turn.T + shift, points)
-        value = badness(strain_of(scene, before, trial))
-        fixed = (scene.mobility[own] == 0.0).any()
-        if value >= least or fixed or lengths(trial - before).max() > farthest:
+        if lengths(trial - before).max() > farthest:
+            continue
+        if (value := badness(strain_of(scene, before, trial))) >= least:
             continue
         if (left := _wrong(scene, pose, trial)) <= wrong:
             points, least, wrong = trial, value, left

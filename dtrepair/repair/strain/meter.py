@@ -45,7 +45,7 @@ class StrainOptions:
         loose: The same where the input itself has led it off, as hair that a turned head leads off
             a shoulder: it rests there no more.
         slide: 95 % of all attached vertices move less: what slides more looks loose all over.
-        aim: What is relieved comes within this part of it: others look at other vertices.
+        aim: Relief goes on to this part of it: who measures at other vertices finds a little more.
         joint: 95 % of those between the same two parts: one joint is few of all vertices. What slid
             farther from the rest in the input itself, as hair over a shoulder, is no joint there.
         volume: Change of the volume of a closed part: flesh that swells or shrivels more is seen.

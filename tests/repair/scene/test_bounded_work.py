@@ -41,7 +41,7 @@ def test_many_pairs_are_mended_only_by_solving_alone(lowered: bool, solved_alone
     scene, frame, mesh = winged(1.6)
     judged = Judged(frame.centred, lowered=lowered)
 
-    def work(small_motions: int) -> float:
+    def work(mendable: int) -> float:
         start = work_done()
         own, left = mended(
             scene,
@@ -52,7 +52,7 @@ def test_many_pairs_are_mended_only_by_solving_alone(lowered: bool, solved_alone
             lambda points: pairs_of(scene, frame, points),
             step=0.002,
             alone=(lambda _, pose: pose) if solved_alone else None,
-            options=MendOptions(small_motions=small_motions),
+            options=MendOptions(mendable=mendable),
         )
         assert len(left) < len(frame.pairs) or own is judged
         return work_done() - start

@@ -1,8 +1,8 @@
 """How much work a thread has done: counted, not timed, so that results are the same on any machine.
 
-The unit is the detection of one triangle's contacts. Counted are detections, factorisations and
-solves, about half of what repairs do; with the rest a unit takes one and a half to two and a half
-microseconds of a processor.
+The unit is the detection of one triangle's contacts. Counted are detections, Cholesky factors,
+their solves and patches of fills, about half of what repairs do; with the rest a unit takes one and
+a half to two and a half microseconds of a processor.
 """
 
 from __future__ import annotations

@@ -57,6 +57,7 @@ class WindowFrames(FramePoses):
                     continue
             start = surface.rigid.fitted(before, before + self.cold[other] - self.original[other])
             pose = mend(surface, before, [start], step=step, most=pairs, options=self.options.mend)
+            pose = allowed(surface.rigid, before, pose, self.farthest)
             found, moved = self.left(surface, pose), float(lengths(pose - before).mean())
             if found < pairs or (moved < share * length and found == pairs):
                 self.cold[frame], length, pairs = pose, moved, found

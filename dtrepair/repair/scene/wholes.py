@@ -38,7 +38,8 @@ def with_wholes(scene: Scene, pose: OpenedPose, points: FloatArray, *, most: int
             continue
         if (value := badness(strain_of(scene, before, trial))) >= least:
             continue
-        if (left := _wrong(scene, pose, trial)) <= wrong:
+        left = _wrong(scene, pose, trial)
+        if left[0] <= wrong[0] and left[1] <= wrong[1]:
             points, least, wrong = trial, value, left
     return points
 
@@ -65,7 +66,7 @@ def rigid_motion(
     return rotation, new[0] - rotation @ old[0]
 
 
-def _wrong(scene: Scene, pose: OpenedPose, points: FloatArray) -> int:
-    """Return how many pairs, and parts inside others, a correction (V, 3) of a pose has."""
+def _wrong(scene: Scene, pose: OpenedPose, points: FloatArray) -> tuple[int, int]:
+    """Return how many pairs a correction (V, 3) of a pose has, and parts inside others."""
     pairs = scene.pairs(points, pose.weld)
-    return len(pairs) + len(scene.enclosed_parts(points, pairs))
+    return len(pairs), len(scene.enclosed_parts(points, pairs))

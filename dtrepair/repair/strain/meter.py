@@ -179,6 +179,7 @@ class StrainMeter:
             return []
         held = ~self.let_go(before, options.joint)
         most = np.where(held | strict, options.drift, options.loose)
+        least = np.where(held | strict, min(options.drift, options.joint), options.loose)
         result = []
         for index in np.unique(self.parts.joint[drift > min(options.drift, options.joint)]):
             own = np.flatnonzero(self.parts.joint == index)
@@ -191,11 +192,11 @@ class StrainMeter:
             if far > options.joint and (strict or not beyond):
                 beyond.append((StrainKind.SLIDE, far, options.joint))
             for kind, value, bound in beyond:
-                result.append(self._slid(kind, value, bound, own, drift, min(bound, options.joint)))
+                result.append(self._slid(kind, value, bound, worst, own[drift[own] > least[own]]))
         every = float(np.quantile(drift, 0.95))
         if every > slide and (strict or not result):
-            own = np.arange(len(drift))
-            result.append(self._slid(StrainKind.SLIDE, every, slide, own, drift, slide))
+            worst, concerned = int(np.argmax(drift)), np.flatnonzero(drift > slide)
+            result.append(self._slid(StrainKind.SLIDE, every, slide, worst, concerned))
         return result
 
     def let_go(self, pose: FloatArray, bound: float) -> NDArray[np.bool_]:
@@ -213,22 +214,16 @@ class StrainMeter:
         return np.asarray(shown[shortest, np.arange(shown.shape[1])])
 
     def _slid(
-        self,
-        kind: StrainKind,
-        value: float,
-        bound: float,
-        own: Places,
-        drift: FloatArray,
-        least: float,
+        self, kind: StrainKind, value: float, bound: float, worst: int, concerned: Places
     ) -> Excess:
-        """Return the excess of some ties, those of more drift than `least` being concerned."""
+        """Return the excess of some ties, and the tie where it is worst."""
         assert self.parts.ties is not None
-        worst = int(self.parts.ties.vertices[own[np.argmax(drift[own])]])
-        concerned = own[drift[own] > least]
         corners = self.parts.corners[self.parts.ties.triangles[concerned]].ravel()
         vertices = np.unique(np.concatenate([self.parts.ties.vertices[concerned], corners]))
-        part = int(self.parts.of_vertex[worst])
-        return Excess(kind, part, float(value), bound, worst, vertices)
+        vertex = int(self.parts.ties.vertices[worst])
+        return Excess(
+            kind, int(self.parts.of_vertex[vertex]), float(value), bound, vertex, vertices
+        )
 
     def _volumes(
         self, before: FloatArray, after: FloatArray, old: FloatArray, new: FloatArray

@@ -147,5 +147,21 @@ def test_relief_aims_at_a_little_less_than_may_be() -> None:
         assert _loosened(meter(before, after, strict=True)) == strict
 
 
+def test_what_came_off_is_named_not_what_the_input_let_go() -> None:
+    """The tip, which the input led off, may go farther than the root, which it holds."""
+    known = lock_on_trunk().strain_meter
+    before = joined(TRUNK, (bent(0.5), LOCK[1]))[0]
+    along = np.linspace(0.0, 1.0, len(LOCK[0]))
+    root, size = along < 0.3, diagonal(before)
+    after = before.copy()
+    own = after[len(TRUNK[0]) :]
+    own[along > 0.8] += [0.035 * size, 0.0, 0.0]
+    own[root] += [0.0, 0.0, 0.025 * size]
+    (found,) = [own for own in known(before, after) if own.kind is StrainKind.DRIFT]
+    tips = len(TRUNK[0]) + np.flatnonzero(along > 0.8)
+    assert found.bound == StrainOptions.drift < found.value < 0.035
+    assert found.worst not in tips and not np.isin(found.vertices, tips).any()
+
+
 def _loosened(found: list[Excess]) -> list[StrainKind]:
     return [own.kind for own in found if own.kind in (StrainKind.DRIFT, StrainKind.SLIDE)]

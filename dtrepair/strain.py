@@ -17,6 +17,7 @@ class StrainKind(StrEnum):
     DRIFT = "drift"
     SLIDE = "slide"
     VOLUME = "volume"
+    LIMB = "limb"
     FLIPS = "flips"
 
 
@@ -25,6 +26,7 @@ _WORDS: Mapping[StrainKind, str] = {
     StrainKind.DRIFT: "{0} off what it is attached to, at most {1}",
     StrainKind.SLIDE: "a twentieth of what is attached is {0} off, at most {1}",
     StrainKind.VOLUME: "volume changed by {0:.0%}, at most {1:.0%}",
+    StrainKind.LIMB: "volume of a piece of a limb changed by {0:.0%}, at most {1:.0%}",
     StrainKind.FLIPS: "a patch {0} wide turned over, at most {1}",
 }
 _LENGTHS = (StrainKind.DRIFT, StrainKind.SLIDE, StrainKind.FLIPS)

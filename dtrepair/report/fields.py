@@ -185,8 +185,10 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "part": "Which of its connected parts, 1 being that with most triangles.",
             "parts": "How many parts it has.",
             "kind": "What was measured: edges (spoilt ones), drift and slide (off what it is "
-            "attached to), volume, flips (a patch that turned over).",
-            "value": "The number; lengths as fractions of `size`, volumes of that of the part.",
+            "attached to), volume, limb (volume of a piece of one), flips (a patch that turned "
+            "over).",
+            "value": "The number; lengths as fractions of `size`, volumes of that of the part or "
+            "piece.",
             "bound": "What it may be at most.",
             "vertex": "The vertex of the mesh where it is worst.",
             "place": "Where that is in the input.",

@@ -55,7 +55,7 @@ _CONTACT = _object(first=_TEXT, second=_TEXT, before=_COUNT, after=_COUNT)
 _ENCLOSED = _object(inner=_TEXT, outer=_TEXT, parts=_COUNT)
 # A measure of a part of an object beyond its bound, worst at `place` of the input, in the space
 # that counts: the vertex and the part, from 1, are numbers within the object. Lengths are fractions
-# of the diagonal, volumes of that of the part.
+# of the diagonal, volumes of that of the part or piece.
 _STRAIN = _object(
     "size",
     body=_TEXT,

@@ -164,7 +164,8 @@ class Scene:
         faces = self.rest_weld[self.faces]
         parts = ConnectedParts(faces, self.body_of_vertex, self.attachments)
         shown = [reference.points for reference in self.references]
-        return StrainMeter(parts, references=shown, options=self.strain)
+        rest = self.centred_rest
+        return StrainMeter(parts, references=shown, rest=rest, options=self.strain)
 
     def attachments_of(self, body: int) -> Attachments | None:
         """Return what was modelled within one body, by its own triangles and vertices."""

@@ -1,0 +1,145 @@
+"""Volumes of the pieces of a surface: of closed parts, and of the limbs that these are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from dtrepair.intersect.topology.components import link_labels
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    diagonal,
+    dots,
+    lengths,
+    shared_edges,
+    vector_areas,
+)
+from dtrepair.repair.strain.parts import ConnectedParts
+
+Places = NDArray[np.integer]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimbOptions:
+    """What is taken as a piece of a limb; lengths are fractions of the diagonal of the rest.
+
+    Args:
+        length: Distance along the surface over which a piece reaches: fingers have pieces of their
+            own, trunks have slices.
+        small: Pieces with less area than its square are slivers between slices.
+        triangles: So are those with fewer triangles.
+        flat: A piece of less volume, over its capped area to the power 3/2, has no thickness of
+            its own: a saddle, or half a chest. A tube as long as its radius has 0.07.
+    """
+
+    length: float = 0.04
+    small: float = 0.02
+    triangles: int = 24
+    flat: float = 0.03
+
+
+class Pieces:
+    """Pieces of a surface, each closed by fans across its rims.
+
+    Args:
+        faces: Triangles (F, 3).
+        piece: The piece (F,) of each triangle, negative for none.
+        flat: A piece of less volume, over its area to the power 3/2, has none to keep.
+    """
+
+    def __init__(self, faces: IntArray, piece: Places, flat: float) -> None:
+        self.chosen = np.flatnonzero(piece >= 0)
+        self.faces, self.piece, self.flat = faces[self.chosen], piece[self.chosen], flat
+        self.count = int(self.piece.max(initial=-1)) + 1
+        ends = self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
+        owner = np.repeat(self.piece.astype(np.int64), 3)
+        # Sides that no triangle of the same piece runs through the other way.
+        vertices = int(ends.max(initial=-1)) + 1
+        there, back = ((owner * vertices + ends[:, a]) * vertices + ends[:, 1 - a] for a in (0, 1))
+        open_side = ~np.isin(there, back)
+        self._sides, self._owner = ends[open_side], owner[open_side]
+        nodes = (self._owner[:, None] * vertices + self._sides).ravel()
+        number = np.unique(nodes, return_inverse=True)[1].reshape(-1, 2).astype(np.int32)
+        self._rim = link_labels(number, int(number.max(initial=-1)) + 1)[number[:, 0]]
+
+    def vertices(self, piece: int) -> IntArray:
+        """Return the vertices (N,) of a piece, sorted."""
+        return np.unique(self.faces[self.piece == piece]).astype(np.int32)
+
+    def changes(
+        self,
+        before: FloatArray,
+        after: FloatArray,
+        old: FloatArray,
+        new: FloatArray,
+        thicker: float,
+    ) -> FloatArray:
+        """Return by how much of itself the volume (P,) of each piece changed, 0 where it has none.
+
+        before, after: poses (V, 3); old, new: vector areas (F, 3) of all triangles. What did not
+        get thicker, volume over area, by more than this share has not grown.
+        """
+        centre = before.mean(axis=0)
+        had, area = self._measures(before - centre, old)
+        has, wide = self._measures(after - centre, new)
+        solid = np.abs(had) > self.flat * area**1.5
+        ratio = np.where(solid, has / np.where(solid, had, 1.0), 1.0)
+        swollen = ratio * area > (1.0 + thicker) * wide
+        return np.where((ratio < 1.0) | swollen, np.abs(ratio - 1.0), 0.0)
+
+    def _measures(self, points: FloatArray, areas: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return volume and area (P,) of each piece with its fans; areas (F, 3) of triangles."""
+        own = areas.take(self.chosen, axis=0)
+        heights = dots(points.take(self.faces[:, 0], axis=0), own)
+        volume, area = (self._sums(self.piece, values) for values in (heights, lengths(own)))
+        if len(self._sides):
+            start, end = (points.take(side, axis=0) for side in self._sides.T)
+            sums = [np.bincount(self._rim, column) for column in start.T]
+            middle = (np.stack(sums, axis=1) / np.bincount(self._rim)[:, None])[self._rim]
+            fans = 0.5 * np.cross(end - middle, start - middle)
+            volume += self._sums(self._owner, dots(middle, fans))
+            area += self._sums(self._owner, lengths(fans))
+        return volume / 3.0, area
+
+    def _sums(self, piece: Places, values: FloatArray) -> FloatArray:
+        """Return the sum (P,) of the values (N,) of each piece."""
+        return np.asarray(np.bincount(piece, values, self.count), dtype=np.float64)
+
+
+def limbs(
+    parts: ConnectedParts, rest: FloatArray, *, options: LimbOptions = LimbOptions()
+) -> Pieces:
+    """Return the pieces of limbs of all closed parts: slices by the distance from one end.
+
+    Distances run along the edges of the rest (V, 3), from that vertex of each part that is farthest
+    from its middle; a slice of them has a piece for each limb that it cuts.
+    """
+    size = diagonal(rest) or 1.0
+    first, second = parts.edges.T
+    length = lengths(rest[first] - rest[second]) + np.finfo(np.float32).tiny
+    graph = sparse.csr_matrix((length, (first, second)), shape=(len(rest), len(rest)))
+    away = csgraph.dijkstra(graph, directed=False, indices=_ends(parts, rest), min_only=True)
+    slices = np.floor(away[parts.faces].mean(axis=1) / (options.length * size))
+    sides = shared_edges(parts.faces)
+    same = slices[sides[:, 0]] == slices[sides[:, 1]]
+    piece = link_labels(sides[same].astype(np.int32), len(parts.faces))
+    areas = np.bincount(piece, lengths(vector_areas(rest, parts.faces)))
+    whole = (areas >= (options.small * size) ** 2) & (np.bincount(piece) >= options.triangles)
+    judged = whole[piece] & parts.closed[parts.of_face]
+    return Pieces(parts.faces, np.where(judged, piece, -1), options.flat)
+
+
+def _ends(parts: ConnectedParts, rest: FloatArray) -> IntArray:
+    """Return the vertex (P,) of each part that is farthest from the mean of its vertices."""
+    used = np.flatnonzero(parts.of_vertex >= 0)
+    own = parts.of_vertex[used]
+    sums = [np.bincount(own, column) for column in rest[used].T]
+    middle = np.stack(sums, axis=1) / np.bincount(own)[:, None]
+    order = np.lexsort((lengths(rest[used] - middle[own]), own))
+    last = np.flatnonzero(np.diff(own[order], append=parts.count))
+    return used[order[last]].astype(np.int32)

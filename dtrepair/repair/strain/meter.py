@@ -54,8 +54,8 @@ class StrainOptions:
             to go round an arm has more of both, and did not swell.
         sheet: A closed part of less volume, over its area to the power 3/2, is a sheet, which has
             none to keep. A ball has 0.094, a plate of 1 x 1 x 0.01 0.003.
-        limb: Change of the volume of a piece of a limb within a closed part: good results of limbs
-            that were inside each other have some that lose 64 %, fingers that collapsed lose all.
+        limb: Change of the volume of a piece of a limb within a skin: good results of limbs that
+            were inside each other have some that lose 76 %, fingers that collapsed lose all.
         patch: Width of a connected patch of triangles that turned over: creases of good results of
             deep contacts have some up to 0.026, and half a hand is 0.04 wide.
         patch_share: Or this share of the area of the part, if that is less: an eye is small.
@@ -74,7 +74,7 @@ class StrainOptions:
     volume: float = 0.2
     thicker: float = 0.02
     sheet: float = 0.002
-    limb: float = 2.0 / 3.0
+    limb: float = 0.8
     patch: float = 0.035
     patch_share: float = 0.25
     patch_triangles: int = 5
@@ -234,9 +234,7 @@ class StrainMeter:
     def _volumes(
         self, before: FloatArray, after: FloatArray, old: FloatArray, new: FloatArray
     ) -> list[Excess]:
-        """Return closed parts and limbs whose volume changed; old, new: vector areas (F, 3)."""
-        if not self.parts.closed.any():
-            return []
+        """Return closed parts and limbs with another volume; old, new: vector areas (F, 3)."""
         result = []
         for kind, pieces, bound in self._solids:
             change = pieces.changes(before, after, old, new, self.options.thicker)

@@ -35,12 +35,15 @@ class LimbOptions:
         triangles: So are those with fewer triangles.
         flat: A piece of less volume, over its capped area to the power 3/2, has no thickness of
             its own: a saddle, or half a chest. A tube as long as its radius has 0.07.
+        holes: A part whose rims span at most this share of its area is a skin: sockets of eyes,
+            and a neck that ends in a collar. Garments span more, and may be pressed flat.
     """
 
-    length: float = 0.04
+    length: float = 0.05
     small: float = 0.02
     triangles: int = 24
     flat: float = 0.03
+    holes: float = 0.05
 
 
 class Pieces:
@@ -85,14 +88,14 @@ class Pieces:
         get thicker, volume over area, by more than this share has not grown.
         """
         centre = before.mean(axis=0)
-        had, area = self._measures(before - centre, old)
-        has, wide = self._measures(after - centre, new)
+        had, area = self.measures(before - centre, old)
+        has, wide = self.measures(after - centre, new)
         solid = np.abs(had) > self.flat * area**1.5
         ratio = np.where(solid, has / np.where(solid, had, 1.0), 1.0)
         swollen = ratio * area > (1.0 + thicker) * wide
         return np.where((ratio < 1.0) | swollen, np.abs(ratio - 1.0), 0.0)
 
-    def _measures(self, points: FloatArray, areas: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def measures(self, points: FloatArray, areas: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return volume and area (P,) of each piece with its fans; areas (F, 3) of triangles."""
         own = areas.take(self.chosen, axis=0)
         heights = dots(points.take(self.faces[:, 0], axis=0), own)
@@ -114,7 +117,7 @@ class Pieces:
 def limbs(
     parts: ConnectedParts, rest: FloatArray, *, options: LimbOptions = LimbOptions()
 ) -> Pieces:
-    """Return the pieces of limbs of all closed parts: slices by the distance from one end.
+    """Return the pieces of limbs of all skins: slices by the distance from one end.
 
     Distances run along the edges of the rest (V, 3), from that vertex of each part that is farthest
     from its middle; a slice of them has a piece for each limb that it cuts.
@@ -128,9 +131,13 @@ def limbs(
     sides = shared_edges(parts.faces)
     same = slices[sides[:, 0]] == slices[sides[:, 1]]
     piece = link_labels(sides[same].astype(np.int32), len(parts.faces))
-    areas = np.bincount(piece, lengths(vector_areas(rest, parts.faces)))
-    whole = (areas >= (options.small * size) ** 2) & (np.bincount(piece) >= options.triangles)
-    judged = whole[piece] & parts.closed[parts.of_face]
+    areas = vector_areas(rest, parts.faces)
+    wide = np.bincount(piece, lengths(areas))
+    whole = (wide >= (options.small * size) ** 2) & (np.bincount(piece) >= options.triangles)
+    capped = Pieces(parts.faces, parts.of_face, 0.0).measures(rest, areas)[1]
+    open_area = np.bincount(parts.of_face, lengths(areas))
+    skin = capped <= (1.0 + options.holes) * open_area
+    judged = whole[piece] & skin[parts.of_face]
     return Pieces(parts.faces, np.where(judged, piece, -1), options.flat)
 
 

@@ -213,6 +213,12 @@ def _wrong(scene: Scene, pose: OpenedPose, points: FloatArray, pairs: IntArray) 
     return len(pairs) + len(enclosed)
 
 
+def pairs_and_enclosed(scene: Scene, pose: OpenedPose, points: FloatArray) -> tuple[int, int]:
+    """Return how many pairs a correction (V, 3) of a pose has, and parts inside others."""
+    pairs = scene.pairs(points, pose.weld)
+    return len(pairs), len(scene.enclosed_parts(points, pairs))
+
+
 def share_search(
     scene: Scene, before: FloatArray, after: FloatArray, options: ShareOptions
 ) -> ShareSearch:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, lengths
-from dtrepair.repair.scene.bounds import LOOSE, badness, strain_of
+from dtrepair.repair.scene.bounds import LOOSE, badness, pairs_and_enclosed, strain_of
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.strain.parts import ConnectedParts
@@ -26,7 +26,7 @@ def with_wholes(scene: Scene, pose: OpenedPose, points: FloatArray, *, most: int
     lost = sorted({own.part for own in excess if own.kind not in LOOSE})
     if not lost:
         return points
-    least, wrong = badness(excess), _wrong(scene, pose, points)
+    least, wrong = badness(excess), pairs_and_enclosed(scene, pose, points)
     farthest, sizes = lengths(points - before).max(), np.bincount(parts.of_face)
     for part in sorted(lost, key=sizes.__getitem__)[:most]:
         own = parts.of_vertex[scene.rest_weld] == part
@@ -38,7 +38,7 @@ def with_wholes(scene: Scene, pose: OpenedPose, points: FloatArray, *, most: int
             continue
         if (value := badness(strain_of(scene, before, trial))) >= least:
             continue
-        left = _wrong(scene, pose, trial)
+        left = pairs_and_enclosed(scene, pose, trial)
         if left[0] <= wrong[0] and left[1] <= wrong[1]:
             points, least, wrong = trial, value, left
     return points
@@ -64,9 +64,3 @@ def rigid_motion(
     spokes = np.stack([np.zeros_like(known), 1 + np.arange(len(known))], axis=1)
     rotation = best_rotation(old, new, spokes.astype(np.int32))
     return rotation, new[0] - rotation @ old[0]
-
-
-def _wrong(scene: Scene, pose: OpenedPose, points: FloatArray) -> tuple[int, int]:
-    """Return how many pairs a correction (V, 3) of a pose has, and parts inside others."""
-    pairs = scene.pairs(points, pose.weld)
-    return len(pairs), len(scene.enclosed_parts(points, pairs))

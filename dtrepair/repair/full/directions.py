@@ -8,7 +8,7 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths
 from dtrepair.repair.surface.layers import pushed_off_covered
-from dtrepair.repair.surface.surface import Surface
+from dtrepair.repair.surface.surface import BoolArray, Surface
 
 # Directions of two regions whose cosine is beyond this are one: they do not part the regions.
 PARALLEL = 0.95
@@ -23,10 +23,14 @@ class DirectionOptions:
             it leads out of deep overlaps, whose inner triangles have no contacts to push them.
         deepest: A vertex counts as at most so many layers deep, so that a tangle does not outweigh
             every other contact.
+        facing: Sheets that meet a closed part where nobody knows which side of it they lie on face
+            it, whatever way they are turned: the two then go apart. The volume direction is left
+            out, as what is beside a sheet is not in it.
     """
 
     volume_weight: float = 2.0
     deepest: int = 3
+    facing: bool = False
 
 
 def tangent_point_gradient(
@@ -69,6 +73,22 @@ def tangent_point_gradient(
         reaction = reacting * force.sum(axis=1) / 3.0
         _accumulate(gradient, plane.ravel(), np.repeat(reaction, 3, axis=0))
     return gradient
+
+
+def facing_sides(
+    areas: FloatArray, pairs: IntArray, region: IntArray, sheet: BoolArray, sides: FloatArray | None
+) -> FloatArray:
+    """Return `sides` (K, 2) with the normals of sheets turned towards the closed parts they meet.
+
+    areas: vector areas (F, 3); region: the contact region (K,) of each pair, which is turned as one
+    by the mean of its normals; sheet: which triangles (F,) are of open parts. Known sides stay.
+    """
+    result = np.ones((len(pairs), 2)) if sides is None else sides.copy()
+    mixed = (sheet[pairs[:, 0]] != sheet[pairs[:, 1]]) & (result > 0.0).all(axis=1)
+    agree = np.bincount(region[mixed], dots(*(areas[pairs[mixed, k]] for k in (0, 1))))
+    turned = np.flatnonzero(mixed)[agree[region[mixed]] > 0.0]
+    result[turned] = np.where(sheet[pairs[turned]], -1.0, 1.0)
+    return result
 
 
 def _steered(

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, vector_areas
 from dtrepair.repair.full.directions import (
     DirectionOptions,
+    facing_sides,
     tangent_point_gradient,
     volume_gradient,
 )
@@ -190,17 +191,16 @@ def _direction(
     count, regions = contact_regions(surface, contacts.pairs, contacts.winding != 0)
     of_pair = regions[surface.faces[far[:, 0], 0]]
     weights = 1.0 / np.bincount(of_pair, minlength=count)[of_pair]
+    sides = surface.covering_sides(far)
+    if options.facing:
+        areas = vector_areas(points, surface.faces)
+        sides = facing_sides(areas, far, of_pair, surface.sheets, sides)
     fields = [
         tangent_point_gradient(
-            points,
-            surface.faces,
-            far,
-            weights,
-            direction=surface.face_direction,
-            sides=surface.covering_sides(far),
+            points, surface.faces, far, weights, direction=surface.face_direction, sides=sides
         )
     ]
-    if volume and contacts.buried.any():
+    if volume and contacts.buried.any() and not options.facing:
         fields.append(volume_gradient(surface, points, contacts.buried, count, regions))
     smooth = surface.diffuse(np.concatenate(fields, axis=1), points) * surface.mobility[:, None]
     total = np.zeros_like(points)

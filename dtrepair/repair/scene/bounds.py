@@ -126,26 +126,36 @@ def _lowered(
     times: FloatArray,
     options: ShareOptions,
 ) -> list[FloatArray]:
-    """Return the shares of poses (V, 3) that are within the bounds."""
-    both = zip(frames, poses, strict=True)
-    failing = [k for k, own in enumerate(both) if strain_of(scene, own[0].centred, own[1])]
-    needed = np.ones((len(frames), len(scene.rest)))
+    """Return the shares of poses (V, 3) that are within the bounds.
+
+    A frame within them on its own stays as it is where easing would spoil it.
+    """
+    pairs = list(zip(frames, poses, strict=True))
+    strained = [bool(strain_of(scene, frame.centred, points)) for frame, points in pairs]
+    most = [
+        frame.wrong if own else options.spoilt + _wrong_of(scene, frame, points)
+        for own, (frame, points) in zip(strained, pairs, strict=True)
+    ]
     motions = np.stack(
-        [
-            lengths(points - frame.centred) / (diagonal(frame.centred) or 1.0)
-            for frame, points in zip(frames, poses, strict=True)
-        ]
+        [lengths(points - own.centred) / (diagonal(own.centred) or 1.0) for own, points in pairs]
     )
+    failing: list[int] = np.flatnonzero(strained).tolist()
+    firm: list[int] = []
+    needed = np.ones((len(frames), len(scene.rest)))
     eased, bounded = needed, list(poses)
     for attempt in range(ATTEMPTS):
         for index in failing:
             share = _share(scene, frames[index].centred, bounded[index], attempt, options)
             needed[index] = eased[index] * share
         eased = eased_shares(needed, frame_units(times), motions, options=options)
-        lowered = np.flatnonzero((eased < 1.0).any(axis=1)).tolist()
-        for index in lowered:
+        eased[firm] = 1.0
+        failing = []
+        for index in np.flatnonzero((eased < 1.0).any(axis=1)).tolist():
             bounded[index] = blended(scene, frames[index].centred, poses[index], eased[index])
-        failing = [k for k in lowered if _fails(scene, frames[k], bounded[k])]
+            if _fails(scene, frames[index], bounded[index], most[index]):
+                (failing if strained[index] else firm).append(index)
+        for index in firm:
+            bounded[index] = poses[index]
         if not failing:
             break
     return bounded
@@ -154,7 +164,7 @@ def _lowered(
 def _wrongs(scene: Scene, frames: Sequence[OpenedPose], poses: Sequence[FloatArray]) -> list[int]:
     """Return how much is wrong with each of some poses (V, 3)."""
     both = zip(frames, poses, strict=True)
-    return [_wrong(scene, own, points, scene.pairs(points, own.weld)) for own, points in both]
+    return [_wrong_of(scene, own, points) for own, points in both]
 
 
 def _held(
@@ -192,19 +202,19 @@ def _share(
     return search.put_back() if attempt else search.most()
 
 
-def _fails(scene: Scene, frame: OpenedPose, points: FloatArray) -> bool:
-    """Return whether a pose (V, 3) is strained, or has more pairs than its input."""
-    if strain_of(scene, frame.centred, points):
-        return True
-    return _wrong(scene, frame, points, scene.pairs(points, frame.weld)) > frame.wrong
+def _fails(scene: Scene, frame: OpenedPose, points: FloatArray, most: int) -> bool:
+    """Return whether a pose (V, 3) is strained, or more than `most` is wrong with it."""
+    return bool(strain_of(scene, frame.centred, points)) or _wrong_of(scene, frame, points) > most
+
+
+def _wrong_of(scene: Scene, frame: OpenedPose, points: FloatArray) -> int:
+    """Return how much is wrong with a pose (V, 3) whose pairs are not known."""
+    return _wrong(scene, frame, points, scene.pairs(points, frame.weld))
 
 
 def _loses(scene: Scene, frame: OpenedPose, whole: FloatArray, points: FloatArray) -> bool:
     """Return whether more is wrong with a pose (V, 3) than with the whole correction."""
-    left, least = (
-        _wrong(scene, frame, pose, scene.pairs(pose, frame.weld)) for pose in (points, whole)
-    )
-    return left > least
+    return _wrong_of(scene, frame, points) > _wrong_of(scene, frame, whole)
 
 
 def _wrong(scene: Scene, pose: OpenedPose, points: FloatArray, pairs: IntArray) -> int:

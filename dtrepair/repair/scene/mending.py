@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -42,13 +43,22 @@ def mended(
     if last is None and len(pairs) > options.mendable:
         return judged, pairs
     unit, start = mesh.reduced(before), mesh.reduced(judged.points)
-    near = mend(mesh.surface, unit, [start], step=step, alone=last, options=options)
-    near = allowed(mesh.surface.rigid, unit, near, mesh.farthest)
-    points = mesh.expanded(before, unit, near)
-    found = pairs_of(points)
+    for numbers in (options, facing(options)):
+        near = mend(mesh.surface, unit, [start], step=step, alone=last, options=numbers)
+        near = allowed(mesh.surface.rigid, unit, near, mesh.farthest)
+        points = mesh.expanded(before, unit, near)
+        found = pairs_of(points)
+        if len(found) < len(pairs) or not mesh.surface.sheets.any():
+            break
     taken = len(found) < len(pairs)
     if judged.lowered:
         taken &= float(np.abs(near - start).max()) <= farthest
     if taken and last is None and strain_of(scene, before, points):
         taken = bool(strain_of(scene, before, judged.points))
     return (judged._replace(points=points), found) if taken else (judged, pairs)
+
+
+def facing(options: MendOptions) -> MendOptions:
+    """Return the options with sheets that face what they meet, see `DirectionOptions`."""
+    direction = replace(options.push.direction, facing=True)
+    return replace(options, push=replace(options.push, direction=direction))

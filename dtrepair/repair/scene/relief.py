@@ -21,6 +21,7 @@ from dtrepair.repair.scene.bounds import badness, strain_of
 from dtrepair.repair.scene.holding import Holding
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.swelling import with_volume
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
 from dtrepair.repair.scene.wholes import with_wholes
 from dtrepair.repair.surface.defects import contact_scale
@@ -175,7 +176,10 @@ def relieved_poses(
     if mesh.surface.ties is None or scene.options.clearance > 0.0:
         return found
     both = zip(poses, found, strict=True)
-    result = [with_wholes(scene, pose, own, most=options.wholes) for pose, own in both]
+    result = [
+        with_volume(scene, pose, with_wholes(scene, pose, own, most=options.wholes))
+        for pose, own in both
+    ]
     strained = {}
     for index, (pose, points) in enumerate(zip(poses, result, strict=True)):
         if strain_of(scene, pose.centred, points, strict=True):
@@ -191,7 +195,7 @@ def relieved_poses(
     jobs = worthwhile_jobs(jobs, len(strained), len(mesh.surface.faces))
     relieved = with_workers(mesh.surface, jobs, relieved_by)
     for (index, own), points in zip(strained.items(), relieved, strict=True):
-        weld = poses[index].weld
-        if len(scene.pairs(points, weld)) <= len(scene.pairs(own.after, weld)):
-            result[index] = points
+        pose = poses[index]
+        if len(scene.pairs(points, pose.weld)) <= len(scene.pairs(own.after, pose.weld)):
+            result[index] = with_volume(scene, pose, points)
     return result

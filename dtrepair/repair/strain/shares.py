@@ -30,6 +30,8 @@ class ShareOptions:
         rounds: Times that regions are measured again, until they keep the bounds.
         unseen: Motions up to this, units of the diagonal, are kept beside a frame that gives up its
             own: to go in between would bring their contacts back as well.
+        spoilt: A frame within its bounds takes part in that only where so many pairs come back at
+            most: else it stays as it is, and what its neighbours give up jumps.
         time: Frames over which shares of neighbouring frames go over into each other, the standard
             deviation of a Gaussian: nothing may pop.
     """
@@ -39,6 +41,7 @@ class ShareOptions:
     widths: tuple[float, ...] = (3.0, 8.0)
     rounds: int = 12
     unseen: float = 0.015
+    spoilt: int = 4
     time: float = 0.75
 
 

@@ -10,7 +10,15 @@ from scipy import sparse
 
 from dtrepair.device import Device
 from dtrepair.intersect.topology.components import link_labels
-from dtrepair.numerics.geometry import IntArray, adjacency, pair_keys, shared_edges, unique_edges
+from dtrepair.numerics.geometry import (
+    IntArray,
+    adjacency,
+    closed_parts,
+    components,
+    pair_keys,
+    shared_edges,
+    unique_edges,
+)
 
 BoolArray = NDArray[np.bool_]
 
@@ -60,6 +68,12 @@ class Topology:
         columns = np.repeat(np.arange(len(self.faces)), 3)
         entries = (np.ones(3 * len(self.faces)), (self.faces.ravel(), columns))
         return sparse.csr_matrix(entries, shape=(self.count, len(self.faces)))
+
+    @cached_property
+    def sheets(self) -> BoolArray:
+        """Which triangles (F,) are of connected parts that are not closed."""
+        part = components(self.faces, self.count)[self.faces[:, 0]]
+        return ~closed_parts(self.faces, part, self.count)[part]
 
     def vertices_of(self, triangles: NDArray[np.integer]) -> BoolArray:
         """Return the mask (V,) of the corners of triangles given by index, any shape."""

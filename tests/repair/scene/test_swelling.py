@@ -1,0 +1,69 @@
+"""Parts with a little too little volume swell, where nothing is near."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair import Body, RepairOptions
+from dtrepair.diagnosis import StrainKind
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.metrics import volume
+from dtrepair.repair.scene.bounds import strain_of
+from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
+from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.swelling import with_volume
+from tests.meshes import icosphere
+
+BALL, FACES = icosphere(3)
+BESIDE = np.array([2.05, 0.0, 0.0])
+WALL = BALL * [0.05, 1.0, 1.0] + [0.95, 0.0, 0.0]
+
+
+def scene_of(other: FloatArray) -> tuple[Scene, OpenedPose]:
+    """A ball and another body, in their rests."""
+    scene = make_scene([Body(BALL, FACES), Body(other, FACES)], RepairOptions())
+    return scene, detected(scene, gathered(scene, [BALL, other]))
+
+
+def shrunk(pose: OpenedPose, scale: float) -> FloatArray:
+    """The pose with the ball scaled about its centre."""
+    points = pose.centred.copy()
+    own = points[: len(BALL)]
+    points[: len(BALL)] = own.mean(axis=0) + scale * (own - own.mean(axis=0))
+    return points
+
+
+@pytest.mark.parametrize("scale", [0.91, 1.09])
+def test_the_volume_comes_within_its_bound(scale: float) -> None:
+    scene, pose = scene_of(BALL + 2.0 * BESIDE)
+    points = shrunk(pose, scale)
+    assert [own.kind for own in strain_of(scene, pose.centred, points)] == [StrainKind.VOLUME]
+    found = with_volume(scene, pose, points)
+    assert strain_of(scene, pose.centred, found) == ()
+    ratio = volume(found[: len(BALL)], FACES) / volume(BALL, FACES)
+    assert abs(ratio - 1.0) == pytest.approx(0.19, abs=0.004)
+    assert np.array_equal(found[len(BALL) :], points[len(BALL) :])
+
+
+def test_it_swells_where_nothing_is_in_the_way() -> None:
+    scene, pose = scene_of(BALL + 2.0 * BESIDE)
+    points = shrunk(pose, 0.91)
+    # A wall just beside it on one side.
+    middle = points[: len(BALL)].mean(axis=0)
+    points[len(BALL) :] = middle + WALL - [0.95 - 0.91 - 0.0505, 0.0, 0.0]
+    before = len(scene.pairs(points, pose.weld))
+    found = with_volume(scene, pose, points)
+    assert len(scene.pairs(found, pose.weld)) <= before == 0
+    moved = np.linalg.norm(found - points, axis=1)[: len(BALL)]
+    nearest = np.argmax(BALL[:, 0])
+    assert moved[nearest] == 0.0 and moved.max() > 0.002
+    kinds = [own.kind for own in strain_of(scene, pose.centred, found) if own.part == 0]
+    assert StrainKind.VOLUME not in kinds
+
+
+def test_what_lost_half_and_what_is_not_strained_stays() -> None:
+    scene, pose = scene_of(BALL + 2.0 * BESIDE)
+    for scale in (0.7, 0.97):
+        points = shrunk(pose, scale)
+        assert with_volume(scene, pose, points) is points

@@ -15,6 +15,7 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, differing
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import Solved
+from dtrepair.repair.scene.props import with_rigid
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.surface.surface import BodyRange, Surface
 
@@ -162,6 +163,10 @@ class WeldedMeshes:
             return None
         scene = replace(self.scene, direction=np.zeros_like(self.scene.direction))
         return WeldedMeshes(scene, full=self._full)
+
+    def with_rigid(self, bodies: Sequence[int]) -> WeldedMeshes:
+        """Return the meshes with some more bodies rigid."""
+        return WeldedMeshes(with_rigid(self.scene, bodies), full=self._full)
 
     def __call__(self, welds: Sequence[IntArray]) -> WeldedMesh:
         """Return the mesh of poses with welds (V,): what coincides there and at rest is one."""

@@ -1,0 +1,76 @@
+"""Things that one joint or one transform carries are rigid, where bending them strains them.
+
+A rifle, a shield or a plate that moves as a whole in the input was never meant to bend.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from dtrepair.diagnosis import StrainKind
+from dtrepair.numerics.geometry import FloatArray, diagonal, lengths
+from dtrepair.repair.scene.bodies import mobility_of
+from dtrepair.repair.scene.bounds import Judged
+from dtrepair.repair.scene.opened_pose import OpenedPose
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.surface.rigid_bodies import RigidBodies
+
+# Strains of a shape, not of where it is.
+SHAPE = (StrainKind.EDGES, StrainKind.VOLUME, StrainKind.LIMB, StrainKind.FLIPS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PropOptions:
+    """What moves as a whole.
+
+    Args:
+        rounding: Vertices are at most so far from a rigid motion of the rest, units of the extent
+            of the body: skinning in single precision rounds.
+    """
+
+    rounding: float = 1e-4
+
+
+def strained_props(
+    scene: Scene,
+    frames: Sequence[OpenedPose],
+    judged: Sequence[Judged],
+    *,
+    options: PropOptions = PropOptions(),
+) -> tuple[int, ...]:
+    """Return which bodies move as wholes in all frames, and are strained by being bent in some."""
+    parts = scene.strain_meter.parts
+    bent = {
+        int(parts.body[own.part]) for found in judged for own in found.excess if own.kind in SHAPE
+    }
+    return tuple(
+        body
+        for body in sorted(bent)
+        if not scene.bodies[body].rigid
+        and all(_goes_whole(scene, body, frame.centred, options) for frame in frames)
+    )
+
+
+def _goes_whole(scene: Scene, body: int, pose: FloatArray, options: PropOptions) -> bool:
+    """Return whether a body of a pose (V, 3) is a rigid motion of its rest."""
+    own = scene.vertices_of(body)
+    rest = scene.centred_rest[own]
+    whole = RigidBodies([(0, len(rest))], np.ones(len(rest))).fitted(rest, pose[own])
+    far = float(lengths(whole - pose[own]).max(initial=0.0))
+    return far <= options.rounding * diagonal(rest)
+
+
+def with_rigid(scene: Scene, bodies: Sequence[int]) -> Scene:
+    """Return a scene in which some bodies are rigid; what is known of it stays known."""
+    own = [replace(body, rigid=k in bodies or body.rigid) for k, body in enumerate(scene.bodies)]
+    mobility = scene.mobility.copy()
+    for index in bodies:
+        vertices = scene.vertices_of(index)
+        mobility[vertices] = mobility_of(own[index], len(mobility[vertices]))
+    other = replace(scene, bodies=tuple(own), mobility=mobility)
+    asked = {field.name for field in fields(scene)} | {"rigid"}
+    vars(other).update({name: known for name, known in vars(scene).items() if name not in asked})
+    return other

@@ -1,0 +1,82 @@
+"""What one joint carries is found where bending it strains it, and a scene with it rigid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dtrepair import Body, RepairOptions
+from dtrepair.diagnosis import StrainKind
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.scene.bounds import Judged
+from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
+from dtrepair.repair.scene.props import strained_props, with_rigid
+from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from dtrepair.repair.strain.meter import Excess
+from tests.meshes import icosphere, tube
+
+BALL, FACES = icosphere(2)
+ROD = tube(12, 16, 0.1, 2.0)
+BODIES = [Body(BALL, FACES, name="ball"), Body(ROD[0] + 3.0, ROD[1], name="rod", mobility=0.5)]
+
+
+def turned(points: FloatArray, angle: float) -> FloatArray:
+    c, s = np.cos(angle), np.sin(angle)
+    moved: FloatArray = points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + [0.2, -angle, 0.3]
+    return moved.astype(np.float32).astype(np.float64)
+
+
+def swung(scene: Scene, bend: float = 0.0) -> list[OpenedPose]:
+    """Frames in which the rod turns, and in the last one is bent."""
+    frames = []
+    for angle in (0.1, 0.5, 0.9):
+        rod = turned(BODIES[1].rest, angle)
+        rod[:, 0] += bend * (angle == 0.9) * rod[:, 2] ** 2
+        frames.append(detected(scene, gathered(scene, [BALL * (1.0 + angle), rod])))
+    return frames
+
+
+def judged(part: int, kind: StrainKind = StrainKind.VOLUME) -> list[Judged]:
+    """Three poses, one of them strained at a part."""
+    none = np.zeros((0, 3))
+    excess = Excess(kind, part, 1.0, 0.2, 0, np.zeros(1, dtype=np.int32))
+    return [Judged(none), Judged(none, (excess,), lowered=True), Judged(none)]
+
+
+SCENE = make_scene(BODIES, RepairOptions())
+
+
+@pytest.mark.parametrize("kind", list(StrainKind))
+def test_props_are_bodies_that_move_as_wholes_and_are_strained_in_their_shape(
+    kind: StrainKind,
+) -> None:
+    where = kind in (StrainKind.DRIFT, StrainKind.SLIDE)
+    assert strained_props(SCENE, swung(SCENE), judged(1, kind)) == (() if where else (1,))
+    # The ball grows in the input, a bent rod bends in it, and what is rigid needs no telling.
+    assert strained_props(SCENE, swung(SCENE), judged(0, kind)) == ()
+    assert strained_props(SCENE, swung(SCENE, bend=0.01), judged(1, kind)) == ()
+    rigid = with_rigid(SCENE, [1])
+    assert strained_props(rigid, swung(rigid), judged(1, kind)) == ()
+
+
+def test_a_scene_with_something_rigid_keeps_what_is_known_of_it() -> None:
+    meter, detector = SCENE.strain_meter, SCENE.detector
+    assert len(SCENE.rigid.slices) == 0
+    other = with_rigid(SCENE, [1])
+    assert [body.rigid for body in other.bodies] == [False, True]
+    assert other.rigid.slices == (SCENE.vertices_of(1),)
+    assert other.strain_meter is meter and other.detector is detector
+    assert np.array_equal(other.mobility, SCENE.mobility)
+    assert len(SCENE.rigid.slices) == 0 and not SCENE.bodies[1].rigid
+    meshes = WeldedMeshes(SCENE).with_rigid([1])
+    assert meshes.scene.rigid.slices == other.rigid.slices
+
+
+def test_what_is_pinned_anywhere_is_held_as_a_whole() -> None:
+    pin = np.zeros(len(ROD[0]))
+    pin[0] = 1.0
+    scene = make_scene([BODIES[0], Body(*ROD, pin=pin)], RepairOptions())
+    own = scene.vertices_of(1)
+    assert scene.mobility[own].max() == 1.0
+    assert (with_rigid(scene, [1]).mobility[own] == 0.0).all()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from dtrepair.repair.result import RepairResult
 from dtrepair.repair.scene.bodies import Body, about_centre
 from dtrepair.repair.scene.bounds import strain_of
 from dtrepair.repair.scene.diagnosis import strains_of
+from dtrepair.repair.scene.props import SHAPE
 from dtrepair.repair.scene.scene import make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.solution_cache import Memory, remembering
@@ -146,16 +147,22 @@ class SceneRepairer:
         """Repair many poses, each for itself: on a GPU `poses_at_once` are solved at once."""
         numbers = self._independent
         results = repair_poses(self.scene, self.meshes, poses, options=numbers)
-        if (meshes := self.meshes.undirected) is None:
-            return results
-        for index, steered in enumerate(results):
-            if any(result.status is Status.STRAINED for result in steered):
-                free = repair_poses(
-                    meshes.scene, meshes, poses[index : index + 1], options=numbers
-                )[0]
-                if free[0].after.pairs < steered[0].after.pairs:
-                    results[index] = free
+        for index, found in enumerate(results):
+            for meshes in self._otherwise(poses[index], found):
+                (other,) = repair_poses(meshes.scene, meshes, [poses[index]], options=numbers)
+                if other[0].after.pairs < results[index][0].after.pairs:
+                    results[index] = other
         return results
+
+    def _otherwise(
+        self, points: Sequence[Any], found: Sequence[RepairResult]
+    ) -> Iterator[WeldedMeshes]:
+        """Yield other ways for a strained pose: without directions, with what is carried rigid."""
+        if all(result.status is not Status.STRAINED for result in found):
+            return
+        kinds = [{own.kind for own in result.diagnosis.strains} for result in found]
+        bent = [body for body, own in enumerate(kinds) if not own.isdisjoint(SHAPE)]
+        yield from self.meshes.otherwise(bent, [about_centre(self.scene.gather(points))[0]])
 
 
 class Repairer:

@@ -30,7 +30,7 @@ from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.bounds import Judged, bounded_frames, bounded_pose
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import detected
-from dtrepair.repair.scene.props import strained_props
+from dtrepair.repair.scene.props import bent_bodies
 from dtrepair.repair.scene.relief import relieved_poses
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
@@ -140,10 +140,12 @@ class WindowStream:
             judged = tail
         elif self.scene.options.clearance > 0.0 or any(frame.wrong for frame in frames):
             judged = self._judged(self.meshes, frames)
-            for meshes in self._otherwise(frames, judged):
-                otherwise = self._judged(meshes, frames)
-                if self._left(frames, otherwise) < self._left(frames, judged):
-                    judged = otherwise
+            if any(found.lowered for found in judged):
+                bent = bent_bodies(self.scene, judged)
+                for meshes in self.meshes.otherwise(bent, [frame.centred for frame in frames]):
+                    other = self._judged(meshes, frames)
+                    if self._left(frames, other) < self._left(frames, judged):
+                        judged = other
         if len(tail) < len(frames):
             judged = faded(frames, tail, judged, self.scene.rigid)
         done = len(frames) - keep
@@ -163,15 +165,6 @@ class WindowStream:
         poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
         times = np.array([frame.time for frame in frames])
         return bounded_frames(scene, frames, poses, times, options=numbers.share)
-
-    def _otherwise(self, frames: list[Frame], judged: list[Judged]) -> Iterator[WeldedMeshes]:
-        """Yield other ways for strained frames: without directions, with what is carried rigid."""
-        if not any(found.lowered for found in judged):
-            return
-        if (free := self.meshes.undirected) is not None:
-            yield free
-        if props := strained_props(self.scene, frames, judged):
-            yield self.meshes.with_rigid(props)
 
     def _left(self, frames: list[Frame], judged: list[Judged]) -> int:
         """Return how many pairs are left in all poses."""

@@ -5,7 +5,7 @@ A rifle, a shield or a plate that moves as a whole in the input was never meant 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -14,7 +14,6 @@ from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray, diagonal, lengths
 from dtrepair.repair.scene.bodies import mobility_of
 from dtrepair.repair.scene.bounds import Judged
-from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
 
@@ -34,23 +33,25 @@ class PropOptions:
     rounding: float = 1e-4
 
 
-def strained_props(
+def bent_bodies(scene: Scene, judged: Sequence[Judged]) -> set[int]:
+    """Return which bodies are strained in their shape in some of the poses that were judged."""
+    body = scene.strain_meter.parts.body
+    return {int(body[own.part]) for found in judged for own in found.excess if own.kind in SHAPE}
+
+
+def props_among(
     scene: Scene,
-    frames: Sequence[OpenedPose],
-    judged: Sequence[Judged],
+    bodies: Collection[int],
+    poses: Sequence[FloatArray],
     *,
     options: PropOptions = PropOptions(),
 ) -> tuple[int, ...]:
-    """Return which bodies move as wholes in all frames, and are strained by being bent in some."""
-    parts = scene.strain_meter.parts
-    bent = {
-        int(parts.body[own.part]) for found in judged for own in found.excess if own.kind in SHAPE
-    }
+    """Return which of some bodies move as wholes in all poses (V, 3) of the input."""
     return tuple(
         body
-        for body in sorted(bent)
+        for body in sorted(bodies)
         if not scene.bodies[body].rigid
-        and all(_goes_whole(scene, body, frame.centred, options) for frame in frames)
+        and all(_goes_whole(scene, body, pose, options) for pose in poses)
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, differing
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import Solved
-from dtrepair.repair.scene.props import with_rigid
+from dtrepair.repair.scene.props import props_among, with_rigid
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.surface.surface import BodyRange, Surface
 
@@ -164,9 +164,17 @@ class WeldedMeshes:
         scene = replace(self.scene, direction=np.zeros_like(self.scene.direction))
         return WeldedMeshes(scene, full=self._full)
 
-    def with_rigid(self, bodies: Sequence[int]) -> WeldedMeshes:
-        """Return the meshes with some more bodies rigid."""
-        return WeldedMeshes(with_rigid(self.scene, bodies), full=self._full)
+    def otherwise(
+        self, bent: Collection[int], poses: Sequence[FloatArray]
+    ) -> Iterator[WeldedMeshes]:
+        """Yield other ways for strained poses (V, 3): without directions, with props rigid.
+
+        bent: the bodies that are strained in their shape; those that one joint carries are props.
+        """
+        if self.undirected is not None:
+            yield self.undirected
+        if props := props_among(self.scene, bent, poses):
+            yield WeldedMeshes(with_rigid(self.scene, props), full=self._full)
 
     def __call__(self, welds: Sequence[IntArray]) -> WeldedMesh:
         """Return the mesh of poses with welds (V,): what coincides there and at rest is one."""

@@ -9,8 +9,8 @@ from dtrepair import Body, RepairOptions
 from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.scene.bounds import Judged
-from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
-from dtrepair.repair.scene.props import strained_props, with_rigid
+from dtrepair.repair.scene.opened_pose import gathered
+from dtrepair.repair.scene.props import bent_bodies, props_among, with_rigid
 from dtrepair.repair.scene.scene import Scene, make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.strain.meter import Excess
@@ -27,13 +27,13 @@ def turned(points: FloatArray, angle: float) -> FloatArray:
     return moved.astype(np.float32).astype(np.float64)
 
 
-def swung(scene: Scene, bend: float = 0.0) -> list[OpenedPose]:
+def swung(scene: Scene, bend: float = 0.0) -> list[FloatArray]:
     """Frames in which the rod turns, and in the last one is bent."""
     frames = []
     for angle in (0.1, 0.5, 0.9):
-        rod = turned(BODIES[1].rest, angle)
+        rod = turned(ROD[0] + 3.0, angle)
         rod[:, 0] += bend * (angle == 0.9) * rod[:, 2] ** 2
-        frames.append(detected(scene, gathered(scene, [BALL * (1.0 + angle), rod])))
+        frames.append(gathered(scene, [BALL * (1.0 + angle), rod]).centred)
     return frames
 
 
@@ -48,16 +48,17 @@ SCENE = make_scene(BODIES, RepairOptions())
 
 
 @pytest.mark.parametrize("kind", list(StrainKind))
-def test_props_are_bodies_that_move_as_wholes_and_are_strained_in_their_shape(
-    kind: StrainKind,
-) -> None:
+def test_bodies_that_are_strained_in_their_shape_are_bent(kind: StrainKind) -> None:
     where = kind in (StrainKind.DRIFT, StrainKind.SLIDE)
-    assert strained_props(SCENE, swung(SCENE), judged(1, kind)) == (() if where else (1,))
+    assert bent_bodies(SCENE, judged(1, kind)) == (set() if where else {1})
+
+
+def test_props_are_bodies_that_move_as_wholes() -> None:
     # The ball grows in the input, a bent rod bends in it, and what is rigid needs no telling.
-    assert strained_props(SCENE, swung(SCENE), judged(0, kind)) == ()
-    assert strained_props(SCENE, swung(SCENE, bend=0.01), judged(1, kind)) == ()
-    rigid = with_rigid(SCENE, [1])
-    assert strained_props(rigid, swung(rigid), judged(1, kind)) == ()
+    assert props_among(SCENE, [0, 1], swung(SCENE)) == (1,)
+    assert props_among(SCENE, [0], swung(SCENE)) == ()
+    assert props_among(SCENE, [0, 1], swung(SCENE, bend=0.01)) == ()
+    assert props_among(with_rigid(SCENE, [1]), [0, 1], swung(SCENE)) == ()
 
 
 def test_a_scene_with_something_rigid_keeps_what_is_known_of_it() -> None:
@@ -69,8 +70,9 @@ def test_a_scene_with_something_rigid_keeps_what_is_known_of_it() -> None:
     assert other.strain_meter is meter and other.detector is detector
     assert np.array_equal(other.mobility, SCENE.mobility)
     assert len(SCENE.rigid.slices) == 0 and not SCENE.bodies[1].rigid
-    meshes = WeldedMeshes(SCENE).with_rigid([1])
-    assert meshes.scene.rigid.slices == other.rigid.slices
+    ways = list(WeldedMeshes(SCENE).otherwise([0, 1], swung(SCENE)))
+    assert [way.scene.rigid.slices for way in ways] == [other.rigid.slices]
+    assert list(WeldedMeshes(SCENE).otherwise([0], swung(SCENE))) == []
 
 
 def test_what_is_pinned_anywhere_is_held_as_a_whole() -> None:

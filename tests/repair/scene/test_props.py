@@ -5,16 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair import Body, RepairOptions
+from dtrepair import Body, RepairOptions, SceneRepairer, Status
 from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.clip.window_stream import ClipOptions
+from dtrepair.repair.independent import IndependentOptions
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import gathered
 from dtrepair.repair.scene.props import bent_bodies, props_among, with_rigid
 from dtrepair.repair.scene.scene import Scene, make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
-from dtrepair.repair.strain.meter import Excess
-from tests.meshes import icosphere, tube
+from dtrepair.repair.strain.meter import Excess, StrainOptions
+from dtrepair.repair.surface.rigid_bodies import RigidBodies
+from tests.meshes import icosphere, swept, tube
+
+TIGHT = ClipOptions(
+    independent=IndependentOptions(strain=StrainOptions(factor=1.001, edges=0, edges_share=0.0))
+)
 
 BALL, FACES = icosphere(2)
 ROD = tube(12, 16, 0.1, 2.0)
@@ -82,3 +89,21 @@ def test_what_is_pinned_anywhere_is_held_as_a_whole() -> None:
     own = scene.vertices_of(1)
     assert scene.mobility[own].max() == 1.0
     assert (with_rigid(scene, [1]).mobility[own] == 0.0).all()
+
+
+def test_a_prop_in_the_way_of_something_fixed_goes_as_a_whole() -> None:
+    centre = np.linspace(-1.0, 1.0, 24)[:, None] * [1.0, 0.0, 0.0]
+    rod = swept(centre, np.full(24, 0.08), 12, closed=False)
+    bodies = [Body(BALL, FACES, name="ball", mobility=0.0), Body(*rod, name="rod")]
+    scene = SceneRepairer(bodies, clip=TIGHT)
+    poses = [[BALL, rod[0] + [0.0, 0.0, height]] for height in (1.02, 0.98, 0.94, 0.9)]
+    clip = [frame.results for frame in scene.animator.stream(enumerate(poses))]
+    for found in (scene.batch(poses), clip):
+        for (_, moved), (_, pose) in zip(found, poses, strict=True):
+            assert moved.status is Status.CLEAN and moved.before.pairs > 0
+            whole = RigidBodies([(0, len(pose))], np.ones(len(pose))).fitted(pose, moved.points)
+            assert np.abs(whole - moved.points).max() < 1e-4
+    # Without such bounds it bends.
+    (_, bent) = SceneRepairer(bodies)(poses[-1])
+    whole = RigidBodies([(0, len(pose))], np.ones(len(pose))).fitted(pose, bent.points)
+    assert np.abs(whole - bent.points).max() > 1e-3

@@ -1,7 +1,7 @@
 """Closed parts with a little too much or too little volume swell or shrink where nothing is near.
 
-A part that its neighbours press from all sides may end a per cent beyond its bound. The whole of
-its correction would be given up for that.
+A part that its neighbours press from all sides may end a per cent beyond its bound, and a thin
+plate by its thickness. The whole of its correction would be given up for that.
 """
 
 from __future__ import annotations
@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.diagnosis import StrainKind
-from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, pair_keys, vector_areas
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    diagonal,
+    dots,
+    lengths,
+    pair_keys,
+    vector_areas,
+)
 from dtrepair.repair.scene.bounds import badness, strain_of
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
@@ -23,13 +31,13 @@ class SwellingOptions:
     """How far parts swell, and where.
 
     Args:
-        most: Changes of the volume beyond this are no matter of a per cent.
+        farthest: Farther outwards, or inwards, than this is another shape; units of the diagonal.
         aim: The change goes to this part of its bound.
         tries: What meets something in one keeps its place in the next, with its surroundings.
         rings: So many rings of edges around that keep their place too.
     """
 
-    most: float = 0.4
+    farthest: float = 0.005
     aim: float = 0.95
     tries: int = 6
     rings: int = 2
@@ -48,7 +56,7 @@ def with_volume(
     """
     excess = strain_of(scene, pose.centred, points)
     for own in excess:
-        if own.kind is StrainKind.VOLUME and own.value < options.most:
+        if own.kind is StrainKind.VOLUME:
             swollen = _swollen(scene, pose, points, own.part, options)
             less = strain_of(scene, pose.centred, swollen)
             if badness(less) < badness(excess):
@@ -72,11 +80,14 @@ def _swollen(
     area = lengths(normals)
     outwards = normals / np.maximum(area, 1e-300)[:, None]
     free = parts.of_vertex == part
+    size = diagonal(pose.centred)
     known = pair_keys(scene.pairs(points, pose.weld))
     for _ in range(options.tries):
         if not (area * free).any():
             break
         height = (wanted - has) / float((area * free).sum())
+        if abs(height) > options.farthest * size:
+            break
         trial: FloatArray = points + (height * free[:, None] * outwards)[weld]
         pairs = scene.pairs(trial, pose.weld)
         met = pairs[~np.isin(pair_keys(pairs), known)]

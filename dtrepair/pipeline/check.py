@@ -71,7 +71,8 @@ class CheckSettings:
         ignore: pairs "A,B" of path expressions whose contacts do not count.
         attach: pairs "A,B" of path expressions whose parts are attached, as `ObjectOptions` has it.
         tables: settings of single meshes, of which a check takes what they are attached to.
-        rest_contacts: "auto" counts contacts that were modelled apart, "repair" all as one.
+        rest_contacts: "auto" counts contacts that were modelled apart, "repair" all as one; None:
+            "repair" where the selection is strict, else "auto".
 
     Raises:
         UsageError: an unknown mode or way to count.
@@ -82,17 +83,22 @@ class CheckSettings:
     ignore: tuple[str, ...] = ()
     attach: tuple[str, ...] = ()
     tables: tuple[PrimTable, ...] = ()
-    rest_contacts: str = "auto"
+    rest_contacts: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse an unknown mode or way to count."""
-        if self.rest_contacts not in COUNTED_APART:
+        if self.rest_contacts not in (None, *COUNTED_APART):
             raise UsageError(
                 f"--rest-contacts: expected one of {', '.join(COUNTED_APART)}, got "
                 f"{self.rest_contacts!r}"
             )
         if self.mode not in MODES:
             raise UsageError(f"--mode: expected one of {', '.join(MODES)}, got {self.mode!r}")
+
+    @property
+    def counting(self) -> str:
+        """Return one of `COUNTED_APART`: what was chosen, else what the selection asks for."""
+        return self.rest_contacts or ("repair" if self.selection.strict else "auto")
 
     @classmethod
     def from_report(cls, settings: Mapping[str, Any]) -> CheckSettings:
@@ -117,7 +123,7 @@ class CheckChoices(TypedDict, total=False):
     ignore: tuple[str, ...]
     attach: tuple[str, ...]
     tables: tuple[PrimTable, ...]
-    rest_contacts: str
+    rest_contacts: str | None
 
 
 def check_stage(
@@ -168,7 +174,7 @@ def _check(
     frames = hidden.among(read_frames(source, source.times))
     records: list[FrameRecord] = []
     met: list[IntArray] = []
-    told = settings.rest_contacts != "auto" or frames_tell(source)
+    told = settings.counting != "auto" or frames_tell(source)
     with (
         Progress(observer, "checking", len(source.times)) as progress,
         closing(_counted(source, frames, counter, enclosed, modelled, jobs)) as counted,
@@ -206,7 +212,7 @@ def _modelled(
     found = read_settings(source, tables=tables, keys=("attach",))
     attached, warnings = attached_pairs(source, settings.attach, found.each)
     warn(observer, [*found.warnings, *warnings])
-    auto = settings.rest_contacts == "auto"
+    auto = settings.counting == "auto"
     modelled = modelled_parts(source, ignored=ignored, attached=attached, auto=auto)
     tell_modelled(observer, modelled, asked=attached)
     return found.each, attached, modelled
@@ -221,7 +227,7 @@ def _recorded(
         "ignore": list(settings.ignore),
         "attach": list(settings.attach),
         "objects": recorded(source, each),
-        "rest_contacts": settings.rest_contacts,
+        "rest_contacts": settings.counting,
         **settings.selection.recorded,
     }
 

@@ -34,7 +34,8 @@ class Selection:
         include_purposes: take proxy and guide meshes too.
         skip_varying: skip meshes whose topology changes.
         uninstance: expand instances so that they can change.
-        strict: refuse a stage with broken references.
+        strict: refuse a stage with broken references; a check counts every contact as well,
+            unless it is told how to.
     """
 
     frames: str | None = None

@@ -97,7 +97,10 @@ def test_a_check_is_cancelled(clip: Path) -> None:
 
 def test_the_settings_of_a_report_are_those_of_the_run(clip: Path) -> None:
     settings = CheckSettings(
-        selection=Selection(frames="2:3"), mode="self", ignore=("/Root/Tube,/Root/Tube",)
+        selection=Selection(frames="2:3"),
+        mode="self",
+        ignore=("/Root/Tube,/Root/Tube",),
+        rest_contacts="auto",
     )
     report = check_stage(str(clip), settings)
     assert CheckSettings.from_report(report.document()["settings"]) == settings

@@ -13,9 +13,9 @@ from dtrepair.cli.options.settings import as_settings
 from dtrepair.cli.options.shared import (
     ATTACH,
     IGNORE,
+    check_selection_options,
     jobs_option,
     run_options,
-    selection_options,
 )
 from dtrepair.cli.options.verbosity import console_options
 from dtrepair.cli.terminal.check_text import print_check
@@ -54,16 +54,16 @@ from dtrepair.pipeline.errors import INPUT, OUTPUT, exit_code
     "--rest-contacts",
     type=click.Choice(COUNTED_APART),
     default=CheckSettings.rest_contacts,
-    show_default=True,
+    show_default="auto, with --strict repair",
     help="Contacts of different parts that the rest pose has as well were modelled: auto counts "
-    "them apart, repair like all others.",
+    "them apart, repair like all others. Wins over --strict.",
 )
 @click.option(
     "--modelled",
     is_flag=True,
     help="List the pairs of parts whose contacts count as modelled, and where they are.",
 )
-@as_settings(CheckSettings, selection_options)
+@as_settings(CheckSettings, check_selection_options)
 @run_options
 @jobs_option
 @console_options

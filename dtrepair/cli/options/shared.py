@@ -29,11 +29,21 @@ _SELECTION: dict[str, dict[str, Any]] = {
     "uninstance": {"help": "Expand instances so that they can change."},
     "strict": {"help": "Refuse a stage with broken references."},
 }
+# What a check does with it besides: it counts what was modelled as well.
+_STRICT_CHECK = (
+    "Refuse a stage with broken references, and count modelled contacts like all others."
+)
 
 
 def selection_options(function: Function) -> Function:
     """Add the options that choose meshes and frames; the command gets `selection`."""
     return as_object(Selection, "selection", _SELECTION)(function)
+
+
+def check_selection_options(function: Function) -> Function:
+    """Add them for a check, in which --strict counts every contact as well."""
+    own = {**_SELECTION, "strict": {"help": _STRICT_CHECK}}
+    return as_object(Selection, "selection", own)(function)
 
 
 def key_selection_options(function: Function) -> Function:

@@ -75,3 +75,15 @@ def test_it_is_said_once_for_a_run_and_not_as_a_warning(tmp_path: Path) -> None:
         assert line.startswith("dtrepair: taken as modelled: 1 pair of parts: /Root/Arm part 1")
         assert run(*arguments, "-q").err == ""
     assert run("check", path, "--rest-contacts", "repair").err == ""
+    strict = run("check", path, "--strict")
+    assert strict.err == "" and strict.code == 1
+    told = run("check", path, "--strict", "--rest-contacts", "auto")
+    assert told.code == 0 and "taken as modelled" in told.err
+
+
+def test_help_of_check_tells_what_strict_counts() -> None:
+    shown = {name: " ".join(run(name, "--help").out.split()) for name in ("check", "repair")}
+    assert "and count modelled contacts like all others." in shown["check"]
+    assert "Wins over --strict." in shown["check"]
+    assert "[default: (auto, with --strict repair)]" in shown["check"]
+    assert "modelled contacts like all others" not in shown["repair"]

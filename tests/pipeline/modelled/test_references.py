@@ -34,6 +34,21 @@ def test_an_overlap_of_the_rest_is_counted_apart(tmp_path: Path) -> None:
         assert all_of_them.before.modelled_pairs == 0
 
 
+def test_a_strict_check_counts_every_contact_unless_told_how(tmp_path: Path) -> None:
+    path = arm_stage(tmp_path / "a.usda", np.linspace(0.0, 0.6, FRAMES))
+    strict = Selection(strict=True)
+    counted = {
+        how: [frame.before for frame in check_stage(path, rest_contacts=how).frames]
+        for how in ("auto", "repair")
+    }
+    assert counted["auto"] != counted["repair"]
+    report = check_stage(path, selection=strict)
+    assert [frame.before for frame in report.frames] == counted["repair"]
+    assert report.document()["settings"]["rest_contacts"] == "repair" and not report.attached
+    told = check_stage(path, selection=strict, rest_contacts="auto")
+    assert [frame.before for frame in told.frames] == counted["auto"]
+
+
 def test_a_stage_of_nothing_but_modelled_contacts_is_clean(tmp_path: Path) -> None:
     path = arm_stage(tmp_path / "a.usda", np.zeros(3))
     report = check_stage(str(path))

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from dtrepair.pipeline.observer import ProgressKept as ProgressKept
     from dtrepair.pipeline.observer import SpansDone as SpansDone
     from dtrepair.pipeline.observer import Trouble as Trouble
+    from dtrepair.pipeline.observer import WornFound as WornFound
     from dtrepair.pipeline.repair.settings import OutputOptions as OutputOptions
     from dtrepair.pipeline.repair.settings import RepairSettings as RepairSettings
     from dtrepair.pipeline.repair.stage import plan_repair as plan_repair
@@ -74,6 +75,7 @@ _HOMES = {
     "Trouble": "observer",
     "UsageError": "errors",
     "WorkersError": "errors",
+    "WornFound": "observer",
     "check_stage": "check",
     "exit_code": "errors",
     "join_layers": "join",
@@ -111,6 +113,7 @@ __all__ = [
     "Trouble",
     "UsageError",
     "WorkersError",
+    "WornFound",
     "check_stage",
     "exit_code",
     "join_layers",

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import Cancelled
-from dtrepair.report.modelled import AttachedList
+from dtrepair.report.modelled import AttachedList, PartRecord
 from dtrepair.report.record import FrameRecord
 
 Item = TypeVar("Item")
@@ -54,6 +54,16 @@ class ModelledFound:
 
 
 @dataclass(frozen=True)
+class WornFound:
+    """The connected parts that are taken as worn, each (over, under), once for a run.
+
+    Those that the poses show, the largest first; what the user told is not among them.
+    """
+
+    worn: tuple[tuple[PartRecord, PartRecord], ...]
+
+
+@dataclass(frozen=True)
 class CorrectionWritten:
     """A layer of corrections is written: "shapes" or "offsets", of so many vertices and bytes.
 
@@ -84,7 +94,14 @@ class PairsFound:
 
 
 Remark = (
-    ModelledFound | FrameDone | PairsFound | SpansDone | Trouble | ProgressKept | CorrectionWritten
+    ModelledFound
+    | WornFound
+    | FrameDone
+    | PairsFound
+    | SpansDone
+    | Trouble
+    | ProgressKept
+    | CorrectionWritten
 )
 
 

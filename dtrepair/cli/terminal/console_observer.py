@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.interrupts import current_interrupts
-from dtrepair.cli.terminal.modelled_text import modelled_line
+from dtrepair.cli.terminal.modelled_text import modelled_line, worn_line
 from dtrepair.cli.terminal.progress import ProgressBar, heartbeat, wanted
 from dtrepair.cli.terminal.repair_text import correction_line
 from dtrepair.pipeline.observer import (
@@ -18,6 +18,7 @@ from dtrepair.pipeline.observer import (
     Remark,
     SpansDone,
     Trouble,
+    WornFound,
 )
 
 SayFrame = Callable[[Console, FrameDone], None]
@@ -69,6 +70,8 @@ class ConsoleObserver(Observer):
                 self._say_frame(self.console, remark)
         elif isinstance(remark, ModelledFound):
             self.console.tell(modelled_line(remark.attached))
+        elif isinstance(remark, WornFound):
+            self.console.tell(worn_line(remark.worn))
         elif isinstance(remark, SpansDone):
             self.console.remark(f"{remark.done} of {remark.total} spans done")
         elif isinstance(remark, CorrectionWritten):

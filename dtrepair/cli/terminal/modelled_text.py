@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from dtrepair.cli.terminal.console import Console
-from dtrepair.report.modelled import AttachedList, AttachedRecord, ModelledRecord, place
+from dtrepair.report.modelled import AttachedList, AttachedRecord, ModelledRecord, PartRecord, place
 from dtrepair.report.record import Report
-from dtrepair.wording import NAMED, counted
+from dtrepair.wording import NAMED, counted, listed
 
 
 def print_modelled(console: Console, report: Report) -> None:
@@ -47,6 +49,15 @@ def modelled_line(attached: AttachedList) -> str:
         f"{f' and {more} more' if more else ''}; --rest-contacts repair treats them as faults, "
         "--attach and --ignore override, check --modelled lists them"
     )
+
+
+def worn_line(worn: Sequence[tuple[PartRecord, PartRecord]]) -> str:
+    """Say in one line which parts are taken as worn, each (over, under), and what changes that."""
+    names = listed([f"{over.name} over {under.name}" for over, under in worn])
+    means = {over.path == under.path for over, under in worn}
+    told = {False: "--layer", True: "primvars:dtrepair:layer for each face"}
+    ways = " or ".join(told[one] for one in sorted(means))
+    return f"taken as worn: {names}; another order with {ways}"
 
 
 def _names(record: ModelledRecord | AttachedRecord) -> str:

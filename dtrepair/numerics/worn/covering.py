@@ -48,9 +48,7 @@ class Covering(NamedTuple):
 
 def open_layers(layers: Layers) -> Covering | None:
     """Return what the open parts cover; None where none is a layer over anything."""
-    parts = layers.parts
-    found = (layers.between(*both) for both in _near_open(layers))
-    known = [layer for layer in found if layer is not None and not parts.closed[layer.top]]
+    parts, known = layers.parts, _over_something(layers)
     if not known:
         return None
     concerned = np.unique([(layer.top, layer.under) for layer in known])
@@ -65,6 +63,21 @@ def open_layers(layers: Layers) -> Covering | None:
         closer = distance < nearest[vertices]
         beneath[vertices[closer]], nearest[vertices[closer]] = below[closer], distance[closer]
     return Covering(number[parts.part], over, beneath)
+
+
+def learnt_layers(layers: Layers) -> list[WornLayer]:
+    """Return which open parts the poses have over others, the largest first; not what is told."""
+    parts, rest = layers.parts, layers.parts.poses[0]
+    known = [own for own in _over_something(layers) if not layers.is_told(own.top, own.under)]
+    tops = {own.top for own in known}
+    areas = {top: float(triangle_areas(rest, parts.triangles[top]).sum()) for top in tops}
+    return sorted(known, key=lambda layer: (-areas[layer.top], layer.top, layer.under))
+
+
+def _over_something(layers: Layers) -> list[WornLayer]:
+    """Return which open parts lie over which others."""
+    found = (layers.between(*both) for both in _near_open(layers))
+    return [own for own in found if own is not None and not layers.parts.closed[own.top]]
 
 
 def _near_open(layers: Layers) -> list[tuple[int, int]]:

@@ -63,6 +63,10 @@ class Layers:
             self._known[key] = self._found(*key, poses.tolist())
         return self._known[key]
 
+    def is_told(self, first: int, second: int) -> bool:
+        """Return whether the user's numbers say which of two parts is outside."""
+        return bool(self._numbers[first] != self._numbers[second])
+
     def _found(self, first: int, second: int, poses: list[int]) -> WornLayer | None:
         """Return the layer of two parts, as the user or else the poses tell; None where neither."""
         over = int(self._numbers[first]) - int(self._numbers[second])

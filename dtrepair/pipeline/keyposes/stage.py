@@ -17,7 +17,7 @@ from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.keyposes.record import in_betweens
 from dtrepair.pipeline.keyposes.settings import KeyposeChoices, KeyposeSettings
 from dtrepair.pipeline.keyposes.solve import StageKeys
-from dtrepair.pipeline.modelled.parts import tell_modelled
+from dtrepair.pipeline.modelled.parts import tell_modelled, tell_worn
 from dtrepair.pipeline.observer import (
     SILENT,
     FrameDone,
@@ -184,6 +184,8 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     rigid = [bool(own.rigid) for own in controls.settings]
     keys = StageKeys(source, repairer, rigid, lambda: stop_if_cancelled(observer))
     records = _repair_keys(keys, observer, only_count=sink is None)
+    if sink is not None and any(own.before and own.before.pairs for own in records.values()):
+        tell_worn(observer, repairer.modelled, repairer.repairer.scene)
     refuse_if_none_usable(source, list(records.values()))
     run.clock.lap("solve")
     found = _search(prepared, keys, observer)

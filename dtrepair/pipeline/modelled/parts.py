@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.pipeline.observer import ModelledFound, Observer, warn
+from dtrepair.pipeline.observer import ModelledFound, Observer, WornFound, warn
 from dtrepair.pipeline.stages.bodies import unclear_sides
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time
 from dtrepair.report.modelled import (
@@ -31,6 +31,7 @@ from dtrepair.report.modelled import (
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCount
     from dtrepair.numerics.attachments import Attachments, Reference
+    from dtrepair.repair.scene.scene import Scene
 
 # Positions are told to this part of the diagonal of all meshes.
 DIGITS = 1e-3
@@ -65,8 +66,11 @@ class ModelledParts:
     def records(self) -> list[PartRecord]:
         """All connected parts, in the order of their numbers in the attachments."""
         assert self.attachments is not None
-        part_of, faces = self.attachments.part_of, self._faces
-        sizes = np.bincount(part_of, minlength=self.attachments.count)
+        return self.named(self.attachments.part_of, self.attachments.count)
+
+    def named(self, part_of: NDArray[np.integer], count: int) -> list[PartRecord]:
+        """Return records of connected parts by the part (F,) of each triangle."""
+        faces, sizes = self._faces, np.bincount(part_of, minlength=count)
         mesh_of = np.zeros(len(sizes), dtype=np.int64)
         mesh_of[part_of] = np.repeat(
             np.arange(len(self.source.meshes)), [len(mesh.faces) for mesh in self.source.meshes]
@@ -253,6 +257,17 @@ def tell_modelled(
     warn(observer, unclear_sides(parts.source, left))
     if parts.attached:
         observer.remark(ModelledFound(parts.attached))
+
+
+def tell_worn(observer: Observer, parts: ModelledParts, scene: Scene) -> None:
+    """Tell which parts of a scene are taken as worn over which, unless the user said it.
+
+    What is worn takes seconds to find for many parts: to be called once where a repair needed it.
+    """
+    if worn := scene.worn:
+        own = scene.enclosures
+        records = parts.named(own.part_of_face, own.count)
+        observer.remark(WornFound(tuple((records[top], records[under]) for top, under in worn)))
 
 
 def _triangles(count: SceneCount, rank: NDArray[np.integer], ranks: int) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ import numpy as np
 from dtrepair import __version__
 from dtrepair.numerics.metrics import JitterMeter
 from dtrepair.pipeline.errors import UsageError
-from dtrepair.pipeline.modelled.parts import tell_modelled
+from dtrepair.pipeline.modelled.parts import tell_modelled, tell_worn
 from dtrepair.pipeline.observer import FrameDone, Observer, Progress, ProgressKept, Trouble, warn
 from dtrepair.pipeline.repair.chunks import Chunk
 from dtrepair.pipeline.repair.corrections import CorrectionSink
@@ -103,11 +103,13 @@ def repair_here(
     run, source, rests = prepared.run, prepared.source, prepared.rests
     repairer, rest_counts = make_repairer(run, source, rests, placed.bodies, journal)
     run.clock.lap("factor")
-    warn(observer, rest_warnings(source, rests, rest_counts))
-    tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
+    met = list[str]()
     if run.options.rest_contacts == "auto" and run.options.method == "full":
         met = untold_contacts(source, rests, ignored=run.ignored, attached=run.attached)
-        warn(observer, met)
+    # One of them names --rest, which would help with both.
+    warn(observer, rest_warnings(source, rests, rest_counts, advise=not met))
+    tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
+    warn(observer, met)
     hidden = AtOnePlace(source)
     records, jitter = _repair_frames(prepared, repairer, hidden, observer)
     sink, told = prepared.sink, list[str]()
@@ -147,7 +149,7 @@ def _repair_frames(
     """Repair all frames into the sink; return their records, and the largest jitter of a mesh."""
     source, chunk, clock = prepared.source, prepared.chunk, prepared.run.clock
     records: list[FrameRecord] = []
-    meters = [JitterMeter() for _ in source.meshes]
+    meters, repairing = [JitterMeter() for _ in source.meshes], False
     given = hidden.among(read_frames(source, chunk.times))
     with (
         Progress(observer, "repairing", len(chunk.times)) as progress,
@@ -161,6 +163,11 @@ def _repair_frames(
             records.append(repaired.record)
             clock.add(repaired.seconds)
             observer.remark(FrameDone(repaired.record, repaired.error))
+            before = repaired.record.before
+            if not repairing and before is not None and before.pairs:
+                # Known only now: clean frames do not need to know what is worn.
+                tell_worn(observer, repairer.modelled, repairer.repairer.scene)
+                repairing = True
     if repairer.error is not None:
         observer.remark(Trouble(repairer.error))
     clock.skip()

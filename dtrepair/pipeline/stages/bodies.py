@@ -246,8 +246,8 @@ def unclear_sides(source: Source, pairs: Sequence[tuple[int, int]]) -> list[str]
     more = f" (and {counted(len(pairs) - 1, 'more pair')})" if len(pairs) > 1 else ""
     return [
         f"{first} and {second}{more} intersect in every frame in which their rest poses were "
-        "placed: if one is a layer over the other, nothing tells which side is out; --layer, or a "
-        "frame or --rest points in which both are clear of each other, would"
+        "placed: if one is worn over the other, it is not known which; say it with --layer, or "
+        "name a pose in which they are clear of each other with --rest"
     ]
 
 

@@ -63,11 +63,15 @@ def choose_rests(source: Source, option: str | None, *, device: str) -> list[Res
 
 
 def rest_warnings(
-    source: Source, rests: Sequence[Rest], counts: Sequence[int | None]
+    source: Source,
+    rests: Sequence[Rest],
+    counts: Sequence[int | None],
+    *,
+    advise: bool = True,
 ) -> Iterator[str]:
     """Say in a line or two which rest poses intersect themselves, as `counts` of triangles tell.
 
-    What was modelled is not in these counts.
+    What was modelled is not in these counts. advise: say what helps, unless another warning does.
     """
     still, faulty = [], []
     for mesh, rest, count in zip(source.meshes, rests, counts, strict=True):
@@ -84,8 +88,8 @@ def rest_warnings(
         )
     if faulty:
         yield (
-            f"rest poses that intersect themselves: {listed(faulty)}; they are what is repaired "
-            "towards: name better ones with --rest"
+            f"rest poses that intersect themselves: {listed(faulty)}; the repair aims at these "
+            f"shapes{': give it clean ones with --rest' if advise else ''}"
         )
 
 

@@ -24,7 +24,7 @@ from dtrepair.numerics.geometry import (
     weld_maps,
 )
 from dtrepair.numerics.overlaps import find_attachments
-from dtrepair.numerics.worn.covering import Covering, open_layers
+from dtrepair.numerics.worn.covering import Covering, learnt_layers, open_layers
 from dtrepair.numerics.worn.layers import Layers, median_of_parts
 from dtrepair.numerics.worn.parts import Parts
 from dtrepair.repair.options import RepairOptions
@@ -195,6 +195,18 @@ class Scene:
             return None
         found = open_layers(self.layers)
         return found and found.of_vertices(self.rest_weld, np.arange(len(self.rest)))
+
+    @property
+    def worn(self) -> list[tuple[int, int]]:
+        """Parts of `enclosures` that count as worn, each over another; not what the user told.
+
+        Of open parts only, the largest first: `covering` has looked at them anyway.
+        """
+        if self.covering is None:
+            return []
+        both = [(layer.top, layer.under) for layer in learnt_layers(self.layers)]
+        counted = self.counted(self.body_of_part[np.array(both, np.int32).reshape(-1, 2)])
+        return [own for own, counts in zip(both, counted.tolist(), strict=True) if counts]
 
     @cached_property
     def attached_parts(self) -> AttachedParts:

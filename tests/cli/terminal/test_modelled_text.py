@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.modelled_text import modelled_line, print_modelled
+from dtrepair.cli.terminal.modelled_text import modelled_line, print_modelled, worn_line
 from dtrepair.report.modelled import AttachedList, AttachedRecord, ModelledList
 from tests.command_line import OPEN, run, tube_obj
 from tests.jointed_arm import FRAMES, arm_stage
@@ -87,3 +88,16 @@ def test_help_of_check_tells_what_strict_counts() -> None:
     assert "Wins over --strict." in shown["check"]
     assert "[default: (auto, with --strict repair)]" in shown["check"]
     assert "modelled contacts like all others" not in shown["repair"]
+
+
+def test_one_line_says_what_is_taken_as_worn() -> None:
+    one, other = part(1), replace(part(2), path="/Hero/Coat", number=None)
+    among = "another order with primvars:dtrepair:layer for each face"
+    assert worn_line([(part(2), one)]) == (
+        f"taken as worn: /Hero/Body part 2 over /Hero/Body part 1; {among}"
+    )
+    line = worn_line([(other, part(number)) for number in range(1, 9)] + [(part(2), one)])
+    assert line.startswith("taken as worn: /Hero/Coat over /Hero/Body part 1, ")
+    assert line.endswith(
+        "and 6 more; another order with --layer or primvars:dtrepair:layer for each face"
+    )

@@ -129,6 +129,8 @@ class RelaxFramesOptions:
             where their neighbours ask them to be: little first, as it holds them back, then more.
         attached: The same where parts are attached, whose frames were solved each for itself: they
             have farther to go.
+        attached_work: Fractions of the usual work on such a window that are done before and after,
+            for the progress that is told.
         still: Relaxing ends when no vertex moves farther in a cycle, units of the size.
         width: Standard deviation, in frames, of the smoothing of what cures.
         spread: Standard deviation, in frames, over which the relaxed region comes and goes.
@@ -142,6 +144,7 @@ class RelaxFramesOptions:
 
     agreement: tuple[float, ...] = (0.5,) * 6 + (3.0,) * 4
     attached: tuple[float, ...] = (0.1,) * 8 + (1.0,) * 4
+    attached_work: tuple[float, float] = (0.35, 0.95)
     still: float = 2e-4
     width: float = 1.5
     spread: float = 2.0
@@ -168,8 +171,16 @@ def relax_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFrame
     frames = [
         frame for frame, pairs in enumerate(state.pairs) if len(pairs) == 0 and reach[frame].any()
     ]
-    agreement = options.agreement if surface.ties is None else options.attached
-    state.relax(frames, reach, agreement, still=options.still, spread=options.spread)
+    tied = surface.ties is not None
+    state.relax(
+        frames,
+        reach,
+        options.attached if tied else options.agreement,
+        still=options.still,
+        spread=options.spread,
+        # Other windows have been tightened before, which tells as much.
+        work=options.attached_work if tied else None,
+    )
 
 
 def cure_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFramesOptions()) -> None:

@@ -106,10 +106,12 @@ class AttachedOptions:
     Args:
         width: Standard deviation, in frames, over which corrections of single frames are smoothed.
         step: Largest motion in an iteration that cleans a frame again, units of the size.
+        work: Fraction of the usual work on a window that this is, for the progress that is told.
     """
 
     width: float = 1.5
     step: float = 0.002
+    work: float = 0.35
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,7 +196,7 @@ class WindowMethod:
         tied = self.surface.ties is not None
         if tied:
             kernel = gaussian_kernel(state.frames, options.attached.width)
-            state.solve_alone(kernel, options.attached.step)
+            state.solve_alone(kernel, options.attached.step, work=options.attached.work)
         else:
             push_frames(state, options=options.push)
         if state.dirty and unless is not None and unless(state.pairs):

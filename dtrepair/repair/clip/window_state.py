@@ -13,7 +13,7 @@ from dtrepair.numerics.temporal import spread_in_time, steady_weights
 from dtrepair.repair.frame.frame_options import Alone, Chain, FrameOptions, Springs
 from dtrepair.repair.frame.frame_steps import WindowFrames
 from dtrepair.repair.frame.lending import Loan
-from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.parallel.worker_pool import Told, WorkerPool
 from dtrepair.repair.surface.defects import contact_scale
 from dtrepair.repair.surface.surface import Surface
 
@@ -102,7 +102,11 @@ class WindowState:
     def tell_progress(self, fraction: float) -> None:
         """Tell who wants to know that this fraction of the work on the window is done."""
         if self.pool.progress is not None:
-            self.pool.progress(fraction * len(self.original))
+            self.pool.progress(min(fraction, 1.0) * len(self.original))
+
+    def _between(self, start: float, end: float) -> Told:
+        """Return what tells how far the work on the window is, by shares of a stretch of it."""
+        return lambda share: self.tell_progress(start + (end - start) * share)
 
     def forget_clearance(self) -> None:
         """Count only intersecting pairs from now on."""
@@ -125,24 +129,29 @@ class WindowState:
         self._update()
         return self.work.added
 
-    def solve_alone(self, kernel: FloatArray, step: float) -> None:
+    def solve_alone(self, kernel: FloatArray, step: float, *, work: float = 1.0) -> None:
         """Solve the dirty frames each for itself, and smooth that in time as far as it is clean.
 
-        step: largest motion in an iteration where they are cleaned again, units of the size.
+        step: largest motion in an iteration where they are cleaned again, units of the size; work:
+        fraction of the usual work on a window that this is, for the progress that is told.
         """
         self.work.added[:], self.work.cold[:] = 0.0, self.original
         dirty, step = self.dirty, self.scale * step
-        self.pool.map("solved", dirty)
+        solved, borrowed = 0.7 * work, 0.85 * work
+        self.pool.map("solved", dirty, told=self._between(0.0, solved))
         # Neighbours in turn, so that none looks at a frame that is being changed.
         for parity in (0, 1):
-            self.pool.map("borrowed", [frame for frame in dirty if frame % 2 == parity], step)
+            half = [frame for frame in dirty if frame % 2 == parity]
+            start, end = np.linspace(solved, borrowed, 3)[parity : parity + 2].tolist()
+            self.pool.map("borrowed", half, step, told=self._between(start, end))
         self.pool.map("evened", self._blocks, kernel)
         self.work.extra += self.work.added
         self.evaluate()
         self.work.added[:] = 0.0
-        self.pool.map("returned", self.dirty, step)
+        self.pool.map("returned", self.dirty, step, told=self._between(borrowed, work))
         self.work.extra += self.work.added
         self.evaluate()
+        self.tell_progress(work)
 
     def relax_alone(self) -> FloatArray:
         """Relax the clean frames each for itself; what they cost (T,), not a number for others."""
@@ -196,13 +205,15 @@ class WindowState:
         *,
         still: float,
         spread: float,
+        work: tuple[float, float] | None = None,
     ) -> None:
         """Relax clean frames in step, until no vertex moves farther than `still` in a cycle.
 
         reach (T, V): what takes part; agreement: for each cycle, the weight by which frames are
         pulled to where the others ask them to be (see `steady_weights`), but no farther than what
         is displaced now, fading as a bell of `spread` frames: else displacements would creep into
-        frames that need none.
+        frames that need none. work: fractions of the usual work on a window that are done before
+        and after, for the progress that is told; None: nothing is told.
         """
         moved, others = self.work.added, np.setdiff1d(self._every, frames)
         moved[:] = self.poses - self.original
@@ -213,9 +224,13 @@ class WindowState:
         length = np.linalg.norm(moved, axis=2).astype(np.float32)
         farthest = spread_in_time(self.frames, length, spread)
         self.pool.map("relaxing", frames, reach, farthest, self.scale)
-        for weight in agreement:
+        for cycle, weight in enumerate(agreement):
             self.pool.map("evened", self._blocks, halfway)
-            largest = self.pool.map("relaxed", frames, weight)
+            told = None
+            if work is not None:
+                start, end = np.linspace(*work, len(agreement) + 1)[cycle : cycle + 2].tolist()
+                told = self._between(start, end)
+            largest = self.pool.map("relaxed", frames, weight, told=told)
             moved[others] = self.poses[others] - self.original[others]
             if max(largest, default=0.0) < still:
                 break

@@ -29,6 +29,8 @@ from dtrepair.repair.parallel.process_pool import (
 from dtrepair.repair.surface.surface import Surface
 
 Answer = TypeVar("Answer")
+# Called here, not in workers, with the share of some work that is done, 0 to 1.
+Told = Callable[[float], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,9 +72,19 @@ class WorkerPool:
         """Work on `state` from now on."""
         self.state = state
 
-    def map(self, name: str, items: Sequence[Any], *more: Any) -> list[Any]:
-        """Return the answers of state.name(surface, item, *more) in the order of the items."""
-        return [getattr(self.state, name)(self.state.surface, item, *more) for item in items]
+    def map(
+        self, name: str, items: Sequence[Any], *more: Any, told: Told | None = None
+    ) -> list[Any]:
+        """Return the answers of state.name(surface, item, *more) in the order of the items.
+
+        told: called after each item that is done here; workers are taken to be as far.
+        """
+        answers = []
+        for number, item in enumerate(items, 1):
+            answers.append(getattr(self.state, name)(self.state.surface, item, *more))
+            if told is not None:
+                told(number / len(items))
+        return answers
 
     def tell(self, name: str, *more: Any) -> None:
         """Call state.name(*more) wherever work is done."""
@@ -108,14 +120,21 @@ class ThreadWorkerPool(WorkerPool):
         super().start(state)
         self._pool = self._pool or ThreadPoolExecutor(self.jobs)
 
-    def map(self, name: str, items: Sequence[Any], *more: Any) -> list[Any]:
+    def map(
+        self, name: str, items: Sequence[Any], *more: Any, told: Told | None = None
+    ) -> list[Any]:
         """Return the answers of state.name(surface, item, *more) in the order of the items."""
 
         def call(item: Any) -> Any:
             return getattr(self.state, name)(self.state.surface, item, *more)
 
         assert self._pool is not None
-        return list(self._pool.map(call, items))
+        answers = []
+        for answer in self._pool.map(call, items):
+            answers.append(answer)
+            if told is not None:
+                told(len(answers) / len(items))
+        return answers
 
     def stop(self) -> None:
         """End the threads."""
@@ -152,7 +171,9 @@ class ProcessWorkerPool(WorkerPool):
             self._workers.append((fork(partial(self._serve, there)), here))
             there.close()
 
-    def map(self, name: str, items: Sequence[Any], *more: Any) -> list[Any]:
+    def map(
+        self, name: str, items: Sequence[Any], *more: Any, told: Told | None = None
+    ) -> list[Any]:
         """Return the answers of state.name(surface, item, *more) in the order of the items."""
         owners = np.array(
             [(item if isinstance(item, int) else k) % self.jobs for k, item in enumerate(items)],
@@ -167,7 +188,10 @@ class ProcessWorkerPool(WorkerPool):
             if not len(share):
                 continue
             own = [items[k] for k in share]
-            found = super().map(name, own, *more) if worker == 0 else self._answer(worker)
+            if worker == 0:
+                found = super().map(name, own, *more, told=told)
+            else:
+                found = self._answer(worker)
             for k, answer in zip(share, found, strict=True):
                 answers[k] = answer
         return answers

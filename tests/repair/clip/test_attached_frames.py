@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.numerics.temporal import gaussian_kernel
+from dtrepair.pipeline import Cancelled, repair_stage
 from dtrepair.repair.clip import window_stream
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.clip.window_state import WindowState
@@ -26,6 +28,8 @@ from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import icosphere, joined, tube
+from tests.pipeline.hosts import Listener
+from usd_io import AuthoredMesh, write_animation
 
 FRAMES = 7
 NEEDED = 0.12
@@ -99,6 +103,26 @@ def test_what_smoothing_closes_goes_back_to_what_was_found_alone() -> None:
     ways = [NEEDED, 0.0, NEEDED, 0.0, NEEDED, 0.0, NEEDED]
     _, state = solved(ways)
     assert not {0, 2, 4, 6} & set(state.dirty)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_windows_of_attached_parts_tell_how_far_they_are(tmp_path: Path, jobs: int) -> None:
+    """One window holds all frames: all that is told before the first comes from within it."""
+    surface, frames, _ = scene()
+    poses = list(frames * surface.size)
+    path, host = tmp_path / "a.usda", Listener()
+    mesh = AuthoredMesh("/Hero/Body", surface.faces, points=poses, rest=surface.rest * surface.size)
+    write_animation(path, mesh, times=np.arange(1.0, FRAMES + 1.0))
+    report = repair_stage(path, tmp_path / "b.usda", jobs=jobs, observer=host)
+    assert report.attached and all(frame.status == "clean" for frame in report.frames)
+    assert host.done == sorted(host.done) and host.done[-1] == FRAMES
+    within = sorted({done for done in host.done if done % 1.0})
+    steps = np.diff([0.0, *within, FRAMES])
+    assert len(within) > 2 * FRAMES / jobs and steps.max() < 0.25 * FRAMES
+    cancelled = Listener(within=0.1 * FRAMES)
+    with pytest.raises(Cancelled):
+        repair_stage(path, tmp_path / "c.usda", jobs=jobs, observer=cancelled)
+    assert cancelled.done[-1] < 0.5 * FRAMES
 
 
 def test_a_clearance_counts_until_it_is_forgotten() -> None:

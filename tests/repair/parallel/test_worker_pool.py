@@ -74,6 +74,18 @@ def test_all_pools_work_alike(make: Callable[[], WorkerPool]) -> None:
             pool.map("fail", [4])
 
 
+@pytest.mark.parametrize("make", POOLS)
+def test_pools_tell_how_far_they_are(make: Callable[[], WorkerPool]) -> None:
+    with make() as pool:
+        pool.start(Work(pool))
+        told = list[float]()
+        pool.map("squared", range(8), 1.0, told=told.append)
+        assert len(told) > 1 and told[-1] == 1.0
+        assert told == sorted(set(told)) and told[0] > 0.0
+        pool.map("squared", [], 1.0, told=told.append)
+        assert told[-1] == 1.0
+
+
 @needs_fork
 def test_processes_share_the_work_and_end() -> None:
     with ProcessWorkerPool(3) as pool:

@@ -30,6 +30,24 @@ def field_option(kind: type, name: str, flag: str = "", **attributes: Any) -> Fu
     return click.option(*(flag or flag_of(name)).split(), name, default=default, **attributes)
 
 
+def expression_option(text: str) -> dict[str, Any]:
+    """Return what `field_option` takes of a path expression, with its help.
+
+    Given several times, on the command line or as a list in the file of --config, it is one
+    expression of what any of them matches.
+    """
+    more = f"{text.removesuffix('.')}; may be given several times."
+    return {"metavar": "EXPR", "multiple": True, "callback": _joined, "help": more}
+
+
+def _joined(
+    context: click.Context, parameter: click.Parameter, values: tuple[str, ...]
+) -> str | None:
+    """Return one path expression for several; None for none."""
+    several = [f"({value})" for value in values or ()]
+    return " + ".join(several) if len(several) > 1 else next(iter(values or ()), None)
+
+
 def default_of(kind: type, name: str) -> Any:
     """Return the default of a field of a dataclass."""
     return getattr(kind(), name)

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from dtrepair.cli.options.config import read_config
-from dtrepair.cli.options.fields import Function, as_object, field_option
+from dtrepair.cli.options.fields import Function, as_object, expression_option, field_option
 from dtrepair.cli.options.file_names import FILE
 from dtrepair.pipeline.selection import KEYS, ObjectOptions, Selection
 
@@ -21,8 +21,8 @@ _SELECTION: dict[str, dict[str, Any]] = {
         "flag": "--samples --samples-only",
         "help": "Take authored samples only, not the whole frames between them.",
     },
-    "prim": {"metavar": "EXPR", "help": "Meshes to take: a path expression, /Hero//."},
-    "exclude": {"metavar": "EXPR", "help": "Meshes to leave out: a path expression."},
+    "prim": expression_option("Meshes to take: a path expression, /Hero//."),
+    "exclude": expression_option("Meshes to leave out."),
     "include_invisible": {"help": "Take invisible meshes too."},
     "include_purposes": {"help": "Take proxy and guide meshes too."},
     "skip_varying": {"help": "Skip meshes whose topology changes."},
@@ -65,8 +65,8 @@ _ATTACH = {
 IGNORE = field_option(ObjectOptions, "ignore", **_IGNORE)
 ATTACH = field_option(ObjectOptions, "attach", **_ATTACH)
 _OBJECTS: dict[str, dict[str, Any]] = {
-    "collider": {"metavar": "EXPR", "help": "Meshes that take part but never move."},
-    "rigid": {"metavar": "EXPR", "help": "Meshes that move as a whole only."},
+    "collider": expression_option("Meshes that take part but never move."),
+    "rigid": expression_option("Meshes that move as a whole only."),
     "ignore": _IGNORE,
     "attach": _ATTACH,
     "layer": {

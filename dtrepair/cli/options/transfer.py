@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from dtrepair.cli.options.config import kept_tables
-from dtrepair.cli.options.fields import Function, as_object
+from dtrepair.cli.options.fields import Function, as_object, expression_option
 from dtrepair.cli.options.file_names import FILE
 from dtrepair.cli.options.method import METHOD_NAMES, method_options
 from dtrepair.cli.options.shared import SCENE_NAMES, key_selection_options, scene_options
@@ -40,7 +40,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "metavar": "F",
         "help": "Write the triangle pairs: npz or text.",
     },
-    "target_prim": {"metavar": "EXPR", "help": "The meshes of TARGET, as --prim for SOURCE."},
+    "target_prim": expression_option("The meshes of TARGET, as --prim for SOURCE."),
     "source_up": {"type": _UP, "help": "Up axis of SOURCE, where it does not say."},
     "target_up": {"type": _UP, "help": "Up axis of TARGET, where it does not say."},
     "align": {

@@ -298,3 +298,20 @@ def test_a_collider_may_intersect_itself(rod_in_ball: Path, tmp_path: Path) -> N
     done = run("repair", rod_in_ball, *out)
     assert done.code == 0, done
     assert "as a collider never moves" in done.err
+
+
+def test_colliders_and_prims_given_several_times_all_count(
+    rod_in_ball: Path, tmp_path: Path
+) -> None:
+    """The last one used to win, and the others moved."""
+    ball, rod = "/Scene/Ball//", "/Scene/Rod//"
+    run_once = ("repair", rod_in_ball, "-o", tmp_path / "out.usda")
+    assert_fails(run(*run_once, "--collider", ball, "--collider", rod), 2, "nothing may move")
+    config = tmp_path / "c.toml"
+    config.write_text(f'collider = ["{ball}", "{rod}"]\n')
+    assert_fails(run(*run_once, "--config", config), 2, "nothing may move")
+    report = run("check", rod_in_ball, "--prim", ball, "--prim", rod, "--json", "-").json
+    assert [prim["path"] for prim in report["prims"]] == ["/Scene/Ball/Mesh", "/Scene/Rod/Mesh"]
+    assert report["settings"]["prim"] == f"({ball}) + ({rod})"
+    none = run("check", rod_in_ball, "--exclude", ball, "--exclude", rod)
+    assert_fails(none, 3, "besides those excluded by")

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from dtrepair.cli.app import COMMANDS, group
-from dtrepair.cli.options.fields import as_object, default_of
+from dtrepair.cli.options.fields import as_object, default_of, expression_option
 from dtrepair.keyposes.options import KeyOptions
 from dtrepair.pipeline.check import CheckSettings
 from dtrepair.pipeline.errors import UsageError
@@ -40,6 +40,27 @@ def test_values_reach_the_command_as_one_object() -> None:
 def test_a_choice_that_cannot_be_is_named_as_on_the_command_line() -> None:
     with pytest.raises(UsageError, match=r"^--tighten should be at least 0, got -1$"):
         command(seen=[]).main(["--tighten", "-1"], standalone_mode=False)
+
+
+def test_several_path_expressions_are_one() -> None:
+    seen: list[Selection] = []
+
+    def function(selection: Selection) -> None:
+        seen.append(selection)
+
+    chosen = {"prim": expression_option("Meshes.")}
+    made = click.command()(as_object(Selection, "selection", chosen)(function))
+    for arguments in ([], ["--prim", "/A - /A/B"], ["--prim", "/A - /A/B", "--prim", "/C"]):
+        CliRunner().invoke(made, arguments, catch_exceptions=False)
+    assert [own.prim for own in seen] == [None, "/A - /A/B", "(/A - /A/B) + (/C)"]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_path_expression_may_be_given_several_times(name: str) -> None:
+    made = group.get_command(click.Context(group), name)
+    assert made is not None
+    options = [own for own in made.params if isinstance(own, click.Option)]
+    assert all(own.multiple for own in options if own.metavar == "EXPR")
 
 
 @pytest.mark.parametrize("name", COMMANDS)

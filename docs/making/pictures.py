@@ -68,6 +68,15 @@ ROWS = {
     "sleeves": BEFORE_AND_AFTER(make=stages.sleeves, looks=((12.0, 25.0), (12.0, 80.0))),
     "skirt": BEFORE_AND_AFTER(make=stages.skirt, looks=((7.0, 25.0), (7.0, 80.0))),
     "cape": BEFORE_AND_AFTER(make=stages.cape, looks=((5.0, 25.0), (5.0, 80.0))),
+    "avatar": Row(
+        make=stages.avatar,
+        results=[
+            ("--rest-contacts repair", "--rest-contacts repair --at-any-cost"),
+            ("by default", ""),
+        ],
+        looks=((1.0, -25.0),),
+        size=480,
+    ),
     "how_it_works": Row(
         make=stages.hugging,
         results=[

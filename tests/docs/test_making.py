@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from docs.making import check_links, run_pages
+from docs.making import check_links, run_pages, stages
 from docs.making.pictures import FOLDER, ROWS, cropped, differ
+from dtrepair.pipeline import repair_stage
 
 
 def test_broken_links_of_a_site_are_found(
@@ -75,6 +76,16 @@ def test_a_page_that_does_not_run_is_told(tmp_path: Path, block: str, fine: bool
 
 def test_every_picture_is_drawn_and_there() -> None:
     assert {f"{name}.png" for name in ROWS} <= {path.name for path in FOLDER.iterdir()}
+
+
+def test_the_avatar_comes_clean_and_its_joints_hold(tmp_path: Path) -> None:
+    """What its picture says of the default."""
+    report = repair_stage(stages.avatar(tmp_path), tmp_path / "b.usda")
+    (frame,) = report.frames
+    assert frame.status == "clean" and frame.before is not None and frame.after is not None
+    assert frame.before.pairs > 100 and frame.after.modelled_pairs >= frame.before.modelled_pairs
+    paths = [(pair.first.path, pair.second.path) for pair in report.attached.listed]
+    assert paths.count(("/Hero/Body", "/Hero/Body")) == 9
 
 
 def test_pictures_that_show_something_else_differ(tmp_path: Path) -> None:

@@ -246,7 +246,7 @@ def unclear_sides(source: Source, pairs: Sequence[tuple[int, int]]) -> list[str]
     more = f" (and {counted(len(pairs) - 1, 'more pair')})" if len(pairs) > 1 else ""
     return [
         f"{first} and {second}{more} intersect in every frame in which their rest poses were "
-        "placed: if one is worn over the other, it is not known which; say it with --layer, or "
+        "placed: if one is worn over the other, which of them is a guess; say it with --layer, or "
         "name a pose in which they are clear of each other with --rest"
     ]
 

@@ -16,11 +16,11 @@ from dtrepair.numerics.metrics import displacements, edge_log_ratio
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.relief.relief import ReliefOptions, relieved_poses
 from dtrepair.repair.result import RepairResult, Solved
 from dtrepair.repair.scene.bounds import Judged, bounded_pose
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
-from dtrepair.repair.scene.relief import ReliefOptions, relieved_poses
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes

@@ -26,12 +26,12 @@ from dtrepair.repair.parallel.worker_pool import (
     with_workers,
     worthwhile_jobs,
 )
+from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.bounds import Judged, bounded_frames, bounded_pose
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import detected
 from dtrepair.repair.scene.props import bent_bodies
-from dtrepair.repair.scene.relief import relieved_poses
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes

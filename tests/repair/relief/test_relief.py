@@ -16,10 +16,10 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.work import work_done
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.full.relax import RelaxOptions
-from dtrepair.repair.scene import relief
+from dtrepair.repair.relief import relief
+from dtrepair.repair.relief.relief import ReliefOptions, relieved_poses
 from dtrepair.repair.scene.bounds import Judged, bounded_pose
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
-from dtrepair.repair.scene.relief import ReliefOptions, relieved_poses
 from dtrepair.repair.scene.scene import Scene, make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.strain.meter import Excess, StrainOptions

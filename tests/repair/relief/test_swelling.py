@@ -9,10 +9,10 @@ from dtrepair import Body, RepairOptions
 from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import volume
+from dtrepair.repair.relief.swelling import with_volume
 from dtrepair.repair.scene.bounds import strain_of
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.scene import Scene, make_scene
-from dtrepair.repair.scene.swelling import with_volume
 from tests.meshes import icosphere
 
 BALL, FACES = icosphere(3)

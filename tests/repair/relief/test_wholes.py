@@ -9,11 +9,11 @@ from dtrepair import Body, RepairOptions
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.relief.relief import relieved_poses
+from dtrepair.repair.relief.wholes import with_wholes
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
-from dtrepair.repair.scene.relief import relieved_poses
 from dtrepair.repair.scene.scene import Scene, make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
-from dtrepair.repair.scene.wholes import with_wholes
 from tests.meshes import Mesh, icosphere, joined, torus
 
 # A ring, and a pin across it that ends in it.

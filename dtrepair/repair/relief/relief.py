@@ -17,13 +17,13 @@ from dtrepair.numerics.work import work_done
 from dtrepair.repair.full.acceptance import reach_of
 from dtrepair.repair.full.relax import Relaxation, RelaxOptions
 from dtrepair.repair.parallel.worker_pool import WorkerPool, with_workers, worthwhile_jobs
+from dtrepair.repair.relief.swelling import with_volume
+from dtrepair.repair.relief.wholes import with_wholes
 from dtrepair.repair.scene.bounds import badness, strain_of
 from dtrepair.repair.scene.holding import Holding
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.scene.swelling import with_volume
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
-from dtrepair.repair.scene.wholes import with_wholes
 from dtrepair.repair.surface.defects import contact_scale
 from dtrepair.repair.surface.surface import Surface
 

@@ -21,14 +21,11 @@ from dtrepair.repair.scene.bounds import badness, strain_of
 from dtrepair.repair.scene.holding import Holding
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.scene.swelling import with_volume
+from dtrepair.repair.scene.swelling import ROUNDING, with_volume
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
 from dtrepair.repair.scene.wholes import with_wholes
 from dtrepair.repair.surface.defects import contact_scale
 from dtrepair.repair.surface.surface import Surface
-
-# A limit of displacements is kept by this much: rounding to float32 must not exceed it.
-ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -134,9 +134,7 @@ def _lowered(
     pairs = list(zip(frames, poses, strict=True))
     strained = [bool(strain_of(scene, frame.centred, points)) for frame, points in pairs]
     most = [
-        frame.wrong
-        if own
-        else min(frame.wrong, options.spoilt + _wrong_of(scene, frame, points))
+        frame.wrong if own else min(frame.wrong, options.spoilt + _wrong_of(scene, frame, points))
         for own, (frame, points) in zip(strained, pairs, strict=True)
     ]
     motions = np.stack(

@@ -150,7 +150,7 @@ class SceneRepairer:
         for index, found in enumerate(results):
             for meshes in self._otherwise(poses[index], found):
                 (other,) = repair_poses(meshes.scene, meshes, [poses[index]], options=numbers)
-                if other[0].after.pairs < results[index][0].after.pairs:
+                if _left(other) < _left(results[index]):
                     results[index] = other
         return results
 
@@ -163,6 +163,14 @@ class SceneRepairer:
         kinds = [{own.kind for own in result.diagnosis.strains} for result in found]
         bent = [body for body, own in enumerate(kinds) if not own.isdisjoint(SHAPE)]
         yield from self.meshes.otherwise(bent, [about_centre(self.scene.gather(points))[0]])
+
+
+def _left(results: Sequence[RepairResult]) -> int:
+    """Return how many pairs all bodies of a pose have together, twice.
+
+    Each has those with others among its own, which are counted once for either body.
+    """
+    return sum(2 * own.after.pairs - own.after.inter_pairs for own in results)
 
 
 class Repairer:

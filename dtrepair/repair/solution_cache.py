@@ -59,8 +59,10 @@ def _remembering(solve: WindowSolver, surface: Surface, memory: Memory) -> Windo
         *,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
-        # A window may be solved with directions and without.
-        ways = () if surface.direction is None else (surface.direction,)
+        # A window may be solved with directions and without, and with props rigid.
+        ways = [] if surface.direction is None else [surface.direction]
+        if surface.rigid.slices:
+            ways.append(surface.rigid.mask)
         key = hash_of(original, frames, surface.faces, surface.rest, *ways)
         kept = memory.recall(key)
         if kept is not None:

@@ -10,7 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair import Body, RepairOptions, RepairResult, SceneRepairer
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
+from dtrepair.repair.clip.window_method import WindowSolver
+from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.scene.props import with_rigid
+from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.solution_cache import hash_of, remembering, repair_each
 from tests.meshes import bent_tube, overlapping_spheres
 
@@ -53,6 +58,25 @@ def test_solved_windows_are_looked_up() -> None:
     moved = [(time, [poses[0] + 0.01]) for time, poses in frames]
     with pytest.raises(AssertionError, match="left to solve"):
         list(known.stream(moved, jobs=1))
+
+
+def test_windows_with_something_rigid_are_solved_for_themselves() -> None:
+    memory, solved = Kept(), list[bool]()
+    window, times = np.stack(POSES), np.arange(float(len(POSES)))
+
+    def make_method(mesh: WeldedMesh) -> WindowSolver:
+        def solve(original: FloatArray, *rest: object, **more: object) -> FloatArray:
+            solved.append(len(mesh.surface.rigid.slices) > 0)
+            return original
+
+        return solve
+
+    scene = SceneRepairer([Body(REST, FACES)]).scene
+    for _ in range(2):
+        for own in (scene, with_rigid(scene, [0])):
+            mesh = WeldedMeshes(own)([own.rest_weld])
+            remembering(make_method, memory)(mesh)(window, times, WorkerPool())
+    assert solved == [False, True]
 
 
 def test_results_of_single_poses_come_back_whole() -> None:

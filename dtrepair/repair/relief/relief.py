@@ -17,7 +17,7 @@ from dtrepair.numerics.work import work_done
 from dtrepair.repair.full.acceptance import reach_of
 from dtrepair.repair.full.relax import Relaxation, RelaxOptions
 from dtrepair.repair.parallel.worker_pool import WorkerPool, with_workers, worthwhile_jobs
-from dtrepair.repair.relief.swelling import with_volume
+from dtrepair.repair.relief.swelling import ROUNDING, with_volume
 from dtrepair.repair.relief.wholes import with_wholes
 from dtrepair.repair.scene.bounds import badness, strain_of
 from dtrepair.repair.scene.holding import Holding
@@ -26,9 +26,6 @@ from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
 from dtrepair.repair.surface.defects import contact_scale
 from dtrepair.repair.surface.surface import Surface
-
-# A limit of displacements is kept by this much: rounding to float32 must not exceed it.
-ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,9 +21,12 @@ from dtrepair.numerics.geometry import (
     pair_keys,
     vector_areas,
 )
-from dtrepair.repair.scene.bounds import badness, strain_of
+from dtrepair.repair.scene.bounds import badness, pairs_and_enclosed, strain_of
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
+
+# A limit of displacements is kept by this much: rounding to float32 must not exceed it.
+ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,15 +55,20 @@ def with_volume(
 ) -> FloatArray:
     """Return what was found (V, 3) for a pose, parts with another volume led within its bound.
 
-    Each where that is less strained and brings no contact.
+    Each where that is less strained, brings no contact and swallows nothing. What is fixed stays,
+    and nothing goes beyond a limit of displacements.
     """
     excess = strain_of(scene, pose.centred, points)
     for own in excess:
-        if own.kind is StrainKind.VOLUME:
-            swollen = _swollen(scene, pose, points, own.part, options)
-            less = strain_of(scene, pose.centred, swollen)
-            if badness(less) < badness(excess):
-                points, excess = swollen, less
+        if own.kind is not StrainKind.VOLUME:
+            continue
+        swollen = _swollen(scene, pose, points, own.part, options)
+        less = strain_of(scene, pose.centred, swollen)
+        if badness(less) >= badness(excess):
+            continue
+        inside = [pairs_and_enclosed(scene, pose, found)[1] for found in (points, swollen)]
+        if inside[1] <= inside[0]:
+            points, excess = swollen, less
     return points
 
 
@@ -79,7 +87,10 @@ def _swollen(
         np.add.at(normals, corner, areas / 3.0)
     area = lengths(normals)
     outwards = normals / np.maximum(area, 1e-300)[:, None]
-    free = parts.of_vertex == part
+    # Vertices at one position of the rest go together.
+    fixed = np.zeros(len(points), dtype=bool)
+    fixed[weld[scene.mobility == 0.0]] = True
+    free = (parts.of_vertex == part) & ~fixed
     size = diagonal(pose.centred)
     known = pair_keys(scene.pairs(points, pose.weld))
     for _ in range(options.tries):
@@ -89,12 +100,22 @@ def _swollen(
         if abs(height) > options.farthest * size:
             break
         trial: FloatArray = points + (height * free[:, None] * outwards)[weld]
+        beyond = free[weld] & _too_far(scene, pose, trial)
         pairs = scene.pairs(trial, pose.weld)
         met = pairs[~np.isin(pair_keys(pairs), known)]
-        if not len(met):
+        if not len(met) and not beyond.any():
             return trial
         free &= ~_grown(scene, weld[scene.faces[met]].ravel(), options.rings)
+        free[weld[beyond]] = False
     return points
+
+
+def _too_far(scene: Scene, pose: OpenedPose, points: FloatArray) -> NDArray[np.bool_]:
+    """Return which vertices (V,) of a correction go beyond the limit of displacements."""
+    limit = scene.options.maximum_displacement
+    if limit is None:
+        return np.zeros(len(points), dtype=bool)
+    return lengths(points - pose.centred) > limit * (1.0 - ROUNDING)
 
 
 def _grown(scene: Scene, vertices: NDArray[np.integer], rings: int) -> NDArray[np.bool_]:

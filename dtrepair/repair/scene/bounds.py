@@ -128,12 +128,13 @@ def _lowered(
 ) -> list[FloatArray]:
     """Return the shares of poses (V, 3) that are within the bounds.
 
-    A frame within them on its own stays as it is where easing would spoil it.
+    A frame within them on its own stays as it is where easing would spoil it. None gets more pairs
+    than its input has.
     """
     pairs = list(zip(frames, poses, strict=True))
     strained = [bool(strain_of(scene, frame.centred, points)) for frame, points in pairs]
     most = [
-        frame.wrong if own else options.spoilt + _wrong_of(scene, frame, points)
+        frame.wrong if own else min(frame.wrong, options.spoilt + _wrong_of(scene, frame, points))
         for own, (frame, points) in zip(strained, pairs, strict=True)
     ]
     motions = np.stack(

@@ -43,8 +43,9 @@ def mended(
     if last is None and len(pairs) > options.mendable:
         return judged, pairs
     unit, start = mesh.reduced(before), mesh.reduced(judged.points)
-    for numbers in (options, facing(options)):
-        near = mend(mesh.surface, unit, [start], step=step, alone=last, options=numbers)
+    # The last resort is the same for both, and long.
+    for numbers, resort in ((options, last), (facing(options), None)):
+        near = mend(mesh.surface, unit, [start], step=step, alone=resort, options=numbers)
         near = allowed(mesh.surface.rigid, unit, near, mesh.farthest)
         points = mesh.expanded(before, unit, near)
         found = pairs_of(points)

@@ -20,9 +20,12 @@ BESIDE = np.array([2.05, 0.0, 0.0])
 WALL = BALL * [0.05, 1.0, 1.0] + [0.95, 0.0, 0.0]
 
 
-def scene_of(other: FloatArray) -> tuple[Scene, OpenedPose]:
+def scene_of(
+    other: FloatArray, pin: FloatArray | None = None, limit: float | None = None
+) -> tuple[Scene, OpenedPose]:
     """A ball and another body, in their rests."""
-    scene = make_scene([Body(BALL, FACES), Body(other, FACES)], RepairOptions())
+    options = RepairOptions(maximum_displacement=limit)
+    scene = make_scene([Body(BALL, FACES, pin=pin), Body(other, FACES)], options)
     return scene, detected(scene, gathered(scene, [BALL, other]))
 
 
@@ -67,3 +70,35 @@ def test_what_lost_half_and_what_is_not_strained_stays() -> None:
     for scale in (0.7, 0.97):
         points = shrunk(pose, scale)
         assert with_volume(scene, pose, points) is points
+
+
+def test_what_is_fixed_does_not_swell() -> None:
+    pin = (BALL[:, 0] > 0.5).astype(np.float64)
+    scene, pose = scene_of(BALL + 2.0 * BESIDE, pin)
+    fixed = np.flatnonzero(pin)
+    points = shrunk(pose, 0.89)
+    points[fixed] = pose.centred[fixed]
+    assert [own.kind for own in strain_of(scene, pose.centred, points)] == [StrainKind.VOLUME]
+    found = with_volume(scene, pose, points)
+    assert np.array_equal(found[fixed], pose.centred[fixed])
+    assert strain_of(scene, pose.centred, found) == ()
+
+
+def test_nothing_swells_beyond_the_limit_of_displacements() -> None:
+    scene, pose = scene_of(BALL + 2.0 * BESIDE, limit=0.2)
+    points = pose.centred.copy()
+    points[: len(BALL)] = BALL * [1.195, 0.805, 0.805]
+    limit = 0.2 * (1.0 - 1e-6)
+    assert np.linalg.norm(points - pose.centred, axis=1).max() < limit
+    found = with_volume(scene, pose, points)
+    assert not np.array_equal(found, points)
+    assert np.linalg.norm(found - pose.centred, axis=1).max() <= limit
+
+
+def test_nothing_is_swallowed() -> None:
+    pea = 0.001 * BALL + [0.92, 0.0, 0.0]
+    scene, pose = scene_of(pea + 3.0 * BESIDE)
+    points = shrunk(pose, 0.91)
+    points[len(BALL) :] = pea
+    found = with_volume(scene, pose, points)
+    assert len(scene.enclosed_parts(found, scene.pairs(found, pose.weld))) == 0

@@ -195,6 +195,15 @@ def test_frames_that_easing_would_spoil_stay_as_they_are() -> None:
     assert not np.array_equal(eased[8].points, poses[8])
 
 
+def test_easing_brings_no_more_pairs_than_the_input_has() -> None:
+    frames, times = swinging(24), np.arange(24.0)
+    poses, few = led_off(frames), frames[8].pairs[:1]
+    frames[8] = replace(frames[8], pairs=few)
+    options = ShareOptions(spoilt=10_000)
+    judged = bounded_frames(PLAIN, frames, poses, times, options=options)
+    assert len(PLAIN.pairs(judged[8].points, frames[8].weld)) <= len(few)
+
+
 def test_shares_of_a_clip_are_within_the_bounds_smooth_and_not_worse() -> None:
     frames = swinging(24, depth=0.1)
     poses = led_off(frames)

@@ -107,3 +107,12 @@ def test_a_prop_in_the_way_of_something_fixed_goes_as_a_whole() -> None:
     (_, bent) = SceneRepairer(bodies)(poses[-1])
     whole = RigidBodies([(0, len(pose))], np.ones(len(pose))).fitted(pose, bent.points)
     assert np.abs(whole - bent.points).max() > 1e-3
+
+
+def test_ways_of_a_pose_are_compared_by_what_is_left_of_all_bodies() -> None:
+    centre = np.linspace(-1.0, 1.0, 24)[:, None] * [1.0, 0.0, 0.0]
+    rod = swept(centre, np.full(24, 0.08), 12, closed=False)
+    first = Body(BALL + np.array([0.0, 2.3, 0.0]), FACES, name="concerned by nothing")
+    bodies = [first, Body(BALL, FACES, name="ball", mobility=0.0), Body(*rod, name="rod")]
+    found = SceneRepairer(bodies, clip=TIGHT)([first.rest, BALL, rod[0] + [0.0, 0.0, 0.9]])
+    assert found[2].before.pairs > 0 and {own.status for own in found} == {Status.CLEAN}

@@ -19,7 +19,7 @@ from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.strain.meter import Excess
-from tests.repair.scene.test_relief import pairs_of, winged
+from tests.repair.relief.test_relief import pairs_of, winged
 
 
 @pytest.mark.parametrize("attached", [True, False])

@@ -133,21 +133,21 @@ class WindowStream:
         start = clock.perf_counter()
         # Those that the window before had are detected already.
         frames[:] = self._side_by_side(partial(detected, self.scene), frames)
-        # Clean windows need none.
-        mesh = cache(partial(self.meshes, [frame.weld for frame in frames]))
-        judged = [Judged(frame.centred) for frame in frames]
+        judged, meshes = [Judged(frame.centred) for frame in frames], self.meshes
         if len(tail) == len(frames):
             judged = tail
         elif self.scene.options.clearance > 0.0 or any(frame.wrong for frame in frames):
             judged = self._judged(self.meshes, frames)
             if any(found.lowered for found in judged):
                 bent = bent_bodies(self.scene, judged)
-                for meshes in self.meshes.otherwise(bent, [frame.centred for frame in frames]):
-                    other = self._judged(meshes, frames)
+                for way in self.meshes.otherwise(bent, [frame.centred for frame in frames]):
+                    other = self._judged(way, frames)
                     if self._left(frames, other) < self._left(frames, judged):
-                        judged = other
+                        judged, meshes = other, way
+        # Clean windows need none.
+        mesh = cache(partial(meshes, [frame.weld for frame in frames]))
         if len(tail) < len(frames):
-            judged = faded(frames, tail, judged, self.scene.rigid)
+            judged = faded(frames, tail, judged, meshes.scene.rigid)
         done = len(frames) - keep
         left = self._verified(frames[:done], [found.points for found in judged[:done]])
         seconds = (clock.perf_counter() - start) / len(frames)

@@ -152,6 +152,7 @@ class WeldedMeshes:
         self.scene, self._queue = scene, queue
         self._full, self._paper = full, paper
         self._known: dict[bytes, WeldedMesh] = {}
+        self._stiffer: dict[tuple[int, ...], WeldedMeshes] = {}
 
     @cached_property
     def undirected(self) -> WeldedMeshes | None:
@@ -174,7 +175,10 @@ class WeldedMeshes:
         if self.undirected is not None:
             yield self.undirected
         if props := props_among(self.scene, bent, poses):
-            yield WeldedMeshes(with_rigid(self.scene, props), full=self._full)
+            if props not in self._stiffer:
+                scene = with_rigid(self.scene, props)
+                self._stiffer[props] = WeldedMeshes(scene, full=self._full)
+            yield self._stiffer[props]
 
     def __call__(self, welds: Sequence[IntArray]) -> WeldedMesh:
         """Return the mesh of poses with welds (V,): what coincides there and at rest is one."""

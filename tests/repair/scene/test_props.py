@@ -79,7 +79,11 @@ def test_a_scene_with_something_rigid_keeps_what_is_known_of_it() -> None:
     assert len(SCENE.rigid.slices) == 0 and not SCENE.bodies[1].rigid
     ways = list(WeldedMeshes(SCENE).otherwise([0, 1], swung(SCENE)))
     assert [way.scene.rigid.slices for way in ways] == [other.rigid.slices]
-    assert list(WeldedMeshes(SCENE).otherwise([0], swung(SCENE))) == []
+    meshes = WeldedMeshes(SCENE)
+    assert list(meshes.otherwise([0], swung(SCENE))) == []
+    # Windows that follow find the factors that the first one made.
+    first, second = (list(meshes.otherwise([1], swung(SCENE))) for _ in range(2))
+    assert len(first) == 1 and first[0] is second[0]
 
 
 def test_what_is_pinned_anywhere_is_held_as_a_whole() -> None:

@@ -131,14 +131,14 @@ def _lowered(
     A frame within them on its own stays as it is where easing would spoil it. None gets more pairs
     than its input has.
     """
-    pairs = list(zip(frames, poses, strict=True))
-    strained = [bool(strain_of(scene, frame.centred, points)) for frame, points in pairs]
+    both = list(zip(frames, poses, strict=True))
+    strained = [bool(strain_of(scene, frame.centred, points)) for frame, points in both]
     most = [
         frame.wrong if own else min(frame.wrong, options.spoilt + _wrong_of(scene, frame, points))
-        for own, (frame, points) in zip(strained, pairs, strict=True)
+        for own, (frame, points) in zip(strained, both, strict=True)
     ]
     motions = np.stack(
-        [lengths(points - own.centred) / (diagonal(own.centred) or 1.0) for own, points in pairs]
+        [lengths(points - own.centred) / (diagonal(own.centred) or 1.0) for own, points in both]
     )
     failing: list[int] = np.flatnonzero(strained).tolist()
     firm: list[int] = []

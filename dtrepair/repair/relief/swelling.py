@@ -37,7 +37,7 @@ class SwellingOptions:
         farthest: Farther outwards, or inwards, than this is another shape; units of the diagonal.
         aim: The change goes to this part of its bound.
         tries: What meets something in one keeps its place in the next, with its surroundings.
-        rings: So many rings of edges around that keep their place too.
+        rings: So many rings of edges and ties around that keep their place too.
     """
 
     farthest: float = 0.005
@@ -105,7 +105,9 @@ def _swollen(
         met = pairs[~np.isin(pair_keys(pairs), known)]
         if not len(met) and not beyond.any():
             return trial
-        free &= ~_grown(scene, weld[scene.faces[met]].ravel(), options.rings)
+        near = np.zeros(len(points), dtype=bool)
+        near[weld[scene.faces[met]]] = True
+        free &= ~parts.grown(near, options.rings)
         free[weld[beyond]] = False
     return points
 
@@ -116,16 +118,6 @@ def _too_far(scene: Scene, pose: OpenedPose, points: FloatArray) -> NDArray[np.b
     if limit is None:
         return np.zeros(len(points), dtype=bool)
     return lengths(points - pose.centred) > limit * (1.0 - ROUNDING)
-
-
-def _grown(scene: Scene, vertices: NDArray[np.integer], rings: int) -> NDArray[np.bool_]:
-    """Return a mask (V,) of some vertices, and of rings of edges around them."""
-    edges = scene.strain_meter.parts.edges
-    mask = np.zeros(len(scene.rest), dtype=bool)
-    mask[vertices] = True
-    for _ in range(rings):
-        mask[edges[mask[edges].any(axis=1)]] = True
-    return mask
 
 
 def _volume(points: FloatArray, faces: IntArray) -> float:

@@ -101,6 +101,13 @@ class ConnectedParts:
         tied = np.stack([np.repeat(self.ties.vertices, 3), hosts], axis=1)
         return np.concatenate([self.edges, tied.astype(np.int32)])
 
+    def grown(self, mask: BoolArray, rings: int) -> BoolArray:
+        """Return a mask (V,) grown by rings of edges and ties."""
+        result = mask.copy()
+        for _ in range(rings):
+            result[self.links[result[self.links].any(axis=1)]] = True
+        return result
+
     def number_of(self, part: int) -> tuple[int, int]:
         """Return which part of its body a part is, and how many the body has.
 

@@ -113,7 +113,7 @@ class ShareSearch:
             if not found:
                 return share
             hit = _vertices(found, len(core))
-            core |= self._grown(hit)
+            core |= self.meter.parts.grown(hit, self.options.rings)
             region = self._regions(core)
             lowest = np.full(len(core), np.inf)
             np.minimum.at(lowest, region[core], level[core])
@@ -134,14 +134,6 @@ class ShareSearch:
             part = np.minimum(away, 1.0)
             share = np.minimum(share, value + (1.0 - value) * part * part * (3.0 - 2.0 * part))
         return share
-
-    def _grown(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return a mask (V,) grown by rings of edges and ties."""
-        links, grown = self.meter.parts.links, mask.copy()
-        for _ in range(self.options.rings):
-            touched = links[grown[links].any(axis=1)]
-            grown[touched] = True
-        return grown
 
     def _regions(self, core: NDArray[np.bool_]) -> NDArray[np.int32]:
         """Return the connected region (V,) of each vertex of the core."""

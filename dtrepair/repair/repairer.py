@@ -20,8 +20,8 @@ from dtrepair.repair.result import RepairResult
 from dtrepair.repair.scene.bodies import Body, about_centre
 from dtrepair.repair.scene.bounds import strain_of
 from dtrepair.repair.scene.diagnosis import strains_of
+from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.props import SHAPE
-from dtrepair.repair.scene.scene import make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.solution_cache import Memory, remembering
 

@@ -33,17 +33,12 @@ from dtrepair.repair.scene.bodies import (
     STIFF,
     Body,
     about_centre,
-    check_clearance,
-    checked_ignored,
-    checked_meshes,
-    direction_of,
     layer_of,
-    mobility_of,
 )
 from dtrepair.repair.strain.letting_go import ties_that_hold
 from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
 from dtrepair.repair.strain.parts import ConnectedParts
-from dtrepair.repair.surface.containment import Enclosures, meshes_oriented_outwards
+from dtrepair.repair.surface.containment import Enclosures
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
 
 
@@ -288,45 +283,3 @@ class Scene:
     def counted(self, bodies: NDArray[np.integer]) -> NDArray[np.bool_]:
         """Return which contacts (K,) count, given by the two bodies (K, 2) that they join."""
         return counted_between(bodies, mode=self.options.mode, ignored=self.ignored)
-
-
-def make_scene(
-    bodies: Sequence[Body],
-    options: RepairOptions,
-    ignore: Sequence[tuple[int, int]] = (),
-    references: Sequence[Reference] = (),
-    layer_poses: Sequence[Reference] = (),
-    *,
-    strain: StrainOptions = StrainOptions(),
-    device: str = "cpu",
-) -> Scene:
-    """Return the scene of some bodies, whose contacts between pairs in `ignore` do not count.
-
-    references, layer_poses, strain, device: see `Scene`.
-
-    Raises:
-        ValueError: bodies, options or pairs that cannot be used.
-    """
-    ignored, meshes = checked_ignored(ignore, len(bodies)), checked_meshes(bodies)
-    outwards = meshes_oriented_outwards(meshes)
-    meshes = [(points, faces) for (points, _), faces in zip(meshes, outwards, strict=True)]
-    rest = np.concatenate([points for points, _ in meshes])
-    check_clearance(options.clearance, rest)
-    vertex_starts = np.cumsum([0, *(len(points) for points, _ in meshes)])
-    shifted = [faces + start for (_, faces), start in zip(meshes, vertex_starts, strict=False)]
-    sized = [(body, len(points)) for body, (points, _) in zip(bodies, meshes, strict=True)]
-    return Scene(
-        bodies=tuple(bodies),
-        options=options,
-        ignored=ignored,
-        rest=rest,
-        faces=np.concatenate(shifted).astype(np.int32),
-        vertex_starts=vertex_starts,
-        triangle_starts=np.cumsum([0, *(len(faces) for _, faces in meshes)]),
-        mobility=np.concatenate([mobility_of(body, count) for body, count in sized]),
-        direction=np.concatenate([direction_of(body, count) for body, count in sized]),
-        references=tuple(references),
-        layer_poses=tuple(layer_poses),
-        strain=strain,
-        device=device,
-    )

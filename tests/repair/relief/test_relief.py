@@ -19,8 +19,9 @@ from dtrepair.repair.full.relax import RelaxOptions
 from dtrepair.repair.relief import relief
 from dtrepair.repair.relief.relief import ReliefOptions, relieved_poses
 from dtrepair.repair.scene.bounds import Judged, bounded_pose
+from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
-from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.strain.meter import Excess, StrainOptions
 from tests.meshes import joined, tube

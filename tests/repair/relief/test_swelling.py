@@ -11,8 +11,9 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import volume
 from dtrepair.repair.relief.swelling import with_volume
 from dtrepair.repair.scene.bounds import strain_of
+from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
-from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.scene import Scene
 from tests.meshes import icosphere
 
 BALL, FACES = icosphere(3)

@@ -11,8 +11,9 @@ from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.relief.wholes import with_wholes
+from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
-from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from tests.meshes import Mesh, icosphere, joined, torus
 

@@ -21,9 +21,10 @@ from dtrepair.repair.scene.bounds import (
     bounded_pose,
     strain_of,
 )
+from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.results import kept, results_of
-from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.strain.meter import StrainOptions
 from dtrepair.repair.strain.shares import ShareOptions
 from tests.meshes import bent_tube, icosphere, joined

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dtrepair import Body, RepairOptions
 from dtrepair.diagnosis import Advice, advice_words
 from dtrepair.repair.scene.diagnosis import advice_for, contacts_left, deformation_of
-from dtrepair.repair.scene.scene import make_scene
+from dtrepair.repair.scene.make_scene import make_scene
 from tests.meshes import icosphere, joined
 
 BALL, FACES = icosphere(1)

@@ -11,8 +11,9 @@ from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.scene.bounds import bounded_frames
 from dtrepair.repair.scene.holding import Holding
+from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import detected, gathered
-from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.scene import Scene
 from tests.meshes import joined, tube
 
 

@@ -14,8 +14,8 @@ from dtrepair.repair.clip.window_stream import ClipOptions
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.scene import mending
 from dtrepair.repair.scene.bounds import Judged
+from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import detected, gathered
-from dtrepair.repair.scene.scene import make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import grid, icosphere

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dtrepair import Body, RepairOptions
+from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import detected, gathered
-from dtrepair.repair.scene.scene import make_scene
 from tests.meshes import icosphere
 
 BALL, FACES = icosphere(1)

@@ -14,7 +14,7 @@ from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
 from dtrepair.repair.full.push import PushOptions, _of_length
 from dtrepair.repair.full.relax import RelaxOptions, relax
 from dtrepair.repair.independent import IndependentOptions, repair_poses, squeezed
-from dtrepair.repair.scene.scene import make_scene
+from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import BodyRange, Surface

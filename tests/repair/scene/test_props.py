@@ -11,9 +11,10 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.window_stream import ClipOptions
 from dtrepair.repair.independent import IndependentOptions
 from dtrepair.repair.scene.bounds import Judged
+from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import gathered
 from dtrepair.repair.scene.props import bent_bodies, props_among, with_rigid
-from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.strain.meter import Excess, StrainOptions
 from dtrepair.repair.surface.rigid_bodies import RigidBodies

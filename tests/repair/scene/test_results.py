@@ -8,9 +8,10 @@ from dtrepair import Body, RepairOptions, Status
 from dtrepair.diagnosis import Advice, Deformation, RemainingContact, RemainingEnclosure
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.result import Count, RepairResult, Solved
+from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.results import kept, results_of
-from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.scene import Scene
 from tests.meshes import icosphere
 
 BALL, FACES = icosphere(1)

@@ -12,7 +12,8 @@ from dtrepair import Body, RepairOptions
 from dtrepair.intersect.ignored import counted_between
 from dtrepair.numerics.attachments import Reference
 from dtrepair.repair.repairer import SceneRepairer
-from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.make_scene import make_scene
+from dtrepair.repair.scene.scene import Scene
 from tests.meshes import icosphere, joined, with_seam
 
 BALL, FACES = icosphere(1)

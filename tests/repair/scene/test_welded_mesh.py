@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dtrepair import Body, RepairOptions
-from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.make_scene import make_scene
+from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from tests.meshes import icosphere, tube, with_seam
 

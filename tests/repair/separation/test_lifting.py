@@ -13,7 +13,8 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
-from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.make_scene import make_scene
+from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_that_meet
 from tests.meshes import icosphere, joined, torus, tube
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from dtrepair import Body, RepairOptions, SceneRepairer, Status
 from dtrepair.numerics.geometry import FloatArray, extent, unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio, jitter
-from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.make_scene import make_scene
+from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.separation.penetration import BodyShape, Penetration, find_inside
 from dtrepair.repair.separation.separation import separated_frames

@@ -12,7 +12,8 @@ from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, diagonal
 from dtrepair.numerics.overlaps import find_attachments
-from dtrepair.repair.scene.scene import Scene, make_scene
+from dtrepair.repair.scene.make_scene import make_scene
+from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.strain.letting_go import LettingGoOptions, ties_that_hold
 from dtrepair.repair.strain.meter import Excess, StrainMeter, StrainOptions

@@ -1,0 +1,63 @@
+"""The scene of some bodies, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dtrepair.numerics.attachments import Reference
+from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.scene.bodies import (
+    Body,
+    check_clearance,
+    checked_ignored,
+    checked_meshes,
+    direction_of,
+    mobility_of,
+)
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.strain.meter import StrainOptions
+from dtrepair.repair.surface.containment import meshes_oriented_outwards
+
+
+def make_scene(
+    bodies: Sequence[Body],
+    options: RepairOptions,
+    ignore: Sequence[tuple[int, int]] = (),
+    references: Sequence[Reference] = (),
+    layer_poses: Sequence[Reference] = (),
+    *,
+    strain: StrainOptions = StrainOptions(),
+    device: str = "cpu",
+) -> Scene:
+    """Return the scene of some bodies, whose contacts between pairs in `ignore` do not count.
+
+    references, layer_poses, strain, device: see `Scene`.
+
+    Raises:
+        ValueError: bodies, options or pairs that cannot be used.
+    """
+    ignored, meshes = checked_ignored(ignore, len(bodies)), checked_meshes(bodies)
+    outwards = meshes_oriented_outwards(meshes)
+    meshes = [(points, faces) for (points, _), faces in zip(meshes, outwards, strict=True)]
+    rest = np.concatenate([points for points, _ in meshes])
+    check_clearance(options.clearance, rest)
+    vertex_starts = np.cumsum([0, *(len(points) for points, _ in meshes)])
+    shifted = [faces + start for (_, faces), start in zip(meshes, vertex_starts, strict=False)]
+    sized = [(body, len(points)) for body, (points, _) in zip(bodies, meshes, strict=True)]
+    return Scene(
+        bodies=tuple(bodies),
+        options=options,
+        ignored=ignored,
+        rest=rest,
+        faces=np.concatenate(shifted).astype(np.int32),
+        vertex_starts=vertex_starts,
+        triangle_starts=np.cumsum([0, *(len(faces) for _, faces in meshes)]),
+        mobility=np.concatenate([mobility_of(body, count) for body, count in sized]),
+        direction=np.concatenate([direction_of(body, count) for body, count in sized]),
+        references=tuple(references),
+        layer_poses=tuple(layer_poses),
+        strain=strain,
+        device=device,
+    )

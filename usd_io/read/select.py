@@ -49,6 +49,9 @@ def select_prims(
         matched = _matching_meshes(stage, prim, exclude)
     if not matched:
         raise _no_match(stage, prim, exclude)
+    for term in union_terms(prim or ""):
+        if not _matching_meshes(stage, term, None):
+            raise _no_match(stage, term, None)
     prototypes = _prototype_roots(stage)
     warnings: list[str] = []
     candidates = []
@@ -105,6 +108,16 @@ def matching_paths(stage: Usd.Stage, expression: str) -> set[Sdf.Path]:
             f"prim expression {expression!r}: {one_line(error)}; try '/path/of/prim//' or "
             "'//{isa:Mesh} - /hero//'"
         ) from None
+
+
+def union_terms(expression: str) -> list[str]:
+    """Return A, B, ... of "(A) + (B) + ...", what an option that is given several times makes.
+
+    Nothing of any other expression, which is one term.
+    """
+    terms = expression.strip().removeprefix("(").removesuffix(")").split(") + (")
+    whole = all(term.count("(") == term.count(")") for term in terms)
+    return terms if whole and len(terms) > 1 else []
 
 
 def _everywhere() -> Usd._PrimFlagsPredicate:

@@ -12,11 +12,16 @@ from dtrepair.pipeline.stages.sources import Source, StageSource
 def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
     """Indices of the selected meshes that a path expression matches, or a prim above them.
 
-    A usage error that names `option` if there is none.
+    A usage error that names `option` if there is none, also of one of several expressions.
     """
     found = meshes_matched(source, expression, option)
     if not found:
         raise UsageError(f"{option}: {no_match(source)}")
+    from usd_io.read.select import union_terms
+
+    for term in union_terms(expression):
+        if not meshes_matched(source, term, option):
+            raise UsageError(f"{option} {term}: {no_match(source)}")
     return found
 
 

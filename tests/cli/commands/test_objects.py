@@ -310,6 +310,11 @@ def test_colliders_and_prims_given_several_times_all_count(
     config = tmp_path / "c.toml"
     config.write_text(f'collider = ["{ball}", "{rod}"]\n')
     assert_fails(run(*run_once, "--config", config), 2, "nothing may move")
+    # A mistyped one is told, though the other one matches.
+    assert_fails(run(*run_once, "--rigid", ball, "--rigid", "/Scene/Rodd"), 2, "/Scene/Rodd")
+    for name in ("--collider", "--prim"):
+        mistyped = run(*run_once, name, ball, name, "/Scene/Rodd")
+        assert_fails(mistyped, 2, "'/Scene/Rodd'", "no match")
     report = run("check", rod_in_ball, "--prim", ball, "--prim", rod, "--json", "-").json
     assert [prim["path"] for prim in report["prims"]] == ["/Scene/Ball/Mesh", "/Scene/Rod/Mesh"]
     assert report["settings"]["prim"] == f"({ball}) + ({rod})"

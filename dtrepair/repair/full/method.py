@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.work import work_done
 from dtrepair.repair.elastic.dihedral_angles import DihedralAngles, DihedralOptions
 from dtrepair.repair.elastic.edge_lengths import EdgeLengthOptions, EdgeLengths
 from dtrepair.repair.full.acceptance import reach_of
@@ -40,7 +41,8 @@ class FullOptions:
         cure: How both are cured.
         clearance: Contacts opened to a distance.
         relax_attached: Of attached parts no cycle of relaxing begins after so many times the work
-            that the phases may take: what follows needs its time, too.
+            that the phases may take, theirs included: what follows needs its time, too; ...
+        relax_always: ... but so many times is left to it, whatever they took.
         at_rest: A pose nearer to the rest than this, units of the size, is the rest pose itself:
             rounding apart they are one.
     """
@@ -56,7 +58,8 @@ class FullOptions:
     unbend: DihedralOptions = field(default_factory=DihedralOptions)
     cure: CureOptions = field(default_factory=CureOptions)
     clearance: ClearanceOptions = field(default_factory=ClearanceOptions)
-    relax_attached: float = 1.5
+    relax_attached: float = 0.5
+    relax_always: float = 0.25
     at_rest: float = 1e-7
 
 
@@ -152,11 +155,16 @@ class FullMethod:
                 scale=phases.scale,
                 steering=phases.steering,
                 settling=settling,
-                until=np.inf if surface.ties is None else phases.enough(options.relax_attached),
+                until=np.inf if surface.ties is None else self._relaxed_enough(phases),
                 options=numbers,
             )
             log.add("relax", points, start, folds=folds, iterations=cycles)
         return best.points if (phases.limited(points) != points).any() else points
+
+    def _relaxed_enough(self, phases: Phases) -> float:
+        """Return the total of `work_done` after which attached parts are not relaxed on."""
+        left = phases.enough(self.options.relax_always) - phases.enough(0.0)
+        return max(phases.enough(self.options.relax_attached), work_done() + left)
 
     def _cured(self, points: FloatArray, folds: int, phases: Phases) -> FloatArray:
         """Return the tightened pose with its flaws cured, where that is allowed."""

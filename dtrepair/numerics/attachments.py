@@ -26,7 +26,8 @@ class Reference(NamedTuple):
 
     name: What messages call the pose. asked: whether the user calls these parts attached. bound:
     what binds each triangle (F,), -1 for nothing: of parts that one thing binds the pose shows how
-    they lie to each other; None: of none.
+    they lie to each other; None: of none. slid: whether parts that slide in each other have slid
+    on: what they show counts where one of the two still meets the other within its zone.
     """
 
     points: FloatArray
@@ -34,6 +35,7 @@ class Reference(NamedTuple):
     name: str = ""
     asked: bool = False
     bound: IntArray | None = None
+    slid: bool = False
 
 
 class Ties(NamedTuple):

@@ -84,6 +84,8 @@ def find_attachments(
     keys: list[KeyArray] = [np.zeros(0, dtype=np.int64)]
     ties, carried = [NO_TIES], [NO_TIES]
     for reference in references:
+        if reference.slid:
+            continue
         overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
         for first, second in overlaps.attached():
             for zone_keys, tie in overlaps.zones(first, second):
@@ -91,6 +93,11 @@ def find_attachments(
                 ties.append(tie)
         if reference.bound is not None:
             carried.append(hidden_ends(reference.points, faces, part_of, reference.bound))
+    still = np.unique(np.concatenate(keys))
+    for reference in references:
+        if reference.slid:
+            overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
+            keys += overlaps.slid_zones(still)
     zones = np.unique(np.concatenate(keys))
     return Attachments(part_of, zones, joined_ties(ties), joined_ties(carried))
 
@@ -184,6 +191,21 @@ class _Overlaps:
                 triangles = triangles[zone[corners].any(axis=1) & near[corners].all(axis=1)]
             keys = triangles.astype(np.int64) * self.parts + other
             found.append((keys, self._ties(np.flatnonzero(seeds[part]), other)))
+        return found
+
+    def slid_zones(self, still: KeyArray) -> list[KeyArray]:
+        """Return the zone keys of pairs of which one part meets the other where it did at rest.
+
+        still: Sorted zone keys of poses in which nothing has slid. No ties: these are at rest.
+        """
+        found = []
+        for first, second in self.attached():
+            own = self.pairs[self.key_of_pair == first * self.parts + second]
+            sides = self.part_of[own]
+            keys = own.astype(np.int64) * self.parts + sides[:, ::-1]
+            known = np.isin(keys, still)
+            if any(known[sides == part].all() for part in (first, second)):
+                found += [zone for zone, _ in self.zones(first, second)]
         return found
 
     def _seeds(self, part: int, other: int, pairs: IntArray) -> tuple[BoolArray, bool]:

@@ -150,14 +150,19 @@ class PlacedMeshes:
 
         Frames that cannot be used are left out.
         """
+        for name, points in self.poses(samples):
+            with suppress(CollapsedPoseError):
+                yield self.look(points, name)
+
+    def poses(self, samples: int) -> Iterator[tuple[str, FloatArray]]:
+        """Yield the names and poses (V, 3) of so many frames, or all, that can be used."""
         times = self.source.all_times
         chosen = np.linspace(0, len(times) - 1, min(samples, len(times))).astype(int)
         for time in times[chosen].tolist():
             frame = read_frame(self.source, time)
             if frame.usable:
                 points = np.concatenate([np.asarray(own, np.float64) for own in frame.spaces])
-                with suppress(CollapsedPoseError):
-                    yield self.look(points, f"frame {time_label(time)}")
+                yield f"frame {time_label(time)}", points
 
     def tell_by_rests(self, pairs: IntArray) -> BoolArray:
         """Return which pairs (K, 2) of triangles are of meshes of which the rests tell, (K,)."""

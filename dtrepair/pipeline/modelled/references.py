@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dtrepair.pipeline.modelled.meshes import BIND_POSE, STILL, Look, PlacedMeshes, is_animated
 from dtrepair.pipeline.modelled.parts import ModelledParts
+from dtrepair.pipeline.modelled.slides import slid_references
 from dtrepair.pipeline.modelled.unrepaired import unrepaired
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source
@@ -67,7 +68,8 @@ def modelled_references(
     rests how they lie to each other. Of meshes of two skeletons, as a rider and a horse, of what is
     moved by transforms only, and of what has no rest pose, contacts of two parts in nearly all
     frames of the whole clip are modelled: the pose in which they have fewest pairs shows where.
-    The parts of a farm agree on it.
+    Where rigid parts slide in each other, as a rod in its cylinder, frames show where, too. The
+    parts of a farm agree on it.
 
     attached: pairs (i, j) of meshes, i <= j, that the user calls attached. For two of their parts
     of which nothing of that tells, the frame with fewest of their pairs shows where. told_by_rest:
@@ -96,6 +98,9 @@ def _references(
         if len(looks) >= options.least:
             known += _where_fewest(looks, options.nearly_all * len(looks))
     found = [look.reference(~meshes.asked(look.pairs)) for look in known]
+    if enough:
+        for look in known:
+            found += slid_references(meshes, look, samples=options.samples)
     if not attached:
         return found
     found += [look.reference(meshes.asked(look.pairs), asked=True) for look in known]

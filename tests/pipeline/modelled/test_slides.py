@@ -1,0 +1,117 @@
+"""Joints that slide: where they meet moves along with them, and nothing else becomes modelled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from dtrepair.pipeline import check_stage, repair_stage
+from dtrepair.pipeline.modelled.references import modelled_references
+from dtrepair.pipeline.modelled.slides import rigid_motion
+from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.stages.rest import Rest
+from dtrepair.pipeline.stages.sources import open_source
+from usd_io import AuthoredMesh, write_animation
+
+Floats = NDArray[np.float64]
+Pose = Callable[[float], Floats]
+
+
+def rod() -> trimesh.Trimesh:
+    """A thin rod along z, from 0 to 4, in 40 rings."""
+    radius = np.r_[0.0, np.full(41, 0.1), 0.0]
+    height = np.r_[0.0, np.linspace(0.0, 4.0, 41), 4.0]
+    found: trimesh.Trimesh = trimesh.creation.revolve(np.stack([radius, height], 1), sections=12)
+    return found
+
+
+def box() -> trimesh.Trimesh:
+    """What the rod dips into: a fine box, whose upper face is at z = .5."""
+    found: trimesh.Trimesh
+    found = trimesh.creation.box(extents=(1.0, 1.0, 2.0)).subdivide_to_size(0.1)
+    found.apply_translation((0.03, 0.02, -0.5))
+    return found
+
+
+def piston(path: Path, pose: Pose, frames: int = 9) -> Path:
+    """A stage of a rod that moves by `pose` (its points at a share of the clip) over a box."""
+    mesh, other = rod(), box()
+    faces = np.concatenate([mesh.faces, other.faces + len(mesh.vertices)])
+    turn = Rotation.from_rotvec((0.0, 0.5, 0.3))
+    joined = [np.concatenate([pose(t), other.vertices]) for t in np.linspace(0.0, 1.0, frames)]
+    # The whole piston swings as well: only how its parts lie to each other tells.
+    poses = [(turn**t).apply(p) for t, p in zip(np.linspace(0.0, 2.0, frames), joined, strict=True)]
+    drawn = AuthoredMesh(path="/Root/Piston", faces=faces, points=poses, rest=joined[0])
+    write_animation(path, drawn, times=1.0 + np.arange(frames))
+    return path
+
+
+def slid(t: float) -> Floats:
+    """The rod dips in further, and spins."""
+    points = np.asarray(rod().vertices) - (0.0, 0.0, 1.1 * t)
+    return np.asarray(Rotation.from_rotvec((0.0, 0.0, 2.0 * t)).apply(points))
+
+
+def test_a_rod_may_slide_in_what_holds_it(tmp_path: Path) -> None:
+    path = piston(tmp_path / "a.usda", slid)
+    report = check_stage(path)
+    assert all(frame.before is not None and frame.before.modelled_pairs for frame in report.frames)
+    done = repair_stage(path, tmp_path / "b.usda")
+    assert all(frame.status == "clean" and not frame.displacement_max for frame in done.frames)
+
+
+def beside(t: float) -> Floats:
+    """The rod goes a straight way that is not its axis: neither side meets where it did."""
+    return np.asarray(rod().vertices) - np.array([-0.4, 0.0, 1.1]) * t
+
+
+def tilted(t: float) -> Floats:
+    """The rod tilts as it dips in."""
+    turn = Rotation.from_rotvec((0.0, 0.5 * t, 0.0))
+    return np.asarray(turn.apply(rod().vertices) - (0.0, 0.0, 1.1 * t))
+
+
+def bent(t: float) -> Floats:
+    """The rod bends as it dips in."""
+    points = np.array(rod().vertices)
+    points[:, 0] += 0.05 * t * points[:, 2] ** 2
+    return points - (0.0, 0.0, 1.1 * t)
+
+
+@pytest.mark.parametrize("pose", [beside, tilted, bent])
+def test_what_does_not_slide_along_its_axis_stays_a_fault(tmp_path: Path, pose: Pose) -> None:
+    last = check_stage(piston(tmp_path / "a.usda", pose)).frames[-1]
+    assert last.before is not None and last.before.pairs > 0
+
+
+def test_the_whole_clip_tells_whichever_frames_are_repaired(tmp_path: Path) -> None:
+    path = piston(tmp_path / "a.usda", slid)
+    every = {frame.time: frame.before for frame in check_stage(path).frames}
+    (one,) = check_stage(path, selection=Selection(frames="6")).frames
+    assert one.before == every[6.0]
+
+
+def test_few_frames_tell_nothing(tmp_path: Path) -> None:
+    path = piston(tmp_path / "a.usda", slid, frames=4)
+    source = open_source(str(path), Selection())
+    found = modelled_references(source, [Rest(mesh.rest, "") for mesh in source.meshes])
+    assert not any(reference.slid for reference in found)
+
+
+def test_a_motion_is_found_where_there_is_one() -> None:
+    points = np.asarray(rod().vertices)
+    turn = Rotation.from_rotvec((0.3, -2.0, 0.7))
+    moved = np.asarray(turn.apply(points)) + np.array([1.0, 2.0, 3.0])
+    motion = rigid_motion(points, moved, 1e-6)
+    assert motion is not None
+    np.testing.assert_allclose(motion.rotation.apply(points) + motion.shift, moved, atol=1e-9)
+    np.testing.assert_allclose(motion.back(moved), points, atol=1e-9)
+    assert rigid_motion(points, moved * (1.0, -1.0, 1.0), 1e-3) is None
+    assert rigid_motion(points, 1.01 * moved, 1e-3) is None
+    assert rigid_motion(points[:2], moved[:2], 1.0) is None

@@ -93,9 +93,9 @@ def find_attachments(
                 ties.append(tie)
         if reference.bound is not None:
             carried.append(hidden_ends(reference.points, faces, part_of, reference.bound))
-    still = np.unique(np.concatenate(keys))
-    for reference in references:
-        if reference.slid:
+    if slid := [reference for reference in references if reference.slid]:
+        still = np.unique(np.concatenate(keys))
+        for reference in slid:
             overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
             keys += overlaps.slid_zones(still)
     zones = np.unique(np.concatenate(keys))

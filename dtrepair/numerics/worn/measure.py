@@ -11,6 +11,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 
@@ -46,6 +47,12 @@ class Solid(NamedTuple):
     faces: IntArray
     closed: bool
 
+    def alone(self, chosen: NDArray[np.bool_] | None = None) -> Solid:
+        """Return the same, or some of its triangles (F,), without points of other bodies."""
+        faces = self.faces if chosen is None else self.faces[chosen]
+        used, place = np.unique(faces, return_inverse=True)
+        return Solid(self.points[used], place.reshape(faces.shape).astype(np.int32), self.closed)
+
 
 class Worn(NamedTuple):
     """How much one body goes round another, 0 to 1, and along which axis (3,)."""
@@ -54,39 +61,55 @@ class Worn(NamedTuple):
     axis: FloatArray
 
 
-def worn_measure(outer: Solid, inner: Solid, *, options: WornOptions = DEFAULTS) -> Worn:
-    """The largest share over three principal axes of `outer` and thirteen fixed directions."""
-    own = outer.points[np.unique(outer.faces)]
+def worn_measure(
+    outer: Solid, inner: Solid, *, least: float = 0.0, options: WornOptions = DEFAULTS
+) -> Worn:
+    """The largest share over three principal axes of `outer` and thirteen fixed directions.
+
+    least: smaller ones are not of interest, and may be told as zero.
+    """
+    outer = outer.alone()
+    own = outer.points
     low, high = own.min(axis=0), own.max(axis=0)
     around = 0.5 * float(np.linalg.norm(high - low))
     corners = inner.points[inner.faces]
     near = (corners.max(axis=1) > low - around) & (corners.min(axis=1) < high + around)
-    close = inner._replace(faces=inner.faces[near.all(axis=1)])
+    close = inner.alone(near.all(axis=1))
     if len(close.faces) == 0:
         return Worn(0.0, np.array([0.0, 0.0, 1.0]))
     principal = np.linalg.svd(own - own.mean(axis=0), full_matrices=False)[2]
     fixed = np.array(_CUBE) / np.linalg.norm(_CUBE, axis=1, keepdims=True)
     axes = np.concatenate([principal, fixed])
-    shares = [share_around(outer, close, axis, options=options) for axis in axes]
+    shares = [share_around(outer, close, axis, least=least, options=options) for axis in axes]
     best = int(np.argmax(shares))
     return Worn(shares[best], axes[best])
 
 
 def share_around(
-    outer: Solid, inner: Solid, axis: FloatArray, *, options: WornOptions = DEFAULTS
+    outer: Solid,
+    inner: Solid,
+    axis: FloatArray,
+    *,
+    least: float = 0.0,
+    options: WornOptions = DEFAULTS,
 ) -> float:
     """The share of directions, mean over slices across `axis`, in which `outer` is round `inner`.
 
     From the centre of the section of `inner`, or of either half of it (two legs), whichever is
-    best. The start has to lie inside of `inner`, and outside of a closed `outer`.
+    best. The start has to lie inside of `inner`, and outside of a closed `outer`. Zero where it is
+    less than `least`.
     """
     across = np.cross(axis, [0.31, 0.77, -0.55])
     plane = np.stack([across / np.linalg.norm(across), np.zeros(3)])
     plane[1] = np.cross(axis, plane[0])
-    own = outer.points[np.unique(outer.faces)]
-    span = own @ axis
+    span = outer.points[np.unique(outer.faces)] @ axis
     heights = span.min() + np.array(options.levels) * np.ptp(span)
-    shares = [_share_at(outer, inner, axis, height, plane, options) for height in heights]
+    shares: list[float] = []
+    for height in heights:
+        # The levels that follow add one at most, each.
+        if sum(shares) + len(heights) - len(shares) < least * len(heights):
+            return 0.0
+        shares.append(_share_at(outer, inner, axis, height, plane, options))
     return float(np.mean(shares))
 
 

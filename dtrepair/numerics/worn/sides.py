@@ -133,7 +133,7 @@ def find_worn(
         if parts.closed[top]:
             continue
         solids = (Solid(points, parts.triangles[k], bool(parts.closed[k])) for k in (top, under))
-        worn = worn_measure(*solids)
+        worn = worn_measure(*solids, least=best)
         if worn.share >= best:
             own = parts.vertices[top]
             radial = points[own] - points[own].mean(axis=0)

@@ -47,9 +47,10 @@ class AttachedParts:
         """
         if self._known is None or not self.attached(np.array([[part, other]]))[0]:
             return None
-        triangles, towards = np.divmod(self._known.zones, self._known.count)
-        own = (towards == self._name[other]) & (self._part_of_face[triangles] == part)
-        return np.unique(self._faces[triangles[own]]).astype(np.int32)
+        keys, triangles = self._zones
+        own = part * self._known.count + self._name[other]
+        start, end = np.searchsorted(keys, [own, own + 1])
+        return np.unique(self._faces[triangles[start:end]]).astype(np.int32)
 
     def riders(self, part: int) -> list[int]:
         """Return the smaller parts that are attached to a part as wholes: buttons on a coat."""
@@ -68,6 +69,15 @@ class AttachedParts:
         free = self._name[self.riders(part)]
         own = (self._part_of_face[triangles] == part) & ~np.isin(towards, free)
         return np.unique(self._faces[triangles[own]]).astype(np.int32)
+
+    @cached_property
+    def _zones(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Triangles (N,) of zones, by sorted keys (N,): own part, and what the zone is towards."""
+        assert self._known is not None
+        triangles, towards = np.divmod(self._known.zones, self._known.count)
+        keys = self._part_of_face[triangles].astype(np.int64) * self._known.count + towards
+        order = np.argsort(keys, kind="stable")
+        return keys[order], triangles[order]
 
     @cached_property
     def _sizes(self) -> IntArray:

@@ -26,12 +26,20 @@ from tests.repair.relief.test_relief import pairs_of, winged
 def test_relaxing_of_attached_parts_ends_with_their_work(attached: bool) -> None:
     _, frame, mesh = winged(1.6, attached=attached)
     pose, cycles = mesh.reduced(frame.centred), []
-    for times in (0.0, FullOptions.relax_attached):
-        options = FullOptions(relax_attached=times)
+    usual = FullOptions()
+    for times, always in ((0.0, 0.0), (usual.relax_attached, usual.relax_always)):
+        options = FullOptions(relax_attached=times, relax_always=always)
         stages = FullMethod(mesh.surface, options=options)(pose).stages
         cycles += [stage.iterations for stage in stages if stage.name == "relax"]
     assert len(cycles) == 2 and cycles[1] > 0
     assert cycles[0] == (0 if attached else cycles[1])
+
+
+def test_some_relaxing_is_left_whatever_the_phases_took() -> None:
+    _, frame, mesh = winged(1.6)
+    options = FullOptions(relax_attached=0.0)
+    stages = FullMethod(mesh.surface, options=options)(mesh.reduced(frame.centred)).stages
+    assert [stage.iterations > 0 for stage in stages if stage.name == "relax"] == [True]
 
 
 @pytest.mark.parametrize(

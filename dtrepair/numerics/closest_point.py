@@ -11,6 +11,28 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 NEIGHBORS = 12
 
 
+class Triangles:
+    """Triangles (F, 3, 3), F at least 1, in a tree of their centroids."""
+
+    def __init__(self, corners: FloatArray) -> None:
+        self._corners, self._tree = corners, cKDTree(corners.mean(axis=1))
+
+    def nearest(
+        self, points: FloatArray, *, neighbors: int = NEIGHBORS
+    ) -> tuple[IntArray, FloatArray]:
+        """Return the triangle (Q,) nearest to each point (Q, 3), and the place on it (Q, 3).
+
+        Exact among the `neighbors` triangles whose centroids are nearest.
+        """
+        corners = self._corners
+        near = self._tree.query(points, np.arange(1, min(neighbors, len(corners)) + 1))[1]
+        queries = np.repeat(points, near.shape[1], axis=0)
+        closest = closest_on_triangles(queries, corners[near.ravel()]).reshape(*near.shape, 3)
+        best = ((closest - points[:, None]) ** 2).sum(axis=2).argmin(axis=1)
+        rows = np.arange(len(points))
+        return near[rows, best].astype(np.int32), closest[rows, best]
+
+
 def nearest_triangles(
     points: FloatArray, corners: FloatArray, *, neighbors: int = NEIGHBORS
 ) -> tuple[IntArray, FloatArray]:
@@ -19,13 +41,7 @@ def nearest_triangles(
     Exact among the `neighbors` triangles whose centroids are nearest. The closest points (Q, 3) are
     in the length unit of the points. F is at least 1.
     """
-    tree = cKDTree(corners.mean(axis=1))
-    near = tree.query(points, np.arange(1, min(neighbors, len(corners)) + 1))[1]
-    queries = np.repeat(points, near.shape[1], axis=0)
-    closest = closest_on_triangles(queries, corners[near.ravel()]).reshape(*near.shape, 3)
-    best = ((closest - points[:, None]) ** 2).sum(axis=2).argmin(axis=1)
-    rows = np.arange(len(points))
-    return near[rows, best].astype(np.int32), closest[rows, best]
+    return Triangles(corners).nearest(points, neighbors=neighbors)
 
 
 def barycentric(points: FloatArray, corners: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,8 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from dtrepair.numerics.attachments import NO_TIES, Attachments, Reference, Ties, joined_ties
-from dtrepair.numerics.closest_point import barycentric, nearest_triangles
-from dtrepair.numerics.enclosure import enclosure
+from dtrepair.numerics.closest_point import Triangles, barycentric
+from dtrepair.numerics.enclosure import Dipoles
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
@@ -94,12 +94,18 @@ def find_attachments(
         if reference.bound is not None:
             carried.append(hidden_ends(reference.points, faces, part_of, reference.bound))
     if slid := [reference for reference in references if reference.slid]:
-        still = np.unique(np.concatenate(keys))
+        still = _distinct(keys)
         for reference in slid:
             overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
             keys += overlaps.slid_zones(still)
-    zones = np.unique(np.concatenate(keys))
+    zones = _distinct(keys)
     return Attachments(part_of, zones, joined_ties(ties), joined_ties(carried))
+
+
+def _distinct(keys: Sequence[KeyArray]) -> KeyArray:
+    """Return all keys once, ascending; of millions faster than by their hashes."""
+    every = np.sort(np.concatenate(keys))
+    return np.asarray(every[np.diff(every, prepend=-1) != 0])
 
 
 class _Overlaps:
@@ -129,7 +135,9 @@ class _Overlaps:
         self.graph = sparse.csr_matrix((weights, (both[:, 0], both[:, 1])), shape=shape)
         self.edge_length = np.full(len(part_of_vertex), 0.0)
         np.maximum.at(self.edge_length, both[:, 0], np.concatenate([length, length]))
-        self._own: dict[int, tuple[IntArray, IntArray]] = {}
+        # A head has hundreds of lashes and locks.
+        self._corners, self._box = cache(self._corners_of), cache(self._box_of)
+        self._tree, self._dipoles = cache(self._tree_of), cache(self._dipoles_of)
         order = np.argsort(part_of_vertex, kind="stable").astype(np.int32)
         self._order = order
         self._starts = np.searchsorted(part_of_vertex[order], np.arange(self.parts + 1))
@@ -173,6 +181,19 @@ class _Overlaps:
     def triangles(self, part: int) -> IntArray:
         """Return the triangles of a part, ascending."""
         return self._face_order[self._face_starts[part] : self._face_starts[part + 1]]
+
+    def _corners_of(self, part: int) -> FloatArray:
+        return self.points[self.faces[self.triangles(part)]]
+
+    def _box_of(self, part: int) -> tuple[FloatArray, FloatArray]:
+        corners = self._corners(part)
+        return corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+
+    def _tree_of(self, part: int) -> Triangles:
+        return Triangles(self._corners(part))
+
+    def _dipoles_of(self, part: int) -> Dipoles:
+        return Dipoles(self._corners(part), self.options.cells)
 
     def zones(self, first: int, second: int) -> list[tuple[KeyArray, Ties]]:
         """Return the zone keys and ties of both parts of an attached pair."""
@@ -232,18 +253,17 @@ class _Overlaps:
     def _behind(self, part: int, other: int) -> IntArray:
         """Return the vertices of a part behind, or enclosed by, another one, within its box."""
         own, triangles = self.vertices(part), self.triangles(other)
-        corners = self.points[self.faces[triangles]]
-        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        low, high = self._box(other)
         points = self.points[own]
         own = np.asarray(own[((points >= low) & (points <= high)).all(axis=1)])
         if len(own) == 0:
             return own
         points = self.points[own]
         if self.open[other]:
-            around = np.abs(enclosure(points, corners, self.options.cells))
+            around = np.abs(self._dipoles(other).enclose(points))
             return np.asarray(own[around > self.options.enclosed])
-        nearest, closest = nearest_triangles(points, corners)
-        weights = barycentric(closest, corners[nearest])
+        nearest, closest = self._tree(other).nearest(points)
+        weights = barycentric(closest, self._corners(other)[nearest])
         normals = self.normals[self.faces[triangles[nearest]]]
         normal = np.einsum("ik,ikj->ij", weights, normals)
         return np.asarray(own[dots(points - closest, normal) < 0.0])
@@ -272,9 +292,8 @@ class _Overlaps:
     def _ties(self, seeds: NDArray[np.integer], other: int) -> Ties:
         """Return ties of each seed to the nearest triangle of another part."""
         triangles = self.triangles(other)
-        corners = self.points[self.faces[triangles]]
         if len(seeds) == 0:
             return NO_TIES
-        nearest, closest = nearest_triangles(self.points[seeds], corners)
-        weights = barycentric(closest, corners[nearest])
+        nearest, closest = self._tree(other).nearest(self.points[seeds])
+        weights = barycentric(closest, self._corners(other)[nearest])
         return Ties(seeds.astype(np.int32), triangles[nearest], weights)

@@ -68,62 +68,69 @@ def worn_measure(
 
     least: smaller ones are not of interest, and may be told as zero.
     """
-    outer = outer.alone()
-    own = outer.points
+    own = outer.points[np.unique(outer.faces)]
     low, high = own.min(axis=0), own.max(axis=0)
     around = 0.5 * float(np.linalg.norm(high - low))
     corners = inner.points[inner.faces]
     near = (corners.max(axis=1) > low - around) & (corners.min(axis=1) < high + around)
-    close = inner.alone(near.all(axis=1))
+    outer, close = outer.alone(), inner.alone(near.all(axis=1))
     if len(close.faces) == 0:
         return Worn(0.0, np.array([0.0, 0.0, 1.0]))
     principal = np.linalg.svd(own - own.mean(axis=0), full_matrices=False)[2]
     fixed = np.array(_CUBE) / np.linalg.norm(_CUBE, axis=1, keepdims=True)
     axes = np.concatenate([principal, fixed])
-    shares = [share_around(outer, close, axis, least=least, options=options) for axis in axes]
+    shares = [_share_around(outer, close, axis, least, options) for axis in axes]
     best = int(np.argmax(shares))
     return Worn(shares[best], axes[best])
 
 
 def share_around(
-    outer: Solid,
-    inner: Solid,
-    axis: FloatArray,
-    *,
-    least: float = 0.0,
-    options: WornOptions = DEFAULTS,
+    outer: Solid, inner: Solid, axis: FloatArray, *, options: WornOptions = DEFAULTS
 ) -> float:
     """The share of directions, mean over slices across `axis`, in which `outer` is round `inner`.
 
     From the centre of the section of `inner`, or of either half of it (two legs), whichever is
-    best. The start has to lie inside of `inner`, and outside of a closed `outer`. Zero where it is
-    less than `least`.
+    best. The start has to lie inside of `inner`, and outside of a closed `outer`.
     """
+    return _share_around(outer.alone(), inner, axis, 0.0, options)
+
+
+class _Upright(NamedTuple):
+    """A body along an axis: heights (F, 3) of its corners, and where they lie across (F, 3, 2)."""
+
+    heights: FloatArray
+    flat: FloatArray
+    closed: bool
+
+
+def _share_around(
+    outer: Solid, inner: Solid, axis: FloatArray, least: float, options: WornOptions
+) -> float:
+    """Do the work of `share_around` for a body alone; zero where it is less than `least`."""
     across = np.cross(axis, [0.31, 0.77, -0.55])
     plane = np.stack([across / np.linalg.norm(across), np.zeros(3)])
     plane[1] = np.cross(axis, plane[0])
-    span = outer.points[np.unique(outer.faces)] @ axis
-    heights = span.min() + np.array(options.levels) * np.ptp(span)
+    ring, limb = (
+        _Upright((own.points @ axis)[own.faces], (own.points @ plane.T)[own.faces], own.closed)
+        for own in (outer, inner)
+    )
+    span = ring.heights
+    levels = span.min() + np.array(options.levels) * np.ptp(span)
     shares: list[float] = []
-    for height in heights:
+    for level in levels:
         # The levels that follow add one at most, each.
-        if sum(shares) + len(heights) - len(shares) < least * len(heights):
+        if sum(shares) + len(levels) - len(shares) < least * len(levels):
             return 0.0
-        shares.append(_share_at(outer, inner, axis, height, plane, options))
+        shares.append(_share_at(ring, limb, level, options))
     return float(np.mean(shares))
 
 
-def _share_at(
-    outer: Solid,
-    inner: Solid,
-    axis: FloatArray,
-    height: float,
-    plane: FloatArray,
-    options: WornOptions,
-) -> float:
-    ring = _section(outer, axis, height, plane)
-    limb = _section(inner, axis, height, plane)
-    if len(ring) < 3 or len(limb) < 3:
+def _share_at(outer: _Upright, inner: _Upright, level: float, options: WornOptions) -> float:
+    limb = _section(inner, level)
+    if len(limb) < 3:
+        return 0.0
+    ring = _section(outer, level)
+    if len(ring) < 3:
         return 0.0
     best = 0.0
     for start in _starts(ring, limb):
@@ -154,22 +161,22 @@ def _starts(ring: FloatArray, limb: FloatArray) -> list[FloatArray]:
     return starts
 
 
-def _section(solid: Solid, axis: FloatArray, height: float, plane: FloatArray) -> FloatArray:
-    """Segments (K, 2, 2) in which the plane at a height along an axis cuts triangles."""
-    above = (solid.points @ axis - height)[solid.faces]
-    up = above > 0.0
-    cut = up.any(axis=1) & ~up.all(axis=1)
-    faces, above, up = solid.faces[cut], above[cut], up[cut]
-    if len(faces) == 0:
+def _section(body: _Upright, level: float) -> FloatArray:
+    """Segments (K, 2, 2) in which the plane at a height cuts triangles."""
+    up = body.heights > level
+    corners_up = up.sum(axis=1)
+    cut = (corners_up > 0) & (corners_up < 3)
+    above, flat, up = body.heights[cut] - level, body.flat[cut], up[cut]
+    if len(above) == 0:
         return np.zeros((0, 2, 2))
     # The corner that lies alone on its side: both edges of it are cut.
-    alone = np.where(up.sum(axis=1) == 1, up.argmax(axis=1), (~up).argmax(axis=1))
-    rows, flat = np.arange(len(faces)), solid.points @ plane.T
+    alone = np.where(corners_up[cut] == 1, up.argmax(axis=1), (~up).argmax(axis=1))
+    rows = np.arange(len(above))
     ends = []
     for step in (1, 2):
         other = (alone + step) % 3
         share = above[rows, alone] / (above[rows, alone] - above[rows, other])
-        first, second = flat[faces[rows, alone]], flat[faces[rows, other]]
+        first, second = flat[rows, alone], flat[rows, other]
         ends.append(first + share[:, None] * (second - first))
     return np.stack(ends, axis=1)
 

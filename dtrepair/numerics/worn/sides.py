@@ -206,15 +206,26 @@ def _beside(parts: Parts, part: int, other: int, pose: int, options: LayerOption
     points = parts.poses[pose]
     own, others = points[parts.vertices[part]], points[parts.vertices[other]]
     near = options.near * min(extent(own), extent(others))
+    spacing = parts.spacing[parts.vertices[other]]
+    # Of a head few vertices are within reach of a lash.
+    reach = near + spacing.max(initial=0.0)
+    within = (own >= others.min(axis=0) - reach) & (own <= others.max(axis=0) + reach)
+    chosen = np.flatnonzero(within.all(axis=1))
+    result = _Beside(np.zeros(len(own), dtype=bool), np.zeros(len(own)), np.zeros(len(own)))
+    if len(chosen) == 0:
+        return result
+    own = own[chosen]
     count = min(options.neighbours, len(others))
     distance, place = cKDTree(others).query(own, np.arange(1, count + 1))
-    normals, other_normals = parts.normals(part, pose), parts.normals(other, pose)
+    normals, other_normals = parts.normals(part, pose)[chosen], parts.normals(other, pose)
     cosine = np.einsum("ij,ikj->ik", normals, other_normals[place])
     offset = own[:, None] - others[place]
     # Seen from the other part, whichever way the vertex itself faces.
     height = np.einsum("ikj,ikj->ik", other_normals[place], offset)
-    spacing = parts.spacing[parts.vertices[other]]
     good = np.abs(cosine) > options.parallel
     good &= (distance <= near + spacing[place]) & (np.abs(height) < near)
     rows, column = np.arange(len(own)), np.argmax(good, axis=1)
-    return _Beside(good[rows, column], np.sign(cosine[rows, column]), height[rows, column])
+    result.known[chosen] = good[rows, column]
+    result.sides[chosen] = np.sign(cosine[rows, column])
+    result.heights[chosen] = height[rows, column]
+    return result

@@ -146,7 +146,7 @@ def _lowered(
     eased, bounded = needed, list(poses)
     for attempt in range(ATTEMPTS):
         for index in failing:
-            share = _share(scene, frames[index].centred, bounded[index], attempt, options)
+            share = _share(scene, frames[index], bounded[index], attempt, options)
             needed[index] = eased[index] * share
         eased = eased_shares(needed, frame_units(times), motions, options=options)
         eased[firm] = 1.0
@@ -194,13 +194,22 @@ def _held(
 
 
 def _share(
-    scene: Scene, before: FloatArray, after: FloatArray, attempt: int, options: ShareOptions
+    scene: Scene, frame: OpenedPose, after: FloatArray, attempt: int, options: ShareOptions
 ) -> FloatArray:
-    """Return the share (V,) of a correction that an attempt keeps."""
+    """Return the share (V,) of a correction that an attempt keeps: first that with least wrong."""
     if attempt == ATTEMPTS - 1:
-        return np.zeros(len(before))
-    search = share_search(scene, before, after, options)
-    return search.put_back() if attempt else search.most()
+        return np.zeros(len(after))
+    search = share_search(scene, frame.centred, after, options)
+    if attempt:
+        return search.put_back()
+    enough, best = _wrong_of(scene, frame, after), (np.inf, np.zeros(len(after)))
+    for share in search.shares():
+        wrong = _wrong_of(scene, frame, search.blend(share))
+        if wrong < best[0]:
+            best = (wrong, share)
+        if wrong <= enough:
+            break
+    return best[1]
 
 
 def _fails(scene: Scene, frame: OpenedPose, points: FloatArray, most: int) -> bool:

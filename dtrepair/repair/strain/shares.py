@@ -26,7 +26,8 @@ class ShareOptions:
         step: A region gives up this share of its correction at a time.
         rings: A region is what is strained and so many rings of edges and ties around it.
         widths: The share comes back to 1 over so many times the longest motion of the region: over
-            a shorter way it would be strained there. Tried in turn.
+            a shorter way it would be strained there. Tried in turn, ...
+        steep: ... and these as well: within the bounds, and they bring fewer contacts back.
         rounds: Times that regions are measured again, until they keep the bounds.
         unseen: Motions up to this, units of the diagonal, are kept beside a frame that gives up its
             own: to go in between would bring their contacts back as well.
@@ -39,6 +40,7 @@ class ShareOptions:
     step: float = 0.25
     rings: int = 2
     widths: tuple[float, ...] = (3.0, 8.0)
+    steep: tuple[float, ...] = (1.0, 0.3)
     rounds: int = 12
     unseen: float = 0.015
     spoilt: int = 4
@@ -71,7 +73,10 @@ class ShareSearch:
 
     def shares(self) -> Iterator[FloatArray]:
         """Yield shares (V,) within the bounds: lowered in regions, at once to 0 there, even."""
-        for width in self.options.widths:
+        wide = (self.lowered(width) for width in self.options.widths)
+        if (share := next((share for share in wide if share is not None), None)) is not None:
+            yield share
+        for width in self.options.steep:
             if (share := self.lowered(width)) is not None:
                 yield share
         if (share := self._put_back()) is not None:

@@ -162,7 +162,7 @@ class SceneRepairer:
             return
         kinds = [{own.kind for own in result.diagnosis.strains} for result in found]
         bent = [body for body, own in enumerate(kinds) if not own.isdisjoint(SHAPE)]
-        yield from self.meshes.otherwise(bent, [about_centre(self.scene.gather(points))[0]])
+        yield from self.meshes.otherwise([bent], [about_centre(self.scene.gather(points))[0]])
 
 
 def _left(results: Sequence[RepairResult]) -> int:

@@ -139,7 +139,7 @@ class WindowStream:
         elif self.scene.options.clearance > 0.0 or any(frame.wrong for frame in frames):
             judged = self._judged(self.meshes, frames)
             if any(found.lowered for found in judged):
-                bent = bent_bodies(self.scene, judged)
+                bent = [bent_bodies(self.scene, found) for found in judged]
                 for way in self.meshes.otherwise(bent, [frame.centred for frame in frames]):
                     other = self._judged(way, frames)
                     if self._left(frames, other) < self._left(frames, judged):

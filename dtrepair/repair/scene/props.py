@@ -33,10 +33,10 @@ class PropOptions:
     rounding: float = 1e-4
 
 
-def bent_bodies(scene: Scene, judged: Sequence[Judged]) -> set[int]:
-    """Return which bodies are strained in their shape in some of the poses that were judged."""
+def bent_bodies(scene: Scene, judged: Judged) -> set[int]:
+    """Return which bodies are strained in their shape in a pose that was judged."""
     body = scene.strain_meter.parts.body
-    return {int(body[own.part]) for found in judged for own in found.excess if own.kind in SHAPE}
+    return {int(body[own.part]) for own in judged.excess if own.kind in SHAPE}
 
 
 def props_among(

@@ -166,15 +166,17 @@ class WeldedMeshes:
         return WeldedMeshes(scene, full=self._full)
 
     def otherwise(
-        self, bent: Collection[int], poses: Sequence[FloatArray]
+        self, bent: Sequence[Collection[int]], poses: Sequence[FloatArray]
     ) -> Iterator[WeldedMeshes]:
         """Yield other ways for strained poses (V, 3): without directions, with props rigid.
 
-        bent: the bodies that are strained in their shape; those that one joint carries are props.
+        bent: the bodies that are strained in their shape in each pose; those that one joint carries
+        are props. That they are rigid helps where nothing else is strained.
         """
         if self.undirected is not None:
             yield self.undirected
-        if props := props_among(self.scene, bent, poses):
+        props = props_among(self.scene, set().union(*bent), poses)
+        if any(len(own) and set(own) <= set(props) for own in bent):
             if props not in self._stiffer:
                 scene = with_rigid(self.scene, props)
                 self._stiffer[props] = WeldedMeshes(scene, full=self._full)

@@ -45,11 +45,10 @@ def swung(scene: Scene, bend: float = 0.0) -> list[FloatArray]:
     return frames
 
 
-def judged(part: int, kind: StrainKind = StrainKind.VOLUME) -> list[Judged]:
-    """Three poses, one of them strained at a part."""
-    none = np.zeros((0, 3))
+def judged(part: int, kind: StrainKind = StrainKind.VOLUME) -> Judged:
+    """A pose that is strained at a part."""
     excess = Excess(kind, part, 1.0, 0.2, 0, np.zeros(1, dtype=np.int32))
-    return [Judged(none), Judged(none, (excess,), lowered=True), Judged(none)]
+    return Judged(np.zeros((0, 3)), (excess,), lowered=True)
 
 
 SCENE = make_scene(BODIES, RepairOptions())
@@ -59,6 +58,7 @@ SCENE = make_scene(BODIES, RepairOptions())
 def test_bodies_that_are_strained_in_their_shape_are_bent(kind: StrainKind) -> None:
     where = kind in (StrainKind.DRIFT, StrainKind.SLIDE)
     assert bent_bodies(SCENE, judged(1, kind)) == (set() if where else {1})
+    assert bent_bodies(SCENE, Judged(np.zeros((0, 3)))) == set()
 
 
 def test_props_are_bodies_that_move_as_wholes() -> None:
@@ -78,12 +78,14 @@ def test_a_scene_with_something_rigid_keeps_what_is_known_of_it() -> None:
     assert other.strain_meter is meter and other.detector is detector
     assert np.array_equal(other.mobility, SCENE.mobility)
     assert len(SCENE.rigid.slices) == 0 and not SCENE.bodies[1].rigid
-    ways = list(WeldedMeshes(SCENE).otherwise([0, 1], swung(SCENE)))
+    ways = list(WeldedMeshes(SCENE).otherwise([{0, 1}, {1}, set()], swung(SCENE)))
     assert [way.scene.rigid.slices for way in ways] == [other.rigid.slices]
     meshes = WeldedMeshes(SCENE)
-    assert list(meshes.otherwise([0], swung(SCENE))) == []
+    # Where something else is strained as well, or nothing that moves as a whole.
+    for bent in ({0, 1}, {0}, set()):
+        assert list(meshes.otherwise([bent], swung(SCENE))) == []
     # Windows that follow find the factors that the first one made.
-    first, second = (list(meshes.otherwise([1], swung(SCENE))) for _ in range(2))
+    first, second = (list(meshes.otherwise([{1}], swung(SCENE))) for _ in range(2))
     assert len(first) == 1 and first[0] is second[0]
 
 

@@ -17,6 +17,7 @@ from dtrepair.numerics.metrics import edge_log_ratio
 from dtrepair.numerics.temporal import gaussian_kernel, spread_in_time
 from dtrepair.repair.clip.window_state import Snapshot, WindowState
 from dtrepair.repair.full.acceptance import reach_of
+from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.scene.bodies import STIFF
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
 from dtrepair.repair.surface.surface import BoolArray, Surface
@@ -139,6 +140,7 @@ class RelaxFramesOptions:
             collapsed.
         collapsed, collapsed_share: More such edges in a frame, and more than this share of all,
             have it relaxed around them, or cured: it would be strained.
+        left_attached: Frames of attached parts that keep so many pairs take part as well.
         rings: Edge rings around collapsed edges that are relaxed; they fade over as many more.
     """
 
@@ -152,14 +154,15 @@ class RelaxFramesOptions:
     collapse: float = 0.25
     collapsed: int = 5
     collapsed_share: float = 5e-4
+    left_attached: int = FullOptions.left_attached
     rings: int = 10
 
 
 def relax_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFramesOptions()) -> None:
     """Relax the clean frames of a window wherever they were displaced.
 
-    A frame that still intersects stays as it is. Bodies that move freely lean on each other: of
-    them only what collapsed is relaxed.
+    A frame that still intersects stays as it is, but for `left_attached`. Bodies that move freely
+    lean on each other: of them only what collapsed is relaxed.
     """
     surface = state.surface
     poses = zip(state.original, state.poses, strict=True)
@@ -168,9 +171,7 @@ def relax_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFrame
         return
     reach = np.maximum(reach, spread_in_time(state.frames, reach, options.spread))
     reach[(reach < options.faint) | surface.stiff] = 0.0
-    frames = [
-        frame for frame, pairs in enumerate(state.pairs) if len(pairs) == 0 and reach[frame].any()
-    ]
+    frames = [frame for frame in _nearly_clean(state, options) if reach[frame].any()]
     tied = surface.ties is not None
     state.relax(
         frames,
@@ -184,15 +185,20 @@ def relax_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFrame
 
 
 def cure_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFramesOptions()) -> None:
-    """Bring crushed edges back in the clean frames of a window that have too many of them."""
+    """Bring crushed edges back in the nearly clean frames of a window that have too many."""
     surface, frames = state.surface, []
-    for frame, (before, after) in enumerate(zip(state.original, state.poses, strict=True)):
-        if len(state.pairs[frame]) == 0:
-            count = collapsed_vertices(surface, before, after, options.collapse)[1]
-            if count > options.collapsed:
-                frames.append(frame)
+    for frame in _nearly_clean(state, options):
+        before, after = state.original[frame], state.poses[frame]
+        if collapsed_vertices(surface, before, after, options.collapse)[1] > options.collapsed:
+            frames.append(frame)
     if frames:
         state.cure(frames, gaussian_kernel(state.frames, options.width))
+
+
+def _nearly_clean(state: WindowState, options: RelaxFramesOptions) -> list[int]:
+    """Return the clean frames, and of attached parts those that keep few pairs."""
+    most = 0 if state.surface.ties is None else options.left_attached
+    return [frame for frame, pairs in enumerate(state.pairs) if len(pairs) <= most]
 
 
 def _reach(

@@ -167,9 +167,10 @@ class WindowFrames(FramePoses):
     def relaxing(
         self, surface: Surface, frame: int, reach: Levels, farthest: Levels, scale: float
     ) -> None:
-        """Begin to relax a clean frame; `reach` (T, V) scales the motion of each vertex.
+        """Begin to relax a frame, which keeps its pairs if it has any.
 
-        farthest (T, V): how far it may be pulled from its input.
+        reach (T, V): scales the motion of each vertex; farthest (T, V): how far it may be pulled
+        from its input.
         """
         self._farthest_pull[frame] = farthest[frame].astype(np.float64)
         pose = self.poses[frame].copy()
@@ -183,6 +184,7 @@ class WindowFrames(FramePoses):
             scale,
             self.options.relax,
             self._steering,
+            crossings=len(surface.contacts.pairs(pose)),
         )
 
     def relaxed(self, surface: Surface, frame: int, weight: float) -> float:
@@ -205,9 +207,10 @@ class WindowFrames(FramePoses):
         del self._farthest_pull[frame]
 
     def cured(self, surface: Surface, frame: int) -> None:
-        """Bring edges of a clean frame back that are crushed or drawn out, into `added`."""
+        """Bring edges of a frame back that are crushed or drawn out, into `added`."""
         before, pose = self.original[frame], self.poses[frame]
         lengths = EdgeLengths(surface, before, options=self.options.edges)
         folds = len(surface.contacts.folds(pose))
-        points, _ = cure(lengths, before, pose, folds=folds, options=self.options.cure)
+        left, options = len(surface.contacts.pairs(pose)), self.options.cure
+        points, _ = cure(lengths, before, pose, folds=folds, crossings=left, options=options)
         self.added[frame] = allowed(surface.rigid, before, points, self.farthest) - pose

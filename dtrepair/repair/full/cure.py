@@ -71,6 +71,7 @@ def cure(
     points: FloatArray,
     *,
     folds: int,
+    crossings: int = 0,
     scale: float = 1.0,
     options: CureOptions = CureOptions(),
 ) -> tuple[FloatArray, int]:
@@ -79,12 +80,12 @@ def cure(
     Where surfaces close a crease, its bottom folds flat; where they press, edges are crushed. Flaws
     that meet are cured by the smallest motion of their surroundings that does it, where that stays
     clean. If too many are left, one as-rigid-as-possible step with contacts leads towards all of
-    them cured: both sides make room. scale: as in `relax`.
+    them cured: both sides make room. folds, crossings: so many are allowed; scale: as in `relax`.
     """
     done, failures, all_rings = 0, 0, options.rings
     for number in range(options.rounds):
         if failures == 0:
-            points, alone = _cured_alone(flaws, original, points, folds, options)
+            points, alone = _cured_alone(flaws, original, points, folds, crossings, options)
             done += alone
         excess = flaws.excess(points)
         clusters = flaws.clusters(points)
@@ -99,6 +100,7 @@ def cure(
             points,
             cycles=1,
             folds=folds,
+            crossings=crossings,
             reach=reach,
             scale=scale,
             options=options.relax,
@@ -111,7 +113,12 @@ def cure(
 
 
 def _cured_alone(
-    flaws: Flaws, original: FloatArray, points: FloatArray, folds: int, options: CureOptions
+    flaws: Flaws,
+    original: FloatArray,
+    points: FloatArray,
+    folds: int,
+    crossings: int,
+    options: CureOptions,
 ) -> tuple[FloatArray, int]:
     """Return the pose with clusters cured one by one where that needs no room, and how many."""
     surface, done = flaws.surface, 0
@@ -127,7 +134,7 @@ def _cured_alone(
             if left >= excess or _cost(surface, original, points, trial) > price:
                 continue
             defects = changed_defects(surface, known, points, trial)
-            if acceptable(defects, folds):
+            if acceptable(defects, folds, crossings):
                 points, known, excess, done = trial, defects, left, done + 1
             if excess[0] <= flaws.allowed:
                 return points, done

@@ -20,7 +20,7 @@ from dtrepair.repair.full.relax import QUICK, RelaxOptions, relax
 from dtrepair.repair.full.settle import SettleOptions, Settling
 from dtrepair.repair.result import Solved
 from dtrepair.repair.stage_log import StageLog
-from dtrepair.repair.surface.defects import find_defects
+from dtrepair.repair.surface.defects import Defects, find_defects
 from dtrepair.repair.surface.surface import Surface
 
 
@@ -43,6 +43,8 @@ class FullOptions:
         relax_attached: Of attached parts no cycle of relaxing begins after so many times the work
             that the phases may take, theirs included: what follows needs its time, too; ...
         relax_always: ... but so many times is left to it, whatever they took.
+        left_attached: A pose of attached parts that keeps so many pairs is relaxed and cured as if
+            it were clean: what strains it costs more contacts than these.
         at_rest: A pose nearer to the rest than this, units of the size, is the rest pose itself:
             rounding apart they are one.
     """
@@ -60,6 +62,7 @@ class FullOptions:
     clearance: ClearanceOptions = field(default_factory=ClearanceOptions)
     relax_attached: float = 0.5
     relax_always: float = 0.25
+    left_attached: int = 60
     at_rest: float = 1e-7
 
 
@@ -103,14 +106,19 @@ class FullMethod:
         )
         best = phases.best()
         points = best.points
-        if best.clean:
+        if self._finished(best):
             points = self._tightened(best, phases)
             if self.rounds:
-                points = self._cured(points, len(best.defects.folds), phases)
+                points = self._cured(points, best.defects, phases)
         left = 0
         if self.clearance > 0.0:
             points, left = self._opened(points, phases)
         return Solved(points, log.stages, left)
+
+    def _finished(self, best: Candidate) -> bool:
+        """Return whether what follows pays: all is clean, or of attached parts nearly all."""
+        left = 0 if self.surface.ties is None else self.options.left_attached
+        return len(best.defects.crossings) <= left
 
     def _tightened(self, best: Candidate, phases: Phases) -> FloatArray:
         """Return the clean pose taken back towards the input as far as contacts and limit allow."""
@@ -151,6 +159,7 @@ class FullMethod:
                 points,
                 cycles=self.rounds * options.cycles,
                 folds=folds,
+                crossings=len(best.defects.crossings),
                 reach=reach_of(surface, points - original, rings=rings),
                 scale=phases.scale,
                 steering=phases.steering,
@@ -158,7 +167,8 @@ class FullMethod:
                 until=np.inf if surface.ties is None else self._relaxed_enough(phases),
                 options=numbers,
             )
-            log.add("relax", points, start, folds=folds, iterations=cycles)
+            left = len(best.defects.crossings)
+            log.add("relax", points, start, crossings=left, folds=folds, iterations=cycles)
         return best.points if (phases.limited(points) != points).any() else points
 
     def _relaxed_enough(self, phases: Phases) -> float:
@@ -166,26 +176,37 @@ class FullMethod:
         left = phases.enough(self.options.relax_always) - phases.enough(0.0)
         return max(phases.enough(self.options.relax_attached), work_done() + left)
 
-    def _cured(self, points: FloatArray, folds: int, phases: Phases) -> FloatArray:
-        """Return the tightened pose with its flaws cured, where that is allowed."""
+    def _cured(self, points: FloatArray, known: Defects, phases: Phases) -> FloatArray:
+        """Return the tightened pose with its flaws cured, where that is allowed.
+
+        known: the defects that were left before it was tightened.
+        """
         options, original, skip = self.options, phases.original, self.skip
         if "edges" not in skip:
             lengths = EdgeLengths(self.surface, original, options=options.edges)
-            points = self._without(lengths, points, folds, phases, "edges")
+            points = self._without(lengths, points, known, phases, "edges")
         if "unbend" not in skip:
             angles = DihedralAngles(self.surface, original, options=options.unbend)
-            points = self._without(angles, points, folds, phases, "unbend")
+            points = self._without(angles, points, known, phases, "unbend")
         return points
 
     def _without(
-        self, flaws: Flaws, points: FloatArray, folds: int, phases: Phases, name: str
+        self, flaws: Flaws, points: FloatArray, known: Defects, phases: Phases, name: str
     ) -> FloatArray:
         start, original = time.perf_counter(), phases.original
-        options, scale = self.options.cure, phases.scale
-        cured, done = cure(flaws, original, points, folds=folds, scale=scale, options=options)
+        folds, crossings = len(known.folds), len(known.crossings)
+        cured, done = cure(
+            flaws,
+            original,
+            points,
+            folds=folds,
+            crossings=crossings,
+            scale=phases.scale,
+            options=self.options.cure,
+        )
         if done == 0 or (phases.limited(cured) != cured).any():
             return points
-        phases.log.add(name, cured, start, folds=folds, iterations=done)
+        phases.log.add(name, cured, start, crossings=crossings, folds=folds, iterations=done)
         return cured
 
     def _opened(self, points: FloatArray, phases: Phases) -> tuple[FloatArray, int]:

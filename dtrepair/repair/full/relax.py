@@ -101,6 +101,7 @@ def relax(
     *,
     cycles: int,
     folds: int,
+    crossings: int = 0,
     reach: FloatArray,
     scale: float = 1.0,
     steering: Steering | None = None,
@@ -114,14 +115,15 @@ def relax(
     of limited length, under the condition that no gap between surfaces closes: both sides come to
     rest against each other. What collides all the same is rolled back locally. Cycles may double.
 
-    cycles: at most, unless volume is missing; folds: so many are allowed; reach: (V,) scales the
-    motion of each vertex; scale: factor of the step (see `contact_scale`); steering: regions that
-    stay on the line of their direction; settling: takes back what is far from contacts; until:
-    total of `work_done` after which no cycle begins.
+    cycles: at most, unless volume is missing; folds, crossings: so many are allowed; reach: (V,)
+    scales the motion of each vertex; scale: factor of the step (see `contact_scale`); steering:
+    regions that stay on the line of their direction; settling: takes back what is far from
+    contacts; until: total of `work_done` after which no cycle begins.
     """
     if not reach.any():
         return points, 0
-    state = Relaxation(surface, original, points, folds, reach, scale, options, steering)
+    numbers = scale, options, steering
+    state = Relaxation(surface, original, points, folds, reach, *numbers, crossings=crossings)
     done = 0
     if settling is not None:
         for strain in options.settle:

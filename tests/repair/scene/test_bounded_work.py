@@ -9,10 +9,12 @@ import pytest
 
 from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.metrics import distortion
 from dtrepair.numerics.work import work_done
 from dtrepair.repair.full.biharmonic_fill import FillOptions
 from dtrepair.repair.full.mend import MendOptions, mend
 from dtrepair.repair.full.method import FullMethod, FullOptions
+from dtrepair.repair.full.phases import PhaseOptions
 from dtrepair.repair.full.push import PushOptions
 from dtrepair.repair.scene import mending
 from dtrepair.repair.scene.bounds import Judged
@@ -40,6 +42,24 @@ def test_some_relaxing_is_left_whatever_the_phases_took() -> None:
     options = FullOptions(relax_attached=0.0)
     stages = FullMethod(mesh.surface, options=options)(mesh.reduced(frame.centred)).stages
     assert [stage.iterations > 0 for stage in stages if stage.name == "relax"] == [True]
+
+
+@pytest.mark.parametrize("attached", [True, False])
+def test_attached_parts_that_keep_few_pairs_are_relaxed_as_well(attached: bool) -> None:
+    _, frame, mesh = winged(1.6, attached=attached)
+    pose, contacts = mesh.reduced(frame.centred), mesh.surface.contacts
+    # A short push leaves a few pairs.
+    phases = PhaseOptions(near=(0,), push=PushOptions(iterations=6 if attached else 4))
+    found = []
+    for most in (0, 100):
+        options = FullOptions(left_attached=most, phases=phases)
+        found.append(FullMethod(mesh.surface, skip=("fill", "insist"), options=options)(pose))
+    left = [len(contacts.pairs(solved.points)) for solved in found]
+    assert 0 < left[0] <= 100 and left[1] <= left[0]
+    relaxed = ["relax" in [stage.name for stage in solved.stages] for solved in found]
+    assert relaxed == [False, attached]
+    values = [distortion(pose, solved.points, mesh.surface.edges) for solved in found]
+    assert values[1] < values[0] if attached else values[1] == values[0]
 
 
 @pytest.mark.parametrize(

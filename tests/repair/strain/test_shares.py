@@ -75,6 +75,14 @@ def test_everything_that_can_be_yielded_keeps_the_bounds() -> None:
     assert len(np.unique(uniform)) == 1
 
 
+def test_steep_shares_are_yielded_after_the_wide_one_and_give_up_less() -> None:
+    after = spoilt(side=0.3)
+    wide, *steep = list(search(after).shares())[:3]
+    given_up = [float((1.0 - share).sum()) for share in (wide, *steep)]
+    assert given_up[0] > given_up[1] > given_up[2] > 0.0
+    assert len(list(search(after, steep=()).shares())) == len(list(search(after).shares())) - 2
+
+
 def test_where_no_round_is_left_all_of_it_is_given_up_alike() -> None:
     share = search(spoilt(), rounds=1).most()
     assert len(np.unique(share)) == 1 and share[0] < 1.0

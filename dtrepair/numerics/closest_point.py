@@ -11,11 +11,11 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 NEIGHBORS = 12
 
 
-class Triangles:
+class NearestTriangles:
     """Triangles (F, 3, 3), F at least 1, in a tree of their centroids."""
 
     def __init__(self, corners: FloatArray) -> None:
-        self._corners, self._tree = corners, cKDTree(corners.mean(axis=1))
+        self.corners, self._tree = corners, cKDTree(corners.mean(axis=1))
 
     def nearest(
         self, points: FloatArray, *, neighbors: int = NEIGHBORS
@@ -24,7 +24,7 @@ class Triangles:
 
         Exact among the `neighbors` triangles whose centroids are nearest.
         """
-        corners = self._corners
+        corners = self.corners
         near = self._tree.query(points, np.arange(1, min(neighbors, len(corners)) + 1))[1]
         queries = np.repeat(points, near.shape[1], axis=0)
         closest = closest_on_triangles(queries, corners[near.ravel()]).reshape(*near.shape, 3)
@@ -41,7 +41,7 @@ def nearest_triangles(
     Exact among the `neighbors` triangles whose centroids are nearest. The closest points (Q, 3) are
     in the length unit of the points. F is at least 1.
     """
-    return Triangles(corners).nearest(points, neighbors=neighbors)
+    return NearestTriangles(corners).nearest(points, neighbors=neighbors)
 
 
 def barycentric(points: FloatArray, corners: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ class Dipoles:
     cells: along the largest extent.
     """
 
-    def __init__(self, corners: FloatArray, cells: int = 12) -> None:
+    def __init__(self, corners: FloatArray, cells: int) -> None:
         areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
         centres, weights = corners.mean(axis=1), lengths(areas)
         self._size = extent(corners.reshape(-1, 3)) / cells

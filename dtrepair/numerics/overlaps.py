@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from dtrepair.numerics.attachments import NO_TIES, Attachments, Reference, Ties, joined_ties
-from dtrepair.numerics.closest_point import Triangles, barycentric
+from dtrepair.numerics.closest_point import NearestTriangles, barycentric
 from dtrepair.numerics.enclosure import Dipoles
 from dtrepair.numerics.geometry import (
     FloatArray,
@@ -136,8 +136,8 @@ class _Overlaps:
         self.edge_length = np.full(len(part_of_vertex), 0.0)
         np.maximum.at(self.edge_length, both[:, 0], np.concatenate([length, length]))
         # A head has hundreds of lashes and locks.
-        self._corners, self._box = cache(self._corners_of), cache(self._box_of)
-        self._tree, self._dipoles = cache(self._tree_of), cache(self._dipoles_of)
+        self._trees: dict[int, NearestTriangles] = {}
+        self._dipoles: dict[int, Dipoles] = {}
         order = np.argsort(part_of_vertex, kind="stable").astype(np.int32)
         self._order = order
         self._starts = np.searchsorted(part_of_vertex[order], np.arange(self.parts + 1))
@@ -182,18 +182,14 @@ class _Overlaps:
         """Return the triangles of a part, ascending."""
         return self._face_order[self._face_starts[part] : self._face_starts[part + 1]]
 
-    def _corners_of(self, part: int) -> FloatArray:
-        return self.points[self.faces[self.triangles(part)]]
+    def _corners(self, part: int) -> FloatArray:
+        """Return the corners (N, 3, 3) of the triangles of a part."""
+        return np.asarray(self.points[self.faces[self.triangles(part)]])
 
-    def _box_of(self, part: int) -> tuple[FloatArray, FloatArray]:
-        corners = self._corners(part)
-        return corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-
-    def _tree_of(self, part: int) -> Triangles:
-        return Triangles(self._corners(part))
-
-    def _dipoles_of(self, part: int) -> Dipoles:
-        return Dipoles(self._corners(part), self.options.cells)
+    def _tree(self, part: int) -> NearestTriangles:
+        if part not in self._trees:
+            self._trees[part] = NearestTriangles(self._corners(part))
+        return self._trees[part]
 
     def zones(self, first: int, second: int) -> list[tuple[KeyArray, Ties]]:
         """Return the zone keys and ties of both parts of an attached pair."""
@@ -253,17 +249,20 @@ class _Overlaps:
     def _behind(self, part: int, other: int) -> IntArray:
         """Return the vertices of a part behind, or enclosed by, another one, within its box."""
         own, triangles = self.vertices(part), self.triangles(other)
-        low, high = self._box(other)
+        other_points = self.points[self.vertices(other)]
+        low, high = other_points.min(axis=0), other_points.max(axis=0)
         points = self.points[own]
         own = np.asarray(own[((points >= low) & (points <= high)).all(axis=1)])
         if len(own) == 0:
             return own
         points = self.points[own]
         if self.open[other]:
-            around = np.abs(self._dipoles(other).enclose(points))
+            if other not in self._dipoles:
+                self._dipoles[other] = Dipoles(self._corners(other), self.options.cells)
+            around = np.abs(self._dipoles[other].enclose(points))
             return np.asarray(own[around > self.options.enclosed])
         nearest, closest = self._tree(other).nearest(points)
-        weights = barycentric(closest, self._corners(other)[nearest])
+        weights = barycentric(closest, self._tree(other).corners[nearest])
         normals = self.normals[self.faces[triangles[nearest]]]
         normal = np.einsum("ik,ikj->ij", weights, normals)
         return np.asarray(own[dots(points - closest, normal) < 0.0])
@@ -295,5 +294,5 @@ class _Overlaps:
         if len(seeds) == 0:
             return NO_TIES
         nearest, closest = self._tree(other).nearest(self.points[seeds])
-        weights = barycentric(closest, self._corners(other)[nearest])
+        weights = barycentric(closest, self._tree(other).corners[nearest])
         return Ties(seeds.astype(np.int32), triangles[nearest], weights)

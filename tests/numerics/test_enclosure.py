@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.numerics.enclosure import enclosure
+from dtrepair.numerics import enclosure as module
+from dtrepair.numerics.enclosure import Dipoles, enclosure
 from tests.meshes import icosphere, tube
 
 AXIS = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.9], [0.0, 0.0, 3.0], [2.0, 0.0, 0.0]])
@@ -29,3 +30,13 @@ def test_of_an_open_tube_the_ends_are_missing() -> None:
     found = np.sign(outwards) * enclosure(AXIS, points[faces])
     assert found[:2] == pytest.approx(np.array(ends) / 2.0, abs=0.03)
     assert np.abs(found[2:]).max() < 0.03
+
+
+def test_points_are_looked_at_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    points, faces = icosphere(3)
+    asked = np.random.default_rng(0).normal(size=(50, 3))
+    whole = Dipoles(points[faces], 12).enclose(asked)
+    assert np.array_equal(whole, enclosure(asked, points[faces], 12))
+    monkeypatch.setattr(module, "BLOCK", 1)
+    assert Dipoles(points[faces], 12).enclose(asked) == pytest.approx(whole, abs=1e-12)
+    assert len(Dipoles(points[faces], 12).enclose(asked[:0])) == 0

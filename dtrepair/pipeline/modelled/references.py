@@ -99,8 +99,7 @@ def _references(
             known += _where_fewest(looks, options.nearly_all * len(looks))
     found = [look.reference(~meshes.asked(look.pairs)) for look in known]
     if enough:
-        for look in known:
-            found += slid_references(meshes, look, samples=options.samples)
+        found += slid_references(meshes, known, samples=options.samples)
     if not attached:
         return found
     found += [look.reference(meshes.asked(look.pairs), asked=True) for look in known]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -10,29 +11,31 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from dtrepair.intersect.ignored import CollapsedPoseError
 from dtrepair.numerics.geometry import FloatArray, diagonal, lengths
 from dtrepair.pipeline.modelled.meshes import Look, PlacedMeshes
 
 if TYPE_CHECKING:
     from dtrepair.numerics.attachments import Reference
 
-# Two connected parts, by any numbers.
-PartPair = tuple[int, int]
-
 
 @dataclass(frozen=True, kw_only=True)
 class SlideOptions:
-    """When two rigid parts slide in each other, in units of the smaller one's extent.
+    """When two rigid parts slide in each other.
 
     Args:
-        rounding: Vertices are at most so far from a rigid motion: skinning rounds.
-        least: A slide is longer than this.
-        apart: Poses show where two parts meet if they have slid on by this.
+        rounding: Vertices are at most so far from a rigid motion, diagonals of their part: skinning
+            rounds.
+        hidden: A part that is scaled to less than this share of its diagonal is hidden: that pose
+            tells nothing of it.
+        least: A slide is longer than this, diagonals of the smaller part.
+        apart: Poses show where two parts meet if they have slid on by this, of the same.
         straight: It strays from its axis by at most this share of its length.
         tilt: The axis itself turns by at most this angle, in radians; about it the parts may spin.
     """
 
     rounding: float = 1e-3
+    hidden: float = 0.01
     least: float = 0.02
     apart: float = 0.02
     straight: float = 0.05
@@ -46,118 +49,151 @@ class RigidMotion(NamedTuple):
     shift: FloatArray
 
     def back(self, points: FloatArray) -> FloatArray:
-        """Return where points (..., 3) came from."""
+        """Return where points (3,) or (N, 3) came from."""
         return np.asarray(self.rotation.apply(points - self.shift, inverse=True))
 
 
+class Joint:
+    """Two rigid parts that meet in a pose, and how one moves in the axes of the other.
+
+    Args:
+        key: The number of the pair of parts.
+        rests: Their points (N, 3) in the pose that shows how they were modelled.
+        middle: The middle (3,) of where they meet there.
+        options: The numbers.
+    """
+
+    def __init__(
+        self,
+        key: int,
+        rests: tuple[FloatArray, FloatArray],
+        middle: FloatArray,
+        options: SlideOptions,
+    ) -> None:
+        self.key, self.rests, self.middle, self.options = key, rests, middle, options
+        self.extent = min(diagonal(rest) for rest in rests)
+        self.bends = False
+        self._path: list[FloatArray] = []
+        self._turns: list[Rotation] = []
+
+    def follow(self, first: FloatArray, second: FloatArray) -> None:
+        """Note where the first part is, seen from the second one, by their points (N, 3)."""
+        hidden, rounding = self.options.hidden, self.options.rounding
+        both = list(zip(self.rests, (first, second), strict=True))
+        if any(diagonal(pose) < hidden * diagonal(rest) for rest, pose in both):
+            self._path.append(np.full(3, np.nan))
+            return
+        one, other = (rigid_motion(rest, pose, rounding) for rest, pose in both)
+        if one is None or other is None:
+            self.bends = True
+            return
+        there = one.rotation.apply(self.middle) + one.shift
+        self._path.append(other.back(there) - self.middle)
+        self._turns.append(other.rotation.inv() * one.rotation)
+
+    def slid(self) -> FloatArray | None:
+        """Return how far (T,) it has slid along its axis in each pose; None if it does not slide.
+
+        Not a number where one of the parts is hidden. The path is that of the middle of where the
+        parts meet: what meets on one side only and spins as well strays from its axis.
+        """
+        path = np.array(self._path).reshape(-1, 3)
+        far = lengths(np.nan_to_num(path))
+        longest = float(far.max(initial=0.0))
+        if self.bends or longest <= self.options.least * self.extent:
+            return None
+        axis = path[far.argmax()] / longest
+        along: FloatArray = path @ axis
+        astray = np.nanmax(lengths(path - along[:, None] * axis))
+        tilted = max(float(np.linalg.norm(turn.apply(axis) - axis)) for turn in self._turns)
+        if astray > self.options.straight * longest or tilted > self.options.tilt:
+            return None
+        return along
+
+
 def slid_references(
-    meshes: PlacedMeshes, shown: Look, *, samples: int, options: SlideOptions = SlideOptions()
+    meshes: PlacedMeshes,
+    known: Sequence[Look],
+    *,
+    samples: int,
+    options: SlideOptions = SlideOptions(),
 ) -> list[Reference]:
     """Return frames that show parts which slide in each other, where they have slid on.
 
-    shown: a pose with the contacts that were modelled; samples: frames that are looked at, of the
+    known: poses with the contacts that were modelled; samples: frames that are looked at, of the
     whole clip.
     """
-    count = len(meshes.rest)
-    keys = np.unique(shown.keys)
-    of_vertex = np.full(count, -1)
-    of_vertex[meshes.weld[meshes.faces]] = meshes.part_of[:, None]
-    pairs = {divmod(int(key), count): key for key in keys}
-    vertices = {part: np.flatnonzero(of_vertex == part) for pair in pairs for part in pair}
-    overlaps = {
-        pair: shown.points[meshes.faces[shown.pairs[shown.keys == key]]].mean(axis=(0, 1, 2))
-        for pair, key in pairs.items()
-    }
-    poses = (pose for _, pose in meshes.poses(samples))
-    ways = slides(shown.points, poses, vertices, overlaps, options=options)
-    found, seen = [], {pair: [0.0] for pair in ways}
+    ways = _ways(meshes, known, samples, options)
+    found: list[Reference] = []
+    seen = {joint.key: [0.0] for joint, _ in ways}
     # Read again: few characters have parts that slide.
     for index, (name, pose) in enumerate(meshes.poses(samples) if ways else ()):
         new = []
-        for pair, way in ways.items():
-            apart = options.apart * min(diagonal(shown.points[vertices[part]]) for part in pair)
-            if min(abs(way[index] - other) for other in seen[pair]) > apart:
-                seen[pair].append(way[index])
-                new.append(pairs[pair])
-        if new:
-            look = meshes.look(pose, name)
-            found.append(look.of(np.isin(look.keys, new)).reference()._replace(slid=True))
+        for joint, way in ways:
+            away = np.abs(np.array(seen[joint.key]) - way[index]).min()
+            if away > options.apart * joint.extent:
+                seen[joint.key].append(float(way[index]))
+                new.append(joint.key)
+        with suppress(CollapsedPoseError):
+            if new:
+                look = meshes.look(pose, name)
+                found += _of_keys(meshes, look, new)
     return found
 
 
-def slides(
-    shown: FloatArray,
-    poses: Iterable[FloatArray],
-    vertices: Mapping[int, NDArray[np.integer]],
-    overlaps: Mapping[PartPair, FloatArray],
-    *,
-    options: SlideOptions = SlideOptions(),
-) -> dict[PartPair, FloatArray]:
-    """Return how far along its axis each pair of parts that slides has slid in each pose (T,).
+def _of_keys(meshes: PlacedMeshes, look: Look, keys: list[int]) -> Iterator[Reference]:
+    """Yield what a frame shows of some pairs of parts, those that the user asked for apart."""
+    chosen, asked = np.isin(look.keys, keys), meshes.asked(look.pairs)
+    for own in (False, True):
+        if (chosen & (asked == own)).any():
+            yield look.reference(chosen & (asked == own), asked=own)._replace(slid=True)
 
-    Args:
-        shown: The pose (V, 3) that shows how the parts were modelled.
-        poses: Others (V, 3), each looked at once.
-        vertices: Of each part, (N,).
-        overlaps: Middle (3,) of the overlap of each pair of parts in `shown`.
-    """
-    paths: dict[PartPair, list[FloatArray]] = {pair: [] for pair in overlaps}
-    turns: dict[PartPair, list[Rotation]] = {pair: [] for pair in overlaps}
-    for pose in poses:
-        if not paths:
-            return {}
-        moved = {
-            part: rigid_motion(shown[vertices[part]], pose[vertices[part]], options.rounding)
-            for part in {part for pair in paths for part in pair}
-        }
-        for first, second in list(paths):
-            one, other = moved[first], moved[second]
-            if one is None or other is None:
-                del paths[first, second]
-                continue
-            there = one.rotation.apply(overlaps[first, second]) + one.shift
-            paths[first, second].append(other.back(there) - overlaps[first, second])
-            turns[first, second].append(other.rotation.inv() * one.rotation)
-    found = {}
-    for pair, path in paths.items():
-        extent = min(diagonal(shown[vertices[part]]) for part in pair)
-        way = _straight_way(np.array(path), turns[pair], extent, options)
-        if way is not None:
-            found[pair] = way
-    return found
+
+def _ways(
+    meshes: PlacedMeshes, known: Sequence[Look], samples: int, options: SlideOptions
+) -> list[tuple[Joint, FloatArray]]:
+    """Return the joints that slide, with how far (T,) in each frame."""
+    of_vertex = np.full(len(meshes.rest), -1)
+    of_vertex[meshes.weld[meshes.faces]] = meshes.part_of[:, None]
+    order = np.argsort(of_vertex, kind="stable")
+    sorted_parts = of_vertex[order]
+
+    def vertices(part: int) -> NDArray[np.intp]:
+        start, end = np.searchsorted(sorted_parts, [part, part + 1])
+        return np.asarray(order[start:end])
+
+    joints: list[tuple[Joint, tuple[NDArray[np.intp], NDArray[np.intp]]]] = []
+    for look in known:
+        by_key = np.argsort(look.keys, kind="stable")
+        keys, starts = np.unique(look.keys[by_key], return_index=True)
+        for key, chosen in zip(keys.tolist(), np.split(by_key, starts[1:]), strict=False):
+            low, high = divmod(key, len(meshes.rest))
+            corners = look.points[meshes.faces[look.pairs[chosen]]]
+            own = vertices(low), vertices(high)
+            rests = look.points[own[0]], look.points[own[1]]
+            joints.append((Joint(key, rests, corners.mean(axis=(0, 1, 2)), options), own))
+    for _, pose in meshes.poses(samples):
+        if not joints:
+            break
+        for joint, (low, high) in joints:
+            joint.follow(pose[low], pose[high])
+        joints = [each for each in joints if not each[0].bends]
+    ways = ((joint, joint.slid()) for joint, _ in joints)
+    return [(joint, way) for joint, way in ways if way is not None]
 
 
 def rigid_motion(rest: FloatArray, pose: FloatArray, rounding: float) -> RigidMotion | None:
     """Return the motion that takes points (N, 3) to others, or None if they also deform.
 
-    rounding: how far from it they may be, units of the extent of the rest.
+    None of points on one line, too, about which any turn is as good. rounding: how far from the
+    motion they may be, diagonals of the rest.
     """
-    if len(rest) < 3:
-        return None
     middle, there = rest.mean(axis=0), pose.mean(axis=0)
-    spread = (pose - there).T @ (rest - middle)
-    left, _, right = np.linalg.svd(spread)
+    left, size, right = np.linalg.svd((pose - there).T @ (rest - middle))
+    if size[1] <= 1e-9 * size[0]:
+        return None
     proper = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
     rotation = Rotation.from_matrix(left @ proper @ right)
     found = RigidMotion(rotation, there - rotation.apply(middle))
     far = lengths(found.back(pose) - rest).max()
     return found if far <= rounding * diagonal(rest) else None
-
-
-def _straight_way(
-    path: FloatArray, turns: list[Rotation], extent: float, options: SlideOptions
-) -> FloatArray | None:
-    """Return how far (T,) a path (T, 3) has gone along its axis, None where it has none."""
-    if len(path) == 0:
-        return None
-    far = lengths(path)
-    longest = float(far.max())
-    if longest < options.least * extent:
-        return None
-    axis = path[far.argmax()] / longest
-    along: FloatArray = path @ axis
-    astray = lengths(path - along[:, None] * axis).max()
-    tilted = max(float(np.linalg.norm(turn.apply(axis) - axis)) for turn in turns)
-    if astray > options.straight * longest or tilted > options.tilt:
-        return None
-    return along

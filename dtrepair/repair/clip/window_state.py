@@ -240,13 +240,16 @@ class WindowState:
         self.evaluate()
 
     def cure(self, frames: list[int], kernel: FloatArray) -> None:
-        """Cure crushed edges of clean frames; what that moves is smoothed in time where it can."""
-        self.work.added[:] = 0.0
+        """Cure crushed edges of frames; what that moves is smoothed in time where it can be.
+
+        Where that gives a frame pairs which it did not have, it moves by itself.
+        """
+        self.work.added[:], pairs = 0.0, self.pairs
         self.pool.map("cured", frames)
         own, before = self.work.added.copy(), self.work.extra.copy()
         self.pool.map("corrected", self._blocks, kernel)
         self.evaluate()
-        if failed := self.dirty:
+        if failed := [frame for frame in self.dirty if len(self.pairs[frame]) > len(pairs[frame])]:
             self.work.extra[failed] = before[failed] + own[failed]
             self.evaluate()
 

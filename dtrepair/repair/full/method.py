@@ -43,8 +43,9 @@ class FullOptions:
         relax_attached: Of attached parts no cycle of relaxing begins after so many times the work
             that the phases may take, theirs included: what follows needs its time, too; ...
         relax_always: ... but so many times is left to it, whatever they took.
-        left_attached: A pose of attached parts that keeps so many pairs is relaxed and cured as if
-            it were clean: what strains it costs more contacts than these.
+        left_attached, left_share: A pose of attached parts that keeps so many pairs, and not more
+            than this share of the input's, is relaxed and cured as if it were clean: what strains
+            it costs more contacts than these.
         at_rest: A pose nearer to the rest than this, units of the size, is the rest pose itself:
             rounding apart they are one.
     """
@@ -63,6 +64,7 @@ class FullOptions:
     relax_attached: float = 0.5
     relax_always: float = 0.25
     left_attached: int = 60
+    left_share: float = 0.1
     at_rest: float = 1e-7
 
 
@@ -106,7 +108,7 @@ class FullMethod:
         )
         best = phases.best()
         points = best.points
-        if self._finished(best):
+        if self._finished(best, len(phases.known.crossings)):
             points = self._tightened(best, phases)
             if self.rounds:
                 points = self._cured(points, best.defects, phases)
@@ -115,18 +117,25 @@ class FullMethod:
             points, left = self._opened(points, phases)
         return Solved(points, log.stages, left)
 
-    def _finished(self, best: Candidate) -> bool:
-        """Return whether what follows pays: all is clean, or of attached parts nearly all."""
-        left = 0 if self.surface.ties is None else self.options.left_attached
+    def _finished(self, best: Candidate, before: int) -> bool:
+        """Return whether what follows pays: all is clean, or of attached parts nearly all.
+
+        before: how many pairs the input has.
+        """
+        left = 0
+        if self.surface.ties is not None:
+            left = min(self.options.left_attached, int(self.options.left_share * before))
         return len(best.defects.crossings) <= left
 
     def _tightened(self, best: Candidate, phases: Phases) -> FloatArray:
-        """Return the clean pose taken back towards the input as far as contacts and limit allow."""
+        """Return a finished pose taken back towards the input as contacts and limit allow."""
         options, points, folds = self.options, best.points, len(best.defects.folds)
         if self.rounds == 0 or best.distortion < options.low_enough:
             return points
         surface, original, log = self.surface, phases.original, phases.log
-        if surface.rigid.slices and "pull-back" not in self.skip:
+        crossings = len(best.defects.crossings)
+        # What goes back beside pairs that stay would not know when to stop.
+        if surface.rigid.slices and "pull-back" not in self.skip and not crossings:
             # Relaxing deforms; what only moves as a whole comes back this way.
             start = time.perf_counter()
             points = pull_back(
@@ -140,7 +149,7 @@ class FullMethod:
                 options=options.pull_back,
             )
             log.add("pull-back", points, start, folds=folds)
-        if phases.steering:
+        if phases.steering and not crossings:
             start = time.perf_counter()
             points = phases.steering.led_back(original, points, folds=folds)
             log.add("lead back", points, start, folds=folds)
@@ -150,7 +159,7 @@ class FullMethod:
             rings = numbers.acceptance.reach_rings
             settling = None
             # What has a direction would lose it, and free bodies lean on each other.
-            if not ("settle" in self.skip or phases.steering or surface.clusters > 1):
+            if not ("settle" in self.skip or phases.steering or surface.clusters > 1 or crossings):
                 bad = phases.known.triangles
                 settling = Settling(surface, original, bad, options=options.settle)
             points, cycles = relax(
@@ -159,7 +168,7 @@ class FullMethod:
                 points,
                 cycles=self.rounds * options.cycles,
                 folds=folds,
-                crossings=len(best.defects.crossings),
+                crossings=crossings,
                 reach=reach_of(surface, points - original, rings=rings),
                 scale=phases.scale,
                 steering=phases.steering,
@@ -167,7 +176,7 @@ class FullMethod:
                 until=np.inf if surface.ties is None else self._relaxed_enough(phases),
                 options=numbers,
             )
-            left = len(best.defects.crossings)
+            left = len(surface.contacts.pairs(points)) if crossings else 0
             log.add("relax", points, start, crossings=left, folds=folds, iterations=cycles)
         return best.points if (phases.limited(points) != points).any() else points
 

@@ -196,7 +196,10 @@ def _held(
 def _share(
     scene: Scene, frame: OpenedPose, after: FloatArray, attempt: int, options: ShareOptions
 ) -> FloatArray:
-    """Return the share (V,) of a correction that an attempt keeps: first that with least wrong."""
+    """Return the share (V,) of a correction that an attempt keeps.
+
+    The first attempt keeps that with which least is wrong.
+    """
     if attempt == ATTEMPTS - 1:
         return np.zeros(len(after))
     search = share_search(scene, frame.centred, after, options)

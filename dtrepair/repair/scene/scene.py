@@ -158,7 +158,7 @@ class Scene:
         """Measures what a correction does to the shapes of the bodies."""
         faces = self.rest_weld[self.faces]
         parts = ConnectedParts(faces, self.body_of_vertex, self.attachments)
-        shown = [reference.points for reference in self.references]
+        shown = [reference.points for reference in self.references if not reference.slid]
         rest = self.centred_rest
         return StrainMeter(parts, references=shown, rest=rest, options=self.strain)
 

@@ -171,12 +171,12 @@ class WeldedMeshes:
         """Yield other ways for strained poses (V, 3): without directions, with props rigid.
 
         bent: the bodies that are strained in their shape in each pose; those that one joint carries
-        are props. That they are rigid helps where nothing else is strained.
+        are props. That they are rigid helps where no other body is strained in its shape.
         """
         if self.undirected is not None:
             yield self.undirected
         props = props_among(self.scene, set().union(*bent), poses)
-        if any(len(own) and set(own) <= set(props) for own in bent):
+        if any(own and set(own) <= set(props) for own in bent):
             if props not in self._stiffer:
                 scene = with_rigid(self.scene, props)
                 self._stiffer[props] = WeldedMeshes(scene, full=self._full)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.typing import NDArray
+from pxr import Usd, UsdGeom, Vt
 from scipy.spatial.transform import Rotation
 
 from dtrepair.pipeline import check_stage, repair_stage
@@ -104,6 +105,43 @@ def test_few_frames_tell_nothing(tmp_path: Path) -> None:
     assert not any(reference.slid for reference in found)
 
 
+def test_where_the_rod_is_hidden_nothing_is_told_and_nothing_lost(tmp_path: Path) -> None:
+    def hidden(t: float) -> Floats:
+        points = slid(t)
+        size = 1e-6 if t == 0.25 else 1.0
+        return np.asarray(points.mean(axis=0) + size * (points - points.mean(axis=0)))
+
+    frames = check_stage(piston(tmp_path / "a.usda", hidden)).frames
+    for frame in (*frames[:2], *frames[3:]):
+        assert frame.before is not None
+        assert frame.before.pairs == 0 and frame.before.modelled_pairs > 0
+
+
+def test_a_frame_in_which_another_mesh_is_a_point_is_left_out(tmp_path: Path) -> None:
+    path = piston(tmp_path / "a.usda", slid)
+    stage = Usd.Stage.Open(str(path))
+    ball = trimesh.creation.icosphere(4)
+    mesh = UsdGeom.Mesh.Define(stage, "/Root/Ball")
+    mesh.CreateFaceVertexCountsAttr([3] * len(ball.faces))
+    mesh.CreateFaceVertexIndicesAttr(ball.faces.ravel().tolist())
+    far = np.asarray(ball.vertices) + 20.0
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(far.astype(np.float32)))
+    for time in range(1, 10):
+        points = np.full_like(far, 20.0) if time == 5 else far
+        mesh.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)), float(time))
+    stage.Save()
+    states = [frame.status for frame in check_stage(path).frames]
+    assert len(states) == 9 and states.count("clean") >= 8
+
+
+def test_what_is_called_attached_slides_as_well(tmp_path: Path) -> None:
+    path = piston(tmp_path / "a.usda", slid)
+    asked = ("/Root/Piston,/Root/Piston",)
+    frames = check_stage(path, rest_contacts="repair", attach=asked).frames
+    assert all(own.before is not None and own.before.pairs == 0 for own in frames)
+    assert all(own.before is not None and own.before.modelled_pairs for own in frames)
+
+
 def test_a_motion_is_found_where_there_is_one() -> None:
     points = np.asarray(rod().vertices)
     turn = Rotation.from_rotvec((0.3, -2.0, 0.7))
@@ -114,4 +152,7 @@ def test_a_motion_is_found_where_there_is_one() -> None:
     np.testing.assert_allclose(motion.back(moved), points, atol=1e-9)
     assert rigid_motion(points, moved * (1.0, -1.0, 1.0), 1e-3) is None
     assert rigid_motion(points, 1.01 * moved, 1e-3) is None
-    assert rigid_motion(points[:2], moved[:2], 1.0) is None
+    for few in (1, 2):
+        assert rigid_motion(points[:few], moved[:few], 1.0) is None
+    line = np.arange(3.0)[:, None] * [1.0, 2.0, 3.0]
+    assert rigid_motion(line, line + 1.0, 1.0) is None

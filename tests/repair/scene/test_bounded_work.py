@@ -51,15 +51,15 @@ def test_attached_parts_that_keep_few_pairs_are_relaxed_as_well(attached: bool) 
     # A short push leaves a few pairs.
     phases = PhaseOptions(near=(0,), push=PushOptions(iterations=6 if attached else 4))
     found = []
-    for most in (0, 100):
-        options = FullOptions(left_attached=most, phases=phases)
+    for most, share in ((0, 1.0), (100, 0.0), (100, 1.0)):
+        options = FullOptions(left_attached=most, left_share=share, phases=phases)
         found.append(FullMethod(mesh.surface, skip=("fill", "insist"), options=options)(pose))
     left = [len(contacts.pairs(solved.points)) for solved in found]
-    assert 0 < left[0] <= 100 and left[1] <= left[0]
+    assert 0 < left[0] == left[1] <= 100 and left[2] <= left[0]
     relaxed = ["relax" in [stage.name for stage in solved.stages] for solved in found]
-    assert relaxed == [False, attached]
+    assert relaxed == [False, False, attached]
     values = [distortion(pose, solved.points, mesh.surface.edges) for solved in found]
-    assert values[1] < values[0] if attached else values[1] == values[0]
+    assert values[2] < values[0] if attached else values[2] == values[0]
 
 
 @pytest.mark.parametrize(

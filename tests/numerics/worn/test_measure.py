@@ -57,3 +57,22 @@ def test_what_is_taken_off_is_seen_along_the_same_axis() -> None:
         Solid(ring[0] @ turned, ring[1], True), Solid(ARM[0] @ turned, ARM[1], True)
     )
     assert again.share == pytest.approx(worn.share, abs=0.1)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.15, 0.3, 2.0])
+def test_shares_of_no_interest_end_early_and_others_are_the_same(offset: float) -> None:
+    ring, arm = solid(moved(torus(48, 12, 0.32, 0.06), (offset, 0.0, 0.0))), solid(ARM)
+    whole = worn_measure(ring, arm).share
+    for least in (0.3, 0.7):
+        found = worn_measure(ring, arm, least=least).share
+        assert found == whole if whole >= least else found < least
+
+
+def test_points_of_other_bodies_make_no_difference() -> None:
+    together, faces = joined(torus(48, 12, 0.32, 0.06), ARM, moved(ARM, (9.0, 9.0, 9.0)))
+    first = len(torus(48, 12, 0.32, 0.06)[1])
+    ring = Solid(together, faces[:first], True)
+    arm = Solid(together, faces[first : first + len(ARM[1])], True)
+    alone = worn_measure(solid(torus(48, 12, 0.32, 0.06)), solid(ARM))
+    assert worn_measure(ring, arm).share == pytest.approx(alone.share, abs=0.02)
+    assert len(ring.alone().points) == 48 * 12 and len(ring.alone().faces) == first

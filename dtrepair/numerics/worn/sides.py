@@ -36,7 +36,9 @@ class LayerOptions:
         clear: Least mean side: +1 where all of it lies outside, 0 where the parts take turns.
         one_sided: An open sheet lies over what this share of its nearby area lies outside of, none
             of it turned the other way: an arm beside its body has two sides.
-        worn: An open part is a layer over what it goes round by this share, see `worn_measure`.
+        worn: An open part is a layer over what it goes round by this share, see `worn_measure`; so
+            is a closed one, as a skirt with a lining, ...
+        thin: ... that is not thicker than this, units of its extent: a bracelet is.
         poses: How many poses tell at most.
         garments, beneath: So many open parts, the largest, are looked at for what they cover, and
             so many others of each: a pair takes some milliseconds.
@@ -49,6 +51,7 @@ class LayerOptions:
     clear: float = 0.1
     one_sided: float = 0.9
     worn: float = 0.7
+    thin: float = 0.02
     poses: int = 5
     garments: int = 48
     beneath: int = 6
@@ -126,11 +129,14 @@ def layer_over(
 def find_worn(
     parts: Parts, first: int, second: int, pose: int, *, options: LayerOptions = LayerOptions()
 ) -> WornLayer | None:
-    """Return the layer that an open part is which goes round the other, however far away it is."""
+    """Return the layer that a part is which goes round the other, however far away it is.
+
+    An open part, or a thin closed one.
+    """
     points, best = parts.poses[pose], options.worn
     found: WornLayer | None = None
     for top, under in ((first, second), (second, first)):
-        if parts.closed[top]:
+        if parts.closed[top] and _thickness(parts, top, pose) > options.thin:
             continue
         solids = (Solid(points, parts.triangles[k], bool(parts.closed[k])) for k in (top, under))
         worn = worn_measure(*solids, least=best)
@@ -138,13 +144,24 @@ def find_worn(
             own = parts.vertices[top]
             radial = points[own] - points[own].mean(axis=0)
             radial -= np.outer(radial @ worn.axis, worn.axis)
-            outwards = np.einsum(
-                "ij,ij,i->", parts.normals(top, pose), radial, parts.area_shares(top)
-            )
-            sides = np.full(len(own), 1.0 if outwards >= 0.0 else -1.0)
+            outwards = dots(parts.normals(top, pose), radial)
+            if not parts.closed[top]:
+                outwards = np.full(len(own), (outwards * parts.area_shares(top)).sum())
+            sides = np.where(outwards >= 0.0, 1.0, -1.0)
             best = worn.share
             found = WornLayer(top, under, own, sides, np.full(len(own), np.inf))
     return found
+
+
+def _thickness(parts: Parts, part: int, pose: int) -> float:
+    """Return how thick a closed part is in the mean, units of its extent."""
+    corners = parts.poses[pose][parts.triangles[part]]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
+    middle = corners.mean(axis=(0, 1))
+    volume = float(dots(corners[:, 0] - middle, areas).sum()) / 3.0
+    # A sheet has two sides: half its area times its thickness is its volume.
+    across = 2.0 * abs(volume) / max(float(lengths(areas).sum()), np.finfo(float).tiny)
+    return across / max(extent(corners.reshape(-1, 3)), np.finfo(float).tiny)
 
 
 def find_sheet(

@@ -1,4 +1,4 @@
-"""An open part is a layer over what it goes round, however far away that is."""
+"""A sheet, open or lined, is a layer over what it goes round, however far away that is."""
 
 from __future__ import annotations
 
@@ -68,3 +68,21 @@ def test_normals_that_face_inwards_are_told() -> None:
     points, faces = cone(0.8, 1.6)
     layer = find_worn(parts_of((points, faces[:, ::-1].copy()), legs(), [False, True]), 0, 1, 0)
     assert layer is not None and (layer.sides == -1.0).all()
+
+
+def lined(thickness: float) -> Mesh:
+    """A skirt with a lining: its two sides, so far from each other."""
+    (outer, faces), (inner, _) = cone(0.8, 1.6), cone(0.8 - thickness, 1.6 - thickness)
+    within = faces[:, ::-1] + len(outer)
+    return np.concatenate([outer, inner]), np.concatenate([faces, within]).astype(np.int32)
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_a_skirt_with_a_lining_is_a_layer_and_a_thick_ring_is_none(inside_out: bool) -> None:
+    points, faces = lined(0.02)
+    faces = faces[:, ::-1].copy() if inside_out else faces
+    layer = find_worn(parts_of((points, faces), legs(), [True, True]), 0, 1, 0)
+    assert layer is not None and (layer.top, layer.under) == (0, 1)
+    sides = np.repeat([1.0, -1.0], len(points) // 2) * (-1.0 if inside_out else 1.0)
+    assert np.array_equal(layer.sides, sides)
+    assert find_worn(parts_of(lined(0.3), legs(), [True, True]), 0, 1, 0) is None

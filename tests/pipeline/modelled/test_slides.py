@@ -18,34 +18,33 @@ from dtrepair.pipeline.modelled.slides import rigid_motion
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import open_source
+from tests.meshes import Mesh, icosphere, subdivided, swept
 from usd_io import AuthoredMesh, write_animation
 
 Floats = NDArray[np.float64]
 Pose = Callable[[float], Floats]
 
 
-def rod() -> trimesh.Trimesh:
-    """A thin rod along z, from 0 to 4, in 40 rings."""
-    radius = np.r_[0.0, np.full(41, 0.1), 0.0]
-    height = np.r_[0.0, np.linspace(0.0, 4.0, 41), 4.0]
-    found: trimesh.Trimesh = trimesh.creation.revolve(np.stack([radius, height], 1), sections=12)
-    return found
+CENTRES = np.linspace(0.0, 4.0, 41)[:, None] * [0.0, 0.0, 1.0]
+# A thin rod along z, from 0 to 4, closed.
+ROD, ROD_FACES = swept(CENTRES, np.full(41, 0.1), 12, closed=False)
 
 
-def box() -> trimesh.Trimesh:
+def box() -> Mesh:
     """What the rod dips into: a fine box, whose upper face is at z = .5."""
-    found: trimesh.Trimesh
-    found = trimesh.creation.box(extents=(1.0, 1.0, 2.0)).subdivide_to_size(0.1)
-    found.apply_translation((0.03, 0.02, -0.5))
-    return found
+    coarse = trimesh.creation.box(extents=(1.0, 1.0, 2.0))
+    points, faces = np.asarray(coarse.vertices), coarse.faces.astype(np.int32)
+    for _ in range(4):
+        points, faces = subdivided(points, faces)
+    return points + np.array([0.03, 0.02, -0.5]), faces
 
 
 def piston(path: Path, pose: Pose, frames: int = 9) -> Path:
     """A stage of a rod that moves by `pose` (its points at a share of the clip) over a box."""
-    mesh, other = rod(), box()
-    faces = np.concatenate([mesh.faces, other.faces + len(mesh.vertices)])
+    other, other_faces = box()
+    faces = np.concatenate([ROD_FACES, other_faces + len(ROD)])
     turn = Rotation.from_rotvec((0.0, 0.5, 0.3))
-    joined = [np.concatenate([pose(t), other.vertices]) for t in np.linspace(0.0, 1.0, frames)]
+    joined = [np.concatenate([pose(t), other]) for t in np.linspace(0.0, 1.0, frames)]
     # The whole piston swings as well: only how its parts lie to each other tells.
     poses = [(turn**t).apply(p) for t, p in zip(np.linspace(0.0, 2.0, frames), joined, strict=True)]
     drawn = AuthoredMesh(path="/Root/Piston", faces=faces, points=poses, rest=joined[0])
@@ -55,7 +54,7 @@ def piston(path: Path, pose: Pose, frames: int = 9) -> Path:
 
 def slid(t: float) -> Floats:
     """The rod dips in further, and spins."""
-    points = np.asarray(rod().vertices) - (0.0, 0.0, 1.1 * t)
+    points = ROD - (0.0, 0.0, 1.1 * t)
     return np.asarray(Rotation.from_rotvec((0.0, 0.0, 2.0 * t)).apply(points))
 
 
@@ -69,18 +68,18 @@ def test_a_rod_may_slide_in_what_holds_it(tmp_path: Path) -> None:
 
 def beside(t: float) -> Floats:
     """The rod goes a straight way that is not its axis: neither side meets where it did."""
-    return np.asarray(rod().vertices) - np.array([-0.4, 0.0, 1.1]) * t
+    return np.asarray(ROD - np.array([-0.4, 0.0, 1.1]) * t)
 
 
 def tilted(t: float) -> Floats:
     """The rod tilts as it dips in."""
     turn = Rotation.from_rotvec((0.0, 0.5 * t, 0.0))
-    return np.asarray(turn.apply(rod().vertices) - (0.0, 0.0, 1.1 * t))
+    return np.asarray(turn.apply(ROD) - (0.0, 0.0, 1.1 * t))
 
 
 def bent(t: float) -> Floats:
     """The rod bends as it dips in."""
-    points = np.array(rod().vertices)
+    points = ROD.copy()
     points[:, 0] += 0.05 * t * points[:, 2] ** 2
     return points - (0.0, 0.0, 1.1 * t)
 
@@ -120,11 +119,11 @@ def test_where_the_rod_is_hidden_nothing_is_told_and_nothing_lost(tmp_path: Path
 def test_a_frame_in_which_another_mesh_is_a_point_is_left_out(tmp_path: Path) -> None:
     path = piston(tmp_path / "a.usda", slid)
     stage = Usd.Stage.Open(str(path))
-    ball = trimesh.creation.icosphere(4)
+    ball, faces = icosphere(4)
     mesh = UsdGeom.Mesh.Define(stage, "/Root/Ball")
-    mesh.CreateFaceVertexCountsAttr([3] * len(ball.faces))
-    mesh.CreateFaceVertexIndicesAttr(ball.faces.ravel().tolist())
-    far = np.asarray(ball.vertices) + 20.0
+    mesh.CreateFaceVertexCountsAttr([3] * len(faces))
+    mesh.CreateFaceVertexIndicesAttr(faces.ravel().tolist())
+    far = ball + 20.0
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(far.astype(np.float32)))
     for time in range(1, 10):
         points = np.full_like(far, 20.0) if time == 5 else far
@@ -143,7 +142,7 @@ def test_what_is_called_attached_slides_as_well(tmp_path: Path) -> None:
 
 
 def test_a_motion_is_found_where_there_is_one() -> None:
-    points = np.asarray(rod().vertices)
+    points = ROD
     turn = Rotation.from_rotvec((0.3, -2.0, 0.7))
     moved = np.asarray(turn.apply(points)) + np.array([1.0, 2.0, 3.0])
     motion = rigid_motion(points, moved, 1e-6)

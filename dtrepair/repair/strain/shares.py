@@ -83,10 +83,6 @@ class ShareSearch:
             yield share
         yield self.uniform()
 
-    def most(self) -> FloatArray:
-        """Return the first of `shares`."""
-        return next(self.shares())
-
     def put_back(self) -> FloatArray:
         """Return shares (V,) where what is strained is as in the input."""
         share = self._put_back()

@@ -50,14 +50,14 @@ def spoilt(side: float = 0.0) -> FloatArray:
 def test_shares_keep_the_bounds_and_what_is_fine_keeps_all() -> None:
     after = spoilt()
     assert METER(POINTS, after)
-    share = search(after).most()
+    share = next(search(after).shares())
     assert METER(POINTS, blend(POINTS, after)(share)) == []
     assert (share[(Z < 1.5) | (Z > 4.5)] == 1.0).all()
     assert 0.0 < share.min() < 1.0 and share[np.abs(Z - 3.0) < 0.4].max() < 1.0
 
 
 def test_a_share_is_smooth_over_the_surface() -> None:
-    share = search(spoilt(side=0.3)).most()
+    share = next(search(spoilt(side=0.3)).shares())
     steps = np.abs(share[PARTS.edges[:, 0]] - share[PARTS.edges[:, 1]])
     # It comes back over three times the longest motion, 0.5, and edges are 0.1 long.
     assert steps.max() < 0.3 and len(np.unique(share)) > 5
@@ -84,7 +84,7 @@ def test_steep_shares_are_yielded_after_the_wide_one_and_give_up_less() -> None:
 
 
 def test_where_no_round_is_left_all_of_it_is_given_up_alike() -> None:
-    share = search(spoilt(), rounds=1).most()
+    share = next(search(spoilt(), rounds=1).shares())
     assert len(np.unique(share)) == 1 and share[0] < 1.0
     never = StrainMeter(PARTS, options=StrainOptions(factor=1.0 + 1e-9, edges=0))
     after = spoilt()
@@ -93,7 +93,9 @@ def test_where_no_round_is_left_all_of_it_is_given_up_alike() -> None:
 
 
 def test_a_finer_step_gives_up_less() -> None:
-    coarse, fine = (search(spoilt(), step=step, rounds=30).most().min() for step in (0.5, 0.05))
+    coarse, fine = (
+        next(search(spoilt(), step=step, rounds=30).shares()).min() for step in (0.5, 0.05)
+    )
     assert coarse <= fine
 
 
@@ -109,7 +111,7 @@ def test_what_is_attached_is_lowered_along() -> None:
     after[eye, 0] += 0.04 * diagonal(points)
     after[~eye, 1] += 0.01 * np.cos(points[~eye, 1])
     assert meter(points, after)
-    share = ShareSearch(meter, points, after, blend(points, after)).most()
+    share = next(ShareSearch(meter, points, after, blend(points, after)).shares())
     assert meter(points, blend(points, after)(share)) == []
     near = ~eye & (points[:, 2] > 0.95)
     assert share[eye].max() < 1.0 and share[near].max() < 1.0

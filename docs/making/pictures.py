@@ -3,6 +3,7 @@
     python -m docs.making.pictures [--compare] [NAME ...]
 
 Each picture is a row: the input, then one result for each list of options; what intersects is red.
+Those of the bounds of a repair are made of shapes that no repair has touched, see `bounds`.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image as Images
 
 import usd_io
-from docs.making import stages
+from docs.making import bounds, stages
 from dtrepair.display.colours import Colours
 from dtrepair.display.render import RenderOptions, View, make_view, render, save_pictures
 from dtrepair.intersect.detector import Detector
@@ -206,6 +207,23 @@ def draw(name: str, row: Row, folder: Path) -> Path:
     return path
 
 
+def draw_bounds(name: str, folder: Path) -> Path:
+    """Write FOLDER/NAME.png of the examples of some bounds, a row for each."""
+    images, captions = bounds.rows(name)
+    path = folder / f"{name}.png"
+    save_pictures(path, images, captions=captions, columns=3)
+    # A palette would show as rings on eyes and folds; every fourth shade is as small, and unseen.
+    pixels = np.asarray(Images.open(path).convert("RGB"))
+    Images.fromarray(pixels // 4 * 4 + 2).save(path, optimize=True)
+    return path
+
+
+DRAWINGS: dict[str, Callable[[Path], Path]] = {
+    **{name: partial(draw, name, row) for name, row in ROWS.items()},
+    **{name: partial(draw_bounds, name) for name in bounds.EXAMPLES},
+}
+
+
 def differ(first: Path, second: Path) -> bool:
     """Whether two pictures show different things; edges may be off by a pixel on other machines."""
     one, other = (
@@ -223,12 +241,12 @@ def main() -> None:
     )
     chosen = parser.parse_args()
     old = []
-    for name in chosen.names or ROWS:
+    for name in chosen.names or DRAWINGS:
         if not chosen.compare:
-            print(draw(name, ROWS[name], FOLDER), flush=True)
+            print(DRAWINGS[name](FOLDER), flush=True)
             continue
         with tempfile.TemporaryDirectory() as temporary:
-            other = differ(draw(name, ROWS[name], Path(temporary)), FOLDER / f"{name}.png")
+            other = differ(DRAWINGS[name](Path(temporary)), FOLDER / f"{name}.png")
         print(f"{name}: {'is out of date' if other else 'as it is'}", flush=True)
         old += [name] if other else []
     if old:

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from docs.making import check_links, run_pages, stages
-from docs.making.pictures import FOLDER, ROWS, cropped, differ
+from docs.making.pictures import DRAWINGS, FOLDER, cropped, differ
 from dtrepair.pipeline import repair_stage
 
 
@@ -75,7 +75,7 @@ def test_a_page_that_does_not_run_is_told(tmp_path: Path, block: str, fine: bool
 
 
 def test_every_picture_is_drawn_and_there() -> None:
-    assert {f"{name}.png" for name in ROWS} <= {path.name for path in FOLDER.iterdir()}
+    assert {f"{name}.png" for name in DRAWINGS} == {path.name for path in FOLDER.iterdir()}
 
 
 def test_the_avatar_comes_clean_and_its_joints_hold(tmp_path: Path) -> None:

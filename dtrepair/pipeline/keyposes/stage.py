@@ -17,7 +17,8 @@ from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.keyposes.record import in_betweens
 from dtrepair.pipeline.keyposes.settings import KeyposeChoices, KeyposeSettings
 from dtrepair.pipeline.keyposes.solve import StageKeys
-from dtrepair.pipeline.modelled.parts import tell_modelled, tell_worn
+from dtrepair.pipeline.modelled.parts import tell_modelled
+from dtrepair.pipeline.modelled.worn import tell_worn, worn_records
 from dtrepair.pipeline.observer import (
     SILENT,
     FrameDone,
@@ -184,8 +185,9 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     rigid = [bool(own.rigid) for own in controls.settings]
     keys = StageKeys(source, repairer, rigid, lambda: stop_if_cancelled(observer))
     records = _repair_keys(keys, observer, only_count=sink is None)
-    if sink is not None and any(own.before and own.before.pairs for own in records.values()):
-        tell_worn(observer, repairer.modelled, repairer.repairer.scene)
+    repaired = sink is not None and any(r.before and r.before.pairs for r in records.values())
+    worn = worn_records(source, repairer.repairer.scene) if repaired else ()
+    tell_worn(observer, worn)
     refuse_if_none_usable(source, list(records.values()))
     run.clock.lap("solve")
     found = _search(prepared, keys, observer)
@@ -213,6 +215,7 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         frames=frames,
         warnings=(*source.warnings, *warnings),
         attached=repairer.modelled.attached,
+        worn=worn,
         keyposes=in_betweens(found, prepared.settings.keys.interpolation, keys.skipped),
     )
 

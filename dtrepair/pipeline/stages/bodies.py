@@ -81,7 +81,7 @@ def read_controls(
         directions,
         ignored,
         attached=attached,
-        layers=tuple(_layers(source, found.each)),
+        layers=tuple(read_layers(source, found.each)),
         warnings=(*found.warnings, *warnings),
     )
 
@@ -118,7 +118,9 @@ def _read_directions(source: Source, text: str, *, only: int | None = None) -> P
     return [None if part is None else (part > 0)[:, None] * vector for part in chosen]
 
 
-def _layers(source: Source, each: Sequence[ObjectSettings]) -> Iterator[NDArray[np.int32] | None]:
+def read_layers(
+    source: Source, each: Sequence[ObjectSettings]
+) -> Iterator[NDArray[np.int32] | None]:
     """Yield of each mesh how far out its triangles (F,) lie; None where nobody says."""
     for mesh, own in zip(source.meshes, each, strict=True):
         if own.layer is None:

@@ -16,6 +16,7 @@ from dtrepair.pipeline.modelled.parts import tell_modelled
 from dtrepair.pipeline.modelled.worn import tell_worn, worn_records
 from dtrepair.pipeline.observer import FrameDone, Observer, Progress, ProgressKept, Trouble, warn
 from dtrepair.pipeline.repair.chunks import Chunk
+from dtrepair.pipeline.repair.collider_contacts import ColliderContacts, colliders_of
 from dtrepair.pipeline.repair.corrections import CorrectionSink
 from dtrepair.pipeline.repair.journal import Journal, hash_of_run
 from dtrepair.pipeline.repair.recount import settle_shapes
@@ -122,7 +123,8 @@ def repair_here(
     tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
     warn(observer, met)
     hidden = AtOnePlace(source)
-    outcome = _repair_frames(prepared, repairer, hidden, observer)
+    among = colliders_of(source, prepared.controls, run.options.mode)
+    outcome = _repair_frames(prepared, repairer, hidden, among, observer)
     records, sink, told = outcome.records, prepared.sink, list[str]()
     if isinstance(sink, CorrectionSink) and sink.form == "shapes":
         records, told = settle_shapes(sink, repairer, records)
@@ -131,7 +133,7 @@ def repair_here(
     written = sink.commit({"counts": summarize(records)})
     if isinstance(sink, CorrectionSink):
         sink.tell(observer)
-    warnings = (*repairer.warnings, *hidden.warnings, *told, *written)
+    warnings = (*repairer.warnings, *hidden.warnings, *among.warnings, *told, *written)
     if journal is not None:
         warnings = (*warnings, *journal.failures)
         journal.remove()
@@ -156,7 +158,11 @@ def repair_here(
 
 
 def _repair_frames(
-    prepared: Prepared, repairer: FrameRepairer, hidden: AtOnePlace, observer: Observer
+    prepared: Prepared,
+    repairer: FrameRepairer,
+    hidden: AtOnePlace,
+    among: ColliderContacts,
+    observer: Observer,
 ) -> _Outcome:
     """Repair all frames into the sink; what is worn is looked for where one has contacts."""
     source, chunk, clock = prepared.source, prepared.chunk, prepared.run.clock
@@ -166,7 +172,7 @@ def _repair_frames(
     given = hidden.among(read_frames(source, chunk.times))
     with (
         Progress(observer, "repairing", len(chunk.times)) as progress,
-        closing(repair_frames(given, repairer)) as frames,
+        closing(repair_frames(given, repairer, see=among.see)) as frames,
     ):
         repairer.progress = progress.ahead
         for repaired, written in progress.over(zip(frames, chunk.written, strict=True)):

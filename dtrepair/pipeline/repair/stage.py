@@ -215,5 +215,7 @@ def _distributed(
     if report.attached:
         observer.remark(ModelledFound(report.attached))
     tell_worn(observer, report.worn)
+    # The workers told nobody else.
+    warn(observer, [text for text in report.warnings if text not in source.warnings])
     seconds = {**report.seconds, "total": clock.total()["total"]}
     return replace(report, output=output, seconds=seconds, jitter=jitter)

@@ -7,7 +7,7 @@ import click
 # Heading: names of parameters, in the order in which they are listed.
 SECTIONS = {
     "Selection": "frames prim exclude target_prim samples_only include_invisible include_purposes "
-    "skip_varying uninstance strict",
+    "skip_varying uninstance strict strict_references",
     "Rest and objects": "rest collider rigid ignore attach layer inner_mobility pin direction mode "
     "rest_contacts",
     "Motion": "poses markers match correspondence save_correspondence source_up target_up align "

@@ -61,6 +61,7 @@ class Advice(StrEnum):
     RAISE_MAXIMUM_DISPLACEMENT = "raise maximum displacement"
     TAKE_FULL_METHOD = "take full method"
     TAKE_AT_ANY_COST = "take at any cost"
+    RAISE_EFFORT = "raise effort"
     RAISE_DIFFUSION = "raise diffusion"
     FREE_PINS = "free pins"
     GIVE_CLEAN_REST = "give clean rest"
@@ -73,6 +74,7 @@ REMEDIES: Mapping[Advice, str] = {
     Advice.RAISE_MAXIMUM_DISPLACEMENT: "raise maximum_displacement",
     Advice.TAKE_FULL_METHOD: "take the method full",
     Advice.TAKE_AT_ANY_COST: "take what is strained with at_any_cost",
+    Advice.RAISE_EFFORT: "raise the effort",
     Advice.RAISE_DIFFUSION: "raise the diffusion",
     Advice.FREE_PINS: "free pinned vertices",
     Advice.GIVE_CLEAN_REST: "give a rest pose that does not intersect itself",

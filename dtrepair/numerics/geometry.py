@@ -22,9 +22,8 @@ def as_mesh(points: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, IntArray]:
     vertices = as_points(points)
     triangles = np.asarray(faces)
     if triangles.ndim != 2 or triangles.shape[1] != 3:
-        raise ValueError(
-            f"faces should have shape (F, 3), got {triangles.shape}: triangulate polygons first"
-        )
+        cure = "triangulate polygons first" if triangles.size else "np.zeros((0, 3), int) is none"
+        raise ValueError(f"faces should have shape (F, 3), got {triangles.shape}: {cure}")
     if triangles.size and not np.issubdtype(triangles.dtype, np.integer):
         raise ValueError(f"faces should be integers, got {triangles.dtype}")
     if triangles.size:

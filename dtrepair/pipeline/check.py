@@ -48,6 +48,7 @@ from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs
 from dtrepair.pipeline.stages.object_settings import read_settings, recorded
 from dtrepair.pipeline.stages.outputs import FilePath
 from dtrepair.pipeline.stages.sources import Source, open_source
+from dtrepair.report.modelled import WornRecord
 from dtrepair.report.record import FramePrimRecord, FrameRecord, Report
 
 if TYPE_CHECKING:
@@ -73,6 +74,7 @@ class CheckSettings:
         tables: settings of single meshes, of which a check takes what they are attached to.
         rest_contacts: "auto" counts contacts that were modelled apart, "repair" all as one; None:
             "repair" where the selection is strict, else "auto".
+        find_worn: look for what a repair would take as worn, too: seconds for many parts.
 
     Raises:
         UsageError: an unknown mode or way to count.
@@ -84,6 +86,7 @@ class CheckSettings:
     attach: tuple[str, ...] = ()
     tables: tuple[PrimTable, ...] = ()
     rest_contacts: str | None = None
+    find_worn: bool = False
 
     def __post_init__(self) -> None:
         """Refuse an unknown mode or way to count."""
@@ -124,6 +127,7 @@ class CheckChoices(TypedDict, total=False):
     attach: tuple[str, ...]
     tables: tuple[PrimTable, ...]
     rest_contacts: str | None
+    find_worn: bool
 
 
 def check_stage(
@@ -186,6 +190,7 @@ def _check(
                 met += [] if told else [pairs.pairs]
     warn(observer, [*untold_in_check(source, met, attached=attached), *hidden.warnings])
     refuse_if_none_usable(source, records)
+    worn = _worn(source, settings, ignored, attached, device) if settings.find_worn else ()
     watch.lap("detect")
     return Report(
         command="check",
@@ -198,6 +203,7 @@ def _check(
         frames=tuple(records),
         warnings=(*source.warnings, *hidden.warnings),
         attached=modelled.attached,
+        worn=worn,
     )
 
 
@@ -218,6 +224,24 @@ def _modelled(
     return found.each, attached, modelled
 
 
+def _worn(
+    source: Source, settings: CheckSettings, ignored: MeshPairs, attached: MeshPairs, device: str
+) -> tuple[WornRecord, ...]:
+    """What a repair that counts like the check would take as worn."""
+    from dtrepair.pipeline.modelled.worn import worn_without_repair
+    from dtrepair.repair.options import RepairOptions
+
+    options = RepairOptions(mode=settings.mode, rest_contacts=settings.counting)
+    return worn_without_repair(
+        source,
+        options,
+        tables=settings.tables,
+        ignored=ignored,
+        attached=attached,
+        device=device,
+    )
+
+
 def _recorded(
     source: Source, settings: CheckSettings, each: Sequence[ObjectSettings]
 ) -> dict[str, Any]:
@@ -228,6 +252,7 @@ def _recorded(
         "attach": list(settings.attach),
         "objects": recorded(source, each),
         "rest_contacts": settings.counting,
+        **({"find_worn": True} if settings.find_worn else {}),
         **settings.selection.recorded,
     }
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import Cancelled
-from dtrepair.report.modelled import AttachedList, PartRecord
+from dtrepair.report.modelled import AttachedList, WornRecord
 from dtrepair.report.record import FrameRecord
 
 Item = TypeVar("Item")
@@ -55,12 +55,12 @@ class ModelledFound:
 
 @dataclass(frozen=True)
 class WornFound:
-    """The connected parts that are taken as worn, each (over, under), once for a run.
+    """The connected parts that are taken as worn, once for a run.
 
     Those that the poses show, the largest first; what the user told is not among them.
     """
 
-    worn: tuple[tuple[PartRecord, PartRecord], ...]
+    worn: tuple[WornRecord, ...]
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,8 @@ Choices = TypeVar("Choices", bound="DataclassInstance")
 
 NUMBERS = ("diffusion", "mobility")
 NAMES = ("pin", "direction")
+# Fields that outputs and reports of older versions do not hold.
+_YOUNGER = ("samples_only", "strict_references")
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class Selection:
         uninstance: expand instances so that they can change.
         strict: refuse a stage with broken references; a check counts every contact as well,
             unless it is told how to.
+        strict_references: refuse a stage with broken references, and nothing else.
     """
 
     frames: str | None = None
@@ -47,11 +50,17 @@ class Selection:
     skip_varying: bool = False
     uninstance: bool = False
     strict: bool = False
+    strict_references: bool = False
 
     @property
     def recorded(self) -> dict[str, Any]:
-        """What outputs and reports keep, by name; `samples_only` where it was asked for."""
-        return {n: v for n, v in vars(self).items() if v or n != "samples_only"}
+        """What outputs and reports keep, by name; what is younger only where it was asked for."""
+        return {n: v for n, v in vars(self).items() if v or n not in _YOUNGER}
+
+    @property
+    def whole_stages_only(self) -> bool:
+        """Whether a stage with broken references is refused."""
+        return self.strict or self.strict_references
 
     def given(self) -> list[str]:
         """Return the option names that were set."""

@@ -31,6 +31,8 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "frames": "The frames, in order.",
             "summary": "Sums over all frames.",
             "attached": "Parts whose contacts were modelled, where there are any.",
+            "worn": "Open parts that are taken as worn, the largest first; of `repair` and "
+            "`keyposes` where anything was to repair, of `check` with `--modelled`.",
             "alone_from": "First frame from which frames could not be repaired together.",
             "transfer": "What a transfer is worth; of `transfer` only.",
             "keyposes": "The poses between keys; of `keyposes` only.",
@@ -255,6 +257,14 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "pairs": "Pairs of triangles in the pose that shows it.",
             "pose": "That pose.",
             "centre": "Where they overlap.",
+        },
+    ),
+    "Worn part": (
+        "worn[]",
+        "A part that goes round or lies over another, as the rest pose or clear frames show it.",
+        {
+            "over": "What is worn.",
+            "under": "What it lies over.",
         },
     ),
     "Summary": (

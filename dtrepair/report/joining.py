@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from dtrepair.diagnosis import Diagnosis
-from dtrepair.report.modelled import AttachedList, ModelledList
+from dtrepair.report.modelled import AttachedList, ModelledList, WornRecord
 from dtrepair.report.record import (
     ContactRecord,
     CountRecord,
@@ -26,7 +26,7 @@ def join_reports(documents: Sequence[Document]) -> Report:
     """Join reports of chunks of one run, as `read_report` returns them, in any order.
 
     Frames are sorted by time; seconds are added; input, settings, prims and attached parts
-    are the first one's.
+    are the first one's. What is worn is told by any chunk that had something to repair.
     The jitter is None: it cannot be told from that of the chunks.
     """
     first = documents[0]
@@ -35,6 +35,7 @@ def join_reports(documents: Sequence[Document]) -> Report:
     warnings = dict.fromkeys(text for document in documents for text in document["warnings"])
     alone = [document["alone_from"] for document in documents if "alone_from" in document]
     attached = first.get("attached")
+    worn = [WornRecord.from_document(own) for d in documents for own in d.get("worn", ())]
     return Report(
         **{name: first[name] for name in ("command", "version", "input", "device")},
         settings={name: value for name, value in first["settings"].items() if name != "chunk"},
@@ -43,6 +44,7 @@ def join_reports(documents: Sequence[Document]) -> Report:
         frames=tuple(sorted(frames, key=lambda frame: frame.time or 0.0)),
         warnings=tuple(warnings),
         attached=AttachedList.from_document(attached) if attached else AttachedList(),
+        worn=tuple(dict.fromkeys(worn)),
         alone_from=min(alone, default=None),
     )
 

@@ -160,6 +160,19 @@ class AttachedList:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class WornRecord:
+    """A part that is taken as worn, and the part that it lies over."""
+
+    over: PartRecord
+    under: PartRecord
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> WornRecord:
+        """Return the record that a document was made of, read from JSON."""
+        return cls(**{name: PartRecord.from_document(part) for name, part in document.items()})
+
+
 def summed(counts: Iterable[ModelledCounts]) -> ModelledCounts:
     """Return the sum of counts, number by number."""
     rows = [vars(each) for each in counts]

@@ -18,7 +18,7 @@ from typing import Any
 from dtrepair.diagnosis import CountRecord as CountRecord
 from dtrepair.diagnosis import Diagnosis
 from dtrepair.files.atomic import write_atomically
-from dtrepair.report.modelled import AttachedList, ModelledList, over_frames
+from dtrepair.report.modelled import AttachedList, ModelledList, WornRecord, over_frames
 from dtrepair.report.schema import SCHEMA as SCHEMA
 from dtrepair.report.schema import SCHEMA_NAME, STATUSES, ReportError, validate
 from dtrepair.report.sections import KeyposesRecord, TransferRecord
@@ -146,6 +146,7 @@ class Report:
 
     folder: where the run stood: what `input` and `output` are relative to.
     attached: the pairs of connected parts whose contacts are modelled.
+    worn: the connected parts that are taken as worn, where anybody looked.
     alone_from: first frame from which a repair could not go on with frames together.
     """
 
@@ -162,6 +163,7 @@ class Report:
     warnings: tuple[str, ...] = ()
     jitter: float | None = None
     attached: AttachedList = field(default_factory=AttachedList)
+    worn: tuple[WornRecord, ...] = ()
     alone_from: float | None = None
     transfer: TransferRecord | None = None
     keyposes: KeyposesRecord | None = None
@@ -191,6 +193,8 @@ class Report:
                 content[name] = asdict(section)
         if self.attached:
             content["attached"] = asdict(self.attached)
+        if self.worn:
+            content["worn"] = [asdict(record) for record in self.worn]
         if self.alone_from is not None:
             content["alone_from"] = self.alone_from
         try:

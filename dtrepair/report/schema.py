@@ -113,6 +113,8 @@ _ATTACHED = _object(
     others=_COUNT,
     other_pairs=_COUNT,
 )
+# What is taken as worn: one connected part over another.
+_WORN = _object(over=_PART, under=_PART)
 _FRAME = _object(
     "contacts",
     "enclosed",
@@ -231,6 +233,7 @@ SCHEMA: dict[str, Any] = {
     **_object(
         "folder",
         "attached",
+        "worn",
         "alone_from",
         "transfer",
         "keyposes",
@@ -256,6 +259,7 @@ SCHEMA: dict[str, Any] = {
         frames={"type": "array", "items": _FRAME},
         summary=_SUMMARY,
         attached=_ATTACHED,
+        worn={"type": "array", "items": _WORN},
         alone_from={"type": "number"},
         transfer=_TRANSFER,
         keyposes=_KEYPOSES,

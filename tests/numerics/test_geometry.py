@@ -33,6 +33,7 @@ def test_as_mesh_accepts_a_mesh_without_faces() -> None:
         (np.zeros((3, 2)), [[0, 1, 2]], r"points should have shape \(V, 3\), got \(3, 2\)"),
         (np.zeros(9), [[0, 1, 2]], r"points should have shape \(V, 3\), got \(9,\)"),
         (np.zeros((4, 3)), [[0, 1, 2, 3]], r"faces should have shape \(F, 3\), got \(1, 4\)"),
+        ([[0, 0, 0]], [], r"shape \(F, 3\), got \(0,\): np.zeros\(\(0, 3\), int\) is none"),
         (np.zeros((3, 3)), [[0, 1, 9]], "index 9"),
         (np.zeros((3, 3)), [[0, 1, -1]], "index -1"),
         (np.zeros((3, 3)), [[0.0, 1.0, 2.0]], "faces should be integers, got float64"),

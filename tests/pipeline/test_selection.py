@@ -1,10 +1,10 @@
-"""Tables of settings of single meshes are checked once, for all hosts."""
+"""Selections, and tables of settings of single meshes, which are checked once for all hosts."""
 
 from __future__ import annotations
 
 import pytest
 
-from dtrepair.pipeline import ObjectSettings, PrimTable, Selection, UsageError
+from dtrepair.pipeline import CheckSettings, ObjectSettings, PrimTable, Selection, UsageError
 from dtrepair.pipeline.selection import object_of, parse_layer, parse_tables, refuse_unknown
 
 
@@ -56,6 +56,15 @@ def test_layers_and_attachments_are_taken_as_they_are_written() -> None:
 def test_wrong_layers_are_refused(text: str) -> None:
     with pytest.raises(UsageError, match="expected a prim and a whole number"):
         parse_layer(text)
+
+
+def test_references_alone_may_be_strict() -> None:
+    chosen = Selection(strict_references=True)
+    assert chosen.recorded["strict_references"] and chosen.given() == ["--strict-references"]
+    assert object_of(Selection, chosen.recorded) == chosen
+    assert CheckSettings(selection=chosen).counting == "auto"
+    assert CheckSettings(selection=Selection(strict=True)).counting == "repair"
+    assert "strict_references" not in Selection(strict=True).recorded
 
 
 def test_objects_of_recorded_values() -> None:

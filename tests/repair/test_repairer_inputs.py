@@ -8,7 +8,7 @@ import pytest
 from dtrepair import Body, Repairer, RepairOptions, SceneRepairer, Status
 from dtrepair.repair import repairer
 from tests.exact_reference import check_counts
-from tests.meshes import grid, overlapping_spheres, torus
+from tests.meshes import grid, icosphere, overlapping_spheres, torus
 
 
 def test_open_flat_and_empty_meshes_come_back() -> None:
@@ -20,6 +20,37 @@ def test_open_flat_and_empty_meshes_come_back() -> None:
     ):
         result = Repairer(points, faces)(points)
         assert result.status is Status.CLEAN and np.array_equal(result.points, points)
+
+
+NOTHING = np.zeros((0, 3)), np.zeros((0, 3), np.int32)
+
+
+@pytest.mark.parametrize("method", ["full", "paper"])
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_body_without_faces_has_nothing_to_do(method: str, place: int) -> None:
+    (points, faces), loose = icosphere(1, radius=0.5), np.eye(3)
+    bodies = [Body(points, faces), Body(points + np.array([0.8, 0.0, 0.0]), faces)]
+    poses = [np.asarray(body.rest) for body in bodies]
+    bodies.insert(place, Body(loose, NOTHING[1]))
+    poses.insert(place, loose)
+    results = SceneRepairer(bodies, options=RepairOptions(method=method))(poses)
+    assert {result.status for result in results} == {Status.CLEAN}
+    assert np.array_equal(results[place].points, loose)
+    assert not np.array_equal(results[1 - min(place, 1)].points, poses[1 - min(place, 1)])
+
+
+def test_a_body_without_vertices_is_refused_in_a_scene() -> None:
+    with pytest.raises(ValueError, match=r"a vertex at least, got none in body 1: leave it out"):
+        SceneRepairer([Body(*torus()), Body(*NOTHING)])
+    with pytest.raises(ValueError, match="got none in Ghost"):
+        SceneRepairer([Body(*NOTHING, name="Ghost"), Body(*torus())])
+
+
+@pytest.mark.parametrize("mesh", [NOTHING, (np.eye(3), NOTHING[1])])
+def test_a_clip_of_nothing_comes_back(mesh: tuple[np.ndarray, np.ndarray]) -> None:
+    results = Repairer(*mesh).animation(np.stack([mesh[0]] * 4))
+    assert [result.status for result in results] == [Status.CLEAN] * 4
+    assert all(np.array_equal(result.points, mesh[0]) for result in results)
 
 
 def test_unused_vertices_and_zero_area_triangles_do_no_harm() -> None:

@@ -12,7 +12,7 @@ from dtrepair.diagnosis import (
     RemainingEnclosure,
 )
 from dtrepair.report.joining import join_reports
-from dtrepair.report.modelled import AttachedList, AttachedRecord, bounded
+from dtrepair.report.modelled import AttachedList, AttachedRecord, WornRecord, bounded
 from dtrepair.report.record import (
     CountRecord,
     FramePrimRecord,
@@ -60,6 +60,7 @@ WHOLE = Report(
     ),
     warnings=("one", "two"),
     attached=AttachedList(listed=(ATTACHED,), others=2, other_pairs=5),
+    worn=(WornRecord(over=part(None, "/Coat"), under=part(1)),),
 )
 
 
@@ -71,6 +72,13 @@ def test_parts_join_to_the_whole() -> None:
     assert joined == WHOLE
     backwards = join_reports([second.document(), first.document()])
     assert backwards.document()["frames"] == WHOLE.document()["frames"]
+
+
+def test_what_is_worn_is_told_by_the_chunks_that_had_to_know() -> None:
+    clean = replace(WHOLE, worn=())
+    for chunks in ([clean, WHOLE], [WHOLE, WHOLE], [WHOLE, clean]):
+        assert join_reports([chunk.document() for chunk in chunks]).worn == WHOLE.worn
+    assert join_reports([clean.document(), clean.document()]).worn == ()
 
 
 def test_only_frames_with_something_left_say_so() -> None:

@@ -22,7 +22,7 @@ from dtrepair.cli.terminal.check_text import print_check
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
-from dtrepair.cli.terminal.modelled_text import print_modelled
+from dtrepair.cli.terminal.modelled_text import print_modelled, print_worn
 from dtrepair.cli.terminal.outputs import STDOUT, Reports, check_report_places, put_reports
 from dtrepair.intersect import MODES
 from dtrepair.pipeline.check import COUNTED_APART, CheckSettings, check_stage
@@ -58,10 +58,12 @@ from dtrepair.pipeline.errors import INPUT, OUTPUT, exit_code
     help="Contacts of different parts that the rest pose has as well were modelled: auto counts "
     "them apart, repair like all others. Wins over --strict.",
 )
-@click.option(
-    "--modelled",
-    is_flag=True,
-    help="List the pairs of parts whose contacts count as modelled, and where they are.",
+@field_option(
+    CheckSettings,
+    "find_worn",
+    flag="--modelled",
+    help="List the pairs of parts whose contacts count as modelled, and where they are, and what "
+    "a repair would take as worn.",
 )
 @as_settings(CheckSettings, check_selection_options)
 @run_options
@@ -72,7 +74,6 @@ def command(
     *,
     source_path: str,
     reports: Reports,
-    modelled: bool,
     settings: CheckSettings,
     device: str,
     jobs: int | None,
@@ -95,8 +96,9 @@ def command(
     observer = ConsoleObserver(console)
     report = check_stage(source_path, settings, jobs=jobs, device=device, observer=observer)
     if reports.report != STDOUT:
-        if modelled:
+        if settings.find_worn:
             print_modelled(console, report)
+            print_worn(console, report)
         print_check(console, report)
     put_reports(report, reports, observer)
     console.refuse_lost_results()

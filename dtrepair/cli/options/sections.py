@@ -7,7 +7,7 @@ import click
 # Heading: names of parameters, in the order in which they are listed.
 SECTIONS = {
     "Selection": "frames prim exclude target_prim samples_only include_invisible include_purposes "
-    "skip_varying uninstance strict",
+    "skip_varying uninstance strict strict_references",
     "Rest and objects": "rest collider rigid ignore attach layer inner_mobility pin direction mode "
     "rest_contacts",
     "Motion": "poses markers match correspondence save_correspondence source_up target_up align "
@@ -15,7 +15,7 @@ SECTIONS = {
     "Keys and in-betweens": "samples interpolation extra keep_keys verify_only",
     "Quality": "alone clearance maximum_displacement diffusion tighten at_any_cost effort "
     "skip method",
-    "Output": "output before report_path modelled count picture screenshot registration "
+    "Output": "output before report_path find_worn count picture screenshot registration "
     "shapes delta normals only_frames skip_existing dry_run",
     "Running": "frame_count chunk distributed resume device jobs config quiet verbose help",
     "Published method (--method paper)": "iterations regularization optimizer energy laplacian "

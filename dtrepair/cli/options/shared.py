@@ -27,11 +27,16 @@ _SELECTION: dict[str, dict[str, Any]] = {
     "include_purposes": {"help": "Take proxy and guide meshes too."},
     "skip_varying": {"help": "Skip meshes whose topology changes."},
     "uninstance": {"help": "Expand instances so that they can change."},
-    "strict": {"help": "Refuse a stage with broken references."},
+    "strict": {
+        "help": "The same as --strict-references; it is not check --strict, which counts modelled "
+        "contacts like all others, too."
+    },
+    "strict_references": {"help": "Refuse a stage with broken references."},
 }
 # What a check does with it besides: it counts what was modelled as well.
 _STRICT_CHECK = (
-    "Refuse a stage with broken references, and count modelled contacts like all others."
+    "Refuse a stage with broken references, and count modelled contacts like all others. "
+    "Each alone: --strict-references, --rest-contacts repair."
 )
 
 

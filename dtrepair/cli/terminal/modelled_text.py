@@ -1,11 +1,17 @@
-"""What a terminal sees of modelled contacts: the list of `check --modelled`, and one remark."""
+"""What a terminal sees of modelled contacts and of what is worn: lists of a check, remarks."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from dtrepair.cli.terminal.console import Console
-from dtrepair.report.modelled import AttachedList, AttachedRecord, ModelledRecord, PartRecord, place
+from dtrepair.report.modelled import (
+    AttachedList,
+    AttachedRecord,
+    ModelledRecord,
+    WornRecord,
+    place,
+)
 from dtrepair.report.record import Report
 from dtrepair.wording import NAMED, counted, listed
 
@@ -40,6 +46,14 @@ def print_modelled(console: Console, report: Report) -> None:
         )
 
 
+def print_worn(console: Console, report: Report) -> None:
+    """Print what a repair would take as worn, a line for each pair of parts."""
+    for record in report.worn:
+        console.result(f"worn: {record.over} over {record.under}")
+    if not report.worn:
+        console.result("nothing would be taken as worn")
+
+
 def modelled_line(attached: AttachedList) -> str:
     """Say in one line what is taken as modelled, and what changes that."""
     names = [f"{record.first.name} with {record.second.name}" for record in attached.listed[:NAMED]]
@@ -51,10 +65,10 @@ def modelled_line(attached: AttachedList) -> str:
     )
 
 
-def worn_line(worn: Sequence[tuple[PartRecord, PartRecord]]) -> str:
-    """Say in one line which parts are taken as worn, each (over, under), and what changes that."""
-    names = listed([f"{over.name} over {under.name}" for over, under in worn])
-    means = {over.path == under.path for over, under in worn}
+def worn_line(worn: Sequence[WornRecord]) -> str:
+    """Say in one line which parts are taken as worn, and what changes that."""
+    names = listed([f"{record.over.name} over {record.under.name}" for record in worn])
+    means = {record.over.path == record.under.path for record in worn}
     told = {False: "--layer", True: "primvars:dtrepair:layer for each face"}
     ways = " or ".join(told[one] for one in sorted(means))
     return f"taken as worn: {names}; another order with {ways}"

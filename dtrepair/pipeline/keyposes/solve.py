@@ -26,7 +26,8 @@ class StageKeys:
     """The keys of an input; answers what `dtrepair.keyposes.search` asks about poses.
 
     tracks: of each mesh; selected: times of keys to repair; spans: times of neighbouring keys that
-    are selected and have points; skipped: spans that lack points.
+    are selected and have points; skipped: spans that lack points; counts: of the selected keys as
+    they came, None of unusable ones.
     """
 
     def __init__(
@@ -45,10 +46,10 @@ class StageKeys:
         times = [float(time) for time in source.all_times]
         self.selected = [time for time in times if time in source.times]
         self.frames = {time: read_frame(source, time) for time in times}
-        self._counts: dict[float, SceneCount | None] = {}
+        self.counts: dict[float, SceneCount | None] = {}
         for time in self.selected:
             check()
-            self.frames[time], self._counts[time] = count_frame(repairer.counter, self.frames[time])
+            self.frames[time], self.counts[time] = count_frame(repairer.counter, self.frames[time])
         self._usable = [time for time in times if self.frames[time].usable]
         # Of in-betweens: what is interpolated has no shape that it should keep, so they are judged
         # where they are repaired, and keys as they end.
@@ -134,14 +135,14 @@ class StageKeys:
             return self.repairer.finish(frame, None)
         none = Count(0, 0)  # `finish` believes its own counts only
         unmoved = [RepairResult(points, none, none, 0, Status.CLEAN) for points in frame.spaces]
-        return self.repairer.finish(frame, unmoved, self._counts[time])
+        return self.repairer.finish(frame, unmoved, self.counts[time])
 
     def repair_key(self, time: float) -> Repaired:
         """Repair a key of the input into `tracks`."""
         frame = self.frames[time]
         if not frame.usable:
             return self.repairer.finish(frame, None)
-        repaired = self._repaired(frame, self._counts[time])
+        repaired = self._repaired(frame, self.counts[time])
         tracks = list(self.tracks)
         for index, points in enumerate(repaired.points):
             if points is not None:

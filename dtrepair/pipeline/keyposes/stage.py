@@ -17,7 +17,8 @@ from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.keyposes.record import in_betweens
 from dtrepair.pipeline.keyposes.settings import KeyposeChoices, KeyposeSettings
 from dtrepair.pipeline.keyposes.solve import StageKeys
-from dtrepair.pipeline.modelled.parts import tell_modelled, tell_worn
+from dtrepair.pipeline.modelled.parts import tell_modelled
+from dtrepair.pipeline.modelled.worn import tell_worn, worn_records
 from dtrepair.pipeline.observer import (
     SILENT,
     FrameDone,
@@ -27,6 +28,7 @@ from dtrepair.pipeline.observer import (
     stop_if_cancelled,
     warn,
 )
+from dtrepair.pipeline.repair.collider_contacts import colliders_of
 from dtrepair.pipeline.repair.run import Run, make_repairer
 from dtrepair.pipeline.repair.settings import recorded_settings
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
@@ -184,8 +186,11 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     rigid = [bool(own.rigid) for own in controls.settings]
     keys = StageKeys(source, repairer, rigid, lambda: stop_if_cancelled(observer))
     records = _repair_keys(keys, observer, only_count=sink is None)
-    if sink is not None and any(own.before and own.before.pairs for own in records.values()):
-        tell_worn(observer, repairer.modelled, repairer.repairer.scene)
+    still = _collider_warnings(source, controls, mode, keys)
+    warn(observer, still)
+    repaired = sink is not None and any(r.before and r.before.pairs for r in records.values())
+    worn = worn_records(source, repairer.repairer.scene) if repaired else ()
+    tell_worn(observer, worn)
     refuse_if_none_usable(source, list(records.values()))
     run.clock.lap("solve")
     found = _search(prepared, keys, observer)
@@ -211,10 +216,21 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         seconds=run.clock.total(),
         prims=prim_records(source, rest_counts),
         frames=frames,
-        warnings=(*source.warnings, *warnings),
+        warnings=(*source.warnings, *still, *warnings),
         attached=repairer.modelled.attached,
+        worn=worn,
         keyposes=in_betweens(found, prepared.settings.keys.interpolation, keys.skipped),
     )
+
+
+def _collider_warnings(
+    source: StageSource, controls: Controls, mode: str, keys: StageKeys
+) -> tuple[str, ...]:
+    """Return what there is to tell of colliders that intersect each other at keys."""
+    among = colliders_of(source, controls, mode)
+    for time, count in keys.counts.items():
+        among.see(time, count)
+    return among.warnings
 
 
 def _repair_keys(

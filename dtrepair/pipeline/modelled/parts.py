@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.pipeline.observer import ModelledFound, Observer, WornFound, warn
+from dtrepair.pipeline.observer import ModelledFound, Observer, warn
 from dtrepair.pipeline.stages.bodies import unclear_sides
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time
 from dtrepair.report.modelled import (
@@ -31,7 +31,6 @@ from dtrepair.report.modelled import (
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCount
     from dtrepair.numerics.attachments import Attachments, Reference
-    from dtrepair.repair.scene.scene import Scene
 
 # Positions are told to this part of the diagonal of all meshes.
 DIGITS = 1e-3
@@ -257,17 +256,6 @@ def tell_modelled(
     warn(observer, unclear_sides(parts.source, left))
     if parts.attached:
         observer.remark(ModelledFound(parts.attached))
-
-
-def tell_worn(observer: Observer, parts: ModelledParts, scene: Scene) -> None:
-    """Tell which parts of a scene are taken as worn over which, unless the user said it.
-
-    What is worn takes seconds to find for many parts: to be called once where a repair needed it.
-    """
-    if worn := scene.worn:
-        own = scene.enclosures
-        records = parts.named(own.part_of_face, own.count)
-        observer.remark(WornFound(tuple((records[top], records[under]) for top, under in worn)))
 
 
 def _triangles(count: SceneCount, rank: NDArray[np.integer], ranks: int) -> NDArray[np.int64]:

@@ -34,6 +34,7 @@ REMEDIES = {
     **diagnosis.REMEDIES,
     Advice.RAISE_MAXIMUM_DISPLACEMENT: "raise --maximum-displacement",
     Advice.TAKE_AT_ANY_COST: "take what is strained with --at-any-cost",
+    Advice.RAISE_EFFORT: "raise --effort",
 }
 
 

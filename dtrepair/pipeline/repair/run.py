@@ -12,9 +12,11 @@ import numpy as np
 from dtrepair import __version__
 from dtrepair.numerics.metrics import JitterMeter
 from dtrepair.pipeline.errors import UsageError
-from dtrepair.pipeline.modelled.parts import tell_modelled, tell_worn
+from dtrepair.pipeline.modelled.parts import tell_modelled
+from dtrepair.pipeline.modelled.worn import tell_worn, worn_records
 from dtrepair.pipeline.observer import FrameDone, Observer, Progress, ProgressKept, Trouble, warn
 from dtrepair.pipeline.repair.chunks import Chunk
+from dtrepair.pipeline.repair.collider_contacts import ColliderContacts, colliders_of
 from dtrepair.pipeline.repair.corrections import CorrectionSink
 from dtrepair.pipeline.repair.journal import Journal, hash_of_run
 from dtrepair.pipeline.repair.recount import settle_shapes
@@ -31,6 +33,7 @@ from dtrepair.pipeline.stages.frames import (
 from dtrepair.pipeline.stages.rest import Rest, rest_warnings
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import Source
+from dtrepair.report.modelled import WornRecord
 from dtrepair.report.record import FrameRecord, Report, summarize
 
 if TYPE_CHECKING:
@@ -72,6 +75,15 @@ class Prepared:
     sink: Sink
 
 
+@dataclass(frozen=True)
+class _Outcome:
+    """The records of all frames, the largest jitter of a mesh, and what was taken as worn."""
+
+    records: list[FrameRecord]
+    jitter: float | None
+    worn: tuple[WornRecord, ...]
+
+
 def open_journal(
     prepared: Prepared, bodies: list[Body], observer: Observer, *, resume: bool
 ) -> Journal | None:
@@ -111,8 +123,9 @@ def repair_here(
     tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
     warn(observer, met)
     hidden = AtOnePlace(source)
-    records, jitter = _repair_frames(prepared, repairer, hidden, observer)
-    sink, told = prepared.sink, list[str]()
+    among = colliders_of(source, prepared.controls, run.options.mode)
+    outcome = _repair_frames(prepared, repairer, hidden, among, observer)
+    records, sink, told = outcome.records, prepared.sink, list[str]()
     if isinstance(sink, CorrectionSink) and sink.form == "shapes":
         records, told = settle_shapes(sink, repairer, records)
     if "chunk" not in run.settings:  # of a farm the other chunks may be fine, and want this one
@@ -120,7 +133,7 @@ def repair_here(
     written = sink.commit({"counts": summarize(records)})
     if isinstance(sink, CorrectionSink):
         sink.tell(observer)
-    warnings = (*repairer.warnings, *hidden.warnings, *told, *written)
+    warnings = (*repairer.warnings, *hidden.warnings, *among.warnings, *told, *written)
     if journal is not None:
         warnings = (*warnings, *journal.failures)
         journal.remove()
@@ -137,23 +150,29 @@ def repair_here(
         prims=prim_records(source, rest_counts),
         frames=tuple(records),
         warnings=(*source.warnings, *warnings),
-        jitter=jitter,
+        jitter=outcome.jitter,
         attached=repairer.modelled.attached,
+        worn=outcome.worn,
         alone_from=repairer.alone_from,
     )
 
 
 def _repair_frames(
-    prepared: Prepared, repairer: FrameRepairer, hidden: AtOnePlace, observer: Observer
-) -> tuple[list[FrameRecord], float | None]:
-    """Repair all frames into the sink; return their records, and the largest jitter of a mesh."""
+    prepared: Prepared,
+    repairer: FrameRepairer,
+    hidden: AtOnePlace,
+    among: ColliderContacts,
+    observer: Observer,
+) -> _Outcome:
+    """Repair all frames into the sink; what is worn is looked for where one has contacts."""
     source, chunk, clock = prepared.source, prepared.chunk, prepared.run.clock
     records: list[FrameRecord] = []
-    meters, repairing = [JitterMeter() for _ in source.meshes], False
+    worn: tuple[WornRecord, ...] | None = None
+    meters = [JitterMeter() for _ in source.meshes]
     given = hidden.among(read_frames(source, chunk.times))
     with (
         Progress(observer, "repairing", len(chunk.times)) as progress,
-        closing(repair_frames(given, repairer)) as frames,
+        closing(repair_frames(given, repairer, see=among.see)) as frames,
     ):
         repairer.progress = progress.ahead
         for repaired, written in progress.over(zip(frames, chunk.written, strict=True)):
@@ -164,14 +183,15 @@ def _repair_frames(
             clock.add(repaired.seconds)
             observer.remark(FrameDone(repaired.record, repaired.error))
             before = repaired.record.before
-            if not repairing and before is not None and before.pairs:
+            if worn is None and before is not None and before.pairs:
                 # Known only now: clean frames do not need to know what is worn.
-                tell_worn(observer, repairer.modelled, repairer.repairer.scene)
-                repairing = True
+                worn = worn_records(source, repairer.repairer.scene)
+                tell_worn(observer, worn)
     if repairer.error is not None:
         observer.remark(Trouble(repairer.error))
     clock.skip()
-    return records, max(meter.value for meter in meters) if len(records) > 2 else None
+    jitter = max(meter.value for meter in meters) if len(records) > 2 else None
+    return _Outcome(records, jitter, worn or ())
 
 
 def _reported(run: Run, rests: list[Rest]) -> dict[str, Any]:

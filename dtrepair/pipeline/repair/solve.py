@@ -210,10 +210,16 @@ class FrameRepairer:
         return tuple(placed)
 
 
-def repair_frames(frames: Iterable[Frame], repairer: FrameRepairer) -> Generator[Repaired]:
+def repair_frames(
+    frames: Iterable[Frame],
+    repairer: FrameRepairer,
+    *,
+    see: Callable[[float, SceneCount | None], None] = lambda time, before: None,
+) -> Generator[Repaired]:
     """Repair an iterator of frames, in order; the solver sees one iterator of usable poses.
 
     The solver may look ahead as far as it likes: frames wait here until their solution comes.
+    see: called with the time of each frame and its count as it came, None of an unusable one.
     """
     waiting: deque[tuple[Frame, SceneCount | None]] = deque()
     finishing: deque[Future[Repaired]] = deque()
@@ -222,6 +228,7 @@ def repair_frames(frames: Iterable[Frame], repairer: FrameRepairer) -> Generator
         for frame in frames:
             wait(finishing)  # the solver goes on, and may fork: no thread must be at work then
             frame, before = count_frame(repairer.counter, frame)
+            see(frame.time, before)
             waiting.append((frame, before))
             if frame.usable:
                 yield frame.time, frame.spaces

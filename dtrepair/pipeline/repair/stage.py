@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Unpack
 
 from dtrepair.pipeline.errors import UsageError, plain_errors
+from dtrepair.pipeline.modelled.worn import tell_worn
 from dtrepair.pipeline.observer import SILENT, ModelledFound, Observer, stop_if_cancelled, warn
 from dtrepair.pipeline.repair.chunks import choose_chunk, empty_chunk_warnings
 from dtrepair.pipeline.repair.cluster import Workers
@@ -213,5 +214,8 @@ def _distributed(
     warn(observer, unclear_sides(source, left))
     if report.attached:
         observer.remark(ModelledFound(report.attached))
+    tell_worn(observer, report.worn)
+    # The workers told nobody else.
+    warn(observer, [text for text in report.warnings if text not in source.warnings])
     seconds = {**report.seconds, "total": clock.total()["total"]}
     return replace(report, output=output, seconds=seconds, jitter=jitter)

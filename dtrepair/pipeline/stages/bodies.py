@@ -40,6 +40,8 @@ class Controls:
     """For each mesh its settings, weights (V,) from 0 free to 1 fixed, world directions (V, 3).
 
     ignored: pairs of meshes (i, j), i <= j, whose contacts do not count.
+    between_colliders: those of them, i < j, that do not for no other reason than that neither mesh
+        may move.
     attached: pairs of meshes (i, j), i <= j, that the user calls attached.
     layers: for each mesh how far out its triangles (F,) lie, None where nobody says.
     """
@@ -48,6 +50,7 @@ class Controls:
     pins: PerMesh
     directions: PerMesh
     ignored: tuple[tuple[int, int], ...] = ()
+    between_colliders: tuple[tuple[int, int], ...] = ()
     attached: tuple[tuple[int, int], ...] = ()
     layers: tuple[NDArray[np.int32] | None, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -73,15 +76,16 @@ def read_controls(
     # What cannot move at all is not to be repaired: contacts of colliders among themselves.
     colliders = [index for index, mesh in enumerate(source.meshes) if mesh.collider]
     among = {(i, j) for i in colliders for j in colliders if i <= j}
-    ignored = tuple(sorted({*ignored_pairs(source, objects.ignore), *among}))
+    told = set(ignored_pairs(source, objects.ignore))
     attached, warnings = attached_pairs(source, objects.attach, found.each)
     return Controls(
         found.each,
         pins,
         directions,
-        ignored,
+        tuple(sorted(told | among)),
+        tuple(sorted((i, j) for i, j in among - told if i < j)),
         attached=attached,
-        layers=tuple(_layers(source, found.each)),
+        layers=tuple(read_layers(source, found.each)),
         warnings=(*found.warnings, *warnings),
     )
 
@@ -118,7 +122,9 @@ def _read_directions(source: Source, text: str, *, only: int | None = None) -> P
     return [None if part is None else (part > 0)[:, None] * vector for part in chosen]
 
 
-def _layers(source: Source, each: Sequence[ObjectSettings]) -> Iterator[NDArray[np.int32] | None]:
+def read_layers(
+    source: Source, each: Sequence[ObjectSettings]
+) -> Iterator[NDArray[np.int32] | None]:
     """Yield of each mesh how far out its triangles (F,) lie; None where nobody says."""
     for mesh, own in zip(source.meshes, each, strict=True):
         if own.layer is None:

@@ -150,7 +150,7 @@ class StageSource:
 
         spec = usd_io.parse_frames(selection.frames) if selection.frames is not None else None
         self.name, self._given = path, (selection, collider, keys)
-        self.opened = usd_io.open_stage(path, strict=selection.strict)
+        self.opened = usd_io.open_stage(path, strict=selection.whole_stages_only)
         chosen = self._read(selection, selection.prim)
         still = self._read(selection, collider) if collider is not None else None
         colliders = {mesh.path for mesh in still.meshes} if still else set()

@@ -46,7 +46,12 @@ def is_cut(
 
 
 def motion_between(first: FloatArray, second: FloatArray, size: float) -> float:
-    """Return the root mean square motion of vertices (V, 3) between two poses, in sizes."""
+    """Return the root mean square motion of vertices (V, 3) between two poses, in sizes; 0 of none.
+
+    size: what lengths are measured in.
+    """
+    if len(first) == 0:
+        return 0.0
     return float(np.sqrt(((second - first) ** 2).sum(axis=1).mean())) / size
 
 

@@ -106,7 +106,12 @@ def checked_meshes(bodies: Sequence[Body]) -> list[tuple[FloatArray, IntArray]]:
                 "None takes that of the options"
             )
     meshes = [as_mesh(body.rest, body.faces) for body in bodies]
-    for body, (_, faces) in zip(bodies, meshes, strict=True):
+    for number, (body, (points, faces)) in enumerate(zip(bodies, meshes, strict=True)):
+        if len(points) == 0 and len(bodies) > 1:
+            raise ValueError(
+                f"bodies of a scene should have a vertex at least, got none in "
+                f"{body.name or f'body {number}'}: leave it out, and its poses"
+            )
         layer_of(body, len(faces))
     return meshes
 

@@ -74,9 +74,11 @@ def advice_for(scene: Scene, pairs: IntArray) -> tuple[Advice, ...]:
     if not (rigid | still).all():
         if scene.options.maximum_displacement is not None:
             advice.append(Advice.RAISE_MAXIMUM_DISPLACEMENT)
-        if scene.options.method == "paper":
-            advice.append(Advice.TAKE_FULL_METHOD)
-        advice.append(Advice.RAISE_DIFFUSION)
+        paper = scene.options.method == "paper"
+        advice.append(Advice.TAKE_FULL_METHOD if paper else Advice.RAISE_EFFORT)
+        # Of parts that hold each other a wider push leaves more as often as less.
+        if scene.attachments is None:
+            advice.append(Advice.RAISE_DIFFUSION)
         if any(np.any(body.pin) for body in scene.bodies if body.pin is not None):
             advice.append(Advice.FREE_PINS)
         if scene.rest_intersections:

@@ -180,6 +180,35 @@ def test_a_collider_never_moves(rod_in_ball: Path, tmp_path: Path, still: str, o
     assert still.split("/")[1] not in out.read_text().split("subLayers")[1]
 
 
+@pytest.mark.parametrize(("loose", "told"), [(0, "is empty"), (4, "has no faces"), (-1, "points")])
+def test_a_mesh_without_anything_beside_others_is_left(
+    rod_in_ball: Path, tmp_path: Path, loose: int, told: str
+) -> None:
+    """loose: its vertices, none of which is in a face; -1: not even the attributes are there."""
+    from pxr import Sdf, Usd, UsdGeom, Vt
+
+    alone, out = tmp_path / "alone.usda", tmp_path / "out.usda"
+    assert run("repair", rod_in_ball, "-o", alone).code == 0
+    stage = Usd.Stage.Open(str(rod_in_ball))
+    mesh = UsdGeom.Mesh.Define(stage, "/Ball/Empty")
+    if loose >= 0:
+        mesh.CreateFaceVertexCountsAttr(Vt.IntArray())
+        mesh.CreateFaceVertexIndicesAttr(Vt.IntArray())
+        for time in (Usd.TimeCode.Default(), 1.0, 2.0):
+            mesh.GetPointsAttr().Set(Vt.Vec3fArray(loose), time)
+    stage.Save()
+    given = rod_in_ball.read_bytes()
+    done = run("repair", rod_in_ball, "-o", out)
+    assert done.code == 0 and given == rod_in_ball.read_bytes()
+    (line,) = (line for line in done.err.splitlines() if "/Ball/Empty" in line)
+    assert "warning" in line and told in line and line.endswith("skipped")
+    assert not Sdf.Layer.FindOrOpen(str(out)).GetPrimAtPath("/Ball/Empty")
+    for prim in ("/Ball/Mesh", "/Rod/Mesh"):
+        ours, theirs = (read_samples(path, prim) for path in (out, alone))
+        assert ours.keys() == theirs.keys()
+        assert all(np.array_equal(ours[time], theirs[time]) for time in ours)
+
+
 def test_mode_self_leaves_contacts_between_meshes(rod_in_ball: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.usda"
     assert run("repair", rod_in_ball, "-o", out, "--mode", "self").code == 0

@@ -12,8 +12,8 @@ import pytest
 
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.modelled_text import modelled_line, print_modelled, worn_line
-from dtrepair.report.modelled import AttachedList, AttachedRecord, ModelledList
-from tests.command_line import OPEN, run, tube_obj
+from dtrepair.report.modelled import AttachedList, AttachedRecord, ModelledList, WornRecord
+from tests.command_line import OPEN, assert_fails, run, tube_obj
 from tests.jointed_arm import FRAMES, arm_stage
 from tests.report.modelled_records import part, record
 
@@ -21,7 +21,8 @@ from tests.report.modelled_records import part, record
 def test_check_lists_the_pairs_of_parts_that_are_modelled(tmp_path: Path) -> None:
     path = arm_stage(tmp_path / "a.usda", np.linspace(0.0, 0.2, FRAMES))
     found = run("check", path, "--modelled")
-    header, row, *rest = found.out.splitlines()
+    header, row, worn, *rest = found.out.splitlines()
+    assert worn == "nothing would be taken as worn"
     assert header.split()[:5] == ["pairs", "most", "in", "a", "frame"]
     assert "bind pose" in row and "/Root/Arm part 1 (" in row and "with /Root/Arm part 2" in row
     report = run("check", path, "--json", "-").json
@@ -87,16 +88,36 @@ def test_help_of_check_tells_what_strict_counts() -> None:
     assert "and count modelled contacts like all others." in shown["check"]
     assert "Wins over --strict." in shown["check"]
     assert "[default: (auto, with --strict repair)]" in shown["check"]
-    assert "modelled contacts like all others" not in shown["repair"]
+    assert "--strict The same as --strict-references; it is not check --strict" in shown["repair"]
+    for text in shown.values():
+        assert "--strict-references Refuse a stage with broken references." in text
+
+
+@pytest.mark.parametrize("command", ["check", "repair", "keyposes"])
+def test_broken_references_are_refused_without_another_way_to_count(
+    tmp_path: Path, command: str
+) -> None:
+    path = arm_stage(tmp_path / "a.usda", np.zeros(3))
+    output = [] if command == "check" else ["-o", tmp_path / "b.usda"]
+    whole = run(command, path, *output, "--strict-references")
+    assert whole.code == 0 and "taken as modelled" in whole.err
+    assert "strict_references" not in run("check", path, "--json", "-").json["settings"]
+    text = path.read_text()
+    path.write_text(text + '\ndef "Prop" (references = @./nowhere.usda@)\n{\n}\n')
+    assert "nowhere" in run(command, path, *output).err
+    for option in ("--strict-references", "--strict"):
+        assert_fails(run(command, path, *output, option), 3, "nowhere", "mend the reference")
 
 
 def test_one_line_says_what_is_taken_as_worn() -> None:
     one, other = part(1), replace(part(2), path="/Hero/Coat", number=None)
     among = "another order with primvars:dtrepair:layer for each face"
-    assert worn_line([(part(2), one)]) == (
+    within = WornRecord(over=part(2), under=one)
+    assert worn_line([within]) == (
         f"taken as worn: /Hero/Body part 2 over /Hero/Body part 1; {among}"
     )
-    line = worn_line([(other, part(number)) for number in range(1, 9)] + [(part(2), one)])
+    coats = [WornRecord(over=other, under=part(number)) for number in range(1, 9)]
+    line = worn_line([*coats, within])
     assert line.startswith("taken as worn: /Hero/Coat over /Hero/Body part 1, ")
     assert line.endswith(
         "and 6 more; another order with --layer or primvars:dtrepair:layer for each face"

@@ -64,7 +64,7 @@ def test_contacts_that_are_left_are_values() -> None:
     pairs = first.after.pairs
     assert first.status is Status.IMPROVED and 0 < pairs < first.before.pairs
     assert first.diagnosis.contacts == (RemainingContact("one", "two", pairs),)
-    assert first.diagnosis.advice == (Advice.RAISE_DIFFUSION,)
+    assert first.diagnosis.advice == (Advice.RAISE_EFFORT, Advice.RAISE_DIFFUSION)
     assert second.diagnosis == first.diagnosis
     assert first.message.startswith(f"one and two still intersect ({pairs} pairs): fewer")
 

@@ -16,7 +16,6 @@ from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
     diagonal,
-    dots,
     lengths,
     pair_keys,
     vector_areas,
@@ -24,6 +23,8 @@ from dtrepair.numerics.geometry import (
 from dtrepair.repair.scene.bounds import badness, pairs_and_enclosed, strain_of
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.strain.meter import Excess
+from dtrepair.repair.strain.volumes import Pieces
 
 # A limit of displacements is kept by this much: rounding to float32 must not exceed it.
 ROUNDING = 1e-6
@@ -37,13 +38,14 @@ class SwellingOptions:
         farthest: Farther outwards, or inwards, than this is another shape; units of the diagonal.
         aim: The change goes to this part of its bound.
         tries: What meets something in one keeps its place in the next, with its surroundings.
-        rings: So many rings of edges and ties around that keep their place too.
+        rings: So many rings of edges and ties around that keep their place too; the second only
+            where with the first there is no room.
     """
 
     farthest: float = 0.005
     aim: float = 0.95
     tries: int = 6
-    rings: int = 2
+    rings: tuple[int, ...] = (2, 0)
 
 
 def with_volume(
@@ -60,9 +62,9 @@ def with_volume(
     """
     excess = strain_of(scene, pose.centred, points)
     for own in excess:
-        if own.kind is not StrainKind.VOLUME:
+        if own.kind not in (StrainKind.VOLUME, StrainKind.LIMB):
             continue
-        swollen = _swollen(scene, pose, points, own.part, options)
+        swollen = _swollen(scene, pose, points, own, options)
         less = strain_of(scene, pose.centred, swollen)
         if badness(less) >= badness(excess):
             continue
@@ -73,31 +75,54 @@ def with_volume(
 
 
 def _swollen(
-    scene: Scene, pose: OpenedPose, points: FloatArray, part: int, options: SwellingOptions
+    scene: Scene, pose: OpenedPose, points: FloatArray, own: Excess, options: SwellingOptions
 ) -> FloatArray:
     """Return a pose (V, 3) with a part at the bound of its volume; as it is if it has no room."""
     parts, weld = scene.strain_meter.parts, scene.rest_weld
-    faces = parts.faces[parts.of_face == part]
+    limb = own.kind is StrainKind.LIMB
+    chosen = np.isin(parts.faces, own.vertices).all(axis=1) if limb else parts.of_face == own.part
+    piece, faces = Pieces(parts.faces, np.where(chosen, 0, -1), 0.0), parts.faces[chosen]
     areas = vector_areas(points, faces)
-    had, has = (_volume(pose_of, faces) for pose_of in (pose.centred, points))
-    bound = options.aim * scene.strain.volume
+    had, has = (_volume(piece, pose_of, parts.faces) for pose_of in (pose.centred, points))
+    bound = options.aim * own.bound
     wanted = had * np.clip(has / had, 1.0 - bound, 1.0 + bound)
     normals = np.zeros_like(points)
     for corner in faces.T:
         np.add.at(normals, corner, areas / 3.0)
+    within = np.zeros(len(points), dtype=bool)
+    within[faces] = True
+    # Vertices at one position of the rest go together.
+    within[weld[scene.mobility == 0.0]] = False
+    for rings in options.rings:
+        swollen = _raised(scene, pose, points, within, normals, wanted - has, rings, options)
+        if swollen is not None:
+            return swollen
+    return points
+
+
+def _raised(
+    scene: Scene,
+    pose: OpenedPose,
+    points: FloatArray,
+    free: NDArray[np.bool_],
+    normals: FloatArray,
+    more: float,
+    rings: int,
+    options: SwellingOptions,
+) -> FloatArray | None:
+    """Return a pose (V, 3) that encloses `more` than `points`; None if it has no room for it.
+
+    free: vertices (V,) that may move; normals: the vector areas (V, 3) of vertices.
+    """
+    parts, weld, free = scene.strain_meter.parts, scene.rest_weld, free.copy()
     area = lengths(normals)
     outwards = normals / np.maximum(area, 1e-300)[:, None]
-    # Vertices at one position of the rest go together.
-    fixed = np.zeros(len(points), dtype=bool)
-    fixed[weld[scene.mobility == 0.0]] = True
-    free = (parts.of_vertex == part) & ~fixed
-    size = diagonal(pose.centred)
     known = pair_keys(scene.pairs(points, pose.weld))
     for _ in range(options.tries):
         if not (area * free).any():
             break
-        height = (wanted - has) / float((area * free).sum())
-        if abs(height) > options.farthest * size:
+        height = more / float((area * free).sum())
+        if abs(height) > options.farthest * diagonal(pose.centred):
             break
         trial: FloatArray = points + (height * free[:, None] * outwards)[weld]
         beyond = free[weld] & _too_far(scene, pose, trial)
@@ -107,9 +132,9 @@ def _swollen(
             return trial
         near = np.zeros(len(points), dtype=bool)
         near[weld[scene.faces[met]]] = True
-        free &= ~parts.grown(near, options.rings)
+        free &= ~parts.grown(near, rings)
         free[weld[beyond]] = False
-    return points
+    return None
 
 
 def _too_far(scene: Scene, pose: OpenedPose, points: FloatArray) -> NDArray[np.bool_]:
@@ -120,7 +145,7 @@ def _too_far(scene: Scene, pose: OpenedPose, points: FloatArray) -> NDArray[np.b
     return lengths(points - pose.centred) > limit * (1.0 - ROUNDING)
 
 
-def _volume(points: FloatArray, faces: IntArray) -> float:
-    """Return the volume that closed triangles (F, 3) enclose."""
+def _volume(piece: Pieces, points: FloatArray, faces: IntArray) -> float:
+    """Return the volume that a piece of triangles (F, 3) encloses, its rims closed by fans."""
     centred = points - points[faces[0, 0]]
-    return float(dots(centred[faces[:, 0]], vector_areas(centred, faces)).sum()) / 3.0
+    return float(piece.measures(centred, vector_areas(centred, faces))[0][0])

@@ -14,7 +14,7 @@ from dtrepair.repair.scene.bounds import strain_of
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.scene import Scene
-from tests.meshes import icosphere
+from tests.meshes import icosphere, swept
 
 BALL, FACES = icosphere(3)
 BESIDE = np.array([2.05, 0.0, 0.0])
@@ -103,3 +103,27 @@ def test_nothing_is_swallowed() -> None:
     points[len(BALL) :] = pea
     found = with_volume(scene, pose, points)
     assert len(scene.enclosed_parts(found, scene.pairs(found, pose.weld))) == 0
+
+
+def test_a_pinched_limb_swells_beside_what_it_lies_on() -> None:
+    along = np.linspace(0.0, 5.0, 100)
+    spine = np.stack([along, np.zeros(100), np.zeros(100)], axis=1)
+    limb, faces = swept(spine, np.full(100, 0.15), 16, closed=False)
+    wall = 0.3 * BALL + [2.5, 0.0, 2.0]
+    scene = make_scene([Body(limb, faces), Body(wall, FACES)], RepairOptions())
+    pose = detected(scene, gathered(scene, [limb, wall]))
+    points = pose.centred.copy()
+    points[: len(limb)] = pose.centred[: len(limb)] + (
+        swept(spine, np.where(np.abs(along - 2.5) < 0.3, 0.063, 0.15), 16, closed=False)[0] - limb
+    )
+    before = strain_of(scene, pose.centred, points)
+    assert {own.kind for own in before} == {StrainKind.LIMB}
+    # It is pressed by a ball beside it, and comes nowhere into that.
+    top = points[: len(limb)][np.argmin(np.abs(limb - [2.5, 0.0, 0.15]).sum(axis=1))]
+    points[len(limb) :] += top + [0.0, 0.0, 0.3005] - points[len(limb) :].mean(axis=0)
+    assert len(scene.pairs(points, pose.weld)) == 0
+    found = with_volume(scene, pose, points)
+    assert StrainKind.LIMB not in {own.kind for own in strain_of(scene, pose.centred, found)}
+    assert len(scene.pairs(found, pose.weld)) == 0
+    moved = np.linalg.norm(found - points, axis=1)
+    assert moved[: len(limb)].max() > 0.001 and not moved[len(limb) :].any()

@@ -61,8 +61,8 @@ class FullOptions:
     unbend: DihedralOptions = field(default_factory=DihedralOptions)
     cure: CureOptions = field(default_factory=CureOptions)
     clearance: ClearanceOptions = field(default_factory=ClearanceOptions)
-    relax_attached: float = 0.5
-    relax_always: float = 0.25
+    relax_attached: float = 0.6
+    relax_always: float = 0.4
     left_attached: int = 60
     left_share: float = 0.1
     at_rest: float = 1e-7

@@ -26,6 +26,7 @@ from dtrepair.repair.parallel.worker_pool import (
     with_workers,
     worthwhile_jobs,
 )
+from dtrepair.repair.relief.borrowing import BorrowingOptions, with_borrowed
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.bounds import Judged, bounded_frames, bounded_pose
@@ -58,6 +59,7 @@ class ClipOptions(LayoutOptions):
             this, units of the size: it must not stand out from its neighbours.
         windows: Numbers of the stages of a window.
         mend: Numbers of the mending of that frame.
+        borrow: How strained frames start again from their neighbours.
         alone: Numbers of the full method, for frames that no window could clean.
         independent: How bodies are led apart, and how frames are solved that are repaired each for
             itself.
@@ -68,6 +70,7 @@ class ClipOptions(LayoutOptions):
     mend_share: float = 0.005
     windows: WindowOptions = field(default_factory=WindowOptions)
     mend: MendOptions = field(default_factory=MendOptions)
+    borrow: BorrowingOptions = field(default_factory=BorrowingOptions)
     alone: FullOptions = field(default_factory=FullOptions)
     independent: IndependentOptions = field(default_factory=IndependentOptions)
 
@@ -163,6 +166,9 @@ class WindowStream:
         mesh = meshes([frame.weld for frame in frames])
         poses = self._solve(scene, mesh, frames)
         poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
+        poses = with_borrowed(
+            scene, mesh, frames, poses, jobs=self.jobs, options=self.options.borrow
+        )
         times = np.array([frame.time for frame in frames])
         return bounded_frames(scene, frames, poses, times, options=numbers.share)
 

@@ -134,7 +134,7 @@ def _lowered(
     both = list(zip(frames, poses, strict=True))
     strained = [bool(strain_of(scene, frame.centred, points)) for frame, points in both]
     most = [
-        frame.wrong if own else min(frame.wrong, options.spoilt + _wrong_of(scene, frame, points))
+        frame.wrong if own else min(frame.wrong, options.spoilt + wrong_of(scene, frame, points))
         for own, (frame, points) in zip(strained, both, strict=True)
     ]
     motions = np.stack(
@@ -165,7 +165,7 @@ def _lowered(
 def _wrongs(scene: Scene, frames: Sequence[OpenedPose], poses: Sequence[FloatArray]) -> list[int]:
     """Return how much is wrong with each of some poses (V, 3)."""
     both = zip(frames, poses, strict=True)
-    return [_wrong_of(scene, own, points) for own, points in both]
+    return [wrong_of(scene, own, points) for own, points in both]
 
 
 def _held(
@@ -205,9 +205,9 @@ def _share(
     search = share_search(scene, frame.centred, after, options)
     if attempt:
         return search.put_back()
-    enough, best = _wrong_of(scene, frame, after), (np.inf, np.zeros(len(after)))
+    enough, best = wrong_of(scene, frame, after), (np.inf, np.zeros(len(after)))
     for share in search.shares():
-        wrong = _wrong_of(scene, frame, search.blend(share))
+        wrong = wrong_of(scene, frame, search.blend(share))
         if wrong < best[0]:
             best = (wrong, share)
         if wrong <= enough:
@@ -217,17 +217,17 @@ def _share(
 
 def _fails(scene: Scene, frame: OpenedPose, points: FloatArray, most: int) -> bool:
     """Return whether a pose (V, 3) is strained, or more than `most` is wrong with it."""
-    return bool(strain_of(scene, frame.centred, points)) or _wrong_of(scene, frame, points) > most
+    return bool(strain_of(scene, frame.centred, points)) or wrong_of(scene, frame, points) > most
 
 
-def _wrong_of(scene: Scene, frame: OpenedPose, points: FloatArray) -> int:
+def wrong_of(scene: Scene, frame: OpenedPose, points: FloatArray) -> int:
     """Return how much is wrong with a pose (V, 3) whose pairs are not known."""
     return _wrong(scene, frame, points, scene.pairs(points, frame.weld))
 
 
 def _loses(scene: Scene, frame: OpenedPose, whole: FloatArray, points: FloatArray) -> bool:
     """Return whether more is wrong with a pose (V, 3) than with the whole correction."""
-    return _wrong_of(scene, frame, points) > _wrong_of(scene, frame, whole)
+    return wrong_of(scene, frame, points) > wrong_of(scene, frame, whole)
 
 
 def _wrong(scene: Scene, pose: OpenedPose, points: FloatArray, pairs: IntArray) -> int:

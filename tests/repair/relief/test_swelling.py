@@ -120,7 +120,8 @@ def test_a_pinched_limb_swells_beside_what_it_lies_on() -> None:
     assert {own.kind for own in before} == {StrainKind.LIMB}
     # It is pressed by a ball beside it, and comes nowhere into that.
     top = points[: len(limb)][np.argmin(np.abs(limb - [2.5, 0.0, 0.15]).sum(axis=1))]
-    points[len(limb) :] += top + [0.0, 0.0, 0.3005] - points[len(limb) :].mean(axis=0)
+    points[len(limb) :] += top - points[len(limb) :].mean(axis=0)
+    points[len(limb) :, 2] += 0.3005
     assert len(scene.pairs(points, pose.weld)) == 0
     found = with_volume(scene, pose, points)
     assert StrainKind.LIMB not in {own.kind for own in strain_of(scene, pose.centred, found)}

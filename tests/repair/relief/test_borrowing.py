@@ -1,0 +1,107 @@
+"""A strained frame of a clip starts again from its neighbour's correction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dtrepair import Body, RepairOptions
+from dtrepair.diagnosis import Status
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.clip.clip_repairer import ClipRepairer
+from dtrepair.repair.relief.borrowing import BorrowingOptions, with_borrowed
+from dtrepair.repair.scene.bounds import strain_of
+from dtrepair.repair.scene.make_scene import make_scene
+from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
+from tests.meshes import icosphere
+
+BALL, FACES = icosphere(3)
+COUNT = len(BALL)
+BESIDE = np.array([2.5, 0.0, 0.0])
+
+
+def clip(
+    *distances: float, options: RepairOptions | None = None
+) -> tuple[Scene, list[OpenedPose], WeldedMesh]:
+    """Two balls so far apart in each frame, which meet below 2; the second one turns as well."""
+    scene = make_scene([Body(BALL, FACES), Body(BALL + BESIDE, FACES)], options or RepairOptions())
+    frames = []
+    for index, distance in enumerate(distances):
+        c, s = np.cos(0.1 * index), np.sin(0.1 * index)
+        other = BALL @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + [distance, 0.0, 0.0]
+        frames.append(detected(scene, gathered(scene, [BALL, other])))
+    return scene, frames, WeldedMeshes(scene)([frame.weld for frame in frames])
+
+
+def apart(frame: OpenedPose, by: float) -> FloatArray:
+    """The second ball led off."""
+    points = frame.centred.copy()
+    points[COUNT:] += [by, 0.0, 0.0]
+    return points
+
+
+def crushed(frame: OpenedPose) -> FloatArray:
+    """The second ball as flat as paper: nothing meets, and it is strained."""
+    points = frame.centred.copy()
+    points[COUNT:, 0] = points[COUNT:, 0].max() + 0.01 * points[COUNT:, 0]
+    return points
+
+
+def test_a_strained_frame_takes_the_way_of_its_neighbour() -> None:
+    scene, frames, mesh = clip(1.9, 1.88, 1.86)
+    found = [apart(frames[0], 0.15), crushed(frames[1]), crushed(frames[2])]
+    assert strain_of(scene, frames[1].centred, found[1])
+    better = with_borrowed(scene, mesh, frames, found)
+    assert better[0] is found[0]
+    # The third borrows what the second found.
+    for frame, points in zip(frames[1:], better[1:], strict=True):
+        assert not strain_of(scene, frame.centred, points)
+        assert len(frame.pairs) and not len(scene.pairs(points, frame.weld))
+        assert np.linalg.norm(points - frame.centred, axis=1).max() < 0.25
+
+
+def test_windows_of_clips_borrow() -> None:
+    scene, frames, _ = clip(1.9, 1.88)
+    found = [apart(frames[0], 0.15), crushed(frames[1])]
+
+    def method(mesh: WeldedMesh) -> Callable[..., FloatArray]:
+        return lambda *_, unless: np.stack([mesh.reduced(points) for points in found])
+
+    window = ClipRepairer(scene, WeldedMeshes(scene), make_method=method)
+    repaired = list(window.stream(enumerate(own.given for own in frames), jobs=1))
+    assert [own.status for each in repaired for own in each.results] == [Status.CLEAN] * 4
+    ball = repaired[1].results[1].points
+    assert np.linalg.norm(ball - frames[1].given[1], axis=1).max() < 0.25
+
+
+def test_nothing_is_borrowed_from_strained_or_dirty_neighbours() -> None:
+    scene, frames, mesh = clip(1.9, 1.88)
+    for lent in (crushed(frames[0]), frames[0].centred):
+        found = [lent, crushed(frames[1])]
+        better = with_borrowed(scene, mesh, frames, found)
+        assert all(new is old for new, old in zip(better, found, strict=True))
+
+
+def test_frames_that_touch_nothing_show_no_way() -> None:
+    scene, frames, mesh = clip(2.4, 1.88)
+    found = [frames[0].centred, crushed(frames[1])]
+    assert with_borrowed(scene, mesh, frames, found)[1] is found[1]
+
+
+def test_each_frame_starts_again_so_many_times() -> None:
+    scene, frames, mesh = clip(1.9, 1.88)
+    found = [apart(frames[0], 0.15), crushed(frames[1])]
+    none = replace(BorrowingOptions(), tries=0)
+    assert with_borrowed(scene, mesh, frames, found, options=none)[1] is found[1]
+
+
+@pytest.mark.parametrize("options", [{"maximum_displacement": 0.01}, {"clearance": 0.01}])
+def test_limits_are_kept(options: dict[str, float]) -> None:
+    scene, frames, mesh = clip(1.9, 1.88, options=RepairOptions(**options))
+    found = [apart(frames[0], 0.15), crushed(frames[1])]
+    assert with_borrowed(scene, mesh, frames, found)[1] is found[1]

@@ -100,8 +100,11 @@ def test_each_frame_starts_again_so_many_times() -> None:
     assert with_borrowed(scene, mesh, frames, found, options=none)[1] is found[1]
 
 
-@pytest.mark.parametrize("options", [{"maximum_displacement": 0.01}, {"clearance": 0.01}])
-def test_limits_are_kept(options: dict[str, float]) -> None:
-    scene, frames, mesh = clip(1.9, 1.88, options=RepairOptions(**options))
+LIMITS = [RepairOptions(maximum_displacement=0.01), RepairOptions(clearance=0.01)]
+
+
+@pytest.mark.parametrize("options", LIMITS, ids=["displacement", "clearance"])
+def test_limits_are_kept(options: RepairOptions) -> None:
+    scene, frames, mesh = clip(1.9, 1.88, options=options)
     found = [apart(frames[0], 0.15), crushed(frames[1])]
     assert with_borrowed(scene, mesh, frames, found)[1] is found[1]

@@ -126,6 +126,13 @@ def _solved(
     return [found[k] for k in range(len(opened))]
 
 
+def solved_pose(
+    scene: Scene, meshes: WeldedMeshes, opened: OpenedPose, *, options: IndependentOptions
+) -> FloatArray:
+    """Return what is found (V, 3) for a pose on its own; it may be strained."""
+    return _solved(scene, meshes, [opened], options)[0][0]
+
+
 def _start(scene: Scene, pose: OpenedPose, options: IndependentOptions) -> FloatArray:
     """Return a pose (V, 3) with its enclosed parts led out, and its layers lifted."""
     start = pose.centred

@@ -8,13 +8,8 @@ from itertools import islice
 from typing import Any
 
 from dtrepair.repair.clip.window_method import MakeMethod, WindowMethod, WindowSolver
-from dtrepair.repair.clip.window_stream import (
-    ClipOptions,
-    Progress,
-    Repaired,
-    WindowStream,
-    solve_alone,
-)
+from dtrepair.repair.clip.window_stream import ClipOptions, Progress, Repaired, WindowStream
+from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.independent import repair_poses
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.parallel.process_pool import in_batches, map_in_processes

@@ -18,18 +18,18 @@ from dtrepair.repair.clip.frames import Frame, faded, read_frames
 from dtrepair.repair.clip.layout import LayoutOptions
 from dtrepair.repair.clip.window_method import MakeMethod, WindowOptions
 from dtrepair.repair.full.mend import MendOptions
-from dtrepair.repair.full.method import FullMethod, FullOptions
-from dtrepair.repair.independent import IndependentOptions
+from dtrepair.repair.full.method import FullOptions, solve_alone
+from dtrepair.repair.independent import IndependentOptions, solved_pose
 from dtrepair.repair.parallel.worker_pool import (
     WorkerPool,
     available_processors,
     with_workers,
     worthwhile_jobs,
 )
-from dtrepair.repair.relief.borrowing import BorrowingOptions, with_borrowed
+from dtrepair.repair.relief.borrowing import BorrowingOptions, with_alone, with_borrowed
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.result import RepairResult, Solved, Stage
-from dtrepair.repair.scene.bounds import Judged, bounded_frames, bounded_pose
+from dtrepair.repair.scene.bounds import Judged, bounded_frames, bounded_pose, strain_of
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import detected
 from dtrepair.repair.scene.props import bent_bodies
@@ -40,7 +40,6 @@ from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_th
 from dtrepair.repair.separation.release import released_frames
 from dtrepair.repair.separation.separation import separated_frames
 from dtrepair.repair.separation.untangling import contact_counts, tangled_contacts
-from dtrepair.repair.surface.surface import Surface
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -166,9 +165,12 @@ class WindowStream:
         mesh = meshes([frame.weld for frame in frames])
         poses = self._solve(scene, mesh, frames)
         poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
-        poses = with_borrowed(
-            scene, mesh, frames, poses, jobs=self.jobs, options=self.options.borrow
-        )
+        borrow = self.options.borrow
+        poses = with_borrowed(scene, mesh, frames, poses, jobs=self.jobs, options=borrow)
+        # Frames of attached parts were solved alone already.
+        if mesh.surface.ties is None and scene.strain_meter.parts.count > 1:
+            alone = partial(solved_pose, scene, meshes, options=numbers)
+            poses = with_alone(scene, frames, poses, alone, options=borrow)
         times = np.array([frame.time for frame in frames])
         return bounded_frames(scene, frames, poses, times, options=numbers.share)
 
@@ -260,7 +262,7 @@ class WindowStream:
         """Return the results of a pose; what is not clean falls back to single-frame solvers."""
         start = clock.perf_counter()
         pairs_of = partial(self.scene.pairs, weld=frame.weld)
-        options = self.options
+        options, window = self.options, (judged, left)
         if len(left):
             alone = partial(solve_alone, effort=self.scene.options.effort, options=options.alone)
             judged, left = mended(
@@ -279,6 +281,10 @@ class WindowStream:
         judged, left = bounded_pose(
             self.scene, frame, judged, left, pairs_of, options=options.independent.share
         )
+        if len(left) > len(window[1]) and not strain_of(
+            self.scene, frame.centred, window[0].points
+        ):
+            judged, left = window  # what was mended is strained, and its share leaves more
         found = kept(self.scene, frame, judged.points, left)
         spent = seconds + clock.perf_counter() - start
         moved = bool((found.points != frame.centred).any())
@@ -291,15 +297,3 @@ class WindowStream:
     def _too_close(self, mesh: WeldedMesh, pose: FloatArray) -> int:
         """Return how many pairs are closer than the clearance."""
         return len(mesh.surface.contacts.close_pairs(mesh.reduced(pose), mesh.clearance))
-
-
-def solve_alone(
-    surface: Surface,
-    original: FloatArray,
-    *,
-    rounds: int = 0,
-    effort: float = 1.0,
-    options: FullOptions = FullOptions(),
-) -> FloatArray:
-    """Return a pose repaired alone; untightened by default: it is blended with its neighbours'."""
-    return FullMethod(surface, rounds=rounds, effort=effort, options=options)(original).points

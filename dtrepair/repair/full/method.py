@@ -238,3 +238,15 @@ class FullMethod:
             "open", points, start, crossings=len(defects.crossings), folds=len(defects.folds)
         )
         return points, left
+
+
+def solve_alone(
+    surface: Surface,
+    original: FloatArray,
+    *,
+    rounds: int = 0,
+    effort: float = 1.0,
+    options: FullOptions = FullOptions(),
+) -> FloatArray:
+    """Return a pose repaired alone; untightened by default: it is blended with its neighbours'."""
+    return FullMethod(surface, rounds=rounds, effort=effort, options=options)(original).points

@@ -7,7 +7,7 @@ and the character does not jump from one way to the other.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -48,6 +48,9 @@ class _Merit(NamedTuple):
     strained: bool
     badness: float
     wrong: int
+
+
+CLEAN = _Merit(False, 0.0, 0)
 
 
 class _Loan(NamedTuple):
@@ -123,11 +126,28 @@ def with_borrowed(
         found = _solved(state, jobs)
         found = relieved_poses(scene, mesh, own, found, jobs=jobs, options=options.relief)
         for (index, _), points in zip(loans, found, strict=True):
-            merit = _merit(scene, frames[index], points)
-            most = max(merits[index].wrong, few[index])
-            better = merit < merits[index] and merit.wrong <= most
-            if better and not _too_far(scene, frames[index], points):
+            if (merit := _better(scene, frames[index], points, merits[index], options)) is not None:
                 result[index], merits[index] = points, merit
+    return result
+
+
+def with_alone(
+    scene: Scene,
+    frames: Sequence[OpenedPose],
+    poses: list[FloatArray],
+    alone: Callable[[OpenedPose], FloatArray],
+    *,
+    options: BorrowingOptions = BorrowingOptions(),
+) -> list[FloatArray]:
+    """Return what was found (V, 3), that of strained and dirty frames solved alone if better."""
+    result = list(poses)
+    for index, (frame, points) in enumerate(zip(frames, poses, strict=True)):
+        merit = _merit(scene, frame, points)
+        if merit == CLEAN:
+            continue
+        found = alone(frame)
+        if _better(scene, frame, found, merit, options) is not None:
+            result[index] = found
     return result
 
 
@@ -171,6 +191,21 @@ def _merit(scene: Scene, frame: OpenedPose, points: FloatArray) -> _Merit:
     """Return how good a pose (V, 3) of a frame is."""
     excess = strain_of(scene, frame.centred, points)
     return _Merit(bool(excess), badness(excess), wrong_of(scene, frame, points))
+
+
+def _better(
+    scene: Scene,
+    frame: OpenedPose,
+    points: FloatArray,
+    than: _Merit,
+    options: BorrowingOptions,
+) -> _Merit | None:
+    """Return how good a pose (V, 3) of a frame is, if it is better than what was found."""
+    merit = _merit(scene, frame, points)
+    most = max(than.wrong, options.left_share * frame.wrong)
+    if merit >= than or merit.wrong > most or _too_far(scene, frame, points):
+        return None
+    return merit
 
 
 def _too_far(scene: Scene, frame: OpenedPose, points: FloatArray) -> bool:

@@ -12,8 +12,8 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import displacements, jitter
 from dtrepair.numerics.temporal import second_differences, steady_weights
 from dtrepair.repair.clip.window_method import EaseOptions, WindowMethod, WindowOptions
-from dtrepair.repair.clip.window_stream import solve_alone
 from dtrepair.repair.full.mend import mend
+from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import Surface
 from tests.repair.clip.test_clip_repairer import crossings, pincers, results_of, roughness, swing

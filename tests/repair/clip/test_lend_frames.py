@@ -18,8 +18,8 @@ from dtrepair.repair.clip.mend_frames import (
     mend_frames,
 )
 from dtrepair.repair.clip.window_state import WindowState
-from dtrepair.repair.clip.window_stream import solve_alone
 from dtrepair.repair.frame.lending import Loan, carried
+from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.repair.clip.test_clip_repairer import swing

@@ -11,7 +11,7 @@ from dtrepair.numerics.geometry import FloatArray, unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio
 from dtrepair.repair.clip.restore_shape import RestoreShapeOptions
 from dtrepair.repair.clip.window_method import WindowMethod, WindowOptions
-from dtrepair.repair.clip.window_stream import solve_alone
+from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import icosphere, joined

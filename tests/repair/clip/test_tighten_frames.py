@@ -11,7 +11,7 @@ from dtrepair.repair.clip.mend_frames import mend_frames
 from dtrepair.repair.clip.tighten_frames import TightenOptions, _around, tighten_frames
 from dtrepair.repair.clip.window_method import push_frames
 from dtrepair.repair.clip.window_state import WindowState
-from dtrepair.repair.clip.window_stream import solve_alone
+from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import Surface
 from tests.repair.clip.test_clip_repairer import swing

@@ -12,7 +12,7 @@ from dtrepair import Body, RepairOptions
 from dtrepair.diagnosis import Status
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
-from dtrepair.repair.relief.borrowing import BorrowingOptions, with_borrowed
+from dtrepair.repair.relief.borrowing import BorrowingOptions, with_alone, with_borrowed
 from dtrepair.repair.scene.bounds import strain_of
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
@@ -108,3 +108,20 @@ def test_limits_are_kept(options: RepairOptions) -> None:
     scene, frames, mesh = clip(1.9, 1.88, options=options)
     found = [apart(frames[0], 0.15), crushed(frames[1])]
     assert with_borrowed(scene, mesh, frames, found)[1] is found[1]
+
+
+def test_what_no_neighbour_helps_is_solved_alone_where_that_is_better() -> None:
+    scene, frames, _ = clip(1.9, 1.88, 1.86)
+    found = [apart(frames[0], 0.15), crushed(frames[1]), apart(frames[2], 0.05)]
+    assert len(scene.pairs(found[2], frames[2].weld))
+    asked = []
+
+    def alone(frame: OpenedPose) -> FloatArray:
+        asked.append(frame)
+        return apart(frame, 0.2)
+
+    better = with_alone(scene, frames, found, alone)
+    assert asked == frames[1:] and better[0] is found[0]
+    for frame, points in zip(frames[1:], better[1:], strict=True):
+        assert np.array_equal(points, apart(frame, 0.2))
+    assert with_alone(scene, frames, found, crushed)[1] is found[1]

@@ -127,10 +127,19 @@ class LayerLift:
             shift = self._smooth(held, target)
         return shift
 
-    def steadily(self, poses: FloatArray, frames: FloatArray) -> FloatArray:
-        """Return poses (T, V, 3) at `frames` (T,) with the layer lifted, smoothly in time."""
+    def steadily(
+        self, poses: FloatArray, frames: FloatArray, meets: NDArray[np.bool_]
+    ) -> FloatArray:
+        """Return poses (T, V, 3) at `frames` (T,) with the layer lifted, smoothly in time.
+
+        meets: in which frames (T,) it meets what it lies over; before the first of them and after
+        the last nothing of it is taken to be under that.
+        """
+        through = np.logical_or.accumulate(meets) & np.logical_or.accumulate(meets[::-1])[::-1]
         for width in self.options.widths if len(frames) > 1 else (0.0,):
-            shifts = np.stack([self(pose) for pose in poses])
+            shifts = np.zeros((len(poses), len(self.own), 3))
+            for index in np.flatnonzero(through):
+                shifts[index] = self(poses[index])
             if not shifts.any():
                 break
             shifts = undamped(gaussian_kernel(frames, width), shifts)

@@ -38,15 +38,17 @@ def lifted_frames(
     """
     if not _lifts(scene):
         return poses
-    keys = {tuple(sorted(both)) for found in met for both in found.tolist()}
-    found = [scene.layers.between(first, second) for first, second in sorted(keys)]
+    keys = [{tuple(sorted(both)) for both in found.tolist()} for found in met]
+    every = sorted(set().union(*keys))
+    found = [scene.layers.between(first, second) for first, second in every]
     layers = [layer for layer in found if layer is not None and _may_move(scene, layer)]
     if not layers:
         return poses
     result = poses.copy()
     for layer in _from_inside(layers):
-        lift = LayerLift(scene, layer, options)
-        result = lift.steadily(result, frames)
+        both = tuple(sorted((layer.top, layer.under)))
+        meets = np.array([both in own for own in keys])
+        result = LayerLift(scene, layer, options).steadily(result, frames, meets)
     return result
 
 

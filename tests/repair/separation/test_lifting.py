@@ -15,6 +15,7 @@ from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.separation.layer_lift import LiftOptions
 from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_that_meet
 from tests.meshes import icosphere, joined, torus, tube
 
@@ -148,6 +149,17 @@ def test_lifts_come_and_go_smoothly() -> None:
     assert largest.argmax() == 6 and 0.0 < largest[3] < largest[5] < largest[6]
     steps = np.abs(np.diff(largest))
     assert steps.max() < 0.5 * largest.max()
+
+
+def test_before_and_after_all_contacts_nothing_is_under() -> None:
+    scene, none = scene_of(SLEEVE), np.zeros((0, 2), dtype=np.int32)
+    pose = np.concatenate([swollen(ARM[0], 0.4), SLEEVE[0]])
+    poses, frames = np.stack([pose] * 5), np.arange(5.0)
+    options = LiftOptions(widths=(0.0,))
+    met = [none, BOTH, none, BOTH, none]
+    moved = lifted_frames(scene, poses, met, frames, options=options) != poses
+    # Between two contacts a limb may be all through.
+    assert moved.any(axis=(1, 2)).tolist() == [False, True, True, True, False]
 
 
 def test_an_outer_layer_follows_the_inner_one() -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import frame_units
 from dtrepair.numerics.threads import one_thread
+from dtrepair.repair.clip.borrow_frames import BorrowingOptions, with_alone, with_borrowed
 from dtrepair.repair.clip.frames import Frame, faded, read_frames
 from dtrepair.repair.clip.layout import LayoutOptions
 from dtrepair.repair.clip.window_method import MakeMethod, WindowOptions
@@ -26,7 +27,6 @@ from dtrepair.repair.parallel.worker_pool import (
     with_workers,
     worthwhile_jobs,
 )
-from dtrepair.repair.relief.borrowing import BorrowingOptions, with_alone, with_borrowed
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.bounds import Judged, bounded_frames, bounded_pose, strain_of

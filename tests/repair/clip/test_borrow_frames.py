@@ -11,14 +11,17 @@ import pytest
 from dtrepair import Body, RepairOptions
 from dtrepair.diagnosis import Status
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.metrics import distortion
+from dtrepair.repair.clip.borrow_frames import BorrowingOptions, with_alone, with_borrowed
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
-from dtrepair.repair.relief.borrowing import BorrowingOptions, with_alone, with_borrowed
+from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.scene.bounds import strain_of
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from tests.meshes import icosphere
+from tests.repair.relief.test_relief import winged
 
 BALL, FACES = icosphere(3)
 COUNT = len(BALL)
@@ -125,3 +128,25 @@ def test_what_no_neighbour_helps_is_solved_alone_where_that_is_better() -> None:
     for frame, points in zip(frames[1:], better[1:], strict=True):
         assert np.array_equal(points, apart(frame, 0.2))
     assert with_alone(scene, frames, found, crushed)[1] is found[1]
+
+
+def test_attached_parts_that_are_rougher_than_beside_start_again() -> None:
+    scene, frame, mesh = winged(1.2)
+    (whole,) = relieved_poses(scene, mesh, [frame], [mesh.solve([frame.centred])[0][0]])
+    rough = whole.copy()
+    far = whole[:, 2] > 0.4
+    rough[far, 2] += 0.05 * np.sin(60.0 * whole[far, 0])
+    for points in (whole, rough):
+        assert not strain_of(scene, frame.centred, points)
+        assert not len(scene.pairs(points, frame.weld))
+    options = BorrowingOptions(smooth=0.03)
+    found = with_borrowed(scene, mesh, [frame, frame], [whole, rough], options=options)
+    assert found[0] is whole
+    edges = mesh.surface.edges
+    own, lent, better = (
+        distortion(mesh.reduced(frame.centred), mesh.reduced(points), edges)
+        for points in (rough, whole, found[1])
+    )
+    assert own > 2.0 * lent and better < 1.2 * lent
+    found = with_borrowed(scene, mesh, [frame, frame], [whole, whole], options=options)
+    assert found[0] is whole and found[1] is whole

@@ -1,4 +1,4 @@
-"""Strained frames of a clip start again from the corrections of their neighbours.
+"""Strained and rough frames of a clip start again from the corrections of their neighbours.
 
 Solved each for itself, a limb may leave another one by the short way in one frame and collapse in
 the next. From a neighbour's correction, turned with its surroundings, the short way is found again,
@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from dtrepair.numerics.geometry import FloatArray, lengths
+from dtrepair.numerics.metrics import distortion
 from dtrepair.repair.frame.lending import LendingOptions, carried, solved_from
 from dtrepair.repair.full.steering import Steering
 from dtrepair.repair.parallel.worker_pool import WorkerPool, with_workers, worthwhile_jobs
@@ -30,6 +31,9 @@ class BorrowingOptions:
 
     Args:
         tries: So many times a frame may start again.
+        rough: One of attached parts, whose frames are solved each for itself, starts again as well
+            where it is distorted so many times as much as a neighbour, ...
+        smooth: ... and more than this.
         left_share: Of what was wrong with the input so much may be left, of a lender and of what
             was borrowed: a share of a strained pose leaves more.
         lending: What cleans a frame from there.
@@ -37,20 +41,23 @@ class BorrowingOptions:
     """
 
     tries: int = 2
+    rough: float = 2.0
+    smooth: float = 0.05
     left_share: float = 0.1
     lending: LendingOptions = field(default_factory=LendingOptions)
     relief: ReliefOptions = field(default_factory=ReliefOptions)
 
 
 class _Merit(NamedTuple):
-    """How a pose is: the less the better. Whether and how far it is strained, what is wrong."""
+    """How a pose is: the less the better.
+
+    Whether and how far it is strained, what is wrong, and the distortion of its edges.
+    """
 
     strained: bool
     badness: float
     wrong: int
-
-
-CLEAN = _Merit(False, 0.0, 0)
+    distortion: float
 
 
 class _Loan(NamedTuple):
@@ -143,7 +150,7 @@ def with_alone(
     result = list(poses)
     for index, (frame, points) in enumerate(zip(frames, poses, strict=True)):
         merit = _merit(scene, frame, points)
-        if merit == CLEAN:
+        if not merit.strained and not merit.wrong:
             continue
         found = alone(frame)
         if _better(scene, frame, found, merit, options) is not None:
@@ -157,20 +164,22 @@ def _loans(
     tried: Sequence[Sequence[_Loan]],
     options: BorrowingOptions,
 ) -> list[_Loan]:
-    """Return the next loan of each strained frame that may still try one.
+    """Return the next loan of each frame in need that may still try one.
 
     few: so much may be wrong with a lender (T,).
     """
     result = []
     for index, merit in enumerate(merits):
-        if not merit.strained or len(tried[index]) == options.tries:
+        if len(tried[index]) == options.tries:
             continue
         for lender in (index - 1, index + 1):
             loan = _Loan(index, lender)
             if not 0 <= lender < len(merits) or loan in tried[index]:
                 continue
-            good = not merits[lender].strained and merits[lender].wrong <= few[lender]
-            if good and few[lender] > 0.0:
+            other = merits[lender]
+            good = few[lender] > 0.0 and not other.strained and other.wrong <= few[lender]
+            rough = merit.distortion > max(options.smooth, options.rough * other.distortion)
+            if good and (merit.strained or rough):
                 result.append(loan)
                 break
     return result
@@ -190,7 +199,10 @@ def _solved(state: _Borrowers, jobs: int | None) -> list[FloatArray]:
 def _merit(scene: Scene, frame: OpenedPose, points: FloatArray) -> _Merit:
     """Return how good a pose (V, 3) of a frame is."""
     excess = strain_of(scene, frame.centred, points)
-    return _Merit(bool(excess), badness(excess), wrong_of(scene, frame, points))
+    bent = 0.0
+    if scene.strain_meter.parts.ties is not None:
+        bent = distortion(frame.centred, points, scene.strain_meter.parts.edges)
+    return _Merit(bool(excess), badness(excess), wrong_of(scene, frame, points), bent)
 
 
 def _better(

@@ -148,13 +148,19 @@ def test_frames_that_stay_dirty_are_not_solved_alone_again(
 
     Without attached parts the window pushes all frames together, and it is another attempt.
     """
-    asked = []
+    asked: list[bool] = []
+    as_poses: list[bool] = []
 
     def not_mended(*given: Any, alone: object, **_: object) -> tuple[Judged, IntArray]:
         asked.append(alone is not None)
         return given[3], given[4]
 
+    def not_alone(*given: Any, **_: object) -> list[FloatArray]:
+        as_poses.append(True)
+        return list(given[2])
+
     monkeypatch.setattr(window_stream, "mended", not_mended)
+    monkeypatch.setattr(window_stream, "with_alone", not_alone)
     (trunk, faces), ball = tube(12, 20, 0.2, 2.0), icosphere(2, 0.15)
     lower = 1.1 * trunk * (1.0, 1.0, 1.0 / 1.1) + (0.04, 0.01, 1.7)
     bodies = [Body(trunk, faces), Body(lower, faces), Body(*ball)]
@@ -164,6 +170,7 @@ def test_frames_that_stay_dirty_are_not_solved_alone_again(
     unmended = ClipOptions(mend=MendOptions(near=(0,), push=no_push, fill=no_fill))
     for references in ([reference], []):
         asked.clear()
+        as_poses.clear()
         repairer = SceneRepairer(bodies, references=references)
 
         def idle(_: WeldedMesh) -> Callable[..., FloatArray]:
@@ -173,4 +180,4 @@ def test_frames_that_stay_dirty_are_not_solved_alone_again(
         window = ClipRepairer(repairer.scene, meshes, options=unmended, make_method=idle)
         pose = [trunk, lower, ball[0] + [0.2, 0.0, 0.3]]
         assert len(list(window.stream([(1.0, pose), (2.0, pose)], jobs=1))) == 2
-        assert asked == 2 * [not references]
+        assert asked == 2 * [not references] and any(as_poses) == (not references)

@@ -166,11 +166,13 @@ class WindowStream:
         poses = self._solve(scene, mesh, frames)
         poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
         borrow = self.options.borrow
-        poses = with_borrowed(scene, mesh, frames, poses, jobs=self.jobs, options=borrow)
-        # Frames of attached parts were solved alone already.
-        if mesh.surface.ties is None and scene.strain_meter.parts.count > 1:
-            alone = partial(solved_pose, scene, meshes, options=numbers)
-            poses = with_alone(scene, frames, poses, alone, options=borrow)
+        # Frames of a single skin were pushed together: it jitters where one goes another way.
+        if scene.strain_meter.parts.count > 1:
+            poses = with_borrowed(scene, mesh, frames, poses, jobs=self.jobs, options=borrow)
+            # Frames of attached parts were solved alone already.
+            if mesh.surface.ties is None:
+                alone = partial(solved_pose, scene, meshes, options=numbers)
+                poses = with_alone(scene, frames, poses, alone, options=borrow)
         times = np.array([frame.time for frame in frames])
         return bounded_frames(scene, frames, poses, times, options=numbers.share)
 

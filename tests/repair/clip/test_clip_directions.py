@@ -7,7 +7,6 @@ import pytest
 
 from dtrepair import Status
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.clip.borrow_frames import BorrowingOptions
 from dtrepair.repair.clip.window_stream import ClipOptions
 from dtrepair.repair.independent import IndependentOptions
 from dtrepair.repair.repairer import SceneRepairer
@@ -32,9 +31,7 @@ def arm_motions(
     way: FloatArray, curls: tuple[float, ...], strain: StrainOptions = StrainOptions()
 ) -> tuple[FloatArray, Kept]:
     """Mean motion (T, 3) of an arm that is led a way in a clip, in which it comes out clean."""
-    # Frames that start again from their neighbours may come within the bounds on the way asked for.
-    borrow = BorrowingOptions(tries=0)
-    numbers = ClipOptions(independent=IndependentOptions(strain=strain), borrow=borrow)
+    numbers = ClipOptions(independent=IndependentOptions(strain=strain))
     poses = [armed_body(curl)[0] for curl in curls]
     body, kept = Body(REST, FACES, direction=np.where(ARM[:, None], way, 0.0)), Kept()
     clip = SceneRepairer([body], clip=numbers).make_animator(kept)

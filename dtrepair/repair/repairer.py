@@ -27,9 +27,9 @@ from dtrepair.repair.solution_cache import Memory, remembering
 
 if TYPE_CHECKING:
     # The stages of clips are loaded for clips only.
+    from dtrepair.repair.clip.clip_options import ClipOptions
     from dtrepair.repair.clip.clip_repairer import ClipRepairer
     from dtrepair.repair.clip.window_method import MakeMethod
-    from dtrepair.repair.clip.window_stream import ClipOptions
 
 
 class SceneRepairer:
@@ -112,8 +112,8 @@ class SceneRepairer:
 
     def make_animator(self, memory: Memory | None = None) -> ClipRepairer:
         """Return a repairer of frames that keeps solved windows in a memory, and looks them up."""
+        from dtrepair.repair.clip.clip_options import ClipOptions
         from dtrepair.repair.clip.clip_repairer import ClipRepairer, window_method
-        from dtrepair.repair.clip.window_stream import ClipOptions
 
         numbers = self._clip or ClipOptions()
         make_method: MakeMethod = partial(window_method, self.options, numbers)

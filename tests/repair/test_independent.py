@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.clip.window_stream import ClipOptions
+from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.full.cure import CureOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.full.phases import PhaseOptions

@@ -89,10 +89,10 @@ def _read(source: Source) -> tuple[list[float], FloatArray]:
 
 
 def _layout(times: list[float], motions: FloatArray) -> list[Window]:
-    from dtrepair.repair.clip import window_stream
+    from dtrepair.repair.clip import clip_options
     from dtrepair.repair.clip.layout import window_layout
 
-    return window_layout(times, motions, options=window_stream.ClipOptions())
+    return window_layout(times, motions, options=clip_options.ClipOptions())
 
 
 def _chunk_of(every: Times, own: Times, times: list[float], motions: FloatArray) -> Chunk:
@@ -100,7 +100,7 @@ def _chunk_of(every: Times, own: Times, times: list[float], motions: FloatArray)
 
     times, motions: of the usable frames among `every`.
     """
-    from dtrepair.repair.clip import window_stream
+    from dtrepair.repair.clip import clip_options
     from dtrepair.repair.clip.layout import frames_to_solve
 
     first, stop = np.searchsorted(times, own[:1]), np.searchsorted(times, own[-1:], side="right")
@@ -108,7 +108,7 @@ def _chunk_of(every: Times, own: Times, times: list[float], motions: FloatArray)
         return Chunk(own, np.ones(len(own), dtype=bool))
     ends = [window.end for window in _layout(times, motions)]
     one, other = np.searchsorted(ends, [first[0], stop[0] - 1], side="right").tolist()
-    options = window_stream.ClipOptions()
+    options = clip_options.ClipOptions()
     start, last = frames_to_solve(times, motions, (one, other + 1), options=options)
     if last - start == 1:  # a frame after a cut: alone it would be solved as a single pose
         start = max(start - 1, 0)

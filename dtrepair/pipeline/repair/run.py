@@ -92,7 +92,7 @@ def open_journal(
     if len(times) <= 1:
         return None
     # Single poses need no stages of clips.
-    from dtrepair.repair.clip.window_stream import ClipOptions
+    from dtrepair.repair.clip.clip_options import ClipOptions
 
     journal = Journal(
         prepared.output,

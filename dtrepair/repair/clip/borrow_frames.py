@@ -1,4 +1,4 @@
-"""Strained and rough frames of a clip start again from the corrections of their neighbours.
+"""Frames of several parts that ended badly start again: from their neighbours, or by themselves.
 
 Solved each for itself, a limb may leave another one by the short way in one frame and collapse in
 the next. From a neighbour's correction, turned with its surroundings, the short way is found again,
@@ -7,17 +7,17 @@ and the character does not jump from one way to the other.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from dtrepair.numerics.geometry import FloatArray, lengths
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion
 from dtrepair.repair.frame.lending import LendingOptions, carried, solved_from
 from dtrepair.repair.full.steering import Steering
 from dtrepair.repair.parallel.worker_pool import WorkerPool, with_workers, worthwhile_jobs
 from dtrepair.repair.relief.relief import ReliefOptions, relieved_poses
-from dtrepair.repair.relief.swelling import ROUNDING
+from dtrepair.repair.relief.swelling import too_far
 from dtrepair.repair.scene.bounds import badness, strain_of, wrong_of
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
@@ -27,12 +27,11 @@ from dtrepair.repair.surface.surface import Surface
 
 @dataclass(frozen=True, kw_only=True)
 class BorrowingOptions:
-    """How strained frames start again.
+    """When frames start again.
 
     Args:
-        tries: So many times a frame may start again.
-        rough: One of attached parts, whose frames are solved each for itself, starts again as well
-            where it is distorted so many times as much as a neighbour, ...
+        rough: Of attached parts, whose frames are solved each for itself, not only strained frames
+            start again, but those that are distorted so many times as much as a neighbour, ...
         smooth: ... and more than this.
         left_share: Of what was wrong with the input so much may be left, of a lender and of what
             was borrowed: a share of a strained pose leaves more.
@@ -40,7 +39,6 @@ class BorrowingOptions:
         relief: What relaxes it then.
     """
 
-    tries: int = 2
     rough: float = 2.0
     smooth: float = 0.05
     left_share: float = 0.1
@@ -74,6 +72,7 @@ class _Borrowers:
         mesh: The mesh that was solved.
         loans: For each the input of the lender, what was found for it, and the input of the frame,
             poses (V, 3).
+        effort: Factor of the work after which a frame is left as it is.
         options: What cleans a frame.
     """
 
@@ -81,10 +80,11 @@ class _Borrowers:
         self,
         mesh: WeldedMesh,
         loans: Sequence[tuple[FloatArray, FloatArray, FloatArray]],
+        effort: float,
         options: LendingOptions,
     ) -> None:
         self.mesh, self.surface = mesh, mesh.surface
-        self.loans, self.options = loans, options
+        self.loans, self.effort, self.options = loans, effort, options
 
     def solved(self, surface: Surface, index: int) -> FloatArray:
         """Return the pose (V, 3) that a loan leads to."""
@@ -96,85 +96,108 @@ class _Borrowers:
             scale=1.0,
             alone=None,
             steering=Steering(surface),
+            effort=self.effort,
             options=self.options,
         )
         return self.mesh.expanded(self.loans[index][2], lent_to, unit)
 
 
-def with_borrowed(
+def started_again(
     scene: Scene,
     mesh: WeldedMesh,
     frames: Sequence[OpenedPose],
     poses: list[FloatArray],
     *,
+    alone: Callable[[OpenedPose], FloatArray] | None = None,
     jobs: int | None = 1,
     options: BorrowingOptions = BorrowingOptions(),
 ) -> list[FloatArray]:
-    """Return what was found (V, 3) for the frames, less strained where a neighbour shows how.
+    """Return what was found (V, 3) for the frames, better where a neighbour shows how.
 
-    Lenders are within the bounds, and little is left of what was wrong with them. jobs: workers;
-    None: one a processor. Raises WorkerLost.
+    Lenders are within the bounds, and little is left of what was wrong with them. With a clearance,
+    which relaxing would close, nothing starts again.
+
+    Args:
+        scene, mesh: What was solved.
+        frames, poses: The input, and what was found for it.
+        alone: Solves a pose by itself, where it still is strained or has pairs.
+        jobs: Workers; None: one a processor.
+        options: The numbers.
+
+    Raises:
+        WorkerLost: a worker ended.
     """
     if scene.options.clearance > 0.0:
         return poses
-    result = list(poses)
-    merits = [_merit(scene, *both) for both in zip(frames, poses, strict=True)]
-    few = [options.left_share * frame.wrong for frame in frames]
-    tried: list[list[_Loan]] = [[] for _ in frames]
-    while loans := _loans(merits, few, tried, options):
-        for loan in loans:
-            tried[loan.frame].append(loan)
-        poses_of = [
-            (frames[lender].centred, result[lender], frames[index].centred)
+    state = _Frames(scene, frames, poses, options)
+    tried: set[_Loan] = set()
+    while loans := _loans(state.merits, state.few, tried, options):
+        tried.update(loans)
+        of_loans = [
+            (frames[lender].centred, state.result[lender], frames[index].centred)
             for index, lender in loans
         ]
-        state = _Borrowers(mesh, poses_of, options.lending)
+        found = _solved(_Borrowers(mesh, of_loans, scene.options.effort, options.lending), jobs)
         own = [frames[loan.frame] for loan in loans]
-        found = _solved(state, jobs)
         found = relieved_poses(scene, mesh, own, found, jobs=jobs, options=options.relief)
-        for (index, _), points in zip(loans, found, strict=True):
-            if (merit := _better(scene, frames[index], points, merits[index], options)) is not None:
-                result[index], merits[index] = points, merit
-    return result
+        for loan, points in zip(loans, found, strict=True):
+            state.take(loan.frame, points)
+    # A limit of displacements leaves it no more room than it left the window.
+    if alone is not None and scene.options.maximum_displacement is None:
+        for index, merit in enumerate(state.merits):
+            if merit.strained or merit.wrong:
+                state.take(index, alone(frames[index]))
+    return state.result
 
 
-def with_alone(
-    scene: Scene,
-    frames: Sequence[OpenedPose],
-    poses: list[FloatArray],
-    alone: Callable[[OpenedPose], FloatArray],
-    *,
-    options: BorrowingOptions = BorrowingOptions(),
-) -> list[FloatArray]:
-    """Return what was found (V, 3), that of strained and dirty frames solved alone if better."""
-    result = list(poses)
-    for index, (frame, points) in enumerate(zip(frames, poses, strict=True)):
-        merit = _merit(scene, frame, points)
-        if not merit.strained and not merit.wrong:
-            continue
-        found = alone(frame)
-        if _better(scene, frame, found, merit, options) is not None:
-            result[index] = found
-    return result
+class _Frames:
+    """The best poses (V, 3) of frames, and how good they are."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        frames: Sequence[OpenedPose],
+        poses: list[FloatArray],
+        options: BorrowingOptions,
+    ) -> None:
+        self.scene, self.frames, self.result = scene, frames, list(poses)
+        self.merits = [self._merit(*both) for both in zip(frames, poses, strict=True)]
+        self.few = [options.left_share * frame.wrong for frame in frames]
+
+    def take(self, index: int, points: FloatArray) -> None:
+        """Take a pose (V, 3) of a frame if it is better than what was found."""
+        frame, than = self.frames[index], self.merits[index]
+        merit = self._merit(frame, points)
+        most = than.wrong
+        if not self.scene.options.at_any_cost:
+            most = max(most, int(self.few[index]))
+        if merit < than and merit.wrong <= most and not too_far(self.scene, frame, points).any():
+            self.result[index], self.merits[index] = points, merit
+
+    def _merit(self, frame: OpenedPose, points: FloatArray) -> _Merit:
+        """Return how good a pose (V, 3) of a frame is."""
+        scene, bent = self.scene, 0.0
+        excess = strain_of(scene, frame.centred, points)
+        if scene.strain_meter.parts.ties is not None:
+            bent = distortion(frame.centred, points, scene.strain_meter.parts.edges)
+        return _Merit(bool(excess), badness(excess), wrong_of(scene, frame, points), bent)
 
 
 def _loans(
     merits: Sequence[_Merit],
     few: Sequence[float],
-    tried: Sequence[Sequence[_Loan]],
+    tried: Collection[_Loan],
     options: BorrowingOptions,
 ) -> list[_Loan]:
-    """Return the next loan of each frame in need that may still try one.
+    """Return the next loan, of those not tried, of each frame in need of one.
 
     few: so much may be wrong with a lender (T,).
     """
     result = []
     for index, merit in enumerate(merits):
-        if len(tried[index]) == options.tries:
-            continue
         for lender in (index - 1, index + 1):
             loan = _Loan(index, lender)
-            if not 0 <= lender < len(merits) or loan in tried[index]:
+            if not 0 <= lender < len(merits) or loan in tried:
                 continue
             other = merits[lender]
             good = few[lender] > 0.0 and not other.strained and other.wrong <= few[lender]
@@ -194,35 +217,3 @@ def _solved(state: _Borrowers, jobs: int | None) -> list[FloatArray]:
         return list(pool.map("solved", range(count)))
 
     return with_workers(surface, worthwhile_jobs(jobs, count, len(surface.faces)), solved_by)
-
-
-def _merit(scene: Scene, frame: OpenedPose, points: FloatArray) -> _Merit:
-    """Return how good a pose (V, 3) of a frame is."""
-    excess = strain_of(scene, frame.centred, points)
-    bent = 0.0
-    if scene.strain_meter.parts.ties is not None:
-        bent = distortion(frame.centred, points, scene.strain_meter.parts.edges)
-    return _Merit(bool(excess), badness(excess), wrong_of(scene, frame, points), bent)
-
-
-def _better(
-    scene: Scene,
-    frame: OpenedPose,
-    points: FloatArray,
-    than: _Merit,
-    options: BorrowingOptions,
-) -> _Merit | None:
-    """Return how good a pose (V, 3) of a frame is, if it is better than what was found."""
-    merit = _merit(scene, frame, points)
-    most = max(than.wrong, options.left_share * frame.wrong)
-    if merit >= than or merit.wrong > most or _too_far(scene, frame, points):
-        return None
-    return merit
-
-
-def _too_far(scene: Scene, frame: OpenedPose, points: FloatArray) -> bool:
-    """Return whether a correction goes beyond the limit of displacements."""
-    limit = scene.options.maximum_displacement
-    if limit is None:
-        return False
-    return bool(lengths(points - frame.centred).max() > limit * (1.0 - ROUNDING))

@@ -5,22 +5,20 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
 from dtrepair.numerics.temporal import frame_units
 from dtrepair.numerics.threads import one_thread
-from dtrepair.repair.clip.borrow_frames import BorrowingOptions, with_alone, with_borrowed
+from dtrepair.repair.clip.borrow_frames import started_again
+from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.frames import Frame, faded, read_frames
-from dtrepair.repair.clip.layout import LayoutOptions
-from dtrepair.repair.clip.window_method import MakeMethod, WindowOptions
-from dtrepair.repair.full.mend import MendOptions
-from dtrepair.repair.full.method import FullOptions, solve_alone
-from dtrepair.repair.independent import IndependentOptions, solved_pose
+from dtrepair.repair.clip.window_method import MakeMethod
+from dtrepair.repair.full.method import solve_alone
+from dtrepair.repair.independent import solved_pose
 from dtrepair.repair.parallel.worker_pool import (
     WorkerPool,
     available_processors,
@@ -44,34 +42,6 @@ from dtrepair.repair.separation.untangling import contact_counts, tangled_contac
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 Progress = Callable[[float], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ClipOptions(LayoutOptions):
-    """How clips are cut into windows, and what their frames are given.
-
-    Args:
-        tighten: Most cycles of tightening, even if the user's options allow more: later ones gain
-            little.
-        mend_step: Step, in units of the size, of a frame whose correction misses by rounding only.
-        mend_share: A frame that keeps only a share of its correction is mended by motions up to
-            this, units of the size: it must not stand out from its neighbours.
-        windows: Numbers of the stages of a window.
-        mend: Numbers of the mending of that frame.
-        borrow: How strained frames start again from their neighbours.
-        alone: Numbers of the full method, for frames that no window could clean.
-        independent: How bodies are led apart, and how frames are solved that are repaired each for
-            itself.
-    """
-
-    tighten: int = 3
-    mend_step: float = 0.002
-    mend_share: float = 0.005
-    windows: WindowOptions = field(default_factory=WindowOptions)
-    mend: MendOptions = field(default_factory=MendOptions)
-    borrow: BorrowingOptions = field(default_factory=BorrowingOptions)
-    alone: FullOptions = field(default_factory=FullOptions)
-    independent: IndependentOptions = field(default_factory=IndependentOptions)
 
 
 class Repaired(NamedTuple):
@@ -144,7 +114,8 @@ class WindowStream:
                 bent = [bent_bodies(self.scene, found) for found in judged]
                 for way in self.meshes.otherwise(bent, [frame.centred for frame in frames]):
                     other = self._judged(way, frames)
-                    if self._left(frames, other) < self._left(frames, judged):
+                    fewer = self._left(frames, other) < self._left(frames, judged)
+                    if fewer and not self._much_farther(frames, other, judged):
                         judged, meshes = other, way
         # Clean windows need none.
         mesh = cache(partial(meshes, [frame.weld for frame in frames]))
@@ -165,16 +136,33 @@ class WindowStream:
         mesh = meshes([frame.weld for frame in frames])
         poses = self._solve(scene, mesh, frames)
         poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
-        borrow = self.options.borrow
         # Frames of a single skin were pushed together: it jitters where one goes another way.
         if scene.strain_meter.parts.count > 1:
-            poses = with_borrowed(scene, mesh, frames, poses, jobs=self.jobs, options=borrow)
-            # Frames of attached parts were solved alone already.
-            if mesh.surface.ties is None:
-                alone = partial(solved_pose, scene, meshes, options=numbers)
-                poses = with_alone(scene, frames, poses, alone, options=borrow)
+            alone = partial(solved_pose, scene, meshes, options=numbers)
+            poses = started_again(
+                scene,
+                mesh,
+                frames,
+                poses,
+                # Frames of attached parts were solved alone already.
+                alone=alone if mesh.surface.ties is None else None,
+                jobs=self.jobs,
+                options=self.options.borrow,
+            )
         times = np.array([frame.time for frame in frames])
         return bounded_frames(scene, frames, poses, times, options=numbers.share)
+
+    def _much_farther(self, frames: list[Frame], other: list[Judged], than: list[Judged]) -> bool:
+        """Return whether poses move much farther: a rigid cuff comes off its arm, and is clean."""
+        most, usual = (
+            max(
+                float(lengths(found.points - frame.centred).max())
+                for frame, found in zip(frames, judged, strict=True)
+            )
+            for judged in (other, than)
+        )
+        size = diagonal(frames[0].centred)
+        return most > self.options.farther * usual + self.options.near * size
 
     def _left(self, frames: list[Frame], judged: list[Judged]) -> int:
         """Return how many pairs are left in all poses."""

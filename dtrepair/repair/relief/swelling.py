@@ -1,4 +1,4 @@
-"""Closed parts with a little too much or too little volume swell or shrink where nothing is near.
+"""Closed parts and pieces of limbs a little beyond the bound of their volume swell or shrink.
 
 A part that its neighbours press from all sides may end a per cent beyond its bound, and a thin
 plate by its thickness. The whole of its correction would be given up for that.
@@ -125,7 +125,7 @@ def _raised(
         if abs(height) > options.farthest * diagonal(pose.centred):
             break
         trial: FloatArray = points + (height * free[:, None] * outwards)[weld]
-        beyond = free[weld] & _too_far(scene, pose, trial)
+        beyond = free[weld] & too_far(scene, pose, trial)
         pairs = scene.pairs(trial, pose.weld)
         met = pairs[~np.isin(pair_keys(pairs), known)]
         if not len(met) and not beyond.any():
@@ -137,7 +137,7 @@ def _raised(
     return None
 
 
-def _too_far(scene: Scene, pose: OpenedPose, points: FloatArray) -> NDArray[np.bool_]:
+def too_far(scene: Scene, pose: OpenedPose, points: FloatArray) -> NDArray[np.bool_]:
     """Return which vertices (V,) of a correction go beyond the limit of displacements."""
     limit = scene.options.maximum_displacement
     if limit is None:

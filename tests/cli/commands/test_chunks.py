@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dtrepair.repair.clip import window_stream
+from dtrepair.repair.clip import clip_options
 from dtrepair.report.record import read_report
 from tests.command_line import CLOSED, OPEN, assert_fails, read_samples, run, swaying, tube_stage
 
@@ -23,8 +23,8 @@ NEAR = 6.3  # the ends just pass through each other
 @pytest.fixture
 def small_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows of 8 frames that overlap by 2."""
-    small = partial(window_stream.ClipOptions, window=8, overlap=2)
-    monkeypatch.setattr(window_stream, "ClipOptions", small)
+    small = partial(clip_options.ClipOptions, window=8, overlap=2)
+    monkeypatch.setattr(clip_options, "ClipOptions", small)
     monkeypatch.setattr("dtrepair.pipeline.repair.stage.open_journal", lambda *some, **more: None)
 
 

@@ -14,13 +14,13 @@ from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.repair_text import say
 from dtrepair.pipeline.observer import FrameDone
 from dtrepair.repair import repairer
-from dtrepair.repair.clip import window_stream
+from dtrepair.repair.clip import clip_options
 from dtrepair.repair.clip.window_method import WindowMethod
 from dtrepair.repair.independent import repair_poses
 from tests.command_line import CLOSED, OPEN, Outcome, assert_fails, run, swaying, tube_stage
 
 FRAMES = 20
-SMALL = partial(window_stream.ClipOptions, window=10, overlap=3)  # three windows
+SMALL = partial(clip_options.ClipOptions, window=10, overlap=3)  # three windows
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def whole(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """What an undisturbed run with small windows writes."""
     output = tmp_path_factory.mktemp("whole") / "b.usdc"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(window_stream, "ClipOptions", SMALL)
+        patch.setattr(clip_options, "ClipOptions", SMALL)
         assert run("repair", clip, "-o", output).code == 0
     assert listing(output.parent) == ["b.usdc"]
     return output.read_bytes()
@@ -43,7 +43,7 @@ def whole(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
 @pytest.fixture
 def windows(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Small windows, and the number of those that were solved, not remembered."""
-    monkeypatch.setattr(window_stream, "ClipOptions", SMALL)
+    monkeypatch.setattr(clip_options, "ClipOptions", SMALL)
     solved: list[int] = []
     solve = WindowMethod.__call__
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from dtrepair import RepairOptions
 from dtrepair.pipeline import join_layers, repair_stage
-from dtrepair.repair.clip import window_stream
+from dtrepair.repair.clip import clip_options
 from tests.command_line import OPEN, read_samples, tube_stage
 
 NEAR = 6.3  # the ends just pass through each other
@@ -23,9 +23,9 @@ ANGLES = (OPEN, OPEN + 0.1, NEAR - 0.1, NEAR)  # work for few frames: the law is
 @pytest.fixture(autouse=True, scope="module")
 def small_windows() -> Iterator[None]:
     """Windows of 8 frames that overlap by 2."""
-    small = partial(window_stream.ClipOptions, window=8, overlap=2)
+    small = partial(clip_options.ClipOptions, window=8, overlap=2)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(window_stream, "ClipOptions", small)
+        patch.setattr(clip_options, "ClipOptions", small)
         yield
 
 

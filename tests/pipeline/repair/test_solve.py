@@ -18,7 +18,7 @@ from dtrepair.pipeline.repair.solve import FrameRepairer, repair_frames
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.frames import Frame, make_counter, read_frames
 from dtrepair.pipeline.stages.sources import Source, open_source
-from dtrepair.repair.clip.window_stream import ClipOptions
+from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.result import RepairResult
 from dtrepair.repair.scene.bodies import Body

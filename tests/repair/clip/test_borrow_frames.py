@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from dtrepair import Body, RepairOptions
 from dtrepair.diagnosis import Status
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion
-from dtrepair.repair.clip.borrow_frames import BorrowingOptions, with_alone, with_borrowed
+from dtrepair.repair.clip.borrow_frames import BorrowingOptions, started_again
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.scene.bounds import strain_of
@@ -59,7 +58,7 @@ def test_a_strained_frame_takes_the_way_of_its_neighbour() -> None:
     scene, frames, mesh = clip(1.9, 1.88, 1.86)
     found = [apart(frames[0], 0.15), crushed(frames[1]), crushed(frames[2])]
     assert strain_of(scene, frames[1].centred, found[1])
-    better = with_borrowed(scene, mesh, frames, found)
+    better = started_again(scene, mesh, frames, found)
     assert better[0] is found[0]
     # The third borrows what the second found.
     for frame, points in zip(frames[1:], better[1:], strict=True):
@@ -86,21 +85,14 @@ def test_nothing_is_borrowed_from_strained_or_dirty_neighbours() -> None:
     scene, frames, mesh = clip(1.9, 1.88)
     for lent in (crushed(frames[0]), frames[0].centred):
         found = [lent, crushed(frames[1])]
-        better = with_borrowed(scene, mesh, frames, found)
+        better = started_again(scene, mesh, frames, found)
         assert all(new is old for new, old in zip(better, found, strict=True))
 
 
 def test_frames_that_touch_nothing_show_no_way() -> None:
     scene, frames, mesh = clip(2.4, 1.88)
     found = [frames[0].centred, crushed(frames[1])]
-    assert with_borrowed(scene, mesh, frames, found)[1] is found[1]
-
-
-def test_each_frame_starts_again_so_many_times() -> None:
-    scene, frames, mesh = clip(1.9, 1.88)
-    found = [apart(frames[0], 0.15), crushed(frames[1])]
-    none = replace(BorrowingOptions(), tries=0)
-    assert with_borrowed(scene, mesh, frames, found, options=none)[1] is found[1]
+    assert started_again(scene, mesh, frames, found)[1] is found[1]
 
 
 LIMITS = [RepairOptions(maximum_displacement=0.01), RepairOptions(clearance=0.01)]
@@ -110,24 +102,37 @@ LIMITS = [RepairOptions(maximum_displacement=0.01), RepairOptions(clearance=0.01
 def test_limits_are_kept(options: RepairOptions) -> None:
     scene, frames, mesh = clip(1.9, 1.88, options=options)
     found = [apart(frames[0], 0.15), crushed(frames[1])]
-    assert with_borrowed(scene, mesh, frames, found)[1] is found[1]
+    assert started_again(scene, mesh, frames, found)[1] is found[1]
 
 
 def test_what_no_neighbour_helps_is_solved_alone_where_that_is_better() -> None:
-    scene, frames, _ = clip(1.9, 1.88, 1.86)
-    found = [apart(frames[0], 0.15), crushed(frames[1]), apart(frames[2], 0.05)]
-    assert len(scene.pairs(found[2], frames[2].weld))
+    scene, frames, mesh = clip(1.9, 1.88, 1.86)
+    found = [crushed(frames[0]), apart(frames[1], 0.05), apart(frames[2], 0.2)]
+    assert len(scene.pairs(found[1], frames[1].weld))
     asked = []
 
     def alone(frame: OpenedPose) -> FloatArray:
         asked.append(frame)
         return apart(frame, 0.2)
 
-    better = with_alone(scene, frames, found, alone)
-    assert asked == frames[1:] and better[0] is found[0]
-    for frame, points in zip(frames[1:], better[1:], strict=True):
+    better = started_again(scene, mesh, frames, found, alone=alone)
+    assert asked == frames[:2] and better[2] is found[2]
+    for frame, points in zip(frames[:2], better[:2], strict=True):
         assert np.array_equal(points, apart(frame, 0.2))
-    assert with_alone(scene, frames, found, crushed)[1] is found[1]
+    assert started_again(scene, mesh, frames, found, alone=crushed)[0] is found[0]
+
+
+def test_at_any_cost_no_contact_comes_back() -> None:
+    for cost in (False, True):
+        scene, frames, mesh = clip(1.3, options=RepairOptions(at_any_cost=cost))
+        found, few = crushed(frames[0]), apart(frames[0], 0.695)
+        assert 0 < 10 * len(scene.pairs(few, frames[0].weld)) <= len(frames[0].pairs)
+
+        def alone(_: OpenedPose, few: FloatArray = few) -> FloatArray:
+            return few
+
+        (better,) = started_again(scene, mesh, frames, [found], alone=alone)
+        assert better is (found if cost else few)
 
 
 def test_attached_parts_that_are_rougher_than_beside_start_again() -> None:
@@ -140,7 +145,7 @@ def test_attached_parts_that_are_rougher_than_beside_start_again() -> None:
         assert not strain_of(scene, frame.centred, points)
         assert not len(scene.pairs(points, frame.weld))
     options = BorrowingOptions(smooth=0.03)
-    found = with_borrowed(scene, mesh, [frame, frame], [whole, rough], options=options)
+    found = started_again(scene, mesh, [frame, frame], [whole, rough], options=options)
     assert found[0] is whole
     edges = mesh.surface.edges
     own, lent, better = (
@@ -148,5 +153,5 @@ def test_attached_parts_that_are_rougher_than_beside_start_again() -> None:
         for points in (rough, whole, found[1])
     )
     assert own > 2.0 * lent and better < 1.2 * lent
-    found = with_borrowed(scene, mesh, [frame, frame], [whole, whole], options=options)
+    found = started_again(scene, mesh, [frame, frame], [whole, whole], options=options)
     assert found[0] is whole and found[1] is whole

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from dtrepair import Status
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.clip.window_stream import ClipOptions
+from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.independent import IndependentOptions
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
@@ -28,16 +31,22 @@ class Kept(dict[str, Arrays]):
 
 
 def arm_motions(
-    way: FloatArray, curls: tuple[float, ...], strain: StrainOptions = StrainOptions()
+    way: FloatArray,
+    curls: tuple[float, ...],
+    strain: StrainOptions = StrainOptions(),
+    *,
+    clean: bool = True,
+    **numbers_of_clips: Any,
 ) -> tuple[FloatArray, Kept]:
-    """Mean motion (T, 3) of an arm that is led a way in a clip, in which it comes out clean."""
-    numbers = ClipOptions(independent=IndependentOptions(strain=strain))
+    """Mean motion (T, 3) of an arm that is led a way in a clip; whether all of it is `clean`."""
+    independent = IndependentOptions(strain=strain)
+    numbers = replace(ClipOptions(independent=independent), **numbers_of_clips)
     poses = [armed_body(curl)[0] for curl in curls]
     body, kept = Body(REST, FACES, direction=np.where(ARM[:, None], way, 0.0)), Kept()
     clip = SceneRepairer([body], clip=numbers).make_animator(kept)
     frames = ((float(time), [pose]) for time, pose in enumerate(poses))
     results = [frame.results[0] for frame in clip.stream(frames, jobs=1)]
-    assert all(result.status is Status.CLEAN for result in results)
+    assert all(result.status is Status.CLEAN for result in results) == clean
     moved = [(r.points - pose)[ARM].mean(axis=0) for r, pose in zip(results, poses, strict=True)]
     return np.array(moved), kept
 
@@ -59,3 +68,7 @@ def test_a_window_that_its_directions_strain_is_solved_without() -> None:
     assert (free @ X > 0.1).all()
     # Both ways are remembered, each under its own key.
     assert len(kept) == 2
+    # A way on which anything moves much farther is not taken.
+    none = {"farther": 0.0, "near": 0.0}
+    kept_on, _ = arm_motions(-X, (3.9, 4.1), StrainOptions(factor=1.9), clean=False, **none)
+    assert not (kept_on @ X > 0.1).any()

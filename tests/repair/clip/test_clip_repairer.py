@@ -18,8 +18,8 @@ from dtrepair.files.mesh_files import read_mesh
 from dtrepair.numerics.geometry import weld_map
 from dtrepair.numerics.metrics import displacements, jitter
 from dtrepair.numerics.operators import Factor
+from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.restore_shape import RelaxFramesOptions
-from dtrepair.repair.clip.window_stream import ClipOptions
 from tests.meshes import icosphere, swept
 from usd_io import open_stage, read_meshes, read_points
 

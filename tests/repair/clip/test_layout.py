@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair.repair.clip import window_stream
+from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.frames import read_frames
 from dtrepair.repair.clip.layout import Window, frames_to_solve, motions_of, window_layout
-from dtrepair.repair.clip.window_stream import ClipOptions
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from tests.meshes import icosphere

@@ -10,7 +10,7 @@ import pytest
 
 from dtrepair import Body, RepairOptions
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.clip.window_stream import ClipOptions
+from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.scene import mending
 from dtrepair.repair.scene.bounds import Judged

@@ -8,7 +8,7 @@ import pytest
 from dtrepair import Body, RepairOptions, SceneRepairer, Status
 from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.clip.window_stream import ClipOptions
+from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.independent import IndependentOptions
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene

@@ -1,0 +1,44 @@
+"""How clips are cut into windows, and the numbers of what their frames go through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from dtrepair.repair.clip.borrow_frames import BorrowingOptions
+from dtrepair.repair.clip.layout import LayoutOptions
+from dtrepair.repair.clip.window_method import WindowOptions
+from dtrepair.repair.full.mend import MendOptions
+from dtrepair.repair.full.method import FullOptions
+from dtrepair.repair.independent import IndependentOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClipOptions(LayoutOptions):
+    """How clips are cut into windows, and what their frames are given.
+
+    Args:
+        tighten: Most cycles of tightening, even if the user's options allow more: later ones gain
+            little.
+        mend_step: Step, in units of the size, of a frame whose correction misses by rounding only.
+        mend_share: A frame that keeps only a share of its correction is mended by motions up to
+            this, units of the size: it must not stand out from its neighbours.
+        farther, near: Another way through a window is taken where nothing moves farther than so
+            many times what it did on the first, and this fraction of the diagonal.
+        windows: Numbers of the stages of a window.
+        mend: Numbers of the mending of that frame.
+        borrow: When frames start again from their neighbours.
+        alone: Numbers of the full method, for frames that no window could clean.
+        independent: How bodies are led apart, and how frames are solved that are repaired each for
+            itself.
+    """
+
+    tighten: int = 3
+    mend_step: float = 0.002
+    mend_share: float = 0.005
+    farther: float = 2.0
+    near: float = 0.01
+    windows: WindowOptions = field(default_factory=WindowOptions)
+    mend: MendOptions = field(default_factory=MendOptions)
+    borrow: BorrowingOptions = field(default_factory=BorrowingOptions)
+    alone: FullOptions = field(default_factory=FullOptions)
+    independent: IndependentOptions = field(default_factory=IndependentOptions)

@@ -112,18 +112,22 @@ class Relief:
         before, after = strained
         options, mesh = self.options, self.mesh
         unit, start = mesh.reduced(before), mesh.reduced(after)
+        best, value = after, self._strain(before, after)
+        reach = reach_of(surface, start - unit)
+        if not reach.any():
+            return best, value  # only what is rigid moved
         state = Relaxation(
             surface,
             unit,
             start,
             len(surface.contacts.folds(start)),
-            reach_of(surface, start - unit),
+            reach,
             contact_scale(surface, surface.contacts.pairs(unit)),
             options.relax,
             crossings=len(surface.contacts.pairs(start)),
         )
         farthest = self._farthest(strained)
-        points, best, value, stalled = after, after, self._strain(before, after), 0
+        points, stalled = after, 0
         for _ in range(options.cycles):
             home = points + self.holding(before, points)
             state.system.hold(mesh.reduced(home), holds[0])

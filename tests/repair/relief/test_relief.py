@@ -21,6 +21,7 @@ from dtrepair.repair.relief.relief import ReliefOptions, relieved_poses
 from dtrepair.repair.scene.bounds import Judged, bounded_pose
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
+from dtrepair.repair.scene.props import with_rigid
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.strain.meter import Excess, StrainOptions
@@ -67,6 +68,16 @@ def test_a_strained_joint_comes_together_and_its_contacts_stay_open(angle: float
     (relieved,) = relieved_poses(scene, mesh, [frame], [found])
     assert not scene.strain_meter(frame.centred, relieved)
     assert not len(pairs_of(scene, frame, relieved))
+
+
+def test_where_only_what_is_rigid_moved_nothing_is_relaxed() -> None:
+    scene, frame, _ = winged(1.6)
+    scene = with_rigid(scene, [0, 1])
+    moved = frame.centred.copy()
+    moved[scene.vertices_of(1)] += [0.2, 0.0, 0.0]
+    assert scene.strain_meter(frame.centred, moved)
+    (found,) = relieved_poses(scene, WeldedMeshes(scene)([frame.weld]), [frame], [moved])
+    assert np.array_equal(found, moved)
 
 
 def test_triangles_without_area_are_no_obstacle() -> None:

@@ -54,6 +54,12 @@ def apply_in_time(kernel: Floats, field: Floats) -> Any:
     return result.reshape(len(kernel), *field.shape[1:])
 
 
+def runs_of(chosen: NDArray[np.bool_]) -> list[slice]:
+    """Return the runs of consecutive frames that are chosen (T,)."""
+    ends = np.flatnonzero(np.diff(chosen, prepend=False, append=False)).reshape(-1, 2)
+    return [slice(start, end) for start, end in ends.tolist()]
+
+
 def eased_in_time(needed: FloatArray, frames: FloatArray, width: float) -> FloatArray:
     """Return values (T, ...) >= 0 that are smooth in time and nowhere below `needed` (T, ...).
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel, undamped
+from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel, runs_of, undamped
 
 
 def test_small_products_make_the_whole_one() -> None:
@@ -25,3 +25,9 @@ def test_a_lone_frame_keeps_its_length() -> None:
     assert (smooth[:, [0, 2, 3, 4]] == 0).all()
     assert (smooth[23:] == 0).all() and np.linalg.norm(smooth[15, 1]) > 0.1
     assert (undamped(kernel, np.zeros((30, 5, 3))) == 0).all()
+
+
+def test_runs_are_of_consecutive_frames() -> None:
+    chosen = np.array([True, True, False, True, False, False, True])
+    assert runs_of(chosen) == [slice(0, 2), slice(3, 4), slice(6, 7)]
+    assert runs_of(chosen[2:3]) == runs_of(chosen[:0]) == []

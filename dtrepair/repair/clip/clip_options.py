@@ -24,6 +24,8 @@ class ClipOptions(LayoutOptions):
             this, units of the size: it must not stand out from its neighbours.
         farther, near: Another way through a window is taken where nothing moves farther than so
             many times what it did on the first, and this fraction of the diagonal.
+        few: Of attached parts, whose frames are solved each for itself, up to this share of the
+            frames of a window goes another way alone.
         windows: Numbers of the stages of a window.
         mend: Numbers of the mending of that frame.
         borrow: When frames start again from their neighbours.
@@ -37,6 +39,7 @@ class ClipOptions(LayoutOptions):
     mend_share: float = 0.005
     farther: float = 2.0
     near: float = 0.01
+    few: float = 0.25
     windows: WindowOptions = field(default_factory=WindowOptions)
     mend: MendOptions = field(default_factory=MendOptions)
     borrow: BorrowingOptions = field(default_factory=BorrowingOptions)

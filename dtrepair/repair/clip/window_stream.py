@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
-from dtrepair.numerics.temporal import frame_units
+from dtrepair.numerics.temporal import frame_units, runs_of
 from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.clip.borrow_frames import started_again
 from dtrepair.repair.clip.clip_options import ClipOptions
@@ -110,13 +110,7 @@ class WindowStream:
             judged = tail
         elif self.scene.options.clearance > 0.0 or any(frame.wrong for frame in frames):
             judged = self._judged(self.meshes, frames)
-            if any(found.lowered for found in judged):
-                bent = [bent_bodies(self.scene, found) for found in judged]
-                for way in self.meshes.otherwise(bent, [frame.centred for frame in frames]):
-                    other = self._judged(way, frames)
-                    fewer = self._left(frames, other) < self._left(frames, judged)
-                    if fewer and not self._much_farther(frames, other, judged):
-                        judged, meshes = other, way
+            judged, meshes = self._otherwise(frames, judged)
         # Clean windows need none.
         mesh = cache(partial(meshes, [frame.weld for frame in frames]))
         if len(tail) < len(frames):
@@ -151,6 +145,30 @@ class WindowStream:
             )
         times = np.array([frame.time for frame in frames])
         return bounded_frames(scene, frames, poses, times, options=numbers.share)
+
+    def _otherwise(
+        self, frames: list[Frame], judged: list[Judged]
+    ) -> tuple[list[Judged], WeldedMeshes]:
+        """Return better poses where other ways strain less, and the meshes of the window.
+
+        A few strained frames of attached parts, whose frames are solved each for itself, go another
+        way alone: a prop that bends within the bounds elsewhere is left at that.
+        """
+        meshes, every = self.meshes, [slice(0, len(frames))]
+        lowered = np.array([found.lowered for found in judged])
+        if not lowered.any():
+            return judged, meshes
+        tied = self.scene.strain_meter.parts.ties is not None
+        few = tied and lowered.mean() <= self.options.few
+        bent = [bent_bodies(self.scene, found) for found in judged]
+        for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
+            for run in runs_of(lowered) if few else every:
+                other, first = self._judged(way, frames[run]), judged[run]
+                fewer = self._left(frames[run], other) < self._left(frames[run], first)
+                if fewer and not self._much_farther(frames[run], other, first):
+                    judged[run] = other
+                    meshes = meshes if few else way
+        return judged, meshes
 
     def _much_farther(self, frames: list[Frame], other: list[Judged], than: list[Judged]) -> bool:
         """Return whether poses move much farther: a rigid cuff comes off its arm, and is clean."""

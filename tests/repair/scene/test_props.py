@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,9 @@ from dtrepair import Body, RepairOptions, SceneRepairer, Status
 from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.clip_options import ClipOptions
+from dtrepair.repair.clip.clip_repairer import ClipRepairer
+from dtrepair.repair.clip.frames import Frame
+from dtrepair.repair.clip.window_stream import WindowStream
 from dtrepair.repair.independent import IndependentOptions
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene
@@ -19,6 +24,7 @@ from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.strain.meter import Excess, StrainOptions
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
 from tests.meshes import icosphere, swept, tube
+from tests.repair.relief.test_relief import winged
 
 TIGHT = ClipOptions(
     independent=IndependentOptions(strain=StrainOptions(factor=1.001, edges=0, edges_share=0.0))
@@ -114,6 +120,35 @@ def test_a_prop_in_the_way_of_something_fixed_goes_as_a_whole() -> None:
     (_, bent) = SceneRepairer(bodies)(poses[-1])
     whole = RigidBodies([(0, len(pose))], np.ones(len(pose))).fitted(pose, bent.points)
     assert np.abs(whole - bent.points).max() > 1e-3
+
+
+@pytest.mark.parametrize(("few", "expected"), [(0.25, [5, 1]), (0.0, [5, 5])])
+def test_a_few_frames_of_attached_parts_go_another_way_alone(
+    few: float, expected: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Only in the last frame does the wing meet the trunk; it bends there, and may slide.
+    strain = StrainOptions(factor=1.001, edges=0, edges_share=0.0, slide=0.01)
+    clip = replace(TIGHT, few=few, independent=IndependentOptions(strain=strain))
+    scene, poses = None, []
+    for angle in (0.8, 0.85, 0.9, 0.95, 1.07):
+        scene, frame, _ = winged(angle)
+        poses.append(np.split(frame.centred, [scene.vertex_starts[1]]))
+    assert scene is not None
+    scene, known, asked = replace(scene, strain=strain), WindowStream._judged, []
+
+    def judged(self: WindowStream, way: WeldedMeshes, frames: list[Frame]) -> list[Judged]:
+        asked.append(len(frames))
+        return known(self, way, frames)
+
+    monkeypatch.setattr(WindowStream, "_judged", judged)
+    clips = ClipRepairer(scene, WeldedMeshes(scene), options=clip)
+    results = [frame.results for frame in clips.stream(enumerate(poses), jobs=1)]
+    assert asked == expected
+    assert all(own.status is Status.CLEAN for found in results for own in found)
+    assert results[-1][1].before.pairs > 0
+    wing = RigidBodies([(0, len(poses[-1][1]))], np.ones(len(poses[-1][1])))
+    whole = wing.fitted(poses[-1][1], results[-1][1].points)
+    assert np.abs(whole - results[-1][1].points).max() < 1e-4
 
 
 def test_ways_of_a_pose_are_compared_by_what_is_left_of_all_bodies() -> None:

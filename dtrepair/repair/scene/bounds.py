@@ -28,12 +28,14 @@ class Judged(NamedTuple):
     """A pose (V, 3) that was judged.
 
     excess: what is strained, or would be without the bounds. lowered: whether only a share of the
-    correction is left, for the bounds of this frame or of its neighbours.
+    correction is left, for the bounds of this frame or of its neighbours. turned: whether joints
+    that turned out of where they meet at rest were left alone.
     """
 
     points: FloatArray
     excess: tuple[Excess, ...] = ()
     lowered: bool = False
+    turned: bool = False
 
 
 def strain_of(
@@ -107,7 +109,7 @@ def bounded_frames(
     if not any(excess):
         return [Judged(points) for points in poses]
     best = _lowered(scene, frames, poses, times, options)
-    held = _held(scene, frames, poses, times, excess)
+    held = _held(scene, frames, poses, times, excess, options)
     if held is not None:
         ways = [best, _lowered(scene, frames, held, times, options)]
         best = min(ways, key=lambda way: sum(_wrongs(scene, frames, way)))
@@ -133,10 +135,7 @@ def _lowered(
     """
     both = list(zip(frames, poses, strict=True))
     strained = [bool(strain_of(scene, frame.centred, points)) for frame, points in both]
-    most = [
-        frame.wrong if own else min(frame.wrong, options.spoilt + wrong_of(scene, frame, points))
-        for own, (frame, points) in zip(strained, both, strict=True)
-    ]
+    most = _most(scene, frames, poses, strained, options)
     motions = np.stack(
         [lengths(points - own.centred) / (diagonal(own.centred) or 1.0) for own, points in both]
     )
@@ -174,10 +173,12 @@ def _held(
     poses: list[FloatArray],
     times: FloatArray,
     excess: Sequence[Sequence[Excess]],
+    options: ShareOptions,
 ) -> list[FloatArray] | None:
     """Return poses (V, 3) with attached parts brought back where they came off, eased in time.
 
-    None where they did not; none gets more pairs than its input has.
+    None where they did not; none gets more pairs than its input has, and those within the bounds
+    hardly more than they have.
     """
     off = np.array([any(own.kind in LOOSE for own in found) for found in excess])
     if not off.any():
@@ -188,9 +189,26 @@ def _held(
         scene.rigid.fitted(own.centred, points + share * holding(own.centred, points))
         for own, points, share in zip(frames, poses, shares, strict=True)
     ]
-    wrong = _wrongs(scene, frames, result)
-    whole = zip(frames, poses, result, wrong, strict=True)
-    return [held if left <= own.wrong else points for own, points, held, left in whole]
+    most = _most(scene, frames, poses, [bool(found) for found in excess], options)
+    whole = zip(poses, result, _wrongs(scene, frames, result), most, strict=True)
+    return [held if left <= enough else points for points, held, left, enough in whole]
+
+
+def _most(
+    scene: Scene,
+    frames: Sequence[OpenedPose],
+    poses: Sequence[FloatArray],
+    strained: Sequence[bool],
+    options: ShareOptions,
+) -> list[int]:
+    """Return how much may be wrong with each frame: as with its input, if it is strained.
+
+    A frame within the bounds on its own is hardly spoilt by what its neighbours need.
+    """
+    return [
+        frame.wrong if own else min(frame.wrong, options.spoilt + wrong_of(scene, frame, points))
+        for own, frame, points in zip(strained, frames, poses, strict=True)
+    ]
 
 
 def _share(

@@ -9,12 +9,15 @@ from dtrepair import Body, RepairOptions
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.scene.bounds import bounded_frames
 from dtrepair.repair.scene.holding import Holding
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import detected, gathered
 from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.strain.shares import ShareOptions
 from tests.meshes import joined, tube
+from tests.repair.relief.test_relief import pairs_of, winged
 
 
 def jointed(pinned: bool = False) -> tuple[Scene, FloatArray, FloatArray]:
@@ -49,3 +52,19 @@ def test_of_frames_that_came_off_the_way_with_fewer_pairs_is_kept() -> None:
     (judged,) = bounded_frames(scene, [frame], [after], np.zeros(1))
     assert scene.strain_meter(before, after) and not scene.strain_meter(before, judged.points)
     assert not judged.excess and not judged.lowered
+
+
+@pytest.mark.parametrize("angle", [1.4, 1.6])
+def test_a_frame_within_the_bounds_is_not_spoilt_by_its_neighbour(angle: float) -> None:
+    scene, frame, mesh = winged(angle)
+    strained = mesh.solve([frame.centred])[0][0]
+    (clean,) = relieved_poses(scene, mesh, [frame], [strained])
+    assert scene.strain_meter(frame.centred, strained)
+    assert not scene.strain_meter(frame.centred, clean) and not len(pairs_of(scene, frame, clean))
+    # Led back as its neighbour is, it would meet what it was taken off.
+    held = clean + Holding(scene)(frame.centred, clean)
+    assert len(pairs_of(scene, frame, held)) > 0
+    _, judged = bounded_frames(
+        scene, [frame, frame], [strained, clean], np.arange(2.0), options=ShareOptions(spoilt=0)
+    )
+    assert not judged.lowered and not len(pairs_of(scene, frame, judged.points))

@@ -61,6 +61,7 @@ def with_volume(
     and nothing goes beyond a limit of displacements.
     """
     excess = strain_of(scene, pose.centred, points)
+    inside: int | None = None
     for own in excess:
         if own.kind not in (StrainKind.VOLUME, StrainKind.LIMB):
             continue
@@ -68,9 +69,10 @@ def with_volume(
         less = strain_of(scene, pose.centred, swollen)
         if badness(less) >= badness(excess):
             continue
-        inside = [pairs_and_enclosed(scene, pose, found)[1] for found in (points, swollen)]
-        if inside[1] <= inside[0]:
-            points, excess = swollen, less
+        if inside is None:
+            inside = pairs_and_enclosed(scene, pose, points)[1]
+        if (now := pairs_and_enclosed(scene, pose, swollen)[1]) <= inside:
+            points, excess, inside = swollen, less, now
     return points
 
 

@@ -65,6 +65,7 @@ class Advice(StrEnum):
     RAISE_DIFFUSION = "raise diffusion"
     FREE_PINS = "free pins"
     GIVE_CLEAN_REST = "give clean rest"
+    CALL_ATTACHED = "call attached"
     RIGID = "rigid"
     HELD = "held"
 
@@ -78,6 +79,7 @@ REMEDIES: Mapping[Advice, str] = {
     Advice.RAISE_DIFFUSION: "raise the diffusion",
     Advice.FREE_PINS: "free pinned vertices",
     Advice.GIVE_CLEAN_REST: "give a rest pose that does not intersect itself",
+    Advice.CALL_ATTACHED: "call the parts of joints that turned attached",
 }
 # Why nothing can be done about some of them.
 REASONS: Mapping[Advice, str] = {

@@ -27,7 +27,8 @@ class Reference(NamedTuple):
     name: What messages call the pose. asked: whether the user calls these parts attached. bound:
     what binds each triangle (F,), -1 for nothing: of parts that one thing binds the pose shows how
     they lie to each other; None: of none. slid: whether parts that slide in each other have slid
-    on: what they show counts where one of the two still meets the other within its zone.
+    on: what they show counts where one of the two still meets the other within its zone. turned:
+    whether they have turned on instead, which counts where their contact left its zone for it.
     """
 
     points: FloatArray
@@ -36,6 +37,55 @@ class Reference(NamedTuple):
     asked: bool = False
     bound: IntArray | None = None
     slid: bool = False
+    turned: bool = False
+
+
+def telling(
+    references: Sequence[Reference], *, auto: bool = True, turns: bool = False
+) -> list[Reference]:
+    """Return the references that tell what was modelled.
+
+    auto: else only of what the user calls attached; turns: of joints that have turned, too, even
+    where the user does not.
+    """
+    chosen = [own for own in references if auto or own.asked]
+    return [own for own in chosen if turns or own.asked or not own.turned]
+
+
+def shown_by_slides(
+    references: Sequence[Reference],
+    part_of: IntArray,
+    still: KeyArray,
+    *,
+    share: float,
+) -> list[list[tuple[int, int]]]:
+    """Return for each reference that slid the pairs of parts, A < B, whose zones it shows.
+
+    One of the two meets the other where it did at rest; of those that turned, more than a `share`
+    of their contact is elsewhere in some pose. part_of: the part (F,) of each triangle; still:
+    sorted zone keys of poses in which nothing has moved on.
+    """
+    count = int(part_of.max(initial=-1)) + 1
+    result: list[list[tuple[int, int]]] = []
+    left: dict[tuple[int, int], float] = {}
+    for reference in references:
+        sides = part_of[reference.pairs].astype(np.int64)
+        inside = np.isin(reference.pairs.astype(np.int64) * count + sides[:, ::-1], still)
+        found = []
+        for first, second in np.unique(np.sort(sides, axis=1), axis=0).tolist():
+            if first == second:
+                continue
+            own = (np.sort(sides, axis=1) == (first, second)).all(axis=1)
+            known, of_first = inside[own], sides[own] == first
+            gone = float(1.0 - known.all(axis=1).mean())
+            left[first, second] = max(left.get((first, second), 0.0), gone)
+            if known[of_first].all() or known[~of_first].all():
+                found.append((first, second))
+        result.append(found)
+    return [
+        [own for own in found if not reference.turned or left[own] > share]
+        for reference, found in zip(references, result, strict=True)
+    ]
 
 
 class Ties(NamedTuple):
@@ -83,6 +133,10 @@ class Attachments:
         self.zones = zones
         self.ties = ties
         self.carried = carried
+
+    def same_zones(self, other: Attachments) -> bool:
+        """Return whether others model the same contacts."""
+        return np.array_equal(self.zones, other.zones)
 
     def holding(self, kept: BoolArray) -> Attachments:
         """Return the same with only those of the ties (N,) that are kept."""

@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from dtrepair.numerics.attachments import NO_TIES, Attachments, Reference, Ties, joined_ties
+from dtrepair.numerics.attachments import (
+    NO_TIES,
+    Attachments,
+    Reference,
+    Ties,
+    joined_ties,
+    shown_by_slides,
+)
 from dtrepair.numerics.closest_point import NearestTriangles, barycentric
 from dtrepair.numerics.enclosure import Dipoles
 from dtrepair.numerics.geometry import (
@@ -49,6 +56,8 @@ class AttachmentOptions:
         whole: A part of which more than this share is in or behind one of larger area is attached
             as a whole: eyes, teeth, buttons.
         larger: Ratio of areas above which that is so: copies of a part differ by rounding only.
+        turned: Where rigid parts turn about each other, and in some pose more than this share of
+            their contact has left the zone, it moves along; else small motions bring it back.
     """
 
     reach: float = 1.0
@@ -57,6 +66,7 @@ class AttachmentOptions:
     cells: int = 64
     whole: float = 0.5
     larger: float = 1.001
+    turned: float = 0.5
 
 
 def find_attachments(
@@ -95,9 +105,11 @@ def find_attachments(
             carried.append(hidden_ends(reference.points, faces, part_of, reference.bound))
     if slid := [reference for reference in references if reference.slid]:
         still = _distinct(keys)
-        for reference in slid:
-            overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
-            keys += overlaps.slid_zones(still)
+        shown = shown_by_slides(slid, part_of, still, share=options.turned)
+        for reference, parts in zip(slid, shown, strict=True):
+            if parts:
+                overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
+                keys += [zone for both in parts for zone, _ in overlaps.zones(*both)]
     zones = _distinct(keys)
     return Attachments(part_of, zones, joined_ties(ties), joined_ties(carried))
 
@@ -208,21 +220,6 @@ class _Overlaps:
                 triangles = triangles[zone[corners].any(axis=1) & near[corners].all(axis=1)]
             keys = triangles.astype(np.int64) * self.parts + other
             found.append((keys, self._ties(np.flatnonzero(seeds[part]), other)))
-        return found
-
-    def slid_zones(self, still: KeyArray) -> list[KeyArray]:
-        """Return the zone keys of pairs of which one part meets the other where it did at rest.
-
-        still: Sorted zone keys of poses in which nothing has slid. No ties: these are at rest.
-        """
-        found = []
-        for first, second in self.attached():
-            own = self.pairs[self.key_of_pair == first * self.parts + second]
-            sides = self.part_of[own]
-            keys = own.astype(np.int64) * self.parts + sides[:, ::-1]
-            known = np.isin(keys, still)
-            if any(known[sides == part].all() for part in (first, second)):
-                found += [zone for zone, _ in self.zones(first, second)]
         return found
 
     def _seeds(self, part: int, other: int, pairs: IntArray) -> tuple[BoolArray, bool]:

@@ -142,6 +142,8 @@ class ModelledParts:
         found: dict[tuple[int, int], AttachedRecord] = {}
         time = float(self.source.all_times[0])
         for reference in self.references:
+            if reference.slid:
+                continue  # another pose shows the same parts as they were modelled
             contacts = reference.pairs[self.attachments.modelled(reference.pairs)]
             met = self._met(contacts)
             for index, (a, b) in enumerate(met.parts.tolist()):

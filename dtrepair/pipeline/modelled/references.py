@@ -210,6 +210,7 @@ def modelled_parts(
     meshes that do not move at all, too. attached: as `modelled_references` takes them; without
     `auto` nothing else counts as modelled.
     """
+    from dtrepair.numerics.attachments import telling
     from dtrepair.numerics.overlaps import find_attachments
 
     if not (auto or attached):
@@ -218,7 +219,7 @@ def modelled_parts(
     rests = _own_rests(source) if rests is None else rests
     meshes = PlacedMeshes(source, rests, ignored=ignored, attached=attached)
     references = _references(meshes, told_by_rest=known, options=ReferenceOptions())
-    references = [reference for reference in references if auto or reference.asked]
+    references = telling(references, auto=auto)
     faces = meshes.weld[meshes.faces_outwards()]
     attachments = find_attachments(faces, len(meshes.rest), references)
     return ModelledParts(source, attachments if len(attachments.zones) else None, references)

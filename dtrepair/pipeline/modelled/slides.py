@@ -1,4 +1,7 @@
-"""Joints that slide: rods in cylinders, drawers, telescopes; their overlap moves along one axis."""
+"""Joints of rigid parts whose overlap moves: along one axis, or about one centre.
+
+Rods slide in cylinders, drawers and telescopes; balls turn in sockets, and limbs about balls.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SlideOptions:
-    """When two rigid parts slide in each other.
+    """When two rigid parts slide in each other, or turn about each other.
 
     Args:
         rounding: Vertices are at most so far from a rigid motion, diagonals of their part: skinning
@@ -32,6 +35,11 @@ class SlideOptions:
         apart: Poses show where two parts meet if they have slid on by this, of the same.
         straight: It strays from its axis by at most this share of its length.
         tilt: The axis itself turns by at most this angle, in radians; about it the parts may spin.
+        turn: A joint turns if it does so by more than this angle, in radians, and shows where its
+            parts meet if it has turned on by as much.
+        centred: The centre about which it turns stays where it is by this share of the diagonal of
+            the smaller part, ...
+        near: ... and is at most so many of them from the middle of where the parts meet.
     """
 
     rounding: float = 1e-3
@@ -40,6 +48,9 @@ class SlideOptions:
     apart: float = 0.02
     straight: float = 0.05
     tilt: float = 0.05
+    turn: float = 0.25
+    centred: float = 0.05
+    near: float = 0.5
 
 
 class RigidMotion(NamedTuple):
@@ -82,6 +93,7 @@ class Joint:
         both = list(zip(self.rests, (first, second), strict=True))
         if any(diagonal(pose) < hidden * diagonal(rest) for rest, pose in both):
             self._path.append(np.full(3, np.nan))
+            self._turns.append(Rotation.identity())
             return
         one, other = (rigid_motion(rest, pose, rounding) for rest, pose in both)
         if one is None or other is None:
@@ -92,7 +104,7 @@ class Joint:
         self._turns.append(other.rotation.inv() * one.rotation)
 
     def slid(self) -> FloatArray | None:
-        """Return how far (T,) it has slid along its axis in each pose; None if it does not slide.
+        """Return how far (T, 1) it has slid along its axis in each pose; None if it does not slide.
 
         Not a number where one of the parts is hidden. The path is that of the middle of where the
         parts meet: what meets on one side only and spins as well strays from its axis.
@@ -108,7 +120,39 @@ class Joint:
         tilted = max(float(np.linalg.norm(turn.apply(axis) - axis)) for turn in self._turns)
         if astray > self.options.straight * longest or tilted > self.options.tilt:
             return None
-        return along
+        return along[:, None]
+
+    def turned(self) -> FloatArray | None:
+        """Return how it has turned (T, 3) in each pose, rotation vectors; None if it does not turn.
+
+        Not a number where one of the parts is hidden.
+        """
+        turns = Rotation.concatenate(self._turns) if self._turns else Rotation.identity(0)
+        if self.bends or turns.magnitude().max(initial=0.0) <= self.options.turn:
+            return None
+        path = np.array(self._path)
+        shown = np.isfinite(path).all(axis=1)
+        # Nearest to the middle of all points that stay: a hinge has a line of them.
+        moving = (turns.as_matrix() - np.eye(3))[shown]
+        matrix, right = moving.reshape(-1, 3), -path[shown].ravel()
+        centre = np.linalg.lstsq(matrix, right, rcond=1e-3)[0]
+        astray = lengths((matrix @ centre - right).reshape(-1, 3)).max()
+        if astray > self.options.centred * self.extent:
+            return None
+        if np.linalg.norm(centre) > self.options.near * self.extent:
+            return None
+        vectors: FloatArray = turns.as_rotvec()
+        vectors[~shown] = np.nan
+        return vectors
+
+
+class _Way(NamedTuple):
+    """A joint, how far (T, k) it has moved on in each frame, and how far on shows something new."""
+
+    joint: Joint
+    path: FloatArray
+    apart: float
+    turned: bool
 
 
 def slid_references(
@@ -118,41 +162,45 @@ def slid_references(
     samples: int,
     options: SlideOptions = SlideOptions(),
 ) -> list[Reference]:
-    """Return frames that show parts which slide in each other, where they have slid on.
+    """Return frames that show parts which slide in each other, or turn, where they have moved on.
 
     known: poses with the contacts that were modelled; samples: frames that are looked at, of the
     whole clip.
     """
     ways = _ways(meshes, known, samples, options)
     found: list[Reference] = []
-    seen = {joint.key: [0.0] for joint, _ in ways}
-    # Read again: few characters have parts that slide.
+    seen = [np.zeros((1, way.path.shape[1])) for way in ways]
+    # Read again: few characters have parts that slide or turn as wholes.
     for index, (name, pose) in enumerate(meshes.poses(samples) if ways else ()):
-        new = []
-        for joint, way in ways:
-            away = np.abs(np.array(seen[joint.key]) - way[index]).min()
-            if away > options.apart * joint.extent:
-                seen[joint.key].append(float(way[index]))
-                new.append(joint.key)
+        new: dict[bool, list[int]] = {False: [], True: []}
+        for number, way in enumerate(ways):
+            away = np.linalg.norm(seen[number] - way.path[index], axis=1)
+            if away.min() > way.apart:
+                seen[number] = np.concatenate([seen[number], way.path[index : index + 1]])
+                new[way.turned].append(way.joint.key)
         with suppress(CollapsedPoseError):
-            if new:
+            if any(new.values()):
                 look = meshes.look(pose, name)
-                found += _of_keys(meshes, look, new)
+                for turned, keys in new.items():
+                    found += _of_keys(meshes, look, keys, turned=turned)
     return found
 
 
-def _of_keys(meshes: PlacedMeshes, look: Look, keys: list[int]) -> Iterator[Reference]:
+def _of_keys(
+    meshes: PlacedMeshes, look: Look, keys: list[int], *, turned: bool
+) -> Iterator[Reference]:
     """Yield what a frame shows of some pairs of parts, those that the user asked for apart."""
     chosen, asked = np.isin(look.keys, keys), meshes.asked(look.pairs)
     for own in (False, True):
         if (chosen & (asked == own)).any():
-            yield look.reference(chosen & (asked == own), asked=own)._replace(slid=True)
+            found = look.reference(chosen & (asked == own), asked=own)
+            yield found._replace(slid=True, turned=turned)
 
 
 def _ways(
     meshes: PlacedMeshes, known: Sequence[Look], samples: int, options: SlideOptions
-) -> list[tuple[Joint, FloatArray]]:
-    """Return the joints that slide, with how far (T,) in each frame."""
+) -> list[_Way]:
+    """Return the joints that slide or turn."""
     of_vertex = np.full(len(meshes.rest), -1)
     of_vertex[meshes.weld[meshes.faces]] = meshes.part_of[:, None]
     order = np.argsort(of_vertex, kind="stable")
@@ -178,8 +226,13 @@ def _ways(
         for joint, (low, high) in joints:
             joint.follow(pose[low], pose[high])
         joints = [each for each in joints if not each[0].bends]
-    ways = ((joint, joint.slid()) for joint, _ in joints)
-    return [(joint, way) for joint, way in ways if way is not None]
+    found: list[_Way] = []
+    for joint, _ in joints:
+        if (along := joint.slid()) is not None:
+            found.append(_Way(joint, along, options.apart * joint.extent, turned=False))
+        elif (angles := joint.turned()) is not None:
+            found.append(_Way(joint, angles, options.turn, turned=True))
+    return found
 
 
 def rigid_motion(rest: FloatArray, pose: FloatArray, rounding: float) -> RigidMotion | None:

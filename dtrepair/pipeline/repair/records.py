@@ -35,6 +35,7 @@ REMEDIES = {
     Advice.RAISE_MAXIMUM_DISPLACEMENT: "raise --maximum-displacement",
     Advice.TAKE_AT_ANY_COST: "take what is strained with --at-any-cost",
     Advice.RAISE_EFFORT: "raise --effort",
+    Advice.CALL_ATTACHED: "take where joints turned to as modelled with --attach",
 }
 
 

@@ -83,6 +83,8 @@ def advice_for(scene: Scene, pairs: IntArray) -> tuple[Advice, ...]:
             advice.append(Advice.FREE_PINS)
         if scene.rest_intersections:
             advice.append(Advice.GIVE_CLEAN_REST)
+        if scene.turning is not None and len(scene.turning.unmodelled(pairs)) < len(pairs):
+            advice.append(Advice.CALL_ATTACHED)
     if rigid.any():
         advice.append(Advice.RIGID)
     if still.any():

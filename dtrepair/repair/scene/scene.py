@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import counted_between
-from dtrepair.numerics.attachments import Attachments, Reference
+from dtrepair.numerics.attachments import Attachments, Reference, telling
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
@@ -61,6 +61,7 @@ class Scene:
         layer_poses: Poses (V, 3) that show which part lies over which, with all their pairs (K, 2);
             default: the rest.
         strain: What a correction may do to a shape.
+        turns: Whether contacts are modelled where joints turned to, too.
         device: Where poses are counted, before and after.
     """
 
@@ -76,6 +77,7 @@ class Scene:
     references: tuple[Reference, ...] = ()
     layer_poses: tuple[Reference, ...] = ()
     strain: StrainOptions = StrainOptions()
+    turns: bool = False
     device: str = "cpu"
 
     @cached_property
@@ -138,12 +140,24 @@ class Scene:
         if self.options.method == "paper":
             return None
         auto = self.options.rest_contacts == "auto"
-        references = [reference for reference in self.references if auto or reference.asked]
+        references = telling(self.references, auto=auto, turns=self.turns)
         if not references:
             return None
         attachments = find_attachments(self.rest_weld[self.faces], len(self.rest), references)
         known = len(attachments.zones) + len(attachments.every_tie.vertices) > 0
         return attachments if known else None
+
+    @cached_property
+    def turning(self) -> Scene | None:
+        """The same with joints that turned left alone; None where no joint turns so far."""
+        if self.turns or not any(reference.turned for reference in self.references):
+            return None
+        own, other = self.attachments, replace(self, turns=True)
+        if not (own and other.attachments) or own.same_zones(other.attachments):
+            return None
+        shared = ("detector", "enclosures", "strain_meter", "layers", "covering", "rest_weld")
+        vars(other).update({name: vars(self)[name] for name in shared if name in vars(self)})
+        return other
 
     @cached_property
     def held(self) -> Attachments | None:
@@ -267,7 +281,10 @@ class Scene:
         as one.
         """
         pairs = self.detector(points, weld=weld)
-        pairs = pairs[self.counted(self.body_of[pairs])]
+        return self.unmodelled(pairs[self.counted(self.body_of[pairs])])
+
+    def unmodelled(self, pairs: IntArray) -> IntArray:
+        """Return which of pairs (K, 2) of triangles are no modelled contacts."""
         return pairs if self.attachments is None else pairs[~self.attachments.modelled(pairs)]
 
     def enclosed_parts(self, points: FloatArray, pairs: IntArray) -> IntArray:

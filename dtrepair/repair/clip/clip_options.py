@@ -10,6 +10,7 @@ from dtrepair.repair.clip.window_method import WindowOptions
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.independent import IndependentOptions
+from dtrepair.repair.relief.other_ways import OtherWayOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,10 +23,7 @@ class ClipOptions(LayoutOptions):
         mend_step: Step, in units of the size, of a frame whose correction misses by rounding only.
         mend_share: A frame that keeps only a share of its correction is mended by motions up to
             this, units of the size: it must not stand out from its neighbours.
-        farther, near: Another way through a window is taken where nothing moves farther than so
-            many times what it did on the first, and this fraction of the diagonal.
-        few: Of attached parts, whose frames are solved each for itself, up to this share of the
-            frames of a window goes another way alone.
+        ways: Which other ways through strained frames are taken.
         windows: Numbers of the stages of a window.
         mend: Numbers of the mending of that frame.
         borrow: When frames start again from their neighbours.
@@ -37,11 +35,9 @@ class ClipOptions(LayoutOptions):
     tighten: int = 3
     mend_step: float = 0.002
     mend_share: float = 0.005
-    farther: float = 2.0
-    near: float = 0.01
-    few: float = 0.25
     windows: WindowOptions = field(default_factory=WindowOptions)
     mend: MendOptions = field(default_factory=MendOptions)
+    ways: OtherWayOptions = field(default_factory=OtherWayOptions)
     borrow: BorrowingOptions = field(default_factory=BorrowingOptions)
     alone: FullOptions = field(default_factory=FullOptions)
     independent: IndependentOptions = field(default_factory=IndependentOptions)

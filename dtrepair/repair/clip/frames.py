@@ -83,7 +83,12 @@ def faded(
     poses = [found.points for found in judged]
     cross_fade(frames, [found.points for found in tail], poses, rigid)
     both = [
-        Judged(pose, found.excess or before.excess, found.lowered or before.lowered)
+        found._replace(
+            points=pose,
+            excess=found.excess or before.excess,
+            lowered=found.lowered or before.lowered,
+            turned=found.turned or before.turned,
+        )
         for before, found, pose in zip(tail, judged, poses, strict=False)
     ]
     return [*both, *judged[len(tail) :]]

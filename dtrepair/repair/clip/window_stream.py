@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
+from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import frame_units, runs_of
 from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.clip.borrow_frames import started_again
@@ -25,19 +25,16 @@ from dtrepair.repair.parallel.worker_pool import (
     with_workers,
     worthwhile_jobs,
 )
+from dtrepair.repair.relief.other_ways import on_other_ways, with_turns
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.bounds import Judged, bounded_frames, bounded_pose, strain_of
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import detected
-from dtrepair.repair.scene.props import bent_bodies
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
-from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_that_meet
-from dtrepair.repair.separation.release import released_frames
-from dtrepair.repair.separation.separation import separated_frames
-from dtrepair.repair.separation.untangling import contact_counts, tangled_contacts
+from dtrepair.repair.separation.starts import Starts
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -110,7 +107,10 @@ class WindowStream:
             judged = tail
         elif self.scene.options.clearance > 0.0 or any(frame.wrong for frame in frames):
             judged = self._judged(self.meshes, frames)
-            judged, meshes = self._otherwise(frames, judged)
+            if any(found.lowered for found in judged):
+                ways = self.options.ways
+                judged, meshes = on_other_ways(meshes, frames, judged, self._judged, options=ways)
+                judged = with_turns(meshes, frames, judged, self._judged)
         # Clean windows need none.
         mesh = cache(partial(meshes, [frame.weld for frame in frames]))
         if len(tail) < len(frames):
@@ -146,46 +146,6 @@ class WindowStream:
         times = np.array([frame.time for frame in frames])
         return bounded_frames(scene, frames, poses, times, options=numbers.share)
 
-    def _otherwise(
-        self, frames: list[Frame], judged: list[Judged]
-    ) -> tuple[list[Judged], WeldedMeshes]:
-        """Return better poses where other ways strain less, and the meshes of the window.
-
-        A few strained frames of attached parts, whose frames are solved each for itself, go another
-        way alone: a prop that bends within the bounds elsewhere is left at that.
-        """
-        meshes, every = self.meshes, [slice(0, len(frames))]
-        lowered = np.array([found.lowered for found in judged])
-        if not lowered.any():
-            return judged, meshes
-        tied = self.scene.strain_meter.parts.ties is not None
-        few = tied and lowered.mean() <= self.options.few
-        bent = [bent_bodies(self.scene, found) for found in judged]
-        for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
-            for run in runs_of(lowered) if few else every:
-                other, first = self._judged(way, frames[run]), judged[run]
-                fewer = self._left(frames[run], other) < self._left(frames[run], first)
-                if fewer and not self._much_farther(frames[run], other, first):
-                    judged[run] = other
-                    meshes = meshes if few else way
-        return judged, meshes
-
-    def _much_farther(self, frames: list[Frame], other: list[Judged], than: list[Judged]) -> bool:
-        """Return whether poses move much farther: a rigid cuff comes off its arm, and is clean."""
-        most, usual = (
-            max(
-                float(lengths(found.points - frame.centred).max())
-                for frame, found in zip(frames, judged, strict=True)
-            )
-            for judged in (other, than)
-        )
-        size = diagonal(frames[0].centred)
-        return most > self.options.farther * usual + self.options.near * size
-
-    def _left(self, frames: list[Frame], judged: list[Judged]) -> int:
-        """Return how many pairs are left in all poses."""
-        return sum(map(len, self._verified(frames, [found.points for found in judged])))
-
     def _verified(self, frames: list[Frame], poses: list[FloatArray]) -> list[IntArray]:
         """Return the pairs of the poses, exactly, on the float32 coordinates of the results."""
 
@@ -207,37 +167,56 @@ class WindowStream:
         """Return repaired poses (V, 3) of a window."""
         options = self.options.independent
         times = frame_units(np.array([frame.time for frame in frames]))
-        starts = np.stack([frame.centred for frame in frames])
-        if any(len(frame.enclosed) for frame in frames):
-            enclosed = [not_worn(scene, frame.enclosed) for frame in frames]
-            starts = released_frames(scene, starts, enclosed, times, options=options.release)
-        pairs = [frame.pairs for frame in frames]
-        met = [parts_that_meet(scene, frame.pairs, frame.enclosed) for frame in frames]
-        starts = lifted_frames(scene, starts, met, times, options=options.lift)
-        separate = partial(
-            separated_frames,
+        starts = Starts(
             scene,
             mesh,
-            starts,
-            pairs,
+            frames,
             times,
-            options=options.separation,
+            release=options.release,
+            lift=options.lift,
+            separation=options.separation,
         )
-        led, otherwise = separate(), []
+        if mesh.surface.ties is not None:
+            return self._solve_tied(mesh, starts)
+        otherwise: list[FloatArray] = []
 
         def unless(left: list[IntArray]) -> bool:
             """Return whether sheets, and what pushing left as it was, can be led apart instead."""
-            met = [contact_counts(scene.body_of, found) for found in pairs]
-            still = [contact_counts(mesh.surface.body_of, found) for found in left]
-            tangled = tangled_contacts(met, still, options=options.separation.untangling)
-            otherwise.append(separate(sheets=range(len(scene.bodies)), tangled=tangled))
-            return not np.array_equal(otherwise[0], led)
+            poses = starts.otherwise(left)
+            otherwise.extend([] if poses is None else [poses])
+            return poses is not None
 
-        found = self._solve_from(mesh, led, times, unless=unless)
+        found = self._solve_from(mesh, starts.led, times, unless=unless)
         if found is None:
             found = self._solve_from(mesh, otherwise[0], times)
         assert found is not None
         return found
+
+    def _solve_tied(self, mesh: WeldedMesh, starts: Starts) -> list[FloatArray]:
+        """Return repaired poses (V, 3) of attached parts, those that stay dirty solved again.
+
+        Each frame is solved for itself: what is led apart in some does not concern the others.
+        """
+        found = self._solve_from(mesh, starts.led, starts.times)
+        assert found is not None
+        left = self._left_of(mesh, found)
+        dirty = np.array([len(own) > 0 for own in left])
+        few = 0.0 < dirty.mean() <= self.options.ways.most
+        otherwise = starts.otherwise(left) if few else None
+        if otherwise is None:
+            return found
+        for run in runs_of(dirty):
+            again = self._solve_from(mesh, otherwise[run], starts.times[run])
+            assert again is not None
+            both = zip(again, self._left_of(mesh, again), strict=True)
+            for index, (pose, other) in enumerate(both, start=run.start):
+                if len(other) < len(left[index]):
+                    found[index] = pose
+        return found
+
+    def _left_of(self, mesh: WeldedMesh, poses: list[FloatArray]) -> list[IntArray]:
+        """Return the pairs that solving left of poses (V, 3)."""
+        return self._side_by_side(mesh.surface.contacts.pairs, list(map(mesh.reduced, poses)))
 
     def _solve_from(
         self,
@@ -271,7 +250,7 @@ class WindowStream:
         start = clock.perf_counter()
         pairs_of = partial(self.scene.pairs, weld=frame.weld)
         options, window = self.options, (judged, left)
-        if len(left):
+        if len(left) and not judged.turned:
             alone = partial(solve_alone, effort=self.scene.options.effort, options=options.alone)
             judged, left = mended(
                 self.scene,
@@ -286,9 +265,10 @@ class WindowStream:
                 alone=alone if mesh().surface.ties is None else None,
                 options=options.mend,
             )
-        judged, left = bounded_pose(
-            self.scene, frame, judged, left, pairs_of, options=options.independent.share
-        )
+        if not judged.turned:
+            judged, left = bounded_pose(
+                self.scene, frame, judged, left, pairs_of, options=options.independent.share
+            )
         if len(left) > len(window[1]) and not strain_of(
             self.scene, frame.centred, window[0].points
         ):

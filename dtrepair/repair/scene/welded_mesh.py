@@ -165,6 +165,12 @@ class WeldedMeshes:
         scene = replace(self.scene, direction=np.zeros_like(self.scene.direction))
         return WeldedMeshes(scene, full=self._full)
 
+    @cached_property
+    def turning(self) -> WeldedMeshes | None:
+        """The meshes with joints that turned left alone; None where no joint turns so far."""
+        scene = self.scene.turning
+        return None if scene is None else WeldedMeshes(scene, full=self._full)
+
     def otherwise(
         self, bent: Sequence[Collection[int]], poses: Sequence[FloatArray]
     ) -> Iterator[WeldedMeshes]:

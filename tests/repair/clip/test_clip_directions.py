@@ -12,6 +12,7 @@ from dtrepair import Status
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.independent import IndependentOptions
+from dtrepair.repair.relief.other_ways import OtherWayOptions
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.solution_cache import Arrays
@@ -69,6 +70,6 @@ def test_a_window_that_its_directions_strain_is_solved_without() -> None:
     # Both ways are remembered, each under its own key.
     assert len(kept) == 2
     # A way on which anything moves much farther is not taken.
-    none = {"farther": 0.0, "near": 0.0}
+    none = {"ways": OtherWayOptions(farther=0.0, near=0.0)}
     kept_on, _ = arm_motions(-X, (3.9, 4.1), StrainOptions(factor=1.9), clean=False, **none)
     assert not (kept_on @ X > 0.1).any()

@@ -1,0 +1,65 @@
+"""Frames of attached parts that stay dirty are led apart and solved again, if they are few."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dtrepair.diagnosis import Status
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.repair.clip.clip_options import ClipOptions
+from dtrepair.repair.clip.clip_repairer import ClipRepairer
+from dtrepair.repair.clip.layout import CutOptions
+from dtrepair.repair.clip.window_method import WindowSolver
+from dtrepair.repair.full.method import solve_alone
+from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
+from dtrepair.repair.separation.starts import Starts
+from tests.repair.relief.test_relief import winged
+
+
+@pytest.mark.parametrize(
+    ("angles", "solved"),
+    [
+        ((0.8, 0.85, 0.9, 1.3), [4, 1]),  # the wing lies in the trunk in the last frame only
+        ((1.15, 1.2, 1.25, 1.3), [4]),  # in all of them
+        ((0.75, 0.8, 0.85, 0.9), []),
+    ],
+)
+def test_few_dirty_frames_are_solved_again(
+    angles: Sequence[float], solved: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+
+    def method(mesh: WeldedMesh) -> WindowSolver:
+        def solve(
+            original: FloatArray, frames: FloatArray, pool: WorkerPool, *, unless: Any = None
+        ) -> FloatArray:
+            assert unless is None
+            asked.append(len(original))
+            # At first nothing is solved.
+            if len(asked) == 1:
+                return original
+            return np.stack([solve_alone(mesh.surface, pose, rounds=2) for pose in original])
+
+        return solve
+
+    def otherwise(self: Starts, left: Sequence[IntArray]) -> FloatArray:
+        assert len(left) == len(angles)
+        return self.led
+
+    monkeypatch.setattr(Starts, "otherwise", otherwise)
+    frames = [winged(angle) for angle in angles]
+    scene, cuts = frames[0][0], CutOptions(ratio=np.inf, always=np.inf)
+    poses = [np.split(frame.centred, [scene.vertex_starts[1]]) for _, frame, _ in frames]
+    clips = ClipRepairer(
+        scene, WeldedMeshes(scene), options=ClipOptions(cuts=cuts), make_method=method
+    )
+    results = [frame.results for frame in clips.stream(enumerate(poses), jobs=1)]
+    assert asked == solved
+    if len(solved) == 2:
+        assert results[-1][0].before.pairs > 0
+        assert all(result.status is Status.CLEAN for result in results[-1])

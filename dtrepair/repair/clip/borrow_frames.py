@@ -33,6 +33,8 @@ class BorrowingOptions:
         rough: Of attached parts, whose frames are solved each for itself, not only strained frames
             start again, but those that are distorted so many times as much as a neighbour, ...
         smooth: ... and more than this.
+        hopeless: What is farther beyond its bounds than this (see `badness`) does not start again:
+            a soldier's straps crushed between layers are so by any way.
         left_share: Of what was wrong with the input so much may be left, of a lender and of what
             was borrowed: a share of a strained pose leaves more.
         lending: What cleans a frame from there.
@@ -41,6 +43,7 @@ class BorrowingOptions:
 
     rough: float = 2.0
     smooth: float = 0.05
+    hopeless: float = 30.0
     left_share: float = 0.1
     lending: LendingOptions = field(default_factory=LendingOptions)
     relief: ReliefOptions = field(default_factory=ReliefOptions)
@@ -202,7 +205,7 @@ def _loans(
             other = merits[lender]
             good = few[lender] > 0.0 and not other.strained and other.wrong <= few[lender]
             rough = merit.distortion > max(options.smooth, options.rough * other.distortion)
-            if good and (merit.strained or rough):
+            if good and merit.badness <= options.hopeless and (merit.strained or rough):
                 result.append(loan)
                 break
     return result

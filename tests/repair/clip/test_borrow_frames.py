@@ -60,6 +60,9 @@ def test_a_strained_frame_takes_the_way_of_its_neighbour() -> None:
     assert strain_of(scene, frames[1].centred, found[1])
     better = started_again(scene, mesh, frames, found)
     assert better[0] is found[0]
+    # Not where it is beyond hope.
+    none = started_again(scene, mesh, frames, found, options=BorrowingOptions(hopeless=10.0))
+    assert all(own is other for own, other in zip(none, found, strict=True))
     # The third borrows what the second found.
     for frame, points in zip(frames[1:], better[1:], strict=True):
         assert not strain_of(scene, frame.centred, points)

@@ -63,19 +63,20 @@ def shown_by_slides(
 
     One of the two meets the other where it did at rest; of those that turned, more than a `share`
     of their contact is elsewhere in some pose. part_of: the part (F,) of each triangle; still:
-    sorted zone keys of poses in which nothing has moved on.
+    zone keys of poses in which nothing has moved on.
     """
     count = int(part_of.max(initial=-1)) + 1
     result: list[list[tuple[int, int]]] = []
     left: dict[tuple[int, int], float] = {}
     for reference in references:
         sides = part_of[reference.pairs].astype(np.int64)
+        both = np.sort(sides, axis=1)
         inside = np.isin(reference.pairs.astype(np.int64) * count + sides[:, ::-1], still)
         found = []
-        for first, second in np.unique(np.sort(sides, axis=1), axis=0).tolist():
+        for first, second in np.unique(both, axis=0).tolist():
             if first == second:
                 continue
-            own = (np.sort(sides, axis=1) == (first, second)).all(axis=1)
+            own = (both == (first, second)).all(axis=1)
             known, of_first = inside[own], sides[own] == first
             gone = float(1.0 - known.all(axis=1).mean())
             left[first, second] = max(left.get((first, second), 0.0), gone)
@@ -134,9 +135,9 @@ class Attachments:
         self.ties = ties
         self.carried = carried
 
-    def same_zones(self, other: Attachments) -> bool:
+    def same_zones(self, other: Attachments | None) -> bool:
         """Return whether others model the same contacts."""
-        return np.array_equal(self.zones, other.zones)
+        return other is not None and np.array_equal(self.zones, other.zones)
 
     def holding(self, kept: BoolArray) -> Attachments:
         """Return the same with only those of the ties (N,) that are kept."""

@@ -76,13 +76,16 @@ def modelled_references(
     the rests of meshes that do not move at all tell, too.
     """
     meshes = PlacedMeshes(source, rests, ignored=ignored, attached=attached)
-    return _references(meshes, told_by_rest=told_by_rest, options=options)
+    return _references(meshes, told_by_rest=told_by_rest, turns=True, options=options)
 
 
 def _references(
-    meshes: PlacedMeshes, *, told_by_rest: bool, options: ReferenceOptions
+    meshes: PlacedMeshes, *, told_by_rest: bool, turns: bool, options: ReferenceOptions
 ) -> list[Reference]:
-    """Do the work of `modelled_references` for meshes that are placed."""
+    """Do the work of `modelled_references` for meshes that are placed.
+
+    turns: whether joints that turn are looked for, even where nobody asked for them.
+    """
     source, attached = meshes.source, meshes.attached
     if meshes.one_part:
         return []
@@ -99,7 +102,7 @@ def _references(
             known += _where_fewest(looks, options.nearly_all * len(looks))
     found = [look.reference(~meshes.asked(look.pairs)) for look in known]
     if enough:
-        found += slid_references(meshes, known, samples=options.samples)
+        found += slid_references(meshes, known, samples=options.samples, turns=turns)
     if not attached:
         return found
     found += [look.reference(meshes.asked(look.pairs), asked=True) for look in known]
@@ -218,7 +221,8 @@ def modelled_parts(
     known = rests is not None
     rests = _own_rests(source) if rests is None else rests
     meshes = PlacedMeshes(source, rests, ignored=ignored, attached=attached)
-    references = _references(meshes, told_by_rest=known, options=ReferenceOptions())
+    numbers = ReferenceOptions()
+    references = _references(meshes, told_by_rest=known, turns=False, options=numbers)
     references = telling(references, auto=auto)
     faces = meshes.weld[meshes.faces_outwards()]
     attachments = find_attachments(faces, len(meshes.rest), references)

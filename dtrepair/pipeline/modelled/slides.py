@@ -39,7 +39,7 @@ class SlideOptions:
             parts meet if it has turned on by as much.
         centred: The centre about which it turns stays where it is by this share of the diagonal of
             the smaller part, ...
-        near: ... and is at most so many of them from the middle of where the parts meet.
+        near: ... and is at most so far from the middle of where the parts meet, of the same.
     """
 
     rounding: float = 1e-3
@@ -160,14 +160,15 @@ def slid_references(
     known: Sequence[Look],
     *,
     samples: int,
+    turns: bool = True,
     options: SlideOptions = SlideOptions(),
 ) -> list[Reference]:
     """Return frames that show parts which slide in each other, or turn, where they have moved on.
 
     known: poses with the contacts that were modelled; samples: frames that are looked at, of the
-    whole clip.
+    whole clip; turns: whether joints that turn are looked for, even where nobody asked for them.
     """
-    ways = _ways(meshes, known, samples, options)
+    ways = _ways(meshes, known, samples, options, turns=turns)
     found: list[Reference] = []
     seen = [np.zeros((1, way.path.shape[1])) for way in ways]
     # Read again: few characters have parts that slide or turn as wholes.
@@ -198,7 +199,12 @@ def _of_keys(
 
 
 def _ways(
-    meshes: PlacedMeshes, known: Sequence[Look], samples: int, options: SlideOptions
+    meshes: PlacedMeshes,
+    known: Sequence[Look],
+    samples: int,
+    options: SlideOptions,
+    *,
+    turns: bool,
 ) -> list[_Way]:
     """Return the joints that slide or turn."""
     of_vertex = np.full(len(meshes.rest), -1)
@@ -211,6 +217,7 @@ def _ways(
         return np.asarray(order[start:end])
 
     joints: list[tuple[Joint, tuple[NDArray[np.intp], NDArray[np.intp]]]] = []
+    may_turn: set[int] = set()
     for look in known:
         by_key = np.argsort(look.keys, kind="stable")
         keys, starts = np.unique(look.keys[by_key], return_index=True)
@@ -220,6 +227,8 @@ def _ways(
             own = vertices(low), vertices(high)
             rests = look.points[own[0]], look.points[own[1]]
             joints.append((Joint(key, rests, corners.mean(axis=(0, 1, 2)), options), own))
+            if turns or meshes.asked(look.pairs[chosen]).any():
+                may_turn.add(key)
     for _, pose in meshes.poses(samples):
         if not joints:
             break
@@ -230,7 +239,7 @@ def _ways(
     for joint, _ in joints:
         if (along := joint.slid()) is not None:
             found.append(_Way(joint, along, options.apart * joint.extent, turned=False))
-        elif (angles := joint.turned()) is not None:
+        elif joint.key in may_turn and (angles := joint.turned()) is not None:
             found.append(_Way(joint, angles, options.turn, turned=True))
     return found
 

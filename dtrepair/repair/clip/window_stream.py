@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.numerics.temporal import frame_units, runs_of
+from dtrepair.numerics.temporal import frame_units
 from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.clip.borrow_frames import started_again
 from dtrepair.repair.clip.clip_options import ClipOptions
@@ -201,11 +201,11 @@ class WindowStream:
         assert found is not None
         left = self._left_of(mesh, found)
         dirty = np.array([len(own) > 0 for own in left])
-        few = 0.0 < dirty.mean() <= self.options.ways.most
-        otherwise = starts.otherwise(left) if few else None
+        runs = self.options.ways.again(dirty)
+        otherwise = starts.otherwise(left) if runs else None
         if otherwise is None:
             return found
-        for run in runs_of(dirty):
+        for run in runs:
             again = self._solve_from(mesh, otherwise[run], starts.times[run])
             assert again is not None
             both = zip(again, self._left_of(mesh, again), strict=True)
@@ -248,12 +248,15 @@ class WindowStream:
     ) -> Repaired:
         """Return the results of a pose; what is not clean falls back to single-frame solvers."""
         start = clock.perf_counter()
-        pairs_of = partial(self.scene.pairs, weld=frame.weld)
+        scene = self.scene
+        if judged.turned and self.meshes.turning is not None:
+            scene, mesh = self.meshes.turning.scene, partial(self.meshes.turning, [frame.weld])
+        pairs_of, left = partial(scene.pairs, weld=frame.weld), scene.unmodelled(left)
         options, window = self.options, (judged, left)
-        if len(left) and not judged.turned:
+        if len(left):
             alone = partial(solve_alone, effort=self.scene.options.effort, options=options.alone)
             judged, left = mended(
-                self.scene,
+                scene,
                 mesh(),
                 frame.centred,
                 judged,
@@ -265,14 +268,13 @@ class WindowStream:
                 alone=alone if mesh().surface.ties is None else None,
                 options=options.mend,
             )
-        if not judged.turned:
-            judged, left = bounded_pose(
-                self.scene, frame, judged, left, pairs_of, options=options.independent.share
-            )
-        if len(left) > len(window[1]) and not strain_of(
-            self.scene, frame.centred, window[0].points
-        ):
+        judged, left = bounded_pose(
+            scene, frame, judged, left, pairs_of, options=options.independent.share
+        )
+        if len(left) > len(window[1]) and not strain_of(scene, frame.centred, window[0].points):
             judged, left = window  # what was mended is strained, and its share leaves more
+        if scene is not self.scene:
+            left = self.scene.pairs(judged.points, frame.weld)
         found = kept(self.scene, frame, judged.points, left)
         spent = seconds + clock.perf_counter() - start
         moved = bool((found.points != frame.centred).any())

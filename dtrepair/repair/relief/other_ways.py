@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import diagonal, lengths
 from dtrepair.numerics.temporal import runs_of
@@ -26,13 +27,19 @@ class OtherWayOptions:
     Args:
         farther, near: Those on which nothing moves farther than so many times what it did on the
             first, and this fraction of the diagonal.
-        most: Of attached parts, whose frames are solved each for itself, at most this share of a
-            window is solved again: where most frames fail, another way costs much and gains little.
+        few, share: Of attached parts, whose frames are solved each for itself, so many frames of a
+            window are solved again, or this share of it: where more fail, another way costs much
+            and gains little.
     """
 
     farther: float = 2.0
     near: float = 0.01
-    most: float = 0.5
+    few: int = 8
+    share: float = 0.5
+
+    def again(self, chosen: NDArray[np.bool_]) -> list[slice]:
+        """Return the runs of frames (T,) that are solved again; none where there are too many."""
+        return runs_of(chosen) if chosen.sum() <= max(self.few, self.share * len(chosen)) else []
 
 
 def on_other_ways(
@@ -51,8 +58,7 @@ def on_other_ways(
     scene, taken, result = meshes.scene, meshes, list(judged)
     runs = [slice(0, len(frames))]
     if tied := scene.strain_meter.parts.ties is not None:
-        lowered = np.array([found.lowered for found in judged])
-        runs = runs_of(lowered) if lowered.mean() <= options.most else []
+        runs = options.again(np.array([found.lowered for found in judged]))
     bent = [bent_bodies(scene, found) for found in judged]
     for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
         for run in runs:
@@ -70,19 +76,27 @@ def with_turns(
 ) -> list[Judged]:
     """Return better poses where strained ones are less so if joints that turned are left alone.
 
-    What such joints have in contact counts all the same in what is handed back.
+    What such joints have in contact counts all the same in what is handed back, and what strained
+    the frame stays told.
     """
     turning = meshes.turning
-    if turning is None:
+    lowered = np.array([found.lowered for found in judged])
+    if turning is None or not lowered.any():
         return judged
     scene, result = turning.scene, list(judged)
-    for run in runs_of(np.array([found.lowered for found in judged])):
-        own = [detected(scene, replace(frame, detected=False)) for frame in frames[run]]
-        other, first = judge(turning, own), result[run]
+    known = [detected(scene, replace(frame, detected=False)) for frame in frames]
+    # The others have no contact at a joint that turned.
+    met = [own.wrong < frame.wrong for own, frame in zip(known, frames, strict=True)]
+    for run in runs_of(lowered & np.array(met)):
+        own, first = known[run], result[run]
+        other = judge(turning, own)
         left = zip(_left(scene, own, other), _left(scene, own, first), strict=True)
         for index, (less, more) in enumerate(left):
-            if (less, other[index].lowered) < (more, first[index].lowered):
-                result[run.start + index] = other[index]._replace(turned=True)
+            frame, found = frames[run][index], other[index]
+            # What is no better than the input would be lost with all that is repaired elsewhere.
+            gains = own[index].wrong == 0 or _left(meshes.scene, [frame], [found])[0] < frame.wrong
+            if gains and (less, found.lowered) < (more, first[index].lowered):
+                result[run.start + index] = first[index]._replace(points=found.points, turned=True)
     return result
 
 

@@ -72,6 +72,6 @@ def with_rigid(scene: Scene, bodies: Sequence[int]) -> Scene:
         vertices = scene.vertices_of(index)
         mobility[vertices] = mobility_of(own[index], len(mobility[vertices]))
     other = replace(scene, bodies=tuple(own), mobility=mobility)
-    asked = {field.name for field in fields(scene)} | {"rigid"}
+    asked = {field.name for field in fields(scene)} | {"rigid", "turning"}
     vars(other).update({name: known for name, known in vars(scene).items() if name not in asked})
     return other

@@ -153,11 +153,9 @@ class Scene:
         if self.turns or not any(reference.turned for reference in self.references):
             return None
         own, other = self.attachments, replace(self, turns=True)
-        if not (own and other.attachments) or own.same_zones(other.attachments):
-            return None
-        shared = ("detector", "enclosures", "strain_meter", "layers", "covering", "rest_weld")
-        vars(other).update({name: vars(self)[name] for name in shared if name in vars(self)})
-        return other
+        shared = ("detector", "enclosures", "rest_weld", "strain_meter", "layers", "covering")
+        vars(other).update({name: getattr(self, name) for name in shared})
+        return None if own is None or own.same_zones(other.attachments) else other
 
     @cached_property
     def held(self) -> Attachments | None:

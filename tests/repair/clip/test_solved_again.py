@@ -16,21 +16,23 @@ from dtrepair.repair.clip.layout import CutOptions
 from dtrepair.repair.clip.window_method import WindowSolver
 from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.relief.other_ways import OtherWayOptions
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.separation.starts import Starts
 from tests.repair.relief.test_relief import winged
 
 
 @pytest.mark.parametrize(
-    ("angles", "solved"),
+    ("angles", "few", "solved"),
     [
-        ((0.8, 0.85, 0.9, 1.3), [4, 1]),  # the wing lies in the trunk in the last frame only
-        ((1.15, 1.2, 1.25, 1.3), [4]),  # in all of them
-        ((0.75, 0.8, 0.85, 0.9), []),
+        ((0.8, 0.85, 0.9, 1.3), 0, [4, 1]),  # the wing lies in the trunk in the last frame only
+        ((1.15, 1.2, 1.25, 1.3), 4, [4, 4]),  # in all of them
+        ((1.15, 1.2, 1.25, 1.3), 3, [4]),
+        ((0.75, 0.8, 0.85, 0.9), 4, []),
     ],
 )
 def test_few_dirty_frames_are_solved_again(
-    angles: Sequence[float], solved: list[int], monkeypatch: pytest.MonkeyPatch
+    angles: Sequence[float], few: int, solved: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[int] = []
 
@@ -55,9 +57,8 @@ def test_few_dirty_frames_are_solved_again(
     frames = [winged(angle) for angle in angles]
     scene, cuts = frames[0][0], CutOptions(ratio=np.inf, always=np.inf)
     poses = [np.split(frame.centred, [scene.vertex_starts[1]]) for _, frame, _ in frames]
-    clips = ClipRepairer(
-        scene, WeldedMeshes(scene), options=ClipOptions(cuts=cuts), make_method=method
-    )
+    options = ClipOptions(cuts=cuts, ways=OtherWayOptions(few=few))
+    clips = ClipRepairer(scene, WeldedMeshes(scene), options=options, make_method=method)
     results = [frame.results for frame in clips.stream(enumerate(poses), jobs=1)]
     assert asked == solved
     if len(solved) == 2:

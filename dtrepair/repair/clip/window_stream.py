@@ -200,8 +200,8 @@ class WindowStream:
         found = self._solve_from(mesh, starts.led, starts.times)
         assert found is not None
         left = self._left_of(mesh, found)
-        dirty = np.array([len(own) > 0 for own in left])
-        runs = self.options.ways.again(dirty)
+        numbers = list(map(len, left))
+        runs = self.options.ways.again(np.array(numbers) > 0, numbers)
         otherwise = starts.otherwise(left) if runs else None
         if otherwise is None:
             return found

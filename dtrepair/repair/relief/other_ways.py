@@ -27,9 +27,8 @@ class OtherWayOptions:
     Args:
         farther, near: Those on which nothing moves farther than so many times what it did on the
             first, and this fraction of the diagonal.
-        few, share: Of attached parts, whose frames are solved each for itself, so many frames of a
-            window are solved again, or this share of it: where more fail, another way costs much
-            and gains little.
+        few, share: Of attached parts, whose frames are solved each for itself, at most so many
+            frames of a window, or this share of it, are solved again: those with least left.
     """
 
     farther: float = 2.0
@@ -37,9 +36,14 @@ class OtherWayOptions:
     few: int = 8
     share: float = 0.5
 
-    def again(self, chosen: NDArray[np.bool_]) -> list[slice]:
-        """Return the runs of frames (T,) that are solved again; none where there are too many."""
-        return runs_of(chosen) if chosen.sum() <= max(self.few, self.share * len(chosen)) else []
+    def again(self, chosen: NDArray[np.bool_], left: Sequence[int]) -> list[slice]:
+        """Return the runs of the chosen frames (T,) that are solved again.
+
+        left: how many pairs each frame has left.
+        """
+        most = max(self.few, int(self.share * len(chosen)))
+        order = np.lexsort((np.asarray(left), ~chosen))[:most]
+        return runs_of(chosen & np.isin(np.arange(len(chosen)), order))
 
 
 def on_other_ways(
@@ -58,7 +62,8 @@ def on_other_ways(
     scene, taken, result = meshes.scene, meshes, list(judged)
     runs = [slice(0, len(frames))]
     if tied := scene.strain_meter.parts.ties is not None:
-        runs = options.again(np.array([found.lowered for found in judged]))
+        lowered = np.array([found.lowered for found in judged])
+        runs = options.again(lowered, _left(scene, frames, judged))
     bent = [bent_bodies(scene, found) for found in judged]
     for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
         for run in runs:

@@ -33,8 +33,8 @@ class OtherWayOptions:
 
     farther: float = 2.0
     near: float = 0.01
-    few: int = 8
-    share: float = 0.5
+    few: int = 3
+    share: float = 0.25
 
     def again(self, chosen: NDArray[np.bool_], left: Sequence[int]) -> list[slice]:
         """Return the runs of the chosen frames (T,) that are solved again.

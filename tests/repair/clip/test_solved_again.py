@@ -57,7 +57,7 @@ def test_few_dirty_frames_are_solved_again(
     frames = [winged(angle) for angle in angles]
     scene, cuts = frames[0][0], CutOptions(ratio=np.inf, always=np.inf)
     poses = [np.split(frame.centred, [scene.vertex_starts[1]]) for _, frame, _ in frames]
-    options = ClipOptions(cuts=cuts, ways=OtherWayOptions(few=few, share=0.25))
+    options = ClipOptions(cuts=cuts, ways=OtherWayOptions(few=few))
     clips = ClipRepairer(scene, WeldedMeshes(scene), options=options, make_method=method)
     results = [frame.results for frame in clips.stream(enumerate(poses), jobs=1)]
     assert asked == solved

@@ -195,7 +195,7 @@ class WindowStream:
     def _solve_tied(self, mesh: WeldedMesh, starts: Starts) -> list[FloatArray]:
         """Return repaired poses (V, 3) of attached parts, those that stay dirty solved again.
 
-        Each frame is solved for itself: what is led apart in some does not concern the others.
+        Each frame is solved for itself, so that the others need not be solved along.
         """
         found = self._solve_from(mesh, starts.led, starts.times)
         assert found is not None

@@ -30,6 +30,8 @@ class GapOptions:
         margin: Least width, units of the size, well above what rounding to float32 moves.
         opening: Fraction of the clearance by which a narrow gap opens in a step: linear gaps are
             wrong for longer motions.
+        retreat: Vertices that go back from what they face, by more than this part of the reach, do
+            not look: what they face does, if it follows.
     """
 
     stiffness: float = 2.0
@@ -37,6 +39,7 @@ class GapOptions:
     shrink: float = 0.5
     margin: float = 3e-4
     opening: float = 0.5
+    retreat: float = 0.1
 
 
 class Gaps:
@@ -81,13 +84,21 @@ class Gaps:
         self._insert(keys, np.concatenate(corners))
         return len(keys)
 
-    def add_facing(self, points: FloatArray, areas: FloatArray, radius: float) -> NDArray[np.int64]:
+    def add_facing(
+        self,
+        points: FloatArray,
+        areas: FloatArray,
+        motion: FloatArray,
+        radius: float,
+    ) -> NDArray[np.int64]:
         """Add gaps between movable vertices and the triangles in front of them; return their keys.
 
         A triangle is in front where it lies along the vector area (V, 3) of the vertex, within a
-        radius.
+        radius. motion: the way that each vertex is about to go (V, 3); those that go back do not
+        look.
         """
-        vertices = np.flatnonzero(self.mobility > 0).astype(np.int32)
+        ahead = dots(motion, areas) >= -self.options.retreat * radius * lengths(areas)
+        vertices = np.flatnonzero(ahead & (self.mobility > 0)).astype(np.int32)
         triangles = self._faced(points, areas, vertices, radius)
         pairs = np.stack([self._triangle_at[vertices], triangles], axis=1)[triangles >= 0]
         vertices = vertices[triangles >= 0]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.repair.elastic.contact_step import ContactStepOptions
 from dtrepair.repair.elastic.edge_lengths import EdgeLengthOptions
 from dtrepair.repair.frame.adaptive_fairing import FairingOptions
 from dtrepair.repair.frame.lending import LendingOptions
@@ -51,7 +52,7 @@ class FrameOptions:
         folds, closes: Fairing around folds and around close contacts.
         push: The push of one frame.
         mend: The mending of one frame.
-        relax: A cycle of the relaxing of one frame.
+        relax: A cycle of the relaxing of one frame, roughly solved: the next one goes on from it.
         lending: What frames give each other where pushing is stuck.
         edges, cure: Edges that are crushed or drawn out, and their cure.
         borrow: A frame takes a neighbour's displacement where that is less than this part of its
@@ -78,7 +79,9 @@ class FrameOptions:
     push: RegionalPushOptions = field(default_factory=RegionalPushOptions)
     mend: MendOptions = field(default_factory=MendOptions)
     relax: RelaxOptions = field(
-        default_factory=lambda: RelaxOptions(first=1.0, longer=1.0, tries=2)
+        default_factory=lambda: RelaxOptions(
+            first=1.0, longer=1.0, tries=2, solve=ContactStepOptions(rounds=1, precision=0.02)
+        )
     )
     lending: LendingOptions = field(default_factory=LendingOptions)
     edges: EdgeLengthOptions = field(default_factory=EdgeLengthOptions)

@@ -46,7 +46,8 @@ class RelaxOptions:
         tries: Solves of a cycle, each with the gaps that the one before closed.
         few: Fraction of new gaps up to which one round of the step is enough: the other forces
             are known.
-        concern: Gaps that a first look leaves wider than the least by this take no part (sizes).
+        concern: Gaps that the step without any leaves wider than the least by this take no part
+            (sizes).
         enough: Relaxing ends when the distortion fell by less than this ...
         stalled: ... over so many cycles.
         failures: It also ends when so many cycles in a row could not be made clean.
@@ -56,7 +57,6 @@ class RelaxOptions:
         settle: Strains by which what is far from all contacts may go back to its place, in turn.
         settle_after: Cycles before each of them.
         arap, gaps, pressure: Numbers of the elastic terms.
-        look: The rough step that finds the gaps that matter.
         solve: The step itself.
         acceptance: Which motions are left out, and what is rolled back.
     """
@@ -83,9 +83,6 @@ class RelaxOptions:
     arap: ArapOptions = field(default_factory=ArapOptions)
     gaps: GapOptions = field(default_factory=GapOptions)
     pressure: PressureOptions = field(default_factory=PressureOptions)
-    look: ContactStepOptions = field(
-        default_factory=lambda: ContactStepOptions(rounds=1, iterations=2)
-    )
     solve: ContactStepOptions = field(default_factory=ContactStepOptions)
     acceptance: AcceptanceOptions = field(default_factory=AcceptanceOptions)
 
@@ -194,8 +191,8 @@ class Relaxation:
     def cycle(self) -> None:
         """Take one step; the pose stays where it is if it cannot be made clean."""
         step, self._collided = self.step, False
-        right = self._right_hand_side()
-        self._find_gaps(right)
+        right, free = self._right_hand_side()
+        self._find_gaps(free)
         solved = self._solved(right)
         if solved is None:
             self.failures += step <= self._least_step
@@ -235,8 +232,11 @@ class Relaxation:
             + self.options.volume_weight * lost
         )
 
-    def _right_hand_side(self) -> FloatArray:
-        """Return the right-hand side of the step, by which no vertex moves too far if free."""
+    def _right_hand_side(self) -> tuple[FloatArray, FloatArray]:
+        """Return the right-hand side of the step, and the pose (V, 3) it has without gaps.
+
+        No vertex moves too far to there.
+        """
         points = self.points
         full = self.system.target(points) + self.pressure.force(
             points, self._pull, self.system.solve
@@ -247,16 +247,20 @@ class Relaxation:
         if self._pull.any():
             self.gaps.scale(pull / self._pull)
         self._pull = pull
-        return present + pull[:, None] * (full - present)
+        pull = pull[:, None]
+        return present + pull * (full - present), points + pull * free
 
-    def _find_gaps(self, right: FloatArray) -> None:
-        """Find the gaps that matter to the step: those with forces and those it would close."""
-        gaps = self.gaps
+    def _find_gaps(self, free: FloatArray) -> None:
+        """Find the gaps that matter to the step: those with forces and those it would close.
+
+        free: where the step leads without gaps (V, 3).
+        """
+        gaps, points = self.gaps, self.points
         gaps.soften()
-        facing = gaps.add_facing(self.points, self.pressure.areas(self.points), 2.0 * self.step)
-        gaps.linearise(self.points)
-        first = step_with_gaps(self.system, right, gaps, self.points, options=self.options.look)
-        narrow = gaps.width(first) < gaps.least + self.options.concern
+        areas, radius = self.pressure.areas(points), 2.0 * self.step
+        facing = gaps.add_facing(points, areas, free - points, radius)
+        gaps.linearise(points)
+        narrow = gaps.width(free) < gaps.least + self.options.concern
         closing = np.isin(gaps.keys, facing) & narrow
         gaps.keep((gaps.forces > 0) | closing)
 

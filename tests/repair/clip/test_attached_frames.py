@@ -118,7 +118,8 @@ def test_windows_of_attached_parts_tell_how_far_they_are(tmp_path: Path, jobs: i
     assert host.done == sorted(host.done) and host.done[-1] == FRAMES
     within = sorted({done for done in host.done if done % 1.0})
     steps = np.diff([0.0, *within, FRAMES])
-    assert len(within) > 2 * FRAMES / jobs and steps.max() < 0.25 * FRAMES
+    # Relaxing may end some cycles early.
+    assert len(within) > 2 * FRAMES / jobs and steps.max() < 0.5 * FRAMES
     cancelled = Listener(within=0.1 * FRAMES)
     with pytest.raises(Cancelled):
         repair_stage(path, tmp_path / "c.usda", jobs=jobs, observer=cancelled)

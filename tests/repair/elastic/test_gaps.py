@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.elastic.arap import ArapSystem
@@ -26,6 +27,12 @@ def two_spheres(distance: float) -> Mesh:
 
 def gaps_of(surface: Surface) -> Gaps:
     return Gaps(surface, np.ones(surface.count))
+
+
+def add_facing(gaps: Gaps, surface: Surface, radius: float) -> NDArray[np.int64]:
+    """Add the gaps of a surface that is about to stay where it is."""
+    areas = surface.vector_areas(surface.rest)
+    return gaps.add_facing(surface.rest, areas, np.zeros_like(areas), radius)
 
 
 def sampled_distance(first: FloatArray, second: FloatArray) -> float:
@@ -59,23 +66,33 @@ def test_vertices_face_the_other_sphere_and_never_their_own() -> None:
     points, faces = two_spheres(2.1)
     surface = Surface(points, faces)
     gaps = gaps_of(surface)
-    keys = gaps.add_facing(surface.rest, surface.vector_areas(surface.rest), 0.5 / surface.size)
+    keys = add_facing(gaps, surface, 0.5 / surface.size)
     half = surface.count // 2
     assert len(keys) == len(gaps) > 20
     assert ((gaps.corners[:, 0] < half) != (gaps.corners[:, 3] < half)).all()
     # All are on the side towards the other sphere.
     assert (points[gaps.corners[:, 0][gaps.corners[:, 0] < half], 0] > 0.5).all()
     # Nothing is within a shorter reach, and nothing is in front of a lone sphere.
-    assert (
-        len(
-            gaps_of(surface).add_facing(
-                surface.rest, surface.vector_areas(surface.rest), 0.05 / surface.size
-            )
-        )
-        == 0
-    )
+    assert len(add_facing(gaps_of(surface), surface, 0.05 / surface.size)) == 0
     alone = Surface(*icosphere(3))
-    assert len(gaps_of(alone).add_facing(alone.rest, alone.vector_areas(alone.rest), 9.0)) == 0
+    assert len(add_facing(gaps_of(alone), alone, 9.0)) == 0
+
+
+def test_vertices_that_go_back_do_not_look() -> None:
+    surface = Surface(*two_spheres(2.1))
+    half, radius = surface.count // 2, 0.5 / surface.size
+    areas, leaving = surface.vector_areas(surface.rest), np.zeros_like(surface.rest)
+    leaving[:half, 0] = -0.2 * radius
+    gaps = gaps_of(surface)
+    gaps.add_facing(surface.rest, areas, leaving, radius)
+    # The other sphere, which stays, still looks.
+    assert len(gaps) > 10 and (gaps.corners[:, 0] >= half).all()
+    # A little way back does not count, nor does a way ahead.
+    both = len(add_facing(gaps_of(surface), surface, radius))
+    for factor in (0.25, -1.0):
+        assert (
+            len(gaps_of(surface).add_facing(surface.rest, areas, factor * leaving, radius)) == both
+        )
 
 
 def test_contacts_that_do_not_count_have_no_gaps() -> None:
@@ -84,10 +101,7 @@ def test_contacts_that_do_not_count_have_no_gaps() -> None:
     bodies = [BodyRange(0, half, 99.0), BodyRange(half, 2 * half, 99.0)]
     for mode, some in (("self", False), ("inter", True)):
         surface = Surface(points, faces, bodies=bodies, mode=mode)
-        assert (
-            len(gaps_of(surface).add_facing(surface.rest, surface.vector_areas(surface.rest), 1.0))
-            > 0
-        ) == some
+        assert (len(add_facing(gaps_of(surface), surface, 1.0)) > 0) == some
 
 
 def test_folds_have_gaps_of_their_free_edges() -> None:
@@ -104,7 +118,7 @@ def test_folds_have_gaps_of_their_free_edges() -> None:
 def test_linearised_widths_are_distances_and_least_widths_are_smaller() -> None:
     surface = Surface(*two_spheres(2.1))
     gaps = gaps_of(surface)
-    gaps.add_facing(surface.rest, surface.vector_areas(surface.rest), 0.2)
+    add_facing(gaps, surface, 0.2)
     gaps.linearise(surface.rest)
     widths = gaps.width(surface.rest)
     nearest = np.linalg.norm(gaps._nearest(surface.rest)[2], axis=1)
@@ -148,7 +162,7 @@ def test_a_step_keeps_gaps_open_and_pushes_both_sides() -> None:
     system = ArapSystem(surface, target)
     right = system.target(surface.rest)
     gaps = gaps_of(surface)
-    gaps.add_facing(surface.rest, surface.vector_areas(surface.rest), 0.5)
+    add_facing(gaps, surface, 0.5)
     gaps.linearise(surface.rest)
     free = system.solve(right)
     assert (gaps.width(free) < 0).any()
@@ -175,7 +189,7 @@ def test_a_step_without_gaps_is_the_free_step() -> None:
 def test_a_clearance_asks_narrow_gaps_to_open() -> None:
     surface = Surface(*two_spheres(2.1))
     gaps = gaps_of(surface)
-    gaps.add_facing(surface.rest, surface.vector_areas(surface.rest), 0.2)
+    add_facing(gaps, surface, 0.2)
     gaps.linearise(surface.rest, clearance=0.1)
     widths = gaps.width(surface.rest)
     assert (widths < 0.1).any() and (widths > 0.1).any()

@@ -27,7 +27,7 @@ from tests.meshes import icosphere, swept, tube
 from tests.repair.relief.test_relief import winged
 
 TIGHT = ClipOptions(
-    independent=IndependentOptions(strain=StrainOptions(factor=1.001, edges=0, edges_share=0.0))
+    independent=IndependentOptions(strain=StrainOptions(factor=1.0001, edges=0, edges_share=0.0))
 )
 
 BALL, FACES = icosphere(2)

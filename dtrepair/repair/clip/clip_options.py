@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from dtrepair.repair.clip.borrow_frames import BorrowingOptions
 from dtrepair.repair.clip.layout import LayoutOptions
+from dtrepair.repair.clip.steady_frames import AgreeOptions
 from dtrepair.repair.clip.window_method import WindowOptions
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
@@ -27,6 +28,7 @@ class ClipOptions(LayoutOptions):
         windows: Numbers of the stages of a window.
         mend: Numbers of the mending of that frame.
         borrow: When frames start again from their neighbours.
+        agree: How those of a single skin that did agree with the frames around.
         alone: Numbers of the full method, for frames that no window could clean.
         independent: How bodies are led apart, and how frames are solved that are repaired each for
             itself.
@@ -39,5 +41,6 @@ class ClipOptions(LayoutOptions):
     mend: MendOptions = field(default_factory=MendOptions)
     ways: OtherWayOptions = field(default_factory=OtherWayOptions)
     borrow: BorrowingOptions = field(default_factory=BorrowingOptions)
+    agree: AgreeOptions = field(default_factory=AgreeOptions)
     alone: FullOptions = field(default_factory=FullOptions)
     independent: IndependentOptions = field(default_factory=IndependentOptions)

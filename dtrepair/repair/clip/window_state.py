@@ -114,6 +114,11 @@ class WindowState:
             self.pool.tell("forget_clearance")
             self.pairs = self.pool.map("pairs", self._every)
 
+    def place(self, poses: FloatArray) -> None:
+        """Start from poses (T, V, 3), before anything else was done."""
+        self.work.extra[:] = poses - self.original
+        self.evaluate()
+
     def evaluate(self) -> None:
         """Make the poses from the unknowns, and find their pairs."""
         self.pairs = self.pool.map("evaluated", self._every)

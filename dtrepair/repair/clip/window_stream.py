@@ -16,6 +16,7 @@ from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.clip.borrow_frames import started_again
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.frames import Frame, faded, read_frames
+from dtrepair.repair.clip.steady_frames import agreed
 from dtrepair.repair.clip.window_method import MakeMethod
 from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.independent import solved_pose
@@ -130,21 +131,21 @@ class WindowStream:
         mesh = meshes([frame.weld for frame in frames])
         poses = self._solve(scene, mesh, frames)
         poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
-        # Frames of a single skin were pushed together: it jitters where one goes another way.
-        if scene.strain_meter.parts.count > 1:
-            alone = partial(solved_pose, scene, meshes, options=numbers)
-            poses = started_again(
-                scene,
-                mesh,
-                frames,
-                poses,
-                # Frames of attached parts were solved alone already.
-                alone=alone if mesh.surface.ties is None else None,
-                jobs=self.jobs,
-                options=self.options.borrow,
-            )
+        alone = partial(solved_pose, scene, meshes, options=numbers)
+        again = started_again(
+            scene,
+            mesh,
+            frames,
+            poses,
+            # Frames of attached parts were solved alone already.
+            alone=alone if mesh.surface.ties is None else None,
+            jobs=self.jobs,
+            options=self.options.borrow,
+        )
         times = np.array([frame.time for frame in frames])
-        return bounded_frames(scene, frames, poses, times, options=numbers.share)
+        options = self.options.agree
+        again = agreed(scene, mesh, frames, poses, again, times, jobs=self.jobs, options=options)
+        return bounded_frames(scene, frames, again, times, options=numbers.share)
 
     def _verified(self, frames: list[Frame], poses: list[FloatArray]) -> list[IntArray]:
         """Return the pairs of the poses, exactly, on the float32 coordinates of the results."""

@@ -1,0 +1,91 @@
+"""Frames of a single skin that took another way agree with those around them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from dtrepair import Body, RepairOptions
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.metrics import jitter
+from dtrepair.repair.clip import steady_frames
+from dtrepair.repair.clip.steady_frames import AgreeOptions, agreed
+from dtrepair.repair.scene.make_scene import make_scene
+from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
+from tests.repair.clip.test_clip_repairer import Poses, swing
+
+COUNT, ODD = 21, 10
+TIMES = np.arange(float(COUNT))
+
+
+class Clip(NamedTuple):
+    """Pincers that meet in the middle of a clip, and the poses of single frames."""
+
+    scene: Scene
+    mesh: WeldedMesh
+    frames: list[OpenedPose]
+    found: list[FloatArray]
+
+    def in_step(self, poses: list[FloatArray], **numbers: float) -> list[FloatArray]:
+        options = AgreeOptions(**numbers)
+        return agreed(*self[:3], self.found, poses, TIMES, options=options)
+
+    @property
+    def original(self) -> Poses:
+        return np.stack([frame.centred for frame in self.frames])
+
+
+@pytest.fixture
+def clip() -> Clip:
+    """All frames are opened by as much, along their axis; they touch nothing."""
+    rest, faces, poses = swing(COUNT)
+    scene = make_scene([Body(rest, faces)], RepairOptions())
+    frames = [detected(scene, gathered(scene, [pose])) for pose in poses]
+    mesh = WeldedMeshes(scene)([frame.weld for frame in frames])
+    away = frames[0].centred - frames[ODD].centred
+    found = [frame.centred + away for frame in frames]
+    return Clip(scene, mesh, frames, found)
+
+
+def odd(clip: Clip) -> list[FloatArray]:
+    """The same, but for one frame that was opened farther."""
+    poses = list(clip.found)
+    before = clip.frames[ODD].centred
+    poses[ODD] = before + 1.3 * (poses[ODD] - before)
+    assert not len(clip.scene.pairs(poses[ODD], clip.frames[ODD].weld))
+    return poses
+
+
+def test_a_frame_that_stands_out_comes_into_step(clip: Clip) -> None:
+    poses = odd(clip)
+    result = clip.in_step(poses)
+    assert jitter(clip.original, np.stack(result)) < 0.3 * jitter(clip.original, np.stack(poses))
+    for frame, points in zip(clip.frames, result, strict=True):
+        assert len(clip.scene.pairs(points, frame.weld)) <= len(frame.pairs)
+    assert not len(clip.scene.pairs(result[ODD], clip.frames[ODD].weld))
+    # Frames farther off in time are what they were.
+    assert all(result[index] is poses[index] for index in (0, 1, COUNT - 1))
+
+
+def test_where_all_went_the_same_way_nothing_happens(clip: Clip) -> None:
+    assert all(a is b for a, b in zip(clip.in_step(clip.found), clip.found, strict=True))
+
+
+def test_what_would_be_strained_stays(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    poses = odd(clip)
+    known = {id(points) for points in poses}
+    monkeypatch.setattr(
+        steady_frames, "strain_of", lambda _, before, points: id(points) not in known
+    )
+    assert all(a is b for a, b in zip(clip.in_step(poses), poses, strict=True))
+
+
+def test_frames_that_still_intersect_stay(clip: Clip) -> None:
+    poses = odd(clip)
+    beside = poses[ODD + 1] = clip.frames[ODD + 1].centred
+    assert len(clip.frames[ODD + 1].pairs)
+    np.testing.assert_allclose(clip.in_step(poses)[ODD + 1], beside, atol=1e-12)

@@ -11,11 +11,12 @@ from dtrepair import Body, RepairOptions
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import jitter
 from dtrepair.repair.clip import steady_frames
-from dtrepair.repair.clip.steady_frames import AgreeOptions, agreed
+from dtrepair.repair.clip.steady_frames import agreed
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
+from tests.meshes import icosphere
 from tests.repair.clip.test_clip_repairer import Poses, swing
 
 COUNT, ODD = 21, 10
@@ -30,9 +31,8 @@ class Clip(NamedTuple):
     frames: list[OpenedPose]
     found: list[FloatArray]
 
-    def in_step(self, poses: list[FloatArray], **numbers: float) -> list[FloatArray]:
-        options = AgreeOptions(**numbers)
-        return agreed(*self[:3], self.found, poses, TIMES, options=options)
+    def in_step(self, poses: list[FloatArray]) -> list[FloatArray]:
+        return agreed(self.scene, self.mesh, self.frames, self.found, poses, TIMES)
 
     @property
     def original(self) -> Poses:
@@ -82,6 +82,18 @@ def test_what_would_be_strained_stays(clip: Clip, monkeypatch: pytest.MonkeyPatc
         steady_frames, "strain_of", lambda _, before, points: id(points) not in known
     )
     assert all(a is b for a, b in zip(clip.in_step(poses), poses, strict=True))
+
+
+def test_frames_of_several_parts_are_left_alone() -> None:
+    ball, faces = icosphere(2)
+    bodies = [Body(ball, faces), Body(ball + 3.0, faces)]
+    scene = make_scene(bodies, RepairOptions())
+    points = scene.centred_rest
+    frames = [detected(scene, gathered(scene, [body.rest for body in bodies]))] * 3
+    mesh = WeldedMeshes(scene)([frame.weld for frame in frames])
+    poses = [points, points + 0.1, points]
+    result = agreed(scene, mesh, frames, [points] * 3, poses, TIMES[:3])
+    assert all(a is b for a, b in zip(result, poses, strict=True))
 
 
 def test_frames_that_still_intersect_stay(clip: Clip) -> None:

@@ -84,6 +84,7 @@ class AgreeOptions:
         rings: They agree, and what is around them, fading over so many edge rings, ...
         spread: ... and over frames as a bell of this standard deviation, ...
         around: ... up to so many frames before and after.
+        faint: Vertices that would take part by less are left out.
         agreement: For each cycle of relaxing, the weight by which frames are pulled to where their
             neighbours ask them to be, next to the edges.
         still: Relaxing ends when no vertex moves farther in a cycle, units of the size.
@@ -94,6 +95,7 @@ class AgreeOptions:
     rings: int = 10
     spread: float = 3.0
     around: int = 8
+    faint: float = 0.05
     agreement: tuple[float, ...] = (3.0,) * 12
     still: float = 2e-4
     frames: FrameOptions = field(default_factory=FrameOptions)
@@ -156,6 +158,7 @@ def _relaxed(
         far = lengths(pose - was) > options.changed
         reach[index] = reach_of(surface, far[:, None].astype(float), rings=options.rings)
     reach = spread_in_time(times, reach, options.spread)
+    reach[reach < options.faint] = 0.0
 
     def relaxed_by(pool: WorkerPool) -> FloatArray:
         numbers, farthest = options.frames, mesh.farthest
@@ -163,8 +166,10 @@ def _relaxed(
             surface, original, times, pool, alone=solve_alone, farthest=farthest, options=numbers
         )
         state.place(now)
-        clean = [frame for frame, pairs in enumerate(state.pairs) if not len(pairs)]
-        state.relax(clean, reach, options.agreement, still=options.still, spread=options.spread)
+        taking = (f for f, pairs in enumerate(state.pairs) if not len(pairs) and reach[f].any())
+        state.relax(
+            list(taking), reach, options.agreement, still=options.still, spread=options.spread
+        )
         return state.poses
 
     jobs = worthwhile_jobs(jobs, len(now), len(surface.faces))

@@ -75,6 +75,22 @@ def test_where_all_went_the_same_way_nothing_happens(clip: Clip) -> None:
     assert all(a is b for a, b in zip(clip.in_step(clip.found), clip.found, strict=True))
 
 
+def test_where_none_went_far_nothing_moves(clip: Clip) -> None:
+    poses = list(clip.found)
+    poses[ODD] = poses[ODD] + 1e-5
+    for points, result in zip(poses, clip.in_step(poses), strict=True):
+        np.testing.assert_allclose(result, points, atol=1e-12)
+
+
+def test_frames_between_two_that_went_another_way_stay(clip: Clip) -> None:
+    poses = list(clip.found)
+    for index in (0, COUNT - 1):
+        poses[index] = poses[index] + 0.2 * (clip.found[ODD] - clip.frames[ODD].centred)
+    result = clip.in_step(poses)
+    assert np.abs(result[0] - poses[0]).max() > 0.0
+    np.testing.assert_allclose(result[ODD], poses[ODD], atol=1e-12)
+
+
 def test_what_would_be_strained_stays(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
     poses = odd(clip)
     known = {id(points) for points in poses}

@@ -31,8 +31,8 @@ class Clip(NamedTuple):
     frames: list[OpenedPose]
     found: list[FloatArray]
 
-    def in_step(self, poses: list[FloatArray]) -> list[FloatArray]:
-        return agreed(self.scene, self.mesh, self.frames, self.found, poses, TIMES)
+    def in_step(self, poses: list[FloatArray], jobs: int = 1) -> list[FloatArray]:
+        return agreed(self.scene, self.mesh, self.frames, self.found, poses, TIMES, jobs=jobs)
 
     @property
     def original(self) -> Poses:
@@ -69,6 +69,13 @@ def test_a_frame_that_stands_out_comes_into_step(clip: Clip) -> None:
     assert not len(clip.scene.pairs(result[ODD], clip.frames[ODD].weld))
     # Frames farther off in time are what they were.
     assert all(result[index] is poses[index] for index in (0, 1, COUNT - 1))
+
+
+def test_two_workers_find_the_same(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    poses = odd(clip)
+    alone = clip.in_step(poses)
+    monkeypatch.setattr(steady_frames, "worthwhile_jobs", lambda jobs, *_: jobs)
+    np.testing.assert_array_equal(clip.in_step(poses, jobs=2), alone)
 
 
 def test_where_all_went_the_same_way_nothing_happens(clip: Clip) -> None:

@@ -1,4 +1,4 @@
-"""Frames of several parts that ended badly start again: from their neighbours, or by themselves.
+"""Frames that ended badly start again: from their neighbours, or by themselves.
 
 Solved each for itself, a limb may leave another one by the short way in one frame and collapse in
 the next. From a neighbour's correction, turned with its surroundings, the short way is found again,

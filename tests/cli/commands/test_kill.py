@@ -15,7 +15,7 @@ import pytest
 
 from tests.command_line import run, swaying, tube_stage
 
-FRAMES = 40
+FRAMES = 120
 
 
 @pytest.fixture(scope="module")

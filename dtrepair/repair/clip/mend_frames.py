@@ -11,6 +11,7 @@ from dtrepair.numerics.temporal import gaussian_kernel
 from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.frame.frame_options import Chain
 from dtrepair.repair.frame.lending import Loan, disagreement
+from dtrepair.repair.scene.bodies import STIFF
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,17 +87,25 @@ class LendFramesOptions:
         apart: Displacements of neighbours that differ by more, rms, units of the size, may be of
             two ways out: the one that distorts less is tried in both.
         rounds: Times that every second frame is looked at for that.
+        stiff: Diffusion from which on a body is stiff.
     """
 
     share: float = 0.2
     apart: float = 0.004
     rounds: int = 4
+    stiff: float = STIFF
 
 
 def is_stuck(state: WindowState, *, options: LendFramesOptions = LendFramesOptions()) -> bool:
-    """Return whether pushing failed in too many frames of a single skin to be mended one by one."""
+    """Return whether pushing failed in too many frames to be mended one by one.
+
+    Stiff bodies, which turn as wholes, are no better off alone.
+    """
     met = sum(len(pairs) > 0 for pairs in state.found)
-    return state.surface.clusters == 1 and len(state.dirty) > options.share * met
+    bodies = state.surface.bodies
+    soft = not any(body.rigid or body.diffusion >= options.stiff for body in bodies)
+    alone = state.surface.clusters == 1 or soft
+    return alone and len(state.dirty) > options.share * met
 
 
 def lend_frames(state: WindowState, *, options: LendFramesOptions = LendFramesOptions()) -> None:
@@ -105,7 +114,7 @@ def lend_frames(state: WindowState, *, options: LendFramesOptions = LendFramesOp
     Frames that still intersect then stay as they are. A frame whose displacement differs from a
     neighbour's that distorts less is solved from there again, and keeps what distorts less.
     """
-    costs = state.relax_alone()
+    costs, lent = state.relax_alone(), set[tuple[int, int, float]]()
     while (waiting := np.isnan(costs)).any():
         loans = []
         for frame in np.flatnonzero(waiting).tolist():
@@ -118,10 +127,21 @@ def lend_frames(state: WindowState, *, options: LendFramesOptions = LendFramesOp
             # No frame is clean: the one with the fewest pairs begins, from its own input.
             frame = int(np.argmin([len(pairs) for pairs in state.found]))
             loans = [Loan(frame, frame, np.inf)]
-        state.lend(loans, costs)
+        _lend(state, loans, costs, lent)
     for index in range(options.rounds):
-        loans = _disputed(state, costs, index % 2, options)
-        state.lend(loans, costs)
+        _lend(state, _disputed(state, costs, index % 2, options), costs, lent)
+
+
+def _lend(
+    state: WindowState, loans: list[Loan], costs: FloatArray, lent: set[tuple[int, int, float]]
+) -> None:
+    """Make the loans that were not made before; change `costs` (T,) and `lent`.
+
+    lent: frame, lender and what the lender cost, of each loan made: its pose changes with its cost.
+    """
+    keys = [(loan.frame, loan.lender, float(costs[loan.lender])) for loan in loans]
+    state.lend([loan for loan, key in zip(loans, keys, strict=True) if key not in lent], costs)
+    lent.update(keys)
 
 
 def _disputed(

@@ -158,15 +158,21 @@ class RelaxFramesOptions:
     rings: int = 10
 
 
-def relax_frames(state: WindowState, *, options: RelaxFramesOptions = RelaxFramesOptions()) -> None:
+def relax_frames(
+    state: WindowState,
+    *,
+    alone: bool = False,
+    options: RelaxFramesOptions = RelaxFramesOptions(),
+) -> None:
     """Relax the clean frames of a window wherever they were displaced.
 
     A frame that still intersects stays as it is, but for `left_attached`. Bodies that move freely
-    lean on each other: of them only what collapsed is relaxed.
+    lean on each other: of them only what collapsed is relaxed, unless each frame was solved alone.
     """
     surface = state.surface
     poses = zip(state.original, state.poses, strict=True)
-    reach = np.stack([_reach(surface, before, after, options) for before, after in poses])
+    reached = _near_collapsed if surface.clusters > 1 and not alone else _displaced
+    reach = np.stack([reached(surface, before, after, options) for before, after in poses])
     if not reach.any():
         return
     reach = np.maximum(reach, spread_in_time(state.frames, reach, options.spread))
@@ -201,12 +207,17 @@ def _nearly_clean(state: WindowState, options: RelaxFramesOptions) -> list[int]:
     return [frame for frame, pairs in enumerate(state.pairs) if len(pairs) <= most]
 
 
-def _reach(
+def _displaced(
     surface: Surface, before: FloatArray, after: FloatArray, options: RelaxFramesOptions
 ) -> NDArray[np.float32]:
-    """Return how far each vertex (V,) takes part, 0 to 1."""
-    if surface.clusters == 1:
-        return reach_of(surface, after - before, rings=options.rings).astype(np.float32)
+    """Return how far each vertex (V,) takes part, 0 to 1: those near displaced ones."""
+    return reach_of(surface, after - before, rings=options.rings).astype(np.float32)
+
+
+def _near_collapsed(
+    surface: Surface, before: FloatArray, after: FloatArray, options: RelaxFramesOptions
+) -> NDArray[np.float32]:
+    """Return how far each vertex (V,) takes part, 0 to 1: those near too many collapsed edges."""
     collapsed, count = collapsed_vertices(surface, before, after, options.collapse)
     if count <= max(options.collapsed, options.collapsed_share * len(surface.edges)):
         return np.zeros(surface.count, dtype=np.float32)

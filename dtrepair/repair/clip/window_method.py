@@ -213,14 +213,15 @@ class WindowMethod:
             if not (tied or stuck):
                 tighten_frames(state, self.tighten, options=options.tighten)
             settle_frames(state, options=options.settle)
-            relax_frames(state, options=options.relax)
+            relax_frames(state, alone=stuck, options=options.relax)
         # Frames that were solved each for itself stand out where they take another way: no less so
         # after as much work again.
         if not (tied or stuck):
             steady_frames(state, options=options.steady)
         if self.clearance == 0.0:
             cure_frames(state, options=options.relax)
-            restore_shapes(state, options=options.restore)
+            if not stuck:
+                restore_shapes(state, options=options.restore)
         return eased(state, options=options.ease)
 
 

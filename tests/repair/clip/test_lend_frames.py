@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dtrepair.intersect.detector import find_intersections
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.mend_frames import (
     LendFramesOptions,
     MendFramesOptions,
@@ -75,14 +76,36 @@ def test_pushing_is_stuck_where_it_left_many_frames_of_a_skin(state: WindowState
     assert is_stuck(state)
     assert is_stuck(state, options=LendFramesOptions(share=(met - 0.5) / met))
     assert not is_stuck(state, options=LendFramesOptions(share=1.0))
-    half = state.surface.count // 2
-    bodies = [BodyRange(0, half, 99.0), BodyRange(half, state.surface.count, 99.0)]
+
+
+@pytest.mark.parametrize(("diffusion", "rigid"), [(99.0, False), (400.0, False), (99.0, True)])
+def test_bodies_are_solved_frame_by_frame_unless_one_is_stiff(
+    state: WindowState, diffusion: float, rigid: bool
+) -> None:
     rest, faces, frames = swing()
+    half = len(rest) // 2
+    bodies = [BodyRange(0, half, 99.0), BodyRange(half, len(rest), diffusion, rigid=rigid)]
     apart = faces[(faces < half).all(axis=1) | (faces >= half).all(axis=1)]
     surface = Surface(rest, apart, bodies=bodies)
     poses = frames / surface.size
     two = WindowState(surface, poses, state.frames, WorkerPool(), alone=solve_alone)
-    assert two.dirty and not is_stuck(two, options=LendFramesOptions(share=0.0))
+    assert two.dirty
+    soft = diffusion < 300.0 and not rigid
+    assert is_stuck(two, options=LendFramesOptions(share=0.0)) == soft
+
+
+def test_no_loan_is_made_twice(state: WindowState, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[tuple[int, int, float]] = []
+    lend = state.lend
+
+    def counted(loans: list[Loan], costs: FloatArray) -> None:
+        made.extend((loan.frame, loan.lender, float(costs[loan.lender])) for loan in loans)
+        lend(loans, costs)
+
+    monkeypatch.setattr(state, "lend", counted)
+    # Whatever differs at all is disputed, in every round.
+    lend_frames(state, options=LendFramesOptions(apart=0.0, rounds=6))
+    assert made and len(made) == len(set(made))
 
 
 def test_what_differs_from_a_cheaper_neighbour_is_solved_from_there(state: WindowState) -> None:

@@ -80,16 +80,30 @@ def test_a_single_skin_comes_back_and_keeps_its_volume() -> None:
         assert volume(pose, surface.faces) == pytest.approx(given, rel=0.03)
 
 
-def test_bodies_that_move_freely_are_left_alone() -> None:
+def two_free_tubes() -> Surface:
+    """Two tubes beside each other, each a body of its own."""
     points, faces = joined(tube(12, 20, 0.2, 2.0), tube(12, 20, 0.2, 2.0))
     points[len(points) // 2 :, 0] += 1.0
     half = len(points) // 2
     bodies = [BodyRange(0, half, 99.0), BodyRange(half, 2 * half, 99.0)]
-    surface = Surface(points, faces, bodies=bodies)
+    return Surface(points, faces, bodies=bodies)
+
+
+def test_bodies_that_move_freely_are_left_alone() -> None:
+    surface = two_free_tubes()
     state = state_of(surface, bump(surface))
     before = state.poses.copy()
     relax_frames(state)
     assert np.array_equal(state.poses, before)
+
+
+def test_bodies_whose_frames_were_solved_alone_come_back() -> None:
+    surface = two_free_tubes()
+    state = state_of(surface, bump(surface))
+    before = np.linalg.norm(state.poses - state.original, axis=2).mean()
+    relax_frames(state, alone=True)
+    assert np.linalg.norm(state.poses - state.original, axis=2).mean() < 0.95 * before
+    assert not state.dirty
 
 
 def test_frames_that_agree_accelerate_less() -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from dtrepair.numerics.geometry import FloatArray, unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio
+from dtrepair.repair.clip.mend_frames import LendFramesOptions
 from dtrepair.repair.clip.restore_shape import RestoreShapeOptions
 from dtrepair.repair.clip.window_method import WindowMethod, WindowOptions
 from dtrepair.repair.full.method import solve_alone
@@ -19,6 +20,8 @@ from tests.meshes import icosphere, joined
 BALL, BALL_FACES = icosphere(2)
 ROD, ROD_FACES = BALL * np.array([0.2, 0.2, 0.8]), BALL_FACES
 USUAL, NEVER = RestoreShapeOptions(), RestoreShapeOptions(cycles=0, soft_cycles=0)
+# However many frames pushing leaves dirty, they are mended one by one.
+PUSHED = LendFramesOptions(share=1.0)
 
 
 def repaired(
@@ -26,6 +29,7 @@ def repaired(
     mobility: FloatArray,
     depth: FloatArray,
     restore: RestoreShapeOptions = USUAL,
+    lend: LendFramesOptions = PUSHED,
 ) -> tuple[FloatArray, FloatArray]:
     """A clip (T, V, 3) of a rod that dips into a ball by `depth` (T,), and the clean result."""
     count = len(BALL)
@@ -35,7 +39,8 @@ def repaired(
     poses = np.repeat(rest[None], len(depth), axis=0)
     poses[:, count:] += np.array([0.3, 0.1, 1.75]) - depth[:, None, None] * [0.0, 0.0, 1.0]
     poses /= surface.size
-    method = WindowMethod(surface, solve_alone, options=WindowOptions(restore=restore))
+    options = WindowOptions(restore=restore, lend=lend)
+    method = WindowMethod(surface, solve_alone, options=options)
     result = method(poses, np.arange(float(len(poses))), WorkerPool())
     assert result is not None
     assert all(len(surface.contacts.pairs(pose)) == 0 for pose in result)
@@ -43,15 +48,18 @@ def repaired(
 
 
 @cache
-def bending(diffusion: float, mobility: float = 0.0, restore: RestoreShapeOptions = USUAL) -> float:
+def bending(
+    diffusion: float,
+    mobility: float = 0.0,
+    restore: RestoreShapeOptions = USUAL,
+    lend: LendFramesOptions = PUSHED,
+) -> float:
     """Root mean square of the rod's edge changes in a clip that is repaired clean."""
     depth = 0.9 * np.cos(np.linspace(-1.6, 1.6, 7))
     mobilities = np.repeat([mobility, 1.0], len(BALL))
     edges, rod = unique_edges(ROD_FACES), slice(len(BALL), None)
-    changes = [
-        edge_log_ratio(before[rod], after[rod], edges)
-        for before, after in zip(*repaired(diffusion, mobilities, depth, restore), strict=True)
-    ]
+    poses = zip(*repaired(diffusion, mobilities, depth, restore, lend), strict=True)
+    changes = [edge_log_ratio(before[rod], after[rod], edges) for before, after in poses]
     assert sum(change > 0 for change in changes) > 3
     return float(np.sqrt(np.mean(np.square(changes))))
 
@@ -63,6 +71,10 @@ def test_a_stiff_body_hardly_bends(mobility: float) -> None:
 
 def test_what_stretches_a_soft_body_is_evened_out() -> None:
     assert bending(99.0) < 0.95 * bending(99.0, restore=NEVER)
+
+
+def test_what_is_solved_frame_by_frame_is_hardly_stretched() -> None:
+    assert bending(99.0, lend=LendFramesOptions(share=0.0)) < 0.2 * bending(99.0)
 
 
 def test_a_soft_body_that_is_hardly_stretched_is_left_alone() -> None:

@@ -86,11 +86,18 @@ class Input:
         return _pairs(self.character, self.surface, points, slice(None))
 
 
-def study(character: Character, *, modelled: bool = True) -> Input:
-    """Count every frame, and find the modelled contacts unless nothing is modelled."""
+def study(character: Character, *, at_rest: bool = False) -> Input:
+    """Count every frame, and find the modelled contacts.
+
+    at_rest: they are those of the points at the default time, whatever the frames have.
+    """
     surface = make_surface(character.rest, character.faces, character.owner)
     pairs = [_pairs(character, surface, points, slice(None)) for points in character.poses]
-    attachments = _attachments(character, surface, pairs) if modelled else []
+    if at_rest:
+        met = _pairs(character, surface, character.default, slice(None))
+        attachments = attach(surface, character.default[surface.point_of], met)
+    else:
+        attachments = _attachments(character, surface, pairs)
     zones = Zones(surface, attachments)
     return Input(
         character=character,
@@ -198,8 +205,7 @@ def measure_character(known: Input, after: Floats, frames: Ints, run: Run) -> Fi
         result["move_max"].append(float(far.max()))
         result["move_mean"].append(float(far.mean()))
     result["jitter"] = jitter(character.poses[frames][:, used], after[:, used])
-    total = [sum(own) for own in zip(result["real_after"], result["modelled_after"], strict=True)]
-    return {**result, **_said(known, run, frames, result["real_after"], total)}
+    return {**result, **_said(known, run, frames, result)}
 
 
 PER_FRAME = (
@@ -208,11 +214,13 @@ PER_FRAME = (
 )
 
 
-def _said(known: Input, run: Run, frames: Ints, left: list[int], total: list[int]) -> Figures:
+def _said(known: Input, run: Run, frames: Ints, after: Figures) -> Figures:
     """What a run cost and said, and in how many frames it said what is not so.
 
-    left: pairs of each frame that are not modelled, total: all of them.
+    after: what is left in each frame, modelled or not.
     """
+    left = after["real_after"]
+    total = [sum(own) for own in zip(left, after["modelled_after"], strict=True)]
     times = known.character.times[frames].tolist()
     before = [len(known.pairs[frame]) for frame in frames]
     miscounted = sum(
@@ -243,7 +251,7 @@ def measure_worn(known: Input, worn: list[Worn], after: Floats, frames: Ints, ru
         raise ValueError(f"{character.path}: a loop of what is worn goes round no core in the rest")
     result: Figures = {"crossings_rest": rest, "crossings": [], "worn": []}
     result |= {name: [] for name in ("inside_before", "inside_after", "inside_new", "worn_move")}
-    result |= {"real_after": [], "move_max": [], "edges": []}
+    result |= {"real_after": [], "modelled_after": [], "move_max": [], "edges": []}
     for points, frame in zip(after, frames, strict=True):
         before = character.poses[frame]
         index = int(frame) + 1
@@ -257,12 +265,14 @@ def measure_worn(known: Input, worn: list[Worn], after: Floats, frames: Ints, ru
         result["inside_new"].append(int((still & ~was).sum()))
         result["worn_move"].append(float(far[vertices].max()))
         result["move_max"].append(float(far.max()))
-        result["real_after"].append(len(known.pairs_of(points)))
+        pairs = known.pairs_of(points)
+        real = int((~known.zones.modelled(pairs)).sum())
+        result["real_after"].append(real)
+        result["modelled_after"].append(len(pairs) - real)
         old, new = known.welded(before), known.welded(points)
         result["edges"].append(spoilt_edges(known.surface, old, new))
     result["jitter"] = jitter(character.poses[frames][:, vertices], after[:, vertices])
-    left = result["real_after"]
-    return {**result, **_said(known, run, frames, left, left)}
+    return {**result, **_said(known, run, frames, result)}
 
 
 def _crossings(worn: Worn, points: Floats, index: int) -> list[list[int]]:

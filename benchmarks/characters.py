@@ -10,7 +10,8 @@ measured by `tests/measures`, which shares no code with the repair; pairs are co
 float32 coordinates. Values are those of the worst frame:
 
 real pairs      pairs of triangles that share no vertex and are not modelled, before -> after
-modelled        pairs that the bind pose has too, near where it has them, before -> after
+modelled        pairs that the bind pose has too, near where it has them, before -> after; where
+                something is worn, those that the points at the default time have
 drift           change of the offset between a vertex of an overlap and the point of the other part
                 that was nearest to it in the bind pose, over the diagonal: 95 % of them / the most
 edges over 4    edges that became four times longer or shorter
@@ -118,7 +119,7 @@ def main(arguments: list[str] | None = None) -> int:
 def measure(path: Path, kind: str, order: Order) -> Figures:
     """Repair one stage, or take what is there, and measure it."""
     character = read_character(path)
-    known = study(character, modelled=kind == "characters")
+    known = study(character, at_rest=kind == "worn")
     frames, options = _frames(known, order.frames)
     if order.jobs is not None:
         options += ["--jobs", str(order.jobs)]

@@ -131,6 +131,8 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--save", type=Path)
     asked = parser.parse_args()
+    if asked.save:
+        asked.save.mkdir(parents=True, exist_ok=True)
     print("| clip | frames | triangles before | not clean | jitter, 1e-3 | mean / max "
           "| acceleration | s a frame |")  # fmt: skip
     print("|---|---|---|---|---|---|---|---|")

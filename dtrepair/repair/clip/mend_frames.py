@@ -88,24 +88,39 @@ class LendFramesOptions:
             two ways out: the one that distorts less is tried in both.
         rounds: Times that every second frame is looked at for that.
         stiff: Diffusion from which on a body is stiff.
+        hopeless, hopeless_after: Pushing ends where after so many sweeps more than this share is
+            dirty: little of it would come clean.
     """
 
     share: float = 0.2
     apart: float = 0.004
     rounds: int = 4
     stiff: float = STIFF
+    hopeless: float = 0.5
+    hopeless_after: int = 14
 
 
 def is_stuck(state: WindowState, *, options: LendFramesOptions = LendFramesOptions()) -> bool:
     """Return whether pushing failed in too many frames to be mended one by one.
 
-    Stiff bodies, which turn as wholes, are no better off alone.
+    Stiff bodies, which turn as wholes, are no better off alone, nor are attached parts.
     """
+    surface = state.surface
+    soft = not any(body.rigid or body.diffusion >= options.stiff for body in surface.bodies)
+    alone = surface.ties is None and (surface.clusters == 1 or soft)
+    return alone and _dirty_share(state) > options.share
+
+
+def is_hopeless(state: WindowState, sweeps: int, *, options: LendFramesOptions) -> bool:
+    """Return whether so many sweeps of pushing left so much that the others would not help."""
+    late = sweeps >= options.hopeless_after and _dirty_share(state) > options.hopeless
+    return late and is_stuck(state, options=options)
+
+
+def _dirty_share(state: WindowState) -> float:
+    """Return the share of the frames that intersect in the input that still do."""
     met = sum(len(pairs) > 0 for pairs in state.found)
-    bodies = state.surface.bodies
-    soft = not any(body.rigid or body.diffusion >= options.stiff for body in bodies)
-    alone = state.surface.clusters == 1 or soft
-    return alone and len(state.dirty) > options.share * met
+    return len(state.dirty) / max(met, 1)
 
 
 def lend_frames(state: WindowState, *, options: LendFramesOptions = LendFramesOptions()) -> None:

@@ -13,6 +13,7 @@ from dtrepair.numerics.temporal import gaussian_kernel
 from dtrepair.repair.clip.mend_frames import (
     LendFramesOptions,
     MendFramesOptions,
+    is_hopeless,
     is_stuck,
     lend_frames,
     mend_frames,
@@ -198,11 +199,12 @@ class WindowMethod:
             kernel = gaussian_kernel(state.frames, options.attached.width)
             state.solve_alone(kernel, options.attached.step, work=options.attached.work)
         else:
-            push_frames(state, options=options.push)
+            lend = None if self.clearance else options.lend
+            push_frames(state, lend=lend, options=options.push)
         if state.dirty and unless is not None and unless(state.pairs):
             return None
         state.forget_clearance()
-        stuck = not tied and self.clearance == 0.0 and is_stuck(state, options=options.lend)
+        stuck = self.clearance == 0.0 and is_stuck(state, options=options.lend)
         if stuck:
             lend_frames(state, options=options.lend)
         elif not tied:
@@ -225,14 +227,20 @@ class WindowMethod:
         return eased(state, options=options.ease)
 
 
-def push_frames(state: WindowState, *, options: PushFramesOptions = PushFramesOptions()) -> None:
+def push_frames(
+    state: WindowState,
+    *,
+    lend: LendFramesOptions | None = None,
+    options: PushFramesOptions = PushFramesOptions(),
+) -> None:
     """Sweep in phases until all frames are clean; the state with the fewest pairs is kept.
 
-    A phase goes on as long as any frame gets better, whatever the others do.
+    A phase goes on as long as any frame gets better, whatever the others do. lend: when the frames
+    are better solved one from the other; None: never.
     """
     best = (state.remaining, state.snapshot())
     fewest = np.array([len(pairs) for pairs in state.pairs])
-    swept, sweeps = 0, sum(phase.sweeps for phase in options.phases)
+    swept, sweeps, hopeless = 0, sum(phase.sweeps for phase in options.phases), False
     for phase in options.phases:
         stalled = 0
         kernel = gaussian_kernel(state.frames, phase.width)
@@ -249,10 +257,13 @@ def push_frames(state: WindowState, *, options: PushFramesOptions = PushFramesOp
             fewest = np.minimum(fewest, counts)
             if state.remaining < best[0]:
                 best = (state.remaining, state.snapshot())
-            if stalled == options.patience:
+            hopeless = lend is not None and is_hopeless(state, swept, options=lend)
+            if stalled == options.patience or hopeless:
                 break
         if state.remaining > best[0]:
             state.restore(best[1])
+        if hopeless:
+            return
 
 
 def eased(state: WindowState, *, options: EaseOptions = EaseOptions()) -> FloatArray:

@@ -18,6 +18,7 @@ from dtrepair.repair.clip.mend_frames import (
     lend_frames,
     mend_frames,
 )
+from dtrepair.repair.clip.window_method import Phase, PushFramesOptions, push_frames
 from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.frame.lending import Loan, carried
 from dtrepair.repair.full.method import solve_alone
@@ -92,6 +93,30 @@ def test_bodies_are_solved_frame_by_frame_unless_one_is_stiff(
     assert two.dirty
     soft = diffusion < 300.0 and not rigid
     assert is_stuck(two, options=LendFramesOptions(share=0.0)) == soft
+
+
+@pytest.mark.parametrize(
+    ("lend", "sweeps"),
+    [
+        (LendFramesOptions(hopeless=0.0, hopeless_after=2, share=0.0), 2),
+        (LendFramesOptions(hopeless=0.0, hopeless_after=3, share=0.0), 4),
+        (LendFramesOptions(hopeless=1.0, hopeless_after=2, share=0.0), 6),
+        (LendFramesOptions(hopeless=0.0, hopeless_after=2, share=1.0), 6),
+        (None, 6),
+    ],
+)
+def test_pushing_ends_where_it_is_hopeless(
+    state: WindowState,
+    monkeypatch: pytest.MonkeyPatch,
+    lend: LendFramesOptions | None,
+    sweeps: int,
+) -> None:
+    made: list[float] = []
+    # Nothing comes clean.
+    monkeypatch.setattr(state, "sweep", lambda kernel, step: made.append(step))
+    phases = Phase(0.01, 4, 1.0), Phase(0.01, 2, 1.0)
+    push_frames(state, lend=lend, options=PushFramesOptions(phases=phases))
+    assert len(made) == sweeps
 
 
 def test_no_loan_is_made_twice(state: WindowState, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -199,7 +199,9 @@ class WindowMethod:
             kernel = gaussian_kernel(state.frames, options.attached.width)
             state.solve_alone(kernel, options.attached.step, work=options.attached.work)
         else:
-            lend = None if self.clearance else options.lend
+            # What pushing leaves of several bodies tells whether there is another way altogether.
+            single = self.surface.clusters == 1 and self.clearance == 0.0
+            lend = options.lend if single else None
             push_frames(state, lend=lend, options=options.push)
         if state.dirty and unless is not None and unless(state.pairs):
             return None

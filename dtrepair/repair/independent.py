@@ -16,6 +16,7 @@ from dtrepair.numerics.metrics import displacements, edge_log_ratio
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.relief.approach import ApproachOptions, approached
 from dtrepair.repair.relief.relief import ReliefOptions, relieved_poses
 from dtrepair.repair.result import RepairResult, Solved
 from dtrepair.repair.scene.bounds import Judged, bounded_pose
@@ -51,6 +52,7 @@ class IndependentOptions:
         mend_step, mend: Largest motion, units of the size, and numbers of the mending of a share.
         strain: What a correction may do to a shape.
         relief: How what is strained is relaxed once more.
+        approach: How what is strained or has pairs all the same is led in from the rest.
         share: How the share of a correction is found that does not do more.
         release: How enclosed parts are led out.
         lift: How layers are led back over what came through them.
@@ -66,6 +68,7 @@ class IndependentOptions:
     mend: MendOptions = field(default_factory=MendOptions)
     strain: StrainOptions = field(default_factory=StrainOptions)
     relief: ReliefOptions = field(default_factory=ReliefOptions)
+    approach: ApproachOptions = field(default_factory=ApproachOptions)
     share: ShareOptions = field(default_factory=ShareOptions)
     release: ReleaseOptions = field(default_factory=ReleaseOptions)
     lift: LiftOptions = field(default_factory=LiftOptions)
@@ -130,7 +133,8 @@ def solved_pose(
     scene: Scene, meshes: WeldedMeshes, opened: OpenedPose, *, options: IndependentOptions
 ) -> FloatArray:
     """Return what is found (V, 3) for a pose on its own; it may be strained."""
-    return _solved(scene, meshes, [opened], options)[0][0]
+    points = _solved(scene, meshes, [opened], options)[0][0]
+    return approached(scene, meshes([opened.weld]), opened, points, options=options.approach)
 
 
 def _start(scene: Scene, pose: OpenedPose, options: IndependentOptions) -> FloatArray:
@@ -293,6 +297,7 @@ def _closed(
     if final is not pose.centred:
         mesh = meshes([pose.weld])
         (final,) = relieved_poses(scene, mesh, [pose], [final], options=options.relief)
+        final = approached(scene, mesh, pose, final, options=options.approach)
     pairs = pose.pairs if final is pose.centred else pairs_of(final)
     judged, pairs = bounded_pose(scene, pose, Judged(final), pairs, pairs_of, options=options.share)
     if judged.lowered:

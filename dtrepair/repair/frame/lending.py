@@ -118,18 +118,20 @@ def solved_from(
     scale: float,
     alone: Callable[[Surface, FloatArray], FloatArray] | None,
     steering: Steering,
+    insist: bool = True,
     effort: float = 1.0,
     options: LendingOptions,
 ) -> tuple[FloatArray, float]:
     """Return the pose (V, 3) that a start leads to, cleaned and relaxed, and what it costs.
 
     scale: factor of steps; alone: the solver from the input's pose, tried where that is rough;
-    effort: factor of the work after which it is left as it is.
+    insist: whether it goes on where mending leaves pairs; effort: factor of the work after which it
+    is left as it is.
     """
     pose = start
     if len(surface.contacts.pairs(start)):
         pose = mend(surface, original, [start], step=scale * options.step, options=options.mend)
-    if len(surface.contacts.pairs(pose)):
+    if insist and len(surface.contacts.pairs(pose)):
         phases = Phases(surface, original, effort=effort, options=options.phases)
         pose = phases.insist_from(pose).points
     found = _judged(surface, original, pose, steering, options)

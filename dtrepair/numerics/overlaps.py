@@ -51,7 +51,8 @@ class AttachmentOptions:
         rings: A triangle belongs to a zone if it begins within the reach, and lies wholly within
             that or within so many edges of the overlap.
         enclosed: Behind a part with a border lies only what it encloses by this winding number, as
-            a sleeve its arm: not all that is in front of a sheet.
+            a sleeve its arm: not all that is in front of a sheet. Beyond the reach of where the two
+            meet, what hangs farther off it than it does there is not held: the knees under a skirt.
         cells: Along the extent of such a part, for its winding numbers: a sleeve is narrow.
         whole: A part of which more than this share is in or behind one of larger area is attached
             as a whole: eyes, teeth, buttons.
@@ -235,6 +236,8 @@ class _Overlaps:
         if share > self.options.whole and larger:
             mask[own] = True
             return mask, True
+        if self.open[other]:
+            mask[self._hanging(mask, touched, other)] = False
         # What lies behind counts only if it is connected to the contact through what is behind:
         # a far shell does not.
         inner = np.flatnonzero(mask)
@@ -242,6 +245,15 @@ class _Overlaps:
         near = np.isin(label, np.unique(label[np.isin(inner, touched)]))
         mask[inner[~near]] = False
         return mask, False
+
+    def _hanging(self, mask: BoolArray, touched: IntArray, other: int) -> IntArray:
+        """Return vertices of a mask (V,) that are far from the contact, and off the other part."""
+        inner = np.flatnonzero(mask)
+        points, met = self.points[inner], np.zeros_like(mask)
+        met[touched] = True
+        near = self._grown(met)[inner]
+        away = lengths(self._tree(other).nearest(points)[1] - points)
+        return inner[~near & (away > away[near].max(initial=0.0))].astype(np.int32)
 
     def _behind(self, part: int, other: int) -> IntArray:
         """Return the vertices of a part behind, or enclosed by, another one, within its box."""

@@ -182,3 +182,33 @@ def whole_length(points: FloatArray, found: Attachments) -> bool:
     own = points[found.ties.vertices[found.part_of[found.ties.triangles] == 1]]
     assert (own[:, 2] > 0.3).any()
     return bool((own[:, 2] < -0.3).any())
+
+
+def skirted(flare: float) -> tuple[Mesh, int]:
+    """A body, and an open skirt that cuts into its waist and stands off by `flare` at the hem."""
+    body, (points, faces) = tube(16, 120, 0.2, 6.0), tube(16, 40, 0.2, 2.0)
+    down = (1.0 - points[:, 2]) / 2.0
+    wide = 0.995 + np.where(down < 0.1, 0.0, 0.01 + flare / 0.2 * (down - 0.1) / 0.9)
+    turned = np.pi / 16  # so that edges of one do not lie over edges of the other
+    x, y = points[:, 0] * wide, points[:, 1] * wide
+    skirt = np.stack(
+        [
+            x * np.cos(turned) - y * np.sin(turned),
+            x * np.sin(turned) + y * np.cos(turned),
+            points[:, 2],
+        ],
+        axis=1,
+    )
+    return joined(body, (skirt, faces)), len(body[0])
+
+
+def test_a_skirt_holds_on_to_the_waist_and_not_to_the_knees() -> None:
+    """Its winding number is above a half around all of them."""
+    mesh, count = skirted(0.3)
+    points = mesh[0]
+    height = points[attached(mesh).ties.vertices][:, 2]
+    assert height.max() > 0.9 and height.min() > 0.2
+    # A pair of tights lies on all of it.
+    close = skirted(0.0)[0]
+    own = attached(close).ties.vertices
+    assert close[0][own[own < count]][:, 2].min() < -0.5

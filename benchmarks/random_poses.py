@@ -46,15 +46,19 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def random_poses(dancer: Dancer, seed: int) -> Iterator[Floats]:
-    """Yield poses (V, 3) whose joints turn by normally distributed angles."""
+def random_poses(dancer: Dancer, seed: int, spread: float = 1.0) -> Iterator[Floats]:
+    """Yield poses (V, 3) whose joints turn by normally distributed angles.
+
+    spread: factor of their standard deviations.
+    """
     random = np.random.default_rng(seed)
     while True:
         turns = {name: np.zeros(3) for name in dancer.joints}
-        for name, (centre, spread) in TURNS.items():
-            turns[name] = random.normal(centre, spread)
+        for name, (centre, usual) in TURNS.items():
+            wide = np.multiply(spread, usual)
+            turns[name] = random.normal(centre, wide)
             if name.startswith("left"):
-                other = random.normal(centre, spread)
+                other = random.normal(centre, wide)
                 # What turns about Y or Z is mirrored.
                 turns[name.replace("left", "right")] = other * (1.0, -1.0, -1.0)
         yield dancer.pose(dancer.transforms(turns))
@@ -110,13 +114,15 @@ def main() -> int:
     parser.add_argument("rest", type=Path)
     parser.add_argument("--poses", type=int, default=12)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--spread", type=float, default=1.0, help="1.6: limbs through the body")
     given = parser.parse_args()
     mesh = read_mesh(given.rest)
     faces = mesh.faces()
     repairer = Repairer(mesh.points, faces)
     rows: list[list[float]] = []
     print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}", flush=True)
-    for number, pose in enumerate(random_poses(Dancer(mesh.points, faces), given.seed), start=1):
+    poses = random_poses(Dancer(mesh.points, faces), given.seed, given.spread)
+    for number, pose in enumerate(poses, start=1):
         if len(find_intersections(pose.astype(np.float32), faces)) == 0:
             continue
         rows.append(measure(repairer, pose, faces))

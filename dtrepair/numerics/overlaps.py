@@ -246,14 +246,16 @@ class _Overlaps:
         mask[inner[~near]] = False
         return mask, False
 
-    def _hanging(self, mask: BoolArray, touched: IntArray, other: int) -> IntArray:
+    def _hanging(
+        self, mask: BoolArray, touched: NDArray[np.integer], other: int
+    ) -> NDArray[np.integer]:
         """Return vertices of a mask (V,) that are far from the contact, and off the other part."""
         inner = np.flatnonzero(mask)
         points, met = self.points[inner], np.zeros_like(mask)
         met[touched] = True
         near = self._grown(met)[inner]
         away = lengths(self._tree(other).nearest(points)[1] - points)
-        return inner[~near & (away > away[near].max(initial=0.0))].astype(np.int32)
+        return np.asarray(inner[~near & (away > away[near].max(initial=0.0))])
 
     def _behind(self, part: int, other: int) -> IntArray:
         """Return the vertices of a part behind, or enclosed by, another one, within its box."""

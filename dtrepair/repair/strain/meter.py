@@ -51,7 +51,8 @@ class StrainOptions:
             farther from the rest in the input itself, as hair over a shoulder, is no joint there.
         volume: Change of the volume of a closed part: flesh that swells or shrivels more is seen.
         thicker: Of what has more volume, growth of the volume over the area: a ring that is widened
-            to go round an arm has more of both, and did not swell.
+            to go round an arm has more of both, and did not swell. Attached lumps without a hole,
+            as the pieces of a finger, go round nothing: they swell however thin they are.
         sheet: A closed part of less volume, over its area to the power 3/2, is a sheet, which has
             none to keep. A ball has 0.094, a plate of 1 x 1 x 0.01 0.003.
         limb: Change of the volume of a piece of a limb within a skin: good results of limbs that
@@ -236,8 +237,8 @@ class StrainMeter:
     ) -> list[Excess]:
         """Return closed parts and limbs with another volume; old, new: vector areas (F, 3)."""
         result = []
-        for kind, pieces, bound in self._solids:
-            change = pieces.changes(before, after, old, new, self.options.thicker)
+        for kind, pieces, thicker, bound in self._solids:
+            change = pieces.changes(before, after, old, new, thicker)
             for index in np.flatnonzero(change > bound):
                 own = pieces.vertices(int(index))
                 worst = int(own[np.argmax(lengths(after[own] - before[own]))])
@@ -246,13 +247,20 @@ class StrainMeter:
         return result
 
     @cached_property
-    def _solids(self) -> list[tuple[StrainKind, Pieces, float]]:
-        """What has a volume to keep: closed parts, and where the rest is known their limbs."""
+    def _solids(self) -> list[tuple[StrainKind, Pieces, FloatArray, float]]:
+        """What has a volume to keep: closed parts, and where the rest is known their limbs.
+
+        With each how much thicker its pieces (P,) are if they have grown, and its bound.
+        """
         parts, options = self.parts, self.options
         closed = np.where(parts.closed[parts.of_face], parts.of_face, -1)
-        result = [(StrainKind.VOLUME, Pieces(parts.faces, closed, options.sheet), options.volume)]
+        pieces = Pieces(parts.faces, closed, options.sheet)
+        thicker = np.where(parts.lumps[: pieces.count], -1.0, options.thicker)
+        result = [(StrainKind.VOLUME, pieces, thicker, options.volume)]
         if self.rest is not None:
-            result.append((StrainKind.LIMB, limbs(parts, self.rest), options.limb))
+            pieces = limbs(parts, self.rest)
+            thicker = np.full(pieces.count, options.thicker)
+            result.append((StrainKind.LIMB, pieces, thicker, options.limb))
         return result
 
     def _flips(

@@ -83,6 +83,18 @@ class ConnectedParts:
         return link_labels(np.concatenate([twice, links]).astype(np.int32), len(keys))
 
     @cached_property
+    def lumps(self) -> BoolArray:
+        """Which parts (P,) are attached, closed and without a hole: Euler characteristic 2."""
+        attached = np.zeros(self.count, dtype=bool)
+        if self.ties is not None:
+            ends = self.of_vertex[np.append(self.ties.vertices, self.corners[self.ties.triangles])]
+            attached[ends[ends >= 0]] = True
+        used = self.of_vertex[self.of_vertex >= 0]
+        numbers = [np.bincount(own, minlength=self.count) for own in (used, self.of_edge)]
+        euler = numbers[0] - numbers[1] + np.bincount(self.of_face, minlength=self.count)
+        return np.asarray(attached & self.closed & (euler == 2))
+
+    @cached_property
     def closed(self) -> BoolArray:
         """Which parts (P,) have every edge run through as often one way as the other."""
         return closed_parts(self.faces, self.of_face, self.count)

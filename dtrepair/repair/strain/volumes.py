@@ -80,12 +80,12 @@ class Pieces:
         after: FloatArray,
         old: FloatArray,
         new: FloatArray,
-        thicker: float,
+        thicker: FloatArray,
     ) -> FloatArray:
         """Return by how much of itself the volume (P,) of each piece changed, 0 where it has none.
 
         before, after: poses (V, 3); old, new: vector areas (F, 3) of all triangles. What did not
-        get thicker, volume over area, by more than this share has not grown.
+        get thicker, volume over area, by more than this share (P,) has not grown; -1: all has.
         """
         centre = before.mean(axis=0)
         had, area = self.measures(before - centre, old)

@@ -16,7 +16,7 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.repair.strain.meter import Excess, StrainMeter, StrainOptions
 from dtrepair.repair.strain.parts import ConnectedParts
-from tests.meshes import Mesh, icosphere, joined, torus, tube
+from tests.meshes import Mesh, elbow, icosphere, joined, torus, tube
 
 BALL, FACES = icosphere(3)
 AWAY = np.array([2.0, 0.0, 0.0])
@@ -136,6 +136,29 @@ def test_a_ring_that_is_widened_does_not_swell() -> None:
     assert meter((points, faces))(points, wide) == []
     assert kinds(meter((points, faces))(points, 1.4 * points)) == {StrainKind.VOLUME}
     assert kinds(meter((points, faces))(wide, points)) == {StrainKind.VOLUME}
+
+
+def swells(lump: Mesh, after: FloatArray) -> tuple[bool, bool]:
+    """Whether a closed mesh that becomes `after` is told to swell: alone, with a pin attached."""
+    points = lump[0]
+    mesh = joined(lump, (icosphere(1)[0] * 0.05 + points[0], icosphere(1)[1]))
+    reference = Reference(mesh[0], Detector(*mesh)(mesh[0]))
+    attachments = find_attachments(mesh[1], len(mesh[0]), [reference])
+    assert attachments.pairs_of_parts == [(0, 1)]
+    both = np.concatenate([after, mesh[0][len(points) :]])
+    found = meter(lump)(points, after), meter(mesh, attachments)(mesh[0], both)
+    alone, held = (StrainKind.VOLUME in kinds(own) for own in found)
+    return alone, held
+
+
+def test_what_is_attached_and_goes_round_nothing_swells_however_thin_it_is() -> None:
+    """A piece of a finger drawn out by two fifths; a ring is widened for what it goes round."""
+    rod, ring = elbow(0.0, 60, 12, 0.1), torus(24, 8, 1.0, 0.1)
+    assert swells(rod, rod[0] * [1.0, 1.0, 1.4]) == (False, True)
+    assert swells(rod, rod[0] * [1.0, 1.0, 1.1]) == (False, False)
+    flat = ring[0] * [1.0, 1.0, 0.0]
+    wide = ring[0] + 0.4 * flat / np.linalg.norm(flat, axis=1)[:, None]
+    assert swells(ring, wide) == (False, False)
 
 
 def plain_cap(height: float) -> FloatArray:

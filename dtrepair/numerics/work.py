@@ -8,12 +8,6 @@ a half to two and a half microseconds of a processor.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-from typing import TypeVar
-
-Answer = TypeVar("Answer")
-# Amounts are counted in multiples of this: sums of them are exact, in whatever order.
-STEP = 0.125
 
 
 class _Counter(threading.local):
@@ -24,17 +18,10 @@ _COUNTER = _Counter()
 
 
 def add_work(amount: float) -> None:
-    """Count work of this thread, in units of a triangle's detection, to the nearest eighth."""
-    _COUNTER.total += STEP * round(amount / STEP)
+    """Count work of this thread, in units of a triangle's detection."""
+    _COUNTER.total += amount
 
 
 def work_done() -> float:
     """Return what this thread has counted so far; only differences mean anything."""
     return _COUNTER.total
-
-
-def counted(function: Callable[[], Answer]) -> tuple[Answer, float]:
-    """Return the answer of a function and the work that it did in this thread."""
-    start = work_done()
-    answer = function()
-    return answer, work_done() - start

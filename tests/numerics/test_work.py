@@ -10,7 +10,7 @@ from scipy import sparse
 
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.operators import Factor
-from dtrepair.numerics.work import add_work, counted, work_done
+from dtrepair.numerics.work import add_work, work_done
 from dtrepair.repair.full.biharmonic_fill import solve_patch
 from tests.meshes import icosphere
 
@@ -21,22 +21,6 @@ def test_a_thread_counts_its_own_work() -> None:
     assert work_done() - before == 2.5
     with ThreadPoolExecutor(1) as pool:
         assert pool.submit(work_done).result() == 0.0
-
-
-def test_sums_do_not_depend_on_their_order() -> None:
-    amounts = [0.1, 1e9, 0.3, 1e-3, 7.7]
-
-    def total(own: list[float]) -> float:
-        start = work_done()
-        for amount in own:
-            add_work(amount)
-        return work_done() - start
-
-    assert total(amounts) == total(amounts[::-1]) > 1e9
-
-
-def test_the_work_of_a_function_is_told_with_its_answer() -> None:
-    assert counted(lambda: add_work(2.5)) == (None, 2.5)
 
 
 def test_detections_count_what_they_look_at() -> None:

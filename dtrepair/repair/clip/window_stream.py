@@ -13,7 +13,6 @@ import numpy as np
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import frame_units
 from dtrepair.numerics.threads import one_thread
-from dtrepair.numerics.work import add_work, counted
 from dtrepair.repair.clip.borrow_frames import started_again
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.frames import Frame, faded, read_frames
@@ -163,9 +162,7 @@ class WindowStream:
         if (jobs := self.jobs or available_processors()) == 1:
             return [function(item) for item in items]
         with ThreadPoolExecutor(jobs) as pool:
-            answers = list(pool.map(lambda item: counted(partial(function, item)), items))
-        add_work(sum(work for _, work in answers))
-        return [answer for answer, _ in answers]
+            return list(pool.map(function, items))
 
     def _solve(self, scene: Scene, mesh: WeldedMesh, frames: list[Frame]) -> list[FloatArray]:
         """Return repaired poses (V, 3) of a window."""

@@ -17,7 +17,6 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from dtrepair.numerics.work import add_work, counted
 from dtrepair.repair.parallel.process_pool import (
     ATTEMPTS,
     WorkerLost,
@@ -60,7 +59,6 @@ class WorkerPool:
 
     Arrays of `array` are the same for all workers; all else that a method changes is known to the
     worker that did it, which is always the same one for a frame, and here only by its answers.
-    What workers do counts as work of the thread that asked for it.
     """
 
     # Called now and then, here only, with how many frames' worth of work is done.
@@ -127,13 +125,12 @@ class ThreadWorkerPool(WorkerPool):
     ) -> list[Any]:
         """Return the answers of state.name(surface, item, *more) in the order of the items."""
 
-        def call(item: Any) -> tuple[Any, float]:
-            return counted(partial(getattr(self.state, name), self.state.surface, item, *more))
+        def call(item: Any) -> Any:
+            return getattr(self.state, name)(self.state.surface, item, *more)
 
         assert self._pool is not None
         answers = []
-        for answer, work in self._pool.map(call, items):
-            add_work(work)
+        for answer in self._pool.map(call, items):
             answers.append(answer)
             if told is not None:
                 told(len(answers) / len(items))
@@ -223,15 +220,12 @@ class ProcessWorkerPool(WorkerPool):
             content = self._workers[worker - 1][1].recv_bytes()
         except (EOFError, ConnectionError):
             content = b""
-        answer, work = unpacked(content)
-        add_work(work)
-        return answer
+        return unpacked(content)
 
     def _serve(self, connection: Connection) -> None:
         """In a worker: do what is asked for, until this process is ended."""
         while True:
-            call = partial(self._called, *connection.recv())
-            connection.send_bytes(packed(partial(counted, call)))
+            connection.send_bytes(packed(partial(self._called, *connection.recv())))
 
     def _called(self, name: str, items: Sequence[Any] | None, more: tuple[Any, ...]) -> Any:
         return super().tell(name, *more) if items is None else super().map(name, items, *more)

@@ -9,7 +9,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from dtrepair.numerics.work import add_work, work_done
 from dtrepair.repair.parallel.process_pool import ATTEMPTS, WorkerLost, can_fork
 from dtrepair.repair.parallel.worker_pool import (
     ProcessWorkerPool,
@@ -46,9 +45,6 @@ class Work:
         self.calls[frame] += 1
         return frame, self.calls[frame], os.getpid()
 
-    def work(self, surface: Surface, frame: int, amount: float) -> None:
-        add_work(amount * frame)
-
     def shift(self, offset: int) -> None:
         self.offset = offset
 
@@ -58,17 +54,6 @@ class Work:
     def die(self, surface: Surface, frame: int) -> None:
         if frame == 1:
             os.kill(os.getpid(), signal.SIGKILL)
-
-
-@pytest.mark.parametrize("make", POOLS)
-def test_the_work_of_workers_counts_as_that_of_who_asked_for_it(
-    make: Callable[[], WorkerPool],
-) -> None:
-    with make() as pool:
-        pool.start(Work(pool))
-        before = work_done()
-        pool.map("work", range(8), 1.5)
-        assert work_done() - before == 1.5 * sum(range(8))
 
 
 @pytest.mark.parametrize("make", POOLS)

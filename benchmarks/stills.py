@@ -146,7 +146,7 @@ def options_of(variant: str) -> RepairOptions:
     if variant == "no-tighten":
         return RepairOptions(tighten=0)
     if variant in ("no-volume", "no-fill", "no-unbend"):
-        return RepairOptions(skip=(variant.removeprefix("no-"), "approach"))
+        return RepairOptions(skip=(variant.removeprefix("no-"),))
     return RepairOptions()
 
 

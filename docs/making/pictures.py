@@ -60,8 +60,7 @@ class Row:
 
 
 # The stages of the method after those that push parts out of each other.
-LATER = "pull-back", "relax", "edges", "unbend", "approach"
-DRAWN_BACK = " ".join(f"--skip-stage {name}" for name in LATER)
+DRAWN_BACK = " ".join(f"--skip-stage {name}" for name in ("pull-back", "relax", "edges", "unbend"))
 BEFORE_AND_AFTER = partial(
     Row, results=[("repaired", "")], first="frame {time:g}", size=420, columns=4
 )

@@ -229,7 +229,8 @@ class _Overlaps:
         mask = np.zeros(len(self.points), dtype=bool)
         mask[corners[self.part_of_vertex[corners] == part]] = True
         touched = np.flatnonzero(mask)
-        mask[self._behind(part, other)] = True
+        behind = self._behind(part, other)
+        mask[behind] = True
         own = self.vertices(part)
         share = mask[own].mean()
         larger = self.areas[other] > self.options.larger * self.areas[part]
@@ -237,7 +238,7 @@ class _Overlaps:
             mask[own] = True
             return mask, True
         if self.open[other]:
-            mask[self._hanging(mask, touched, other)] = False
+            mask[self._hanging(part, other, touched, behind)] = False
         # What lies behind counts only if it is connected to the contact through what is behind:
         # a far shell does not.
         inner = np.flatnonzero(mask)
@@ -247,15 +248,18 @@ class _Overlaps:
         return mask, False
 
     def _hanging(
-        self, mask: BoolArray, touched: NDArray[np.integer], other: int
-    ) -> NDArray[np.integer]:
-        """Return vertices of a mask (V,) that are far from the contact, and off the other part."""
-        inner = np.flatnonzero(mask)
-        points, met = self.points[inner], np.zeros_like(mask)
+        self, part: int, other: int, touched: NDArray[np.integer], behind: IntArray
+    ) -> IntArray:
+        """Return which vertices of a part `behind` an open one hang off it far from the contact.
+
+        touched: vertices of the part whose triangles meet the other one.
+        """
+        met = np.zeros(len(self.points), dtype=bool)
         met[touched] = True
-        near = self._grown(met)[inner]
+        near, points = self._grown(met)[behind], self.points[behind]
         away = lengths(self._tree(other).nearest(points)[1] - points)
-        return np.asarray(inner[~near & (away > away[near].max(initial=0.0))])
+        far = ~near & (away > away[near].max(initial=0.0))
+        return np.asarray(behind[far & ~met[behind]])
 
     def _behind(self, part: int, other: int) -> IntArray:
         """Return the vertices of a part behind, or enclosed by, another one, within its box."""

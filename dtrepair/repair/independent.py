@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,7 +17,7 @@ from dtrepair.numerics.metrics import displacements, edge_log_ratio
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.options import RepairOptions
-from dtrepair.repair.relief.approach import ApproachOptions, approached
+from dtrepair.repair.relief.approach import ApproachOptions, bounded_approach
 from dtrepair.repair.relief.relief import ReliefOptions, relieved_poses
 from dtrepair.repair.result import RepairResult, Solved
 from dtrepair.repair.scene.bounds import Judged, bounded_pose
@@ -134,7 +135,13 @@ def solved_pose(
 ) -> FloatArray:
     """Return what is found (V, 3) for a pose on its own; it may be strained."""
     points = _solved(scene, meshes, [opened], options)[0][0]
-    return approached(scene, meshes([opened.weld]), opened, points, options=options.approach)
+    pairs_of = partial(scene.pairs, weld=opened.weld)
+    found = bounded_pose(
+        scene, opened, Judged(points), pairs_of(points), pairs_of, options=options.share
+    )
+    mesh, numbers = meshes([opened.weld]), options.approach
+    better = bounded_approach(scene, mesh, opened, found, pairs_of, options=numbers)
+    return points if better is found else better[0].points
 
 
 def _start(scene: Scene, pose: OpenedPose, options: IndependentOptions) -> FloatArray:
@@ -297,9 +304,12 @@ def _closed(
     if final is not pose.centred:
         mesh = meshes([pose.weld])
         (final,) = relieved_poses(scene, mesh, [pose], [final], options=options.relief)
-        final = approached(scene, mesh, pose, final, options=options.approach)
     pairs = pose.pairs if final is pose.centred else pairs_of(final)
-    judged, pairs = bounded_pose(scene, pose, Judged(final), pairs, pairs_of, options=options.share)
+    bounded = bounded_pose(scene, pose, Judged(final), pairs, pairs_of, options=options.share)
+    if final is not pose.centred:
+        numbers = options.approach
+        bounded = bounded_approach(scene, mesh, pose, bounded, pairs_of, options=numbers)
+    judged, pairs = bounded
     if judged.lowered:
         judged, pairs = mended(
             scene,

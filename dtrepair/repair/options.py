@@ -63,7 +63,8 @@ class RepairOptions:
         clearance: Distance that triangles of a result keep that are not neighbours, length units.
         at_any_cost: Keep the whole correction where it strains a shape beyond the bounds; else the
             best pose within them is kept, and what is left is told.
-        skip: Stages of the full method to leave out, of STAGES.
+        skip: Stages of the full method to leave out, of STAGES; with any of them no pose is led in
+            from the rest ("approach").
         rest_contacts: What to do with intersections that the rest pose has as well: "auto" takes
             those of different connected parts as modelled, leaves and holds them together; "repair"
             or "leave" them all.

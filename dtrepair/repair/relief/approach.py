@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from dtrepair.numerics.geometry import FloatArray, lengths
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
 from dtrepair.numerics.work import work_done
-from dtrepair.repair.elastic.poses_between import PosesBetween
+from dtrepair.repair.elastic.poses_between import BetweenOptions, PosesBetween
 from dtrepair.repair.frame.lending import LendingOptions, carried, solved_from
 from dtrepair.repair.full.steering import Steering
-from dtrepair.repair.scene.bounds import badness, strain_of, wrong_of
+from dtrepair.repair.scene.bounds import Judged, PairsOf, badness, bounded_pose, wrong_of
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
+from dtrepair.repair.strain.shares import ShareOptions
 from dtrepair.repair.surface.defects import contact_scale
 from dtrepair.repair.surface.surface import Surface
 
@@ -33,7 +34,9 @@ class ApproachOptions:
             as a whole, is the rest: there is no way to go.
         work, work_a_triangle: No step begins after so much of it, plus this for each triangle,
             times the effort (units of `numerics.work`).
-        lending: What cleans a pose on the way from what the one before was corrected by.
+        between: Numbers of the poses on the way.
+        lending: What cleans one of them from what the one before was corrected by.
+        share: How the share of a correction is found that is within the bounds.
     """
 
     step: float = 0.25
@@ -41,62 +44,78 @@ class ApproachOptions:
     near: float = 1e-3
     work: float = 5.5e6
     work_a_triangle: float = 60.0
+    between: BetweenOptions = field(default_factory=BetweenOptions)
     lending: LendingOptions = field(default_factory=LendingOptions)
+    share: ShareOptions = field(default_factory=ShareOptions)
 
 
-def approached(
+def bounded_approach(
     scene: Scene,
     mesh: WeldedMesh,
     pose: OpenedPose,
-    found: FloatArray,
+    found: tuple[Judged, IntArray],
+    pairs_of: PairsOf,
     *,
     options: ApproachOptions = ApproachOptions(),
-) -> FloatArray:
-    """Return what was found (V, 3) for a pose; if that is no repair, a better one from the rest.
+) -> tuple[Judged, IntArray]:
+    """Return what is kept of a pose, with its pairs; if that is no repair, of one led in from rest.
 
-    Of what holds together: free bodies have no common rest. Not with a clearance, which relaxing
-    would close, nor with preferred directions.
+    The better of the two: with less that is wrong, then less strained. Of what holds together as
+    one: free bodies have no common rest. Not with a clearance, which relaxing would close, a limit
+    of displacements, preferred directions, or where stages are left out.
+
+    Args:
+        scene, mesh, pose: What was solved.
+        found: What is kept within the bounds, with its pairs (K, 2).
+        pairs_of: Finds the pairs of a pose (V, 3).
+        options: The numbers.
     """
-    surface, chosen = mesh.surface, scene.options
-    if chosen.method != "full" or chosen.clearance > 0.0 or "approach" in chosen.skip:
+    surface, chosen, (judged, pairs) = mesh.surface, scene.options, found
+    if chosen.method != "full" or chosen.skip or chosen.tighten == 0 or chosen.clearance > 0.0:
         return found
-    if scene.direction.any() or surface.clusters > 1 or surface.stiff.all():
+    if chosen.maximum_displacement is not None or scene.direction.any():
         return found
-    than = _merit(scene, pose, found)
-    if not any(than[:2]):
+    if surface.clusters > 1 or surface.stiff.all():
+        return found
+    if not (len(pairs) or judged.excess or len(pose.enclosed)):
+        return found
+    than = _rank(scene, pose, judged)
+    if not any(than):
         return found
     unit = mesh.reduced(pose.centred)
-    points = _led(surface, unit, chosen.effort, options)
-    if points is None:
+    led = _led(surface, unit, chosen.effort, options)
+    if led is None:
         return found
-    other = mesh.expanded(pose.centred, unit, points)
-    limit = chosen.maximum_displacement
-    if limit is not None and lengths(other - pose.centred).max() > limit:
-        return found
-    return other if _merit(scene, pose, other) < than else found
+    points = mesh.expanded(pose.centred, unit, led)
+    other = bounded_pose(
+        scene, pose, Judged(points), pairs_of(points), pairs_of, options=options.share
+    )
+    return other if _rank(scene, pose, other[0]) < than else found
 
 
-def _merit(scene: Scene, pose: OpenedPose, points: FloatArray) -> tuple[bool, int, float]:
-    """Return whether a pose (V, 3) is strained, what is wrong with it, how far it is strained."""
-    excess = strain_of(scene, pose.centred, points)
-    return bool(excess), wrong_of(scene, pose, points), badness(excess)
+def _rank(scene: Scene, pose: OpenedPose, judged: Judged) -> tuple[int, float]:
+    """Return what is wrong with what is kept of a pose, and how far it is, or was, strained."""
+    return wrong_of(scene, pose, judged.points), badness(judged.excess)
 
 
 def _led(
     surface: Surface, pose: FloatArray, effort: float, options: ApproachOptions
 ) -> FloatArray | None:
     """Return a pose (V, 3) corrected on the way from the rest; None where that is too far."""
-    enough = work_done() + effort * (options.work + options.work_a_triangle * len(surface.faces))
-    between = PosesBetween(surface, pose)
+    most = options.work + options.work_a_triangle * len(surface.faces)
+    enough = work_done() + effort * most
+    between = PosesBetween(surface, pose, options=options.between)
     if lengths(pose - between.start).max() <= options.near:
         return None
     scale = contact_scale(surface, surface.contacts.pairs(pose))
+    steering = Steering(surface)
     before = after = between.start
     share, step = 0.0, options.step
     while share < 1.0:
         if work_done() > enough:
             return None
-        own, last = between(share + step), step <= options.least_step
+        to, last = min(share + step, 1.0), step <= options.least_step
+        own = between(to)
         start = carried(surface, before, own, after - before) if (after != before).any() else own
         points, value = solved_from(
             surface,
@@ -104,7 +123,7 @@ def _led(
             start,
             scale=scale,
             alone=None,
-            steering=Steering(surface),
+            steering=steering,
             insist=last,
             effort=effort,
             options=options.lending,
@@ -112,6 +131,8 @@ def _led(
         if value > options.lending.rough and not last:
             step *= 0.5
             continue
-        before, after = own, points
-        share += step
+        before, after, share = own, points, to
+        # Where a longer step would begin, it is tried again.
+        if step < options.step and (share / (2.0 * step)).is_integer():
+            step *= 2.0
     return after

@@ -34,6 +34,8 @@ class ApproachOptions:
             as a whole, is the rest: there is no way to go.
         work, work_a_triangle: No step begins after so much of it, plus this for each triangle,
             times the effort (units of `numerics.work`).
+        gain: What is led in has to leave at most this share of what is wrong with the usual result:
+            it goes far, and the usual one tells what strains it.
         between: Numbers of the poses on the way.
         lending: What cleans one of them from what the one before was corrected by.
         share: How the share of a correction is found that is within the bounds.
@@ -44,6 +46,7 @@ class ApproachOptions:
     near: float = 1e-3
     work: float = 5.5e6
     work_a_triangle: float = 60.0
+    gain: float = 0.5
     between: BetweenOptions = field(default_factory=BetweenOptions)
     lending: LendingOptions = field(default_factory=LendingOptions)
     share: ShareOptions = field(default_factory=ShareOptions)
@@ -60,7 +63,7 @@ def bounded_approach(
 ) -> tuple[Judged, IntArray]:
     """Return what is kept of a pose, with its pairs; if that is no repair, of one led in from rest.
 
-    The better of the two: with less that is wrong, then less strained. Of what holds together as
+    The better of the two: with much less that is wrong, or less strained if none is. Of what holds together as
     one: free bodies have no common rest. Not with a clearance, which relaxing would close, a limit
     of displacements, preferred directions, or where stages are left out.
 
@@ -90,7 +93,8 @@ def bounded_approach(
     other = bounded_pose(
         scene, pose, Judged(points), pairs_of(points), pairs_of, options=options.share
     )
-    return other if _rank(scene, pose, other[0]) < than else found
+    rank = _rank(scene, pose, other[0])
+    return other if rank < than and rank[0] <= options.gain * than[0] else found
 
 
 def _rank(scene: Scene, pose: OpenedPose, judged: Judged) -> tuple[int, float]:

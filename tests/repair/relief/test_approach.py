@@ -39,6 +39,12 @@ STILL = FillOptions(rounds=0)
 IDLE = PhaseOptions(first_steps=(1e-9,), insist_steps=(), fill=STILL, last_fill=STILL)
 
 
+def turned(pose: FloatArray, seed: int) -> FloatArray:
+    """A pose (V, 3) turned as a whole."""
+    turn = Rotation.from_quat(np.random.default_rng(seed).normal(size=4))
+    return np.asarray(pose @ turn.as_matrix().T)
+
+
 def opened_scene(*bodies: tuple[Body, FloatArray], **options: Any) -> tuple[Scene, OpenedPose]:
     """The scene of bodies, and a pose of it."""
     scene = make_scene([body for body, _ in bodies], RepairOptions(**options))
@@ -67,16 +73,23 @@ def led(
     return judged.points, pairs
 
 
-@pytest.mark.parametrize("turn", [None, 1, 2, 3])
-def test_an_arm_through_its_body_is_led_out_of_it(turn: int | None) -> None:
-    pose = POSE if turn is None else POSE @ Rotation.random(rng=turn).as_matrix().T
-    scene, opened = curled(pose)
+def test_an_arm_through_its_body_is_led_out_of_it() -> None:
+    scene, opened = curled()
     assert len(opened.pairs) > 20
     found, pairs = led(scene, opened)
-    assert len(pairs) == len(scene.pairs(found, opened.weld))
-    # All of it, or all but what is left within the bounds.
-    assert len(pairs) < 0.6 * len(opened.pairs) if turn else len(pairs) == 0
+    assert len(pairs) == 0 == len(scene.pairs(found, opened.weld))
     assert not scene.strain_meter(opened.centred, found)
+
+
+def test_however_it_is_turned_it_mostly_comes_out() -> None:
+    """Rounding tells which contacts are pushed first; some orientation may fail by little."""
+    out = 0
+    for seed in range(1, 9):
+        scene, opened = curled(turned(POSE, seed))
+        found, pairs = led(scene, opened)
+        assert found is opened.centred or not scene.strain_meter(opened.centred, found)
+        out += len(pairs) == 0
+    assert out >= 5
 
 
 @pytest.mark.parametrize(

@@ -63,9 +63,9 @@ def bounded_approach(
 ) -> tuple[Judged, IntArray]:
     """Return what is kept of a pose, with its pairs; if that is no repair, of one led in from rest.
 
-    The better of the two: with much less that is wrong, or less strained if none is. Of what holds together as
-    one: free bodies have no common rest. Not with a clearance, which relaxing would close, a limit
-    of displacements, preferred directions, or where stages are left out.
+    The better of the two: with much less that is wrong, or less strained if none is. Of what holds
+    together as one: free bodies have no common rest. Not with a clearance, which relaxing would
+    close, a limit of displacements, preferred directions, or where stages are left out.
 
     Args:
         scene, mesh, pose: What was solved.

@@ -11,6 +11,7 @@ from dtrepair.repair.clip.window_method import WindowOptions
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.independent import IndependentOptions
+from dtrepair.repair.relief.approach import ApproachOptions
 from dtrepair.repair.relief.other_ways import OtherWayOptions
 
 
@@ -31,7 +32,8 @@ class ClipOptions(LayoutOptions):
         agree: How those of a single skin that did agree with the frames around.
         alone: Numbers of the full method, for frames that no window could clean.
         independent: How bodies are led apart, and how frames are solved that are repaired each for
-            itself.
+            itself. They are led in from the rest with less work than single poses: mostly their
+            neighbours have shown the way, if there is one.
     """
 
     tighten: int = 3
@@ -43,4 +45,8 @@ class ClipOptions(LayoutOptions):
     borrow: BorrowingOptions = field(default_factory=BorrowingOptions)
     agree: AgreeOptions = field(default_factory=AgreeOptions)
     alone: FullOptions = field(default_factory=FullOptions)
-    independent: IndependentOptions = field(default_factory=IndependentOptions)
+    independent: IndependentOptions = field(
+        default_factory=lambda: IndependentOptions(
+            approach=ApproachOptions(work=2e6, work_a_triangle=40.0)
+        )
+    )

@@ -48,6 +48,9 @@ class LiftOptions:
         thick: Weight of the ties between the inner and the outer side of a closed layer.
         widths: Standard deviations, in frames, over which lifts come and go; each is for what those
             before it left under.
+        less: A narrower width than the one before follows only where the longest lift that is
+            still needed is at most this fraction of the one needed before: a cape that arms come
+            through ever again would only jump.
     """
 
     gap: float = 0.25
@@ -62,7 +65,8 @@ class LiftOptions:
     depths: float = 2.0
     hold: float = 100.0
     thick: float = 1.0
-    widths: tuple[float, ...] = (3.5, 1.75, 0.0)
+    widths: tuple[float, ...] = (3.5, 3.5, 1.75, 0.0)
+    less: float = 0.85
 
 
 class LayerLift:
@@ -136,12 +140,15 @@ class LayerLift:
         the last nothing of it is taken to be under that.
         """
         through = np.logical_or.accumulate(meets) & np.logical_or.accumulate(meets[::-1])[::-1]
+        before, last = np.inf, 0.0
         for width in self.options.widths if len(frames) > 1 else (0.0,):
             shifts = np.zeros((len(poses), len(self.own), 3))
             for index in np.flatnonzero(through):
                 shifts[index] = self(poses[index])
-            if not shifts.any():
+            longest = float(lengths(shifts.reshape(-1, 3)).max())
+            if longest == 0.0 or (width < last and longest > self.options.less * before):
                 break
+            before, last = longest, width
             shifts = undamped(gaussian_kernel(frames, width), shifts)
             poses = np.stack([self.moved(*both) for both in zip(poses, shifts, strict=True)])
         return poses

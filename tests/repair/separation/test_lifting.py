@@ -15,7 +15,7 @@ from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.separation.layer_lift import LiftOptions
+from dtrepair.repair.separation.layer_lift import LayerLift, LiftOptions
 from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_that_meet
 from tests.meshes import icosphere, joined, torus, tube
 
@@ -149,6 +149,24 @@ def test_lifts_come_and_go_smoothly() -> None:
     assert largest.argmax() == 6 and 0.0 < largest[3] < largest[5] < largest[6]
     steps = np.abs(np.diff(largest))
     assert steps.max() < 0.5 * largest.max()
+
+
+@pytest.mark.parametrize(("nearer", "gone"), [(0.5, 1.0 - 0.5**4), (0.0, 2.0)])
+def test_narrow_lifts_follow_only_where_less_is_left(
+    nearer: float, gone: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is needed halves with each lift, or stays the same however often it is lifted."""
+    start = np.concatenate([ARM[0], SLEEVE[0]])
+
+    def needed(lift: LayerLift, pose: FloatArray) -> FloatArray:
+        lifted_by = pose[lift.own[0], 2] - start[lift.own[0], 2]
+        return np.tile(
+            [0.0, 0.0, (1.0 if nearer == 0.0 else nearer * (1.0 - lifted_by))], (len(lift.own), 1)
+        )
+
+    monkeypatch.setattr(LayerLift, "__call__", needed)
+    moved = lifted(scene_of(SLEEVE), *[start] * 7)[:, len(ARM[0]) :, 2] - SLEEVE[0][:, 2]
+    assert np.allclose(moved, gone, atol=1e-9)
 
 
 def test_before_and_after_all_contacts_nothing_is_under() -> None:

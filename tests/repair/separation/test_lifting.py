@@ -151,18 +151,16 @@ def test_lifts_come_and_go_smoothly() -> None:
     assert steps.max() < 0.5 * largest.max()
 
 
-@pytest.mark.parametrize(("nearer", "gone"), [(0.5, 1.0 - 0.5**4), (0.0, 2.0)])
+@pytest.mark.parametrize(("halves", "gone"), [(True, 1.0 - 0.5**4), (False, 2.0)])
 def test_narrow_lifts_follow_only_where_less_is_left(
-    nearer: float, gone: float, monkeypatch: pytest.MonkeyPatch
+    halves: bool, gone: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What is needed halves with each lift, or stays the same however often it is lifted."""
-    start = np.concatenate([ARM[0], SLEEVE[0]])
+    start, along = np.concatenate([ARM[0], SLEEVE[0]]), np.array([0.0, 0.0, 1.0])
 
     def needed(lift: LayerLift, pose: FloatArray) -> FloatArray:
-        lifted_by = pose[lift.own[0], 2] - start[lift.own[0], 2]
-        return np.tile(
-            [0.0, 0.0, (1.0 if nearer == 0.0 else nearer * (1.0 - lifted_by))], (len(lift.own), 1)
-        )
+        lifted_by = pose[lift.own] - start[lift.own]
+        return 0.5 * (along - lifted_by) if halves else np.broadcast_to(along, lifted_by.shape)
 
     monkeypatch.setattr(LayerLift, "__call__", needed)
     moved = lifted(scene_of(SLEEVE), *[start] * 7)[:, len(ARM[0]) :, 2] - SLEEVE[0][:, 2]

@@ -129,7 +129,7 @@ class WindowStream:
         """Return the repaired poses of a window within the bounds."""
         scene, numbers = meshes.scene, self.options.independent
         mesh = meshes([frame.weld for frame in frames])
-        poses = self._solve(scene, mesh, frames)
+        poses = self._solve(scene, mesh, self._inside_out(meshes, frames))
         poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
         alone = partial(solved_pose, scene, meshes, options=numbers)
         again = started_again(
@@ -163,6 +163,22 @@ class WindowStream:
             return [function(item) for item in items]
         with ThreadPoolExecutor(jobs) as pool:
             return list(pool.map(function, items))
+
+    def _inside_out(self, meshes: WeldedMeshes, frames: list[Frame]) -> list[Frame]:
+        """Return frames in which what open layers lie over is repaired as if they were not there.
+
+        Bodies and clothes that are pushed at once hold each other: the body comes clean alone, and
+        its clothes then give way to what is clean.
+        """
+        inner = meshes.inner
+        if inner is None or not any(inner.parts.meet(frame.pairs) for frame in frames):
+            return frames
+        own = self._side_by_side(inner.parts.opened, frames)
+        mesh = inner.meshes([frame.weld for frame in own])
+        poses = self._solve(inner.meshes.scene, mesh, own)
+        return self._side_by_side(
+            lambda both: inner.parts.closed(*both), list(zip(frames, poses, strict=True))
+        )
 
     def _solve(self, scene: Scene, mesh: WeldedMesh, frames: list[Frame]) -> list[FloatArray]:
         """Return repaired poses (V, 3) of a window."""

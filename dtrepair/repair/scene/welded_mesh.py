@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, differing
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import Solved
+from dtrepair.repair.scene.inner_parts import InnerParts, inner_parts
 from dtrepair.repair.scene.props import props_among, with_rigid
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.surface.surface import BodyRange, Surface
@@ -130,6 +131,13 @@ def _surface(scene: Scene, kept: NDArray[np.integer], place: NDArray[np.integer]
     )
 
 
+class InnerMeshes(NamedTuple):
+    """What open layers lie over, and the welded meshes of it."""
+
+    parts: InnerParts
+    meshes: WeldedMeshes
+
+
 class WeldedMeshes:
     """The welded meshes of a scene, each built once.
 
@@ -170,6 +178,12 @@ class WeldedMeshes:
         """The meshes with joints that turned left alone; None where no joint turns so far."""
         scene = self.scene.turning
         return None if scene is None else WeldedMeshes(scene, full=self._full)
+
+    @cached_property
+    def inner(self) -> InnerMeshes | None:
+        """The meshes of what open layers lie over; None where there are none."""
+        parts = None if self.scene.options.method == "paper" else inner_parts(self.scene)
+        return parts and InnerMeshes(parts, WeldedMeshes(parts.scene, full=self._full))
 
     def otherwise(
         self, bent: Sequence[Collection[int]], poses: Sequence[FloatArray]

@@ -1,0 +1,117 @@
+"""What open layers lie over, as a scene of its own: bodies are repaired before their clothes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dtrepair.numerics.attachments import Reference
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.repair.scene.bodies import Body
+from dtrepair.repair.scene.opened_pose import Pose, detected
+from dtrepair.repair.scene.scene import Scene
+
+
+class InnerParts:
+    """The parts of a scene that are no open layer over anything.
+
+    Args:
+        outer: The whole scene.
+        vertices: Their vertices (N,), in order.
+    """
+
+    def __init__(self, outer: Scene, vertices: IntArray) -> None:
+        self.outer, self.vertices = outer, vertices
+        self._place = np.full(len(outer.rest), -1, dtype=np.int32)
+        self._place[vertices] = np.arange(len(vertices))
+        self._triangles = np.flatnonzero((self._place[outer.faces] >= 0).all(axis=1))
+        self._new_triangle = np.full(len(outer.faces), -1, dtype=np.int32)
+        self._new_triangle[self._triangles] = np.arange(len(self._triangles))
+        self.scene = self._scene()
+
+    def meet(self, pairs: IntArray) -> bool:
+        """Return whether some of the pairs (K, 2) of triangles are of these parts alone."""
+        return bool((self._new_triangle[pairs] >= 0).all(axis=1).any())
+
+    def opened(self, frame: Pose) -> Pose:
+        """Return a frame of the whole scene as one of these parts."""
+        centred = frame.centred[self.vertices]
+        own = replace(
+            frame,
+            given=(),
+            original=frame.original[self.vertices],
+            centred=centred,
+            weld=self.scene.weld(centred),
+            detected=False,
+        )
+        return detected(self.scene, own)
+
+    def closed(self, frame: Pose, points: FloatArray) -> Pose:
+        """Return a frame of the whole scene in which these parts are at points (N, 3)."""
+        centred = frame.centred.copy()
+        centred[self.vertices] = points
+        return detected(self.outer, replace(frame, centred=centred, detected=False))
+
+    def _scene(self) -> Scene:
+        """Return the scene of these parts alone; bodies of which nothing is left are left out."""
+        outer, own = self.outer, self._triangles
+        body_of_vertex, body_of = outer.body_of_vertex[self.vertices], outer.body_of[own]
+        kept, starts = np.unique(body_of_vertex, return_index=True)
+        place = {int(body): k for k, body in enumerate(kept)}
+        triangles = np.searchsorted(body_of, kept)
+        bodies = tuple(self._body(int(body)) for body in kept)
+        return replace(
+            outer,
+            bodies=bodies,
+            ignored=tuple(
+                (place[a], place[b]) for a, b in outer.ignored if a in place and b in place
+            ),
+            rest=outer.rest[self.vertices],
+            faces=self._place[outer.faces[own]],
+            vertex_starts=np.append(starts, len(self.vertices)),
+            triangle_starts=np.append(triangles, len(own)),
+            mobility=outer.mobility[self.vertices],
+            direction=outer.direction[self.vertices],
+            references=tuple(map(self._reference, outer.references)),
+            layer_poses=tuple(map(self._reference, outer.layer_poses)),
+        )
+
+    def _body(self, index: int) -> Body:
+        """Return what is left of a body."""
+        outer, body = self.outer, self.outer.bodies[index]
+        own = outer.vertices_of(index)
+        vertices = self.vertices[(self.vertices >= own.start) & (self.vertices < own.stop)]
+        within = outer.triangles_of(index)
+        triangles = self._triangles[(self._triangles >= within.start)]
+        triangles = triangles[triangles < within.stop]
+        place = vertices - own.start
+        return replace(
+            body,
+            rest=outer.rest[vertices],
+            faces=self._place[outer.faces[triangles]] - self._place[vertices[0]],
+            pin=None if body.pin is None else np.asarray(body.pin)[place],
+            direction=None if body.direction is None else np.asarray(body.direction)[place],
+            layer=None if body.layer is None else np.asarray(body.layer)[triangles - within.start],
+        )
+
+    def _reference(self, reference: Reference) -> Reference:
+        pairs = self._new_triangle[reference.pairs]
+        bound = reference.bound
+        return reference._replace(
+            points=reference.points[self.vertices],
+            pairs=pairs[(pairs >= 0).all(axis=1)],
+            bound=None if bound is None else bound[self._triangles],
+        )
+
+
+def inner_parts(scene: Scene) -> InnerParts | None:
+    """Return the parts of a scene that are no open layer; None where none lies over them."""
+    covering = scene.covering
+    if covering is None or scene.options.maximum_displacement is not None:
+        return None
+    outer = covering.over.any(axis=1)[covering.part]
+    used = np.zeros(len(outer), dtype=bool)
+    used[scene.faces] = True
+    vertices = np.flatnonzero(used & ~outer).astype(np.int32)
+    return InnerParts(scene, vertices) if len(vertices) else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from dtrepair.repair.clip.borrow_frames import BorrowingOptions
+from dtrepair.repair.clip.inside_out import InsideOutOptions
 from dtrepair.repair.clip.layout import LayoutOptions
 from dtrepair.repair.clip.steady_frames import AgreeOptions
 from dtrepair.repair.clip.window_method import WindowOptions
@@ -28,6 +29,7 @@ class ClipOptions(LayoutOptions):
         ways: Which other ways through strained frames are taken.
         windows: Numbers of the stages of a window.
         mend: Numbers of the mending of that frame.
+        inside_out: When bodies are repaired before their clothes.
         borrow: When frames start again from their neighbours.
         agree: How those of a single skin that did agree with the frames around.
         alone: Numbers of the full method, for frames that no window could clean.
@@ -42,6 +44,7 @@ class ClipOptions(LayoutOptions):
     windows: WindowOptions = field(default_factory=WindowOptions)
     mend: MendOptions = field(default_factory=MendOptions)
     ways: OtherWayOptions = field(default_factory=OtherWayOptions)
+    inside_out: InsideOutOptions = field(default_factory=InsideOutOptions)
     borrow: BorrowingOptions = field(default_factory=BorrowingOptions)
     agree: AgreeOptions = field(default_factory=AgreeOptions)
     alone: FullOptions = field(default_factory=FullOptions)

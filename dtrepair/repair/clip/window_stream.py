@@ -16,6 +16,7 @@ from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.clip.borrow_frames import started_again
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.frames import Frame, faded, read_frames
+from dtrepair.repair.clip.inside_out import inside_out
 from dtrepair.repair.clip.steady_frames import agreed
 from dtrepair.repair.clip.window_method import MakeMethod
 from dtrepair.repair.full.method import solve_alone
@@ -129,7 +130,9 @@ class WindowStream:
         """Return the repaired poses of a window within the bounds."""
         scene, numbers = meshes.scene, self.options.independent
         mesh = meshes([frame.weld for frame in frames])
-        poses = self._solve(scene, mesh, self._inside_out(meshes, frames))
+        ways = self.options.inside_out
+        own, opened = inside_out(meshes, frames, self._solve, self._side_by_side, options=ways)
+        poses = self._solve(own.scene, own([frame.weld for frame in frames]), opened)
         poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
         alone = partial(solved_pose, scene, meshes, options=numbers)
         again = started_again(
@@ -163,22 +166,6 @@ class WindowStream:
             return [function(item) for item in items]
         with ThreadPoolExecutor(jobs) as pool:
             return list(pool.map(function, items))
-
-    def _inside_out(self, meshes: WeldedMeshes, frames: list[Frame]) -> list[Frame]:
-        """Return frames in which what open layers lie over is repaired as if they were not there.
-
-        Bodies and clothes that are pushed at once hold each other: the body comes clean alone, and
-        its clothes then give way to what is clean.
-        """
-        inner = meshes.inner
-        if inner is None or not any(inner.parts.meet(frame.pairs) for frame in frames):
-            return frames
-        own = self._side_by_side(inner.parts.opened, frames)
-        mesh = inner.meshes([frame.weld for frame in own])
-        poses = self._solve(inner.meshes.scene, mesh, own)
-        return self._side_by_side(
-            lambda both: inner.parts.closed(*both), list(zip(frames, poses, strict=True))
-        )
 
     def _solve(self, scene: Scene, mesh: WeldedMesh, frames: list[Frame]) -> list[FloatArray]:
         """Return repaired poses (V, 3) of a window."""

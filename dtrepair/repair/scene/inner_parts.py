@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
@@ -30,9 +31,10 @@ class InnerParts:
         self._new_triangle[self._triangles] = np.arange(len(self._triangles))
         self.scene = self._scene()
 
-    def meet(self, pairs: IntArray) -> bool:
-        """Return whether some of the pairs (K, 2) of triangles are of these parts alone."""
-        return bool((self._new_triangle[pairs] >= 0).all(axis=1).any())
+    def own(self, pairs: IntArray) -> NDArray[np.bool_]:
+        """Return which of the pairs (K, 2) of triangles of the whole are of these parts alone."""
+        inner = self._new_triangle[pairs] >= 0
+        return np.asarray(inner.all(axis=1), dtype=bool)
 
     def opened(self, frame: Pose) -> Pose:
         """Return a frame of the whole scene as one of these parts."""
@@ -80,37 +82,39 @@ class InnerParts:
     def _body(self, index: int) -> Body:
         """Return what is left of a body."""
         outer, body = self.outer, self.outer.bodies[index]
-        own = outer.vertices_of(index)
-        vertices = self.vertices[(self.vertices >= own.start) & (self.vertices < own.stop)]
-        within = outer.triangles_of(index)
-        triangles = self._triangles[(self._triangles >= within.start)]
-        triangles = triangles[triangles < within.stop]
-        place = vertices - own.start
+        vertices = self.vertices[outer.body_of_vertex[self.vertices] == index]
+        triangles = self._triangles[outer.body_of[self._triangles] == index]
+        place = vertices - outer.vertices_of(index).start
+        told = triangles - outer.triangles_of(index).start
         return replace(
             body,
             rest=outer.rest[vertices],
             faces=self._place[outer.faces[triangles]] - self._place[vertices[0]],
             pin=None if body.pin is None else np.asarray(body.pin)[place],
             direction=None if body.direction is None else np.asarray(body.direction)[place],
-            layer=None if body.layer is None else np.asarray(body.layer)[triangles - within.start],
+            layer=None if body.layer is None else np.asarray(body.layer)[told],
         )
 
     def _reference(self, reference: Reference) -> Reference:
-        pairs = self._new_triangle[reference.pairs]
+        """Return what a pose shows of these parts."""
         bound = reference.bound
         return reference._replace(
             points=reference.points[self.vertices],
-            pairs=pairs[(pairs >= 0).all(axis=1)],
+            pairs=self._new_triangle[reference.pairs[self.own(reference.pairs)]],
             bound=None if bound is None else bound[self._triangles],
         )
 
 
 def inner_parts(scene: Scene) -> InnerParts | None:
-    """Return the parts of a scene that are no open layer; None where none lies over them."""
-    covering = scene.covering
-    if covering is None or scene.options.maximum_displacement is not None:
+    """Return the parts of a scene that are no open layer; None where none lies over them.
+
+    None, too, where displacements are limited, which holds from the input on, and where parts are
+    attached: their frames are solved each for itself, and what is sewn on would be torn off.
+    """
+    covering, limited = scene.covering, scene.options.maximum_displacement is not None
+    if covering is None or limited or scene.attachments is not None:
         return None
-    outer = covering.over.any(axis=1)[covering.part]
+    outer: NDArray[np.bool_] = np.asarray(covering.over.any(axis=1))[covering.part]
     used = np.zeros(len(outer), dtype=bool)
     used[scene.faces] = True
     vertices = np.flatnonzero(used & ~outer).astype(np.int32)

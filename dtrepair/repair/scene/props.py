@@ -6,7 +6,7 @@ A rifle, a shield or a plate that moves as a whole in the input was never meant 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,7 +71,4 @@ def with_rigid(scene: Scene, bodies: Sequence[int]) -> Scene:
     for index in bodies:
         vertices = scene.vertices_of(index)
         mobility[vertices] = mobility_of(own[index], len(mobility[vertices]))
-    other = replace(scene, bodies=tuple(own), mobility=mobility)
-    asked = {field.name for field in fields(scene)} | {"rigid", "turning"}
-    vars(other).update({name: known for name, known in vars(scene).items() if name not in asked})
-    return other
+    return scene.changed("rigid", bodies=tuple(own), mobility=mobility)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -146,6 +146,13 @@ class Scene:
         attachments = find_attachments(self.rest_weld[self.faces], len(self.rest), references)
         known = len(attachments.zones) + len(attachments.every_tie.vertices) > 0
         return attachments if known else None
+
+    def changed(self, *forgotten: str, **changes: Any) -> Scene:
+        """Return the same with other fields; what is known stays so, but what is `forgotten`."""
+        other, asked = replace(self, **changes), {field.name for field in fields(self)}
+        known = vars(self).keys() - asked - {"turning", *forgotten}
+        vars(other).update({name: getattr(self, name) for name in known})
+        return other
 
     @cached_property
     def turning(self) -> Scene | None:

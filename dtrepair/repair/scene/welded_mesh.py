@@ -160,6 +160,7 @@ class WeldedMeshes:
         self.scene, self._queue = scene, queue
         self._full, self._paper = full, paper
         self._known: dict[bytes, WeldedMesh] = {}
+        self._less_mobile: dict[float, WeldedMeshes] = {}
         self._stiffer: dict[tuple[int, ...], WeldedMeshes] = {}
 
     @cached_property
@@ -183,7 +184,19 @@ class WeldedMeshes:
     def inner(self) -> InnerMeshes | None:
         """The meshes of what open layers lie over; None where there are none."""
         parts = None if self.scene.options.method == "paper" else inner_parts(self.scene)
-        return parts and InnerMeshes(parts, WeldedMeshes(parts.scene, full=self._full))
+        if parts is None:
+            return None
+        return InnerMeshes(parts, WeldedMeshes(parts.scene, full=self._full))
+
+    def with_inner_mobility(self, mobility: float) -> WeldedMeshes:
+        """Return the meshes in which open layers lie over what moves at most so freely."""
+        chosen = self.scene.options
+        if chosen.inner_mobility <= mobility:
+            return self
+        if mobility not in self._less_mobile:
+            scene = self.scene.changed(options=replace(chosen, inner_mobility=mobility))
+            self._less_mobile[mobility] = WeldedMeshes(scene, full=self._full)
+        return self._less_mobile[mobility]
 
     def otherwise(
         self, bent: Sequence[Collection[int]], poses: Sequence[FloatArray]

@@ -1,0 +1,63 @@
+"""Bodies that intersect themselves are repaired before the clothes over them.
+
+Pushed at once, body and clothes hold each other, and many frames stay dirty. The body alone comes
+clean; its clothes then give way to it, and it to them a little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.clip.frames import Frame
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
+
+# Returns repaired poses (V, 3) of the frames of a scene.
+Solve = Callable[[Scene, WeldedMesh, list[Frame]], list[FloatArray]]
+# Returns the answers of a function for some items, in order.
+SideBySide = Callable[[Callable[[Any], Any], list[Any]], list[Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class InsideOutOptions:
+    """When bodies are repaired before their clothes, and how far they then still give way.
+
+    Args:
+        share: Of all pairs of the window at least so many are of inner parts alone: a crease of an
+            elbow under its sleeve opens best along with the sleeve.
+        mobility: How freely inner parts then move, next to their clothes.
+    """
+
+    share: float = 0.25
+    mobility: float = 0.01
+
+
+def inside_out(
+    meshes: WeldedMeshes,
+    frames: list[Frame],
+    solve: Solve,
+    side_by_side: SideBySide,
+    *,
+    options: InsideOutOptions = InsideOutOptions(),
+) -> tuple[WeldedMeshes, list[Frame]]:
+    """Return the meshes and the frames that are left to be solved.
+
+    Where clothes are in the way these are frames in which what they lie over is repaired as if they
+    were not there, and meshes in which it moves less; else what is given.
+    """
+    inner = meshes.inner
+    if inner is None:
+        return meshes, frames
+    pairs = np.concatenate([frame.pairs for frame in frames])
+    if np.count_nonzero(inner.parts.own(pairs)) < options.share * max(len(pairs), 1):
+        return meshes, frames
+    opened = side_by_side(inner.parts.opened, frames)
+    poses = solve(inner.meshes.scene, inner.meshes([own.weld for own in opened]), opened)
+    both = list(zip(frames, poses, strict=True))
+    closed = side_by_side(lambda own: inner.parts.closed(*own), both)
+    return meshes.with_inner_mobility(options.mobility), closed

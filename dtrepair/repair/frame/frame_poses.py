@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray, differing
 from dtrepair.numerics.temporal import apply_in_time, undamped
 from dtrepair.repair.frame.adaptive_fairing import AdaptiveFairing
 from dtrepair.repair.frame.frame_options import (
@@ -16,6 +16,7 @@ from dtrepair.repair.frame.frame_options import (
 )
 from dtrepair.repair.frame.regional_push import regional_push
 from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.surface.defects import update_pairs
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
@@ -59,16 +60,22 @@ class FramePoses:
         """Return the pairs of a frame, found again if it moved since they were."""
         pose, before = self.poses[frame], self._detected.get(frame)
         if before is None or not np.abs(pose - before).max(initial=0.0) <= self.options.stale:
-            close = self.clearance > 0.0
-            found = (
-                surface.contacts.close_pairs(pose, self.clearance)
-                if close
-                else surface.contacts.pairs(pose)
-            )
-            self._pairs[frame], self._detected[frame] = found, pose.copy()
+            self._pairs[frame] = self._found(surface, frame, before)
+            self._detected[frame] = pose.copy()
         if frame not in self._in_fold:
             self._in_fold[frame] = self._around_folds(surface, self._pairs[frame])
         return self._pairs[frame]
+
+    def _found(self, surface: Surface, frame: int, before: FloatArray | None) -> IntArray:
+        """Return the pairs of a frame, sorted; before: the pose (V, 3) whose pairs are known."""
+        pose = self.poses[frame]
+        if self.clearance > 0.0:
+            return surface.contacts.close_pairs(pose, self.clearance)
+        if before is None:
+            return surface.contacts.pairs(pose)
+        active = surface.triangles_at(differing(pose, before))
+        found = update_pairs(surface, self._pairs[frame], pose, active)
+        return found[np.lexsort((found[:, 1], found[:, 0]))]
 
     def forget_clearance(self) -> None:
         """Count only intersecting pairs from now on."""

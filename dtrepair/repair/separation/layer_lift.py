@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +70,14 @@ class LiftOptions:
     less: float = 0.85
 
 
+class Inner(NamedTuple):
+    """The inner part in a pose: corners (F, 3, 3), normals (F, 3), and both in a search tree."""
+
+    corners: FloatArray
+    normals: FloatArray
+    tree: cKDTree
+
+
 class LayerLift:
     """Lifts one layer off what it lies over, in any pose."""
 
@@ -121,9 +130,9 @@ class LayerLift:
         """Return displacements (n, 3) that lead what went under of a pose (V, 3) back."""
         options, own = self.options, pose[self.own]
         shift, target = np.zeros_like(own), np.zeros_like(own)
-        held = np.zeros(len(own), dtype=bool)
+        held, inner = np.zeros(len(own), dtype=bool), self._inner(pose)
         for _ in range(options.rounds):
-            under, needed = self._under(own + shift, pose)
+            under, needed = self._under(own + shift, pose, inner)
             if not under.any():
                 break
             target[under] = shift[under] + needed[under]
@@ -171,11 +180,20 @@ class LayerLift:
         smooth[self.fixed] = 0.0
         return smooth
 
-    def _under(self, points: FloatArray, pose: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
+    def _inner(self, pose: FloatArray) -> Inner:
+        """Return the inner part in a pose (V, 3)."""
+        corners, normals = pose[self.other_faces], triangle_normals(pose, self.other_faces)
+        return Inner(
+            corners, normals, cKDTree(np.hstack([corners.mean(axis=1), self.turn * normals]))
+        )
+
+    def _under(
+        self, points: FloatArray, pose: FloatArray, inner: Inner
+    ) -> tuple[NDArray[np.bool_], FloatArray]:
         """Return which vertices (n,) went under the inner part, and the way back (n, 3)."""
-        led, corners = np.flatnonzero(self.led), pose[self.other_faces]
-        known, triangles, closest = self._aligned(points, pose, led)
-        normal = triangle_normals(pose, self.other_faces)[triangles]
+        led, corners = np.flatnonzero(self.led), inner.corners
+        known, triangles, closest = self._aligned(points, pose, inner, led)
+        normal = inner.normals[triangles]
         own, low = points[led], known & self.covered[triangles]
         low &= (dots(own - closest, normal) < 0.0) & self._covers(led, triangles, known)
         where = np.flatnonzero(low)
@@ -190,7 +208,7 @@ class LayerLift:
         return under, needed
 
     def _aligned(
-        self, points: FloatArray, pose: FloatArray, led: NDArray[np.integer]
+        self, points: FloatArray, pose: FloatArray, inner: Inner, led: NDArray[np.integer]
     ) -> tuple[NDArray[np.bool_], NDArray[np.integer], FloatArray]:
         """Return the nearest triangle (N,) turned as each led vertex, and the place there (N, 3).
 
@@ -199,9 +217,7 @@ class LayerLift:
         options, moved = self.options, pose.copy()
         moved[self.own] = points
         outward = self.sides[:, None] * vertex_normals(moved, self.faces, self.own)
-        corners = pose[self.other_faces]
-        normals = triangle_normals(pose, self.other_faces)
-        tree = cKDTree(np.hstack([corners.mean(axis=1), self.turn * normals]))
+        corners, normals, tree = inner
         count = min(options.neighbours, len(corners))
         query = np.hstack([points[led], self.turn * outward[led]])
         near = tree.query(query, np.arange(1, count + 1))[1]

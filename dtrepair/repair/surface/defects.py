@@ -40,14 +40,21 @@ def update_defects(
     if moved.all():
         return find_defects(surface, points)
     active = surface.triangles_at(moved)
-    crossings = [known.crossings[~active[known.crossings].any(axis=1)]]
-    crossings.append(surface.contacts.pairs(points, active=active))
+    crossings = update_pairs(surface, known.crossings, points, active)
     # A fold changes where one of its two triangles moved; both are around the shared vertex.
     around = surface.vertices_of(np.flatnonzero(active))
     folds = [known.folds[~active[known.folds].any(axis=1)]]
     found = surface.contacts.folds(points, active=around)
     folds.append(found[active[found].any(axis=1)])
-    return Defects(np.concatenate(crossings), np.concatenate(folds))
+    return Defects(crossings, np.concatenate(folds))
+
+
+def update_pairs(
+    surface: Surface, known: IntArray, points: FloatArray, active: BoolArray
+) -> IntArray:
+    """Return the pairs (K, 2) of a pose that differs from one with `known` at `active` (F,)."""
+    kept = known[~active[known].any(axis=1)]
+    return np.concatenate([kept, surface.contacts.pairs(points, active=active)])
 
 
 def near_contacts(surface: Surface, pairs: IntArray, near: int) -> BoolArray:

@@ -10,11 +10,11 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from dtrepair.numerics.metrics import JitterMeter
 from dtrepair.pipeline.errors import INTERNAL, InputError, PipelineError, WorkersError, plain_error
 from dtrepair.pipeline.observer import Observer, Progress
 from dtrepair.pipeline.repair.chunks import worthwhile_chunks
 from dtrepair.pipeline.repair.cluster import LOST, Watch, Workers, connected, workers_of
+from dtrepair.pipeline.repair.motion import Motion
 from dtrepair.pipeline.repair.settings import RepairSettings
 from dtrepair.pipeline.stages.frames import read_frame
 from dtrepair.pipeline.stages.outputs import writing
@@ -87,12 +87,10 @@ def measured_jitter(source: Source, result: Source) -> float | None:
     """The largest jitter of any mesh, from the input and the output that was joined of chunks."""
     if len(source.times) < 3:
         return None
-    meters = [JitterMeter() for _ in source.meshes]
-    for time in source.times:
-        before, after = read_frame(source, float(time)), read_frame(result, float(time))
-        for meter, *spaces in zip(meters, before.spaces, after.spaces, strict=False):
-            meter.add(*spaces)
-    return max(meter.value for meter in meters)
+    motion = Motion(source)
+    for time in map(float, source.times):
+        motion.add(time, read_frame(source, time).spaces, read_frame(result, time).spaces)
+    return motion.jitter
 
 
 def repair_chunk(

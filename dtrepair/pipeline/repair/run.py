@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dtrepair import __version__
-from dtrepair.numerics.metrics import JitterMeter
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.modelled.parts import tell_modelled
 from dtrepair.pipeline.modelled.worn import tell_worn, worn_records
@@ -19,8 +18,9 @@ from dtrepair.pipeline.repair.chunks import Chunk
 from dtrepair.pipeline.repair.collider_contacts import ColliderContacts, colliders_of
 from dtrepair.pipeline.repair.corrections import CorrectionSink
 from dtrepair.pipeline.repair.journal import Journal, hash_of_run
+from dtrepair.pipeline.repair.motion import Motion
 from dtrepair.pipeline.repair.recount import settle_shapes
-from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired, repair_frames
+from dtrepair.pipeline.repair.solve import FrameRepairer, repair_frames
 from dtrepair.pipeline.stages.bodies import Controls, PlacedBodies, in_units_of_frames
 from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.frames import (
@@ -77,10 +77,10 @@ class Prepared:
 
 @dataclass(frozen=True)
 class _Outcome:
-    """The records of all frames, the largest jitter of a mesh, and what was taken as worn."""
+    """The records of all frames, how corrections go in time, and what was taken as worn."""
 
     records: list[FrameRecord]
-    jitter: float | None
+    motion: Motion
     worn: tuple[WornRecord, ...]
 
 
@@ -134,6 +134,8 @@ def repair_here(
     if isinstance(sink, CorrectionSink):
         sink.tell(observer)
     warnings = (*repairer.warnings, *hidden.warnings, *among.warnings, *told, *written)
+    if not run.alone:  # who asks for frames by themselves does not ask for steady ones
+        warnings = (*warnings, *outcome.motion.warnings)
     if journal is not None:
         warnings = (*warnings, *journal.failures)
         journal.remove()
@@ -150,7 +152,7 @@ def repair_here(
         prims=prim_records(source, rest_counts),
         frames=tuple(records),
         warnings=(*source.warnings, *warnings),
-        jitter=outcome.jitter,
+        jitter=outcome.motion.jitter,
         attached=repairer.modelled.attached,
         worn=outcome.worn,
         alone_from=repairer.alone_from,
@@ -168,7 +170,7 @@ def _repair_frames(
     source, chunk, clock = prepared.source, prepared.chunk, prepared.run.clock
     records: list[FrameRecord] = []
     worn: tuple[WornRecord, ...] | None = None
-    meters = [JitterMeter() for _ in source.meshes]
+    motion = Motion(source)
     given = hidden.among(read_frames(source, chunk.times))
     with (
         Progress(observer, "repairing", len(chunk.times)) as progress,
@@ -178,7 +180,9 @@ def _repair_frames(
         for repaired, written in progress.over(zip(frames, chunk.written, strict=True)):
             if not written:
                 continue
-            _store(repaired, prepared.sink, meters)
+            for index, points in enumerate(repaired.points):
+                prepared.sink.put(index, repaired.frame.time, points)
+            motion.add(repaired.frame.time, repaired.frame.spaces, repaired.spaces)
             records.append(repaired.record)
             clock.add(repaired.seconds)
             observer.remark(FrameDone(repaired.record, repaired.error))
@@ -190,8 +194,7 @@ def _repair_frames(
     if repairer.error is not None:
         observer.remark(Trouble(repairer.error))
     clock.skip()
-    jitter = max(meter.value for meter in meters) if len(records) > 2 else None
-    return _Outcome(records, jitter, worn or ())
+    return _Outcome(records, motion, worn or ())
 
 
 def _reported(run: Run, rests: list[Rest]) -> dict[str, Any]:
@@ -267,11 +270,3 @@ def _refuse_wide_clearance(told: float, clearance: float, bodies: list[Body]) ->
             f"--clearance {told:g}: expected at most {most * told / clearance:.4g}, a twentieth of "
             "the diagonal of all rest poses; a thousandth is plenty"
         )
-
-
-def _store(repaired: Repaired, sink: Sink, meters: list[JitterMeter]) -> None:
-    for index, points in enumerate(repaired.points):
-        sink.put(index, repaired.frame.time, points)
-    pairs = zip(meters, repaired.frame.spaces, repaired.spaces, strict=False)
-    for meter, before, after in pairs:
-        meter.add(before, after)

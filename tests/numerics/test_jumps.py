@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import diagonal
-from dtrepair.numerics.jumps import JumpMeter, JumpOptions
+from dtrepair.numerics.metrics import JumpMeter, JumpOptions
 from dtrepair.numerics.temporal import gaussian_kernel
 from dtrepair.repair.clip.window_method import PushFramesOptions
 

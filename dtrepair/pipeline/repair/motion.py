@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
 
-from dtrepair.numerics.jumps import JumpMeter
-from dtrepair.numerics.metrics import JitterMeter
+from dtrepair.numerics.metrics import JitterMeter, JumpMeter
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.wording import frame_list, listed
 
@@ -22,7 +21,7 @@ class Motion:
         self._frames = 0
 
     def add(self, time: float, before: Sequence[ArrayLike], after: Sequence[ArrayLike]) -> None:
-        """Take the next frame: points (V, 3) of each mesh, before and after; none of a failed one."""
+        """Take the next frame: points (V, 3) of each mesh, before and after; none where it failed."""
         self._frames += 1
         meters = zip(self._jitter, self._jumps, before, after, strict=False)
         for jitter, jumps, own, repaired in meters:

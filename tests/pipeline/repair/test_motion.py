@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dtrepair.numerics.jumps import JumpMeter, JumpOptions
+from dtrepair.numerics.metrics import JumpMeter, JumpOptions
 from dtrepair.pipeline import ObjectOptions, Selection, repair_stage
 from dtrepair.pipeline.repair import motion
 from dtrepair.pipeline.repair.motion import Motion

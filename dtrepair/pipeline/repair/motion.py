@@ -21,7 +21,7 @@ class Motion:
         self._frames = 0
 
     def add(self, time: float, before: Sequence[ArrayLike], after: Sequence[ArrayLike]) -> None:
-        """Take the next frame: points (V, 3) of each mesh, before and after; none where it failed."""
+        """Take the next frame: points (V, 3) of the meshes, before and after; none if it failed."""
         self._frames += 1
         meters = zip(self._jitter, self._jumps, before, after, strict=False)
         for jitter, jumps, own, repaired in meters:

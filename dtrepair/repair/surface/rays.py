@@ -9,8 +9,8 @@ from dtrepair.numerics.geometry import FloatArray
 
 # Rays start this part of the size of the triangles beside their points.
 ASIDE = np.array([0.0, 3.7e-7, 6.1e-7])
-# Pairs of a ray and a triangle that are looked at in one step.
-BLOCK = 2_000_000
+# Rays that lie side by side are looked at together, so many pairs of one and a triangle at most.
+TOGETHER, BLOCK = 64, 2_000_000
 
 
 def crossings(
@@ -32,19 +32,7 @@ def crossings(
         met = high[:, 0] > least[0]
         met &= ((low <= most) & (high >= least))[:, 1:].all(axis=1)
         corners, low, high = corners[met], low[met], high[met]
-    step = max(1, BLOCK // max(len(corners), 1))
-    near = []
-    for begin in range(0, len(starts), step):
-        own = starts[begin : begin + step, None]
-        hit = high[None, :, 0] > own[:, :, 0]
-        for axis in (1, 2):
-            hit &= (low[None, :, axis] <= own[:, :, axis]) & (
-                high[None, :, axis] >= own[:, :, axis]
-            )
-        ray, triangle = np.nonzero(hit)
-        near.append((ray + begin, triangle))
-    rays = np.concatenate([ray for ray, _ in near]) if near else np.zeros(0, dtype=np.int64)
-    triangles = np.concatenate([hit for _, hit in near]) if near else rays
+    rays, triangles = _near(starts, low, high)
     offsets = corners[triangles] - starts[rays][:, None]
     y, z = offsets[:, :, 1], offsets[:, :, 2]
     following = [1, 2, 0]
@@ -55,6 +43,31 @@ def crossings(
     ahead = (weights * offsets[:, :, 0]).sum(axis=1)
     hit = (signs != 0) & (ahead > 0)
     return rays[hit], ahead[hit], signs[hit]
+
+
+def _near(
+    starts: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
+    """Return rays (K,) along the first axis, and the boxes that each of them meets (K,).
+
+    starts: of the rays (P, 3); low, high: corners of the boxes (F, 3).
+    """
+    side_by_side = np.argsort(starts[:, 1], kind="stable")
+    step = max(1, min(TOGETHER, BLOCK // max(len(low), 1)))
+    rays, boxes = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    for begin in range(0, len(starts), step):
+        some = side_by_side[begin : begin + step]
+        own = starts[some]
+        beside = (low[:, 1] <= own[-1, 1]) & (high[:, 1] >= own[0, 1])
+        met = np.flatnonzero(beside & (high[:, 0] > own[:, 0].min()))
+        hit = high[met, 0] > own[:, :1]
+        for axis in (1, 2):
+            place = own[:, axis, None]
+            hit &= (low[met, axis] <= place) & (high[met, axis] >= place)
+        ray, box = np.nonzero(hit)
+        rays.append(some[ray])
+        boxes.append(met[box])
+    return np.concatenate(rays), np.concatenate(boxes)
 
 
 def windings(points: FloatArray, corners: FloatArray) -> NDArray[np.integer]:

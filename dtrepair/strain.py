@@ -19,6 +19,7 @@ class StrainKind(StrEnum):
     VOLUME = "volume"
     LIMB = "limb"
     FLIPS = "flips"
+    WORN = "worn"
 
 
 _WORDS: Mapping[StrainKind, str] = {
@@ -28,6 +29,7 @@ _WORDS: Mapping[StrainKind, str] = {
     StrainKind.VOLUME: "volume changed by {0:.0%}, at most {1:.0%}",
     StrainKind.LIMB: "volume of a piece of a limb changed by {0:.0%}, at most {1:.0%}",
     StrainKind.FLIPS: "a patch {0} wide turned over, at most {1}",
+    StrainKind.WORN: "came off what it goes round",
 }
 _LENGTHS = (StrainKind.DRIFT, StrainKind.SLIDE, StrainKind.FLIPS)
 

@@ -137,7 +137,7 @@ WALLS = {
         "overlaps": "hidden_ends attachments closest_point enclosure geometry",
         "hidden_ends": "attachments closest_point enclosure geometry",
         "attachments": "geometry",
-        "worn": "geometry",
+        "worn": "enclosure geometry",
         "closest_point": "geometry",
         "enclosure": "geometry",
         "geodesics": "geometry",

@@ -188,9 +188,9 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "parts": "How many parts it has.",
             "kind": "What was measured: edges (spoilt ones), drift and slide (off what it is "
             "attached to), volume, limb (volume of a piece of one), flips (a patch that turned "
-            "over).",
+            "over), worn (a ring that came off what it goes round).",
             "value": "The number; lengths as fractions of `size`, volumes of that of the part or "
-            "piece.",
+            "piece; of a ring how many times less it is passed through.",
             "bound": "What it may be at most.",
             "vertex": "The vertex of the mesh where it is worst.",
             "place": "Where that is in the input.",

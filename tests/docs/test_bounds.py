@@ -48,7 +48,9 @@ def test_the_table_has_the_bound_of_each_picture(name: str) -> None:
 
 def test_each_row_of_the_table_and_each_kind_has_a_picture() -> None:
     assert len(TABLE) == len(MAKERS)
-    assert {judge(name).example.kind for name in MAKERS} == set(StrainKind)
+    # What is worn is on or off: there is nothing just within the bound.
+    drawn = set(StrainKind) - {StrainKind.WORN}
+    assert {judge(name).example.kind for name in MAKERS} == drawn
 
 
 @pytest.mark.parametrize("name", MAKERS)

@@ -26,6 +26,7 @@ from dtrepair.numerics.geometry import (
 from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.numerics.worn.covering import Covering, learnt_layers, open_layers
 from dtrepair.numerics.worn.layers import Layers, median_of_parts
+from dtrepair.numerics.worn.loops import Rings
 from dtrepair.numerics.worn.parts import Parts
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene.attached_parts import AttachedParts
@@ -178,8 +179,11 @@ class Scene:
         faces = self.rest_weld[self.faces]
         parts = ConnectedParts(faces, self.body_of_vertex, self.attachments)
         shown = [reference.points for reference in self.references if not reference.slid]
-        rest = self.centred_rest
-        return StrainMeter(parts, references=shown, rest=rest, options=self.strain)
+        rest, rings = self.centred_rest, None
+        if self.enclosures.count > 1:
+            stiff = np.array([self.is_stiff(body) for body in range(len(self.bodies))])
+            rings = Rings(self.layers.parts, np.flatnonzero(stiff[self.body_of_part]).tolist())
+        return StrainMeter(parts, references=shown, rest=rest, rings=rings, options=self.strain)
 
     def attachments_of(self, body: int) -> Attachments | None:
         """Return what was modelled within one body, by its own triangles and vertices."""

@@ -23,6 +23,7 @@ from dtrepair.numerics.geometry import (
     lengths,
     vector_areas,
 )
+from dtrepair.numerics.worn.loops import Rings
 from dtrepair.repair.strain.parts import ConnectedParts, changes
 from dtrepair.repair.strain.turning import folded_more, turned_over
 from dtrepair.repair.strain.volumes import Pieces, limbs
@@ -61,6 +62,7 @@ class StrainOptions:
             deep contacts have some up to 0.026, and half a hand is 0.04 wide.
         patch_share: Or this share of the area of the part, if that is less: an eye is small.
         patch_triangles: A patch of so few triangles is a crease of a coarse mesh.
+        worn: How many times less what a ring goes round may pass through it than in the input.
     """
 
     factor: float = 4.0
@@ -79,6 +81,7 @@ class StrainOptions:
     patch: float = 0.035
     patch_share: float = 0.25
     patch_triangles: int = 5
+    worn: float = 0.5
 
 
 class Excess(NamedTuple):
@@ -99,6 +102,7 @@ class StrainMeter:
         parts: The parts.
         references: Poses (V, 3) that show how attached parts were modelled; none: each input.
         rest: The pose (V, 3) by which parts are cut into limbs; None: limbs are not judged.
+        rings: What is worn and must not come off; None: that is not judged.
         options: The bounds.
     """
 
@@ -108,9 +112,11 @@ class StrainMeter:
         *,
         references: Sequence[FloatArray] = (),
         rest: FloatArray | None = None,
+        rings: Rings | None = None,
         options: StrainOptions = StrainOptions(),
     ) -> None:
         self.parts, self.references, self.rest, self.options = parts, references, rest, options
+        self.rings = rings
 
     def __call__(
         self, before: FloatArray, after: FloatArray, *, strict: bool = False
@@ -129,6 +135,7 @@ class StrainMeter:
             *self._drifts(before, after, size, strict),
             *self._volumes(before, after, old, new),
             *self._flips(before, after, old, new, size),
+            *self._taken_off(before, after),
         ]
 
     def _spoilt_edges(self, before: FloatArray, after: FloatArray, size: float) -> list[Excess]:
@@ -292,6 +299,18 @@ class StrainMeter:
             value, bound = (float(np.sqrt(a)) / size for a in (area[own].sum(), bounds[part]))
             vertices = np.unique(faces[own].ravel())
             result.append(Excess(StrainKind.FLIPS, part, value, bound, worst, vertices))
+        return result
+
+    def _taken_off(self, before: FloatArray, after: FloatArray) -> list[Excess]:
+        """Return the parts that no longer go round what they did, each once."""
+        if self.rings is None:
+            return []
+        result = []
+        for top in dict.fromkeys(ring.top for ring in self.rings.taken_off(before, after)):
+            own = self.rings.parts.vertices[top]
+            worst = int(own[np.argmax(lengths(after[own] - before[own]))])
+            part, bound = int(self.parts.of_vertex[worst]), self.options.worn
+            result.append(Excess(StrainKind.WORN, part, 1.0, bound, worst, own))
         return result
 
     def _patches(self, chosen: Places, area: FloatArray, bounds: FloatArray) -> list[Places]:

@@ -62,7 +62,7 @@ SCENE = make_scene(BODIES, RepairOptions())
 
 @pytest.mark.parametrize("kind", list(StrainKind))
 def test_bodies_that_are_strained_in_their_shape_are_bent(kind: StrainKind) -> None:
-    where = kind in (StrainKind.DRIFT, StrainKind.SLIDE)
+    where = kind in (StrainKind.DRIFT, StrainKind.SLIDE, StrainKind.WORN)
     assert bent_bodies(SCENE, judged(1, kind)) == (set() if where else {1})
     assert bent_bodies(SCENE, Judged(np.zeros((0, 3)))) == set()
 

@@ -14,8 +14,12 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
 from dtrepair.numerics.overlaps import find_attachments
+from dtrepair.repair.repairer import SceneRepairer
+from dtrepair.repair.scene.bodies import Body
+from dtrepair.repair.scene.bounds import share_search
 from dtrepair.repair.strain.meter import Excess, StrainMeter, StrainOptions
 from dtrepair.repair.strain.parts import ConnectedParts
+from dtrepair.repair.strain.shares import ShareOptions
 from tests.meshes import Mesh, elbow, icosphere, joined, torus, tube
 
 BALL, FACES = icosphere(3)
@@ -206,3 +210,33 @@ def test_measures_do_not_depend_on_the_size_of_a_scene() -> None:
 def test_degenerate_triangles_are_left_out() -> None:
     faces: IntArray = np.concatenate([FACES, [[0, 0, 1]]]).astype(np.int32)
     assert kinds(meter((BALL, faces))(BALL, BALL * [1.0, 1.0, 1.3])) == {StrainKind.VOLUME}
+
+
+OFF = np.array([0.8, 0.0, 0.0])
+
+
+def band_on_an_arm(**values: Any) -> tuple[SceneRepairer, list[FloatArray]]:
+    arm, band = tube(24, 40, 0.2, 4.0), torus(48, 12, 0.32, 0.06)
+    bodies = [Body(*arm, name="arm"), Body(*band, name="band", **values)]
+    return SceneRepairer(bodies), [arm[0], band[0]]
+
+
+def test_a_band_that_came_off_is_told_and_put_back_on() -> None:
+    repairer, (arm, band) = band_on_an_arm()
+    assert repairer.strains([arm, band], [arm, band + 0.125 * OFF]) == ()
+    (found,) = repairer.strains([arm, band], [arm, band + OFF])
+    assert (found.kind, found.body, found.value) == (StrainKind.WORN, "band", 1.0)
+    assert found.value > found.bound
+    # Some share of such a correction leaves it on.
+    scene = repairer.scene
+    before = np.concatenate([arm, band])
+    after = np.concatenate([arm, band + OFF])
+    search = share_search(scene, before, after, ShareOptions())
+    kept = search.blend(next(iter(search.shares())))
+    assert not scene.strain_meter(before, kept)
+    assert (kept[: len(arm)] == arm).all()
+
+
+def test_a_rigid_band_may_come_off() -> None:
+    repairer, (arm, band) = band_on_an_arm(rigid=True)
+    assert repairer.strains([arm, band], [arm, band + OFF]) == ()

@@ -1,0 +1,185 @@
+"""Rings and the limbs that go through them: a belt, a strap, a sleeve, and whether it is still on.
+
+What goes round something in the rest has a loop, the middle of it in each of several directions,
+and what it goes round a core, the middles of slices. As long as the core passes through the loop
+the ring is worn. Both are means of vertices, so that any pose has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from dtrepair.numerics.enclosure import enclosure
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_areas
+from dtrepair.numerics.worn.measure import Solid, WornOptions, worn_measure
+from dtrepair.numerics.worn.parts import Parts
+
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopOptions:
+    """How rings are found, and what stands for them.
+
+    Args:
+        parts: So many parts, the largest, may be rings.
+        enclosed: Least winding number about the middle of the ring of what it goes round.
+        directions: In which a ring's vertices are told apart.
+        corners: Fewer directions with vertices are no ring.
+        around: The core is of what is nearer to the axis than the farthest of the ring, times this.
+        beyond: The core goes on so many radii beyond the ring.
+        slices: Of the core, to a radius.
+        moved: A ring is looked at where a vertex moved by this fraction of its width.
+        worn: From when on a part is worn.
+    """
+
+    parts: int = 64
+    enclosed: float = 0.25
+    directions: int = 24
+    corners: int = 6
+    around: float = 1.2
+    beyond: float = 4.0
+    slices: int = 2
+    moved: float = 0.25
+    worn: WornOptions = field(default_factory=WornOptions)
+
+
+class Ring(NamedTuple):
+    """A part that goes round another one in the rest.
+
+    Args:
+        top: The part that is worn.
+        under: What it goes round.
+        loop, core: Matrices (K, V) and (M, V) that take a pose to the points that stand for both.
+        passes: How often, by sign, the core passes through the loop in the rest.
+    """
+
+    top: int
+    under: int
+    loop: sparse.csr_matrix
+    core: sparse.csr_matrix
+    passes: int
+
+    def worn(self, pose: FloatArray) -> bool:
+        """Return whether a pose (V, 3) has it on as the rest does."""
+        return _crossings(self.loop @ pose, self.core @ pose) == self.passes
+
+
+class Rings:
+    """The rings of a mesh, found when they are asked for.
+
+    Args:
+        parts: The parts; the first of their poses is the rest.
+        stiff: Which parts cannot give way: of two of which one is stiff neither is worn.
+        options: What counts as a ring, and what stands for it.
+    """
+
+    def __init__(
+        self, parts: Parts, stiff: Collection[int] = (), *, options: LoopOptions = LoopOptions()
+    ) -> None:
+        self.parts, self.stiff, self.options = parts, frozenset(stiff), options
+        rest = parts.poses[0]
+        areas = np.array([triangle_areas(rest, own).sum() for own in parts.triangles])
+        self._large = np.argsort(-areas, kind="stable")[: options.parts]
+        self._low = np.stack([rest[own].min(axis=0) for own in parts.vertices])
+        self._high = np.stack([rest[own].max(axis=0) for own in parts.vertices])
+        self._known: dict[int, list[Ring]] = {}
+
+    def taken_off(self, before: FloatArray, after: FloatArray) -> list[Ring]:
+        """Return the rings that are on in one pose (V, 3), and off in another."""
+        farthest = float(lengths(after - before).max())
+        width = np.sort(self._high - self._low, axis=1)[:, 1]
+        small = self._large[width[self._large] * self.options.moved < farthest].tolist()
+        found = (ring for top in small for ring in self.of(top))
+        return [ring for ring in found if ring.worn(before) and not ring.worn(after)]
+
+    def of(self, top: int) -> list[Ring]:
+        """Return what a part goes round in the rest."""
+        if top not in self._known:
+            self._known[top] = self._found(top)
+        return self._known[top]
+
+    def _found(self, top: int) -> list[Ring]:
+        parts, options, rest = self.parts, self.options, self.parts.poses[0]
+        middle = 0.5 * (self._low[top] + self._high[top])
+        holds = ((self._low < middle) & (self._high > middle)).all(axis=1)
+        holds[[top, *self.stiff]] = False
+        rings: list[Ring] = []
+        for under in () if top in self.stiff else np.flatnonzero(holds).tolist():
+            corners = rest[parts.triangles[under]]
+            if abs(enclosure(middle[None], corners)[0]) < options.enclosed:
+                continue
+            solids = (Solid(rest, parts.triangles[k], bool(parts.closed[k])) for k in (top, under))
+            worn = worn_measure(*solids, least=options.worn.worn, options=options.worn)
+            if worn.share < options.worn.worn:
+                continue
+            loop, core = _loop_and_core(parts, top, under, worn.axis, options)
+            passes = _crossings(loop @ rest, core @ rest)
+            if loop.shape[0] >= options.corners and abs(passes) == 1:
+                rings.append(Ring(top, under, loop, core, passes))
+        return rings
+
+
+def _loop_and_core(
+    parts: Parts, top: int, under: int, axis: FloatArray, options: LoopOptions
+) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
+    """Return what stands for a ring about an axis (3,), and for what passes through it."""
+    rest, own, limb = parts.poses[0], parts.vertices[top], parts.vertices[under]
+    middle = 0.5 * (rest[own].min(axis=0) + rest[own].max(axis=0))
+    across = np.linalg.svd(axis[None])[2][1:]
+    flat = (rest[own] - middle) @ across.T
+    turn = np.arctan2(flat[:, 1], flat[:, 0]) / (2.0 * np.pi) + 0.5
+    loop = _means(own, np.floor(turn * options.directions), len(rest))
+    radius = max(float(np.linalg.norm(flat, axis=1).max()), np.finfo(float).tiny)
+    half = float(np.abs((rest[own] - middle) @ axis).max())
+    height, away = (rest[limb] - middle) @ axis, (rest[limb] - middle) @ across.T
+    near = np.linalg.norm(away, axis=1) <= options.around * radius
+    near &= np.abs(height) <= half + options.beyond * radius
+    start = np.abs(height) <= max(half, radius / options.slices)
+    local = np.searchsorted(limb, parts.triangles[under]).astype(np.int32)
+    near = _reached(local, near, near & start)
+    core = _means(limb[near], np.floor(height[near] * options.slices / radius), len(rest))
+    return loop, core
+
+
+def _reached(faces: IntArray, near: BoolArray, start: BoolArray) -> BoolArray:
+    """Return which vertices (n,) of triangles (F, 3) edges through those near by lead to."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges = edges[near[edges].all(axis=1)]
+    graph = sparse.coo_matrix((np.ones(len(edges)), edges.T), shape=(len(near),) * 2)
+    label = csgraph.connected_components(graph, directed=False)[1]
+    return np.asarray(near & np.isin(label, label[start]))
+
+
+def _means(vertices: IntArray, group: FloatArray, count: int) -> sparse.csr_matrix:
+    """Return the matrix (M, V) that takes a pose to the means of groups (N,) of vertices (N,)."""
+    _, own, sizes = np.unique(group, return_inverse=True, return_counts=True)
+    own = own.reshape(-1)
+    return sparse.csr_matrix((1.0 / sizes[own], (own, vertices)), shape=(len(sizes), count))
+
+
+def _crossings(loop: FloatArray, core: FloatArray) -> int:
+    """Return how often, by sign, a line of points (M, 3) passes through a loop of points (K, 3).
+
+    The loop is filled by triangles to its mean (Möller & Trumbore 1997).
+    """
+    way, middle = np.diff(core, axis=0), loop.mean(axis=0)
+    away = core[:-1] - middle
+    first, second = loop - middle, np.roll(loop, -1, axis=0) - middle
+    scale = np.cross(way[:, None], second[None])
+    one = np.einsum("mc,mkc->mk", away, scale)
+    scale = np.einsum("kc,mkc->mk", first, scale)
+    turned = np.cross(away[:, None], first[None])
+    other = np.einsum("mc,mkc->mk", way, turned)
+    along = np.einsum("kc,mkc->mk", second, turned)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one, other, along = one / scale, other / scale, along / scale
+        hit = (one >= 0.0) & (other >= 0.0) & (one + other <= 1.0) & (along >= 0.0) & (along < 1.0)
+    return int(np.sign(scale[hit]).sum())

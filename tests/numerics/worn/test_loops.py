@@ -1,0 +1,120 @@
+"""Rings and what passes through them: on in the rest, off where a correction took them off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.worn.loops import LoopOptions, Ring, Rings
+from dtrepair.numerics.worn.parts import Parts
+from tests.meshes import Mesh, bent_tube, icosphere, joined, torus, tube
+
+ARM, LEG = tube(24, 40, 0.2, 4.0), tube(24, 40, 0.2, 2.0)
+BAND = torus(48, 12, 0.32, 0.06)
+
+
+def moved(mesh: Mesh, offset: tuple[float, float, float]) -> Mesh:
+    return mesh[0] + offset, mesh[1]
+
+
+def rings_of(
+    *meshes: Mesh, closed: bool = True, stiff: tuple[int, ...] = (), **values: float
+) -> Rings:
+    points, faces = joined(*meshes)
+    part = np.repeat(np.arange(len(meshes)), [len(own) for own, _ in meshes]).astype(np.int32)
+    parts = Parts(faces, part, np.full(len(meshes), closed), [points])
+    return Rings(parts, stiff, options=LoopOptions(**values))  # type: ignore[arg-type]
+
+
+def with_ring_moved(rings: Rings, top: int, offset: tuple[float, float, float]) -> FloatArray:
+    pose = rings.parts.poses[0].copy()
+    pose[rings.parts.vertices[top]] += offset
+    return pose
+
+
+def taken(rings: Rings, after: FloatArray) -> list[tuple[int, int]]:
+    found: list[Ring] = rings.taken_off(rings.parts.poses[0], after)
+    return [(ring.top, ring.under) for ring in found]
+
+
+def test_a_band_that_went_through_its_arm_is_off() -> None:
+    rings = rings_of(ARM, BAND)
+    assert [(ring.top, ring.under) for ring in rings.of(1)] == [(1, 0)] and rings.of(0) == []
+    assert taken(rings, with_ring_moved(rings, 1, (0.8, 0.0, 0.0))) == [(1, 0)]
+    # So is the arm where that is what moved.
+    arm = with_ring_moved(rings, 0, (0.0, 0.8, 0.0))
+    assert taken(rings, arm) == [(1, 0)]
+
+
+@pytest.mark.parametrize("offset", [(0.3, 0.0, 0.0), (0.0, 0.0, 0.9)])
+def test_a_band_that_slid_or_cut_in_is_on(offset: tuple[float, float, float]) -> None:
+    rings = rings_of(ARM, BAND)
+    assert taken(rings, with_ring_moved(rings, 1, offset)) == []
+
+
+def test_what_was_off_before_did_not_come_off() -> None:
+    rings = rings_of(ARM, BAND)
+    off, farther = (with_ring_moved(rings, 1, (x, 0.0, 0.0)) for x in (0.8, 1.6))
+    assert rings.taken_off(off, farther) == [] == rings.taken_off(off, rings.parts.poses[0])
+
+
+def test_half_a_band_that_swung_over_the_hand_is_off() -> None:
+    # As a strap in the hollow of a knee: no part of it went through the limb.
+    rings = rings_of(ARM, BAND)
+    pose = rings.parts.poses[0].copy()
+    own = rings.parts.vertices[1]
+    far = own[pose[own, 0] > 0.0]
+    pose[far] = pose[far] * [-1.4, 1.0, 1.0] + [0.0, 0.0, 0.3]
+    assert taken(rings, pose) == [(1, 0)]
+
+
+@given(st.integers(0, 1000), st.floats(0.1, 2.5))
+def test_a_band_stays_on_a_limb_that_turns_and_bends(seed: int, bend: float) -> None:
+    straight, faces = bent_tube(0.0, 24, 40)
+    band = torus(24, 8, 0.16, 0.03)
+    place = band[0] + [0.0, 0.0, 0.3]
+    rings = rings_of((straight, faces), (place, band[1]))
+    # The band goes along with the middle of the limb there.
+    curved, turn = bent_tube(bend, 24, 40)[0], 0.3 * bend / 2.0
+    about = Rotation.from_euler("y", turn).as_matrix()
+    middle = curved[np.abs(straight[:, 2] - 0.3) < 1e-9].mean(axis=0)
+    carried = band[0] @ about.T + middle
+    pose = np.concatenate([curved, carried]) @ Rotation.random(rng=seed).as_matrix().T + 1.0
+    (ring,) = rings.of(1)
+    assert ring.worn(pose)
+    pose[rings.parts.vertices[1]] += pose[rings.parts.vertices[1]].mean(axis=0) + 5.0
+    assert not ring.worn(pose)
+
+
+def test_a_skirt_comes_off_two_legs() -> None:
+    legs = joined(moved(LEG, (-0.25, 0.0, -0.9)), moved(LEG, (0.25, 0.0, -0.9)))
+    trunk = tube(32, 40, 0.5, 2.0)
+    body = joined(moved(trunk, (0.0, 0.0, 1.1)), legs)
+    skirt = moved(tube(32, 12, 0.7, 1.0), (0.0, 0.0, 0.3))
+    rings = rings_of(body, skirt, closed=False)
+    assert [ring.under for ring in rings.of(1)] == [0]
+    assert taken(rings, with_ring_moved(rings, 1, (1.6, 0.0, 0.0))) == [(1, 0)]
+    assert taken(rings, with_ring_moved(rings, 1, (0.0, 0.0, -0.5))) == []
+
+
+@pytest.mark.parametrize(
+    "other", [moved(BAND, (1.0, 0.0, 0.0)), icosphere(3, 0.5), moved(ARM, (0.1, 0.0, 0.0))]
+)
+def test_what_lies_beside_or_is_pierced_is_no_ring(other: Mesh) -> None:
+    rings = rings_of(ARM, other)
+    assert rings.of(0) == [] == rings.of(1)
+
+
+def test_stiff_rings_may_leave_and_short_moves_are_not_looked_at() -> None:
+    for stiff in ((0,), (1,)):
+        rings = rings_of(ARM, BAND, stiff=stiff)
+        assert rings.of(0) == [] == rings.of(1)
+    rings = rings_of(ARM, BAND, moved=2.0)
+    assert taken(rings, with_ring_moved(rings, 1, (0.8, 0.0, 0.0))) == []
+    # Of many parts the largest are looked at.
+    rings = rings_of(ARM, BAND, parts=1)
+    assert taken(rings, with_ring_moved(rings, 1, (0.8, 0.0, 0.0))) == []

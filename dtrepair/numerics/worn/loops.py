@@ -59,6 +59,7 @@ class Ring(NamedTuple):
         under: What it goes round.
         loop, core: Matrices (K, V) and (M, V) that take a pose to the points that stand for both.
         passes: How often, by sign, the core passes through the loop in the rest.
+        concerned: Vertices (N,) of both: all of the ring, and what is near of the other.
     """
 
     top: int
@@ -66,6 +67,7 @@ class Ring(NamedTuple):
     loop: sparse.csr_matrix
     core: sparse.csr_matrix
     passes: int
+    concerned: IntArray
 
     def worn(self, pose: FloatArray) -> bool:
         """Return whether a pose (V, 3) has it on as the rest does."""
@@ -120,17 +122,15 @@ class Rings:
             worn = worn_measure(*solids, least=options.worn.worn, options=options.worn)
             if worn.share < options.worn.worn:
                 continue
-            loop, core = _loop_and_core(parts, top, under, worn.axis, options)
-            passes = _crossings(loop @ rest, core @ rest)
-            if loop.shape[0] >= options.corners and abs(passes) == 1:
-                rings.append(Ring(top, under, loop, core, passes))
+            if (ring := _ring(parts, top, under, worn.axis, options)) is not None:
+                rings.append(ring)
         return rings
 
 
-def _loop_and_core(
+def _ring(
     parts: Parts, top: int, under: int, axis: FloatArray, options: LoopOptions
-) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """Return what stands for a ring about an axis (3,), and for what passes through it."""
+) -> Ring | None:
+    """Return a part as a ring about an axis (3,); None where what it goes round is not in it."""
     rest, own, limb = parts.poses[0], parts.vertices[top], parts.vertices[under]
     middle = 0.5 * (rest[own].min(axis=0) + rest[own].max(axis=0))
     across = np.linalg.svd(axis[None])[2][1:]
@@ -142,11 +142,15 @@ def _loop_and_core(
     height, away = (rest[limb] - middle) @ axis, (rest[limb] - middle) @ across.T
     near = np.linalg.norm(away, axis=1) <= options.around * radius
     near &= np.abs(height) <= half + options.beyond * radius
-    start = np.abs(height) <= max(half, radius / options.slices)
     local = np.searchsorted(limb, parts.triangles[under]).astype(np.int32)
-    near = _reached(local, near, near & start)
+    start = near & (np.abs(height) <= max(half, radius / options.slices))
+    near = _reached(local, near, start)
     core = _means(limb[near], np.floor(height[near] * options.slices / radius), len(rest))
-    return loop, core
+    passes = _crossings(loop @ rest, core @ rest)
+    if loop.shape[0] < options.corners or abs(passes) != 1:
+        return None
+    beside = limb[near & (np.abs(height) <= half + radius)]
+    return Ring(top, under, loop, core, passes, np.concatenate([own, beside]))
 
 
 def _reached(faces: IntArray, near: BoolArray, start: BoolArray) -> BoolArray:

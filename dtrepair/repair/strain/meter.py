@@ -302,15 +302,15 @@ class StrainMeter:
         return result
 
     def _taken_off(self, before: FloatArray, after: FloatArray) -> list[Excess]:
-        """Return the parts that no longer go round what they did, each once."""
+        """Return the parts that no longer go round what they did."""
         if self.rings is None:
             return []
         result = []
-        for top in dict.fromkeys(ring.top for ring in self.rings.taken_off(before, after)):
-            own = self.rings.parts.vertices[top]
+        for ring in self.rings.taken_off(before, after):
+            own = self.rings.parts.vertices[ring.top]
             worst = int(own[np.argmax(lengths(after[own] - before[own]))])
             part, bound = int(self.parts.of_vertex[worst]), self.options.worn
-            result.append(Excess(StrainKind.WORN, part, 1.0, bound, worst, own))
+            result.append(Excess(StrainKind.WORN, part, 1.0, bound, worst, ring.concerned))
         return result
 
     def _patches(self, chosen: Places, area: FloatArray, bounds: FloatArray) -> list[Places]:

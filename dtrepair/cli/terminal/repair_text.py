@@ -118,12 +118,14 @@ def motions_of(
 
 
 def largest_move(record: FrameRecord) -> str:
-    """The largest move of a frame, that of the mesh which moved most for its size."""
+    """The largest move of a frame, with its share of the size of the mesh that moved so far."""
     if record.displacement_max == 0.0:
         return "0"
-    moved = [prim for prim in record.prims if prim.motion is not None] or record.prims
-    most = max(moved, key=lambda prim: prim.motion.displacement_max if prim.motion else 0.0)
-    return length(record.displacement_max, most.size)
+    moved = [(prim.motion, prim.size) for prim in record.prims if prim.motion is not None]
+    if not moved:
+        return length(record.displacement_max, record.prims[0].size)
+    motion, size = max(moved, key=lambda own: own[0].displacement_max * (own[1] or 1.0))
+    return length(motion.displacement_max, size)
 
 
 def print_table(console: Console, records: tuple[FrameRecord, ...], output: str) -> None:

@@ -11,12 +11,18 @@ Record = Mapping[str, Any]
 
 
 def largest_move(frame: Record) -> str:
-    """The largest move of a frame, that of the mesh which moved most for its size."""
+    """The largest move of a frame, with its share of the size of the mesh that moved so far."""
     share = frame["displacement_max"]
-    prims = [prim for prim in frame["prims"] if prim.get("motion")] or frame["prims"]
-    if share == 0.0 or not prims:
+    if share == 0.0 or not frame["prims"]:
         return _held(share, None) if share else "0"
-    return _held(share, max(prims, key=_moved).get("size"))
+    most = max(frame["prims"], key=_moved)
+    motion = most.get("motion")
+    return _held(motion["displacement_max"] if motion else share, most.get("size"))
+
+
+def farthest(frame: Record) -> float:
+    """How far the vertex of a frame that was moved most was moved."""
+    return max((_moved(prim) for prim in frame["prims"]), default=0.0) or frame["displacement_max"]
 
 
 def length_of(prims: Sequence[Record], name: str) -> str:
@@ -35,4 +41,4 @@ def _held(share: float, size: float | None) -> str:
 
 def _moved(prim: Record) -> float:
     motion = prim.get("motion")
-    return float(motion["displacement_max"]) if motion else 0.0
+    return float(motion["displacement_max"]) * (prim.get("size") or 1.0) if motion else 0.0

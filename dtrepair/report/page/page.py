@@ -13,7 +13,7 @@ from typing import Any
 from dtrepair.diagnosis import REMEDIES
 from dtrepair.report.page.advice import Remedies, advice_box, frame_links, label
 from dtrepair.report.page.content import Contact, PageContent
-from dtrepair.report.page.lengths import largest_move
+from dtrepair.report.page.lengths import farthest, largest_move
 from dtrepair.report.page.libraries import Library, LibraryError, chart_library, space_library
 from dtrepair.report.page.meaning import meaning
 from dtrepair.report.page.tables import pair_name, smaller_contacts, tables
@@ -131,7 +131,7 @@ def _origin(report: Mapping[str, Any]) -> str:
 
 def _totals(report: Mapping[str, Any]) -> str:
     summary = report["summary"]
-    most = max(report["frames"], key=lambda frame: float(frame["displacement_max"]), default=None)
+    most = max(report["frames"], key=farthest, default=None)
     values = [
         ("frames clean", f"{summary['clean']} of {summary['frames']}"),
         ("triangles before", f"{summary['triangles_before']}"),

@@ -59,6 +59,9 @@ def test_a_move_is_told_in_stage_units_and_per_cent() -> None:
     assert largest_move(replace(frame, prims=(still, moved))) == "0.2 (5 %)"
     assert largest_move(replace(frame, prims=(still,))) == "0.4 (5 %)"
     assert largest_move(replace(frame, displacement_max=0.0)) == "0"
+    # What moved farther counts, not what moved more for its size.
+    less = replace(moved, motion=replace(far, displacement_max=0.04), size=20.0)
+    assert largest_move(replace(frame, prims=(moved, less))) == "0.8 (4 %)"
 
 
 def test_units_are_those_of_the_stage(tmp_path: Path) -> None:

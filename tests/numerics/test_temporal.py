@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel, runs_of, undamped
+from dtrepair.numerics.temporal import (
+    apply_in_time,
+    easing_weights,
+    gaussian_kernel,
+    runs_of,
+    steady_weights,
+    undamped,
+)
 
 
 def test_small_products_make_the_whole_one() -> None:
@@ -31,3 +38,18 @@ def test_runs_are_of_consecutive_frames() -> None:
     chosen = np.array([True, True, False, True, False, False, True])
     assert runs_of(chosen) == [slice(0, 2), slice(3, 4), slice(6, 7)]
     assert runs_of(chosen[2:3]) == runs_of(chosen[:0]) == []
+
+
+def test_needless_ends_ease_and_do_not_swing_to_the_other_side() -> None:
+    frames = np.array([0.0, 1.0, 2.0, 4.0, 5.0])
+    needless = np.array([True, True, False, False, False])
+    weights, steady = easing_weights(frames, needless), steady_weights(frames)
+    np.testing.assert_array_equal(weights[1:], steady[1:])
+    assert weights[0].tolist() == [0.0, 0.5, 0.0, 0.0, 0.0]
+    assert easing_weights(frames, ~needless)[4].tolist() == [0.0, 0.0, 0.0, 0.5, 0.0]
+    np.testing.assert_array_equal(easing_weights(frames[:1], needless[:1]), [[0.0]])
+    for own, swings in ((weights, False), (steady, True)):
+        values = np.array([0.0, 0.0, 0.0, 1.0, 1.2])
+        for _ in range(20):
+            values[:3] = 0.5 * (values + own @ values)[:3]
+        assert (values[0] < -0.05) == swings

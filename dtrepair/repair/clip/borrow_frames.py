@@ -30,8 +30,10 @@ class BorrowingOptions:
     """When frames start again.
 
     Args:
-        rough: Of attached parts, whose frames are solved each for itself, not only strained frames
-            start again, but those that are distorted so many times as much as a neighbour, ...
+        rough: Not only strained frames start again, but those that are distorted so many times as
+            much as a neighbour, ...
+        rough_attached: ... where parts are attached, whose frames are solved each for itself, so
+            many times as much, ...
         smooth: ... and more than this.
         hopeless: What is farther beyond its bounds than this (see `badness`) does not start again:
             a soldier's straps crushed between layers are so by any way.
@@ -41,8 +43,9 @@ class BorrowingOptions:
         relief: What relaxes it then.
     """
 
-    rough: float = 2.0
-    smooth: float = 0.05
+    rough: float = 3.0
+    rough_attached: float = 1.6
+    smooth: float = 0.03
     hopeless: float = 30.0
     left_share: float = 0.1
     lending: LendingOptions = field(default_factory=LendingOptions)
@@ -134,7 +137,8 @@ def started_again(
         return poses
     state = _Frames(scene, frames, poses, options)
     tried: set[_Loan] = set()
-    while loans := _loans(state.merits, state.few, tried, options):
+    rough = options.rough if mesh.surface.ties is None else options.rough_attached
+    while loans := _loans(state.merits, state.few, tried, rough, options):
         tried.update(loans)
         of_loans = [
             (frames[lender].centred, state.result[lender], frames[index].centred)
@@ -179,10 +183,9 @@ class _Frames:
 
     def _merit(self, frame: OpenedPose, points: FloatArray) -> _Merit:
         """Return how good a pose (V, 3) of a frame is."""
-        scene, bent = self.scene, 0.0
+        scene = self.scene
         excess = strain_of(scene, frame.centred, points)
-        if scene.strain_meter.parts.ties is not None:
-            bent = distortion(frame.centred, points, scene.strain_meter.parts.edges)
+        bent = distortion(frame.centred, points, scene.strain_meter.parts.edges)
         return _Merit(bool(excess), badness(excess), wrong_of(scene, frame, points), bent)
 
 
@@ -190,11 +193,12 @@ def _loans(
     merits: Sequence[_Merit],
     few: Sequence[float],
     tried: Collection[_Loan],
+    rougher: float,
     options: BorrowingOptions,
 ) -> list[_Loan]:
     """Return the next loan, of those not tried, of each frame in need of one.
 
-    few: so much may be wrong with a lender (T,).
+    few: so much may be wrong with a lender (T,); rougher: see `BorrowingOptions.rough`.
     """
     result = []
     for index, merit in enumerate(merits):
@@ -204,7 +208,7 @@ def _loans(
                 continue
             other = merits[lender]
             good = few[lender] > 0.0 and not other.strained and other.wrong <= few[lender]
-            rough = merit.distortion > max(options.smooth, options.rough * other.distortion)
+            rough = merit.distortion > max(options.smooth, rougher * other.distortion)
             if good and merit.badness <= options.hopeless and (merit.strained or rough):
                 result.append(loan)
                 break

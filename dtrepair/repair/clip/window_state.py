@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.numerics.temporal import spread_in_time, steady_weights
+from dtrepair.numerics.temporal import easing_weights, spread_in_time
 from dtrepair.repair.frame.frame_options import Alone, Chain, FrameOptions, Springs
 from dtrepair.repair.frame.frame_steps import WindowFrames
 from dtrepair.repair.frame.lending import Loan
@@ -215,7 +215,7 @@ class WindowState:
         """Relax clean frames in step, until no vertex moves farther than `still` in a cycle.
 
         reach (T, V): what takes part; agreement: for each cycle, the weight by which frames are
-        pulled to where the others ask them to be (see `steady_weights`), but no farther than what
+        pulled to where the others ask them to be (see `easing_weights`), but no farther than what
         is displaced now, fading as a bell of `spread` frames: else displacements would creep into
         frames that need none. work: fractions of the usual work on a window that are done before
         and after, for the progress that is told; None: nothing is told.
@@ -223,7 +223,8 @@ class WindowState:
         moved, others = self.work.added, np.setdiff1d(self._every, frames)
         moved[:] = self.poses - self.original
         # Halfway between where a frame is and where it should be: all of them move at a time.
-        halfway = 0.5 * (np.eye(len(self.frames)) + steady_weights(self.frames))
+        needless = np.array([len(pairs) == 0 for pairs in self.found])
+        halfway = 0.5 * (np.eye(len(self.frames)) + easing_weights(self.frames, needless))
         if len(self.frames) < 3:
             halfway = np.eye(len(self.frames))
         length = np.linalg.norm(moved, axis=2).astype(np.float32)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from dtrepair.numerics.closest_point import closest_on_triangles
@@ -16,8 +17,10 @@ from dtrepair.numerics.geometry import (
     FloatArray,
     dots,
     extent,
+    extents,
     lengths,
     triangle_normals,
+    unique_edges,
     vertex_areas,
 )
 from dtrepair.numerics.operators import Factor, cotangent_laplacian
@@ -43,6 +46,8 @@ class LiftOptions:
         neighbours: Triangles of the inner part that are looked at for a vertex.
         turn: Weight of the normals in the search for them, as a fraction of the smaller extent.
         enclosed: Least winding number of an open inner part where a vertex is under it.
+        wide: A region is led back where in some frame its way back is at most so many times its
+            width and an edge.
         rounds: Lifts in turn, each for what still lies under.
         edges, depths: A lift fades out over so many mean edges, and so many depths.
         hold: Weight of the lifted vertices next to the smoothness of the others.
@@ -61,6 +66,7 @@ class LiftOptions:
     neighbours: int = 8
     enclosed: float = 0.25
     turn: float = 0.25
+    wide: float = 1.75
     rounds: int = 4
     edges: float = 3.0
     depths: float = 2.0
@@ -95,6 +101,7 @@ class LayerLift:
         self.place = self.place[scene.rest_weld]
         rest = scene.rest[self.own]
         local = np.searchsorted(self.own, self.faces).astype(np.int32)
+        self.edges = unique_edges(local)
         self.mass = np.maximum(vertex_areas(rest, local), 1e-12 * extent(rest) ** 2)
         spacing = parts.spacing[self.own]
         self.edge = float(spacing.mean())
@@ -126,13 +133,20 @@ class LayerLift:
         if not self.near.all():
             self.led &= self.shown_distance < options.reach * smaller
 
-    def __call__(self, pose: FloatArray) -> FloatArray:
-        """Return displacements (n, 3) that lead what went under of a pose (V, 3) back."""
+    def __call__(self, pose: FloatArray, wide: NDArray[np.bool_]) -> FloatArray:
+        """Return displacements (n, 3) that lead what went under of a pose (V, 3) back.
+
+        wide: vertices (n,); regions without any of them stay where they are, see `_wide`.
+        """
         options, own = self.options, pose[self.own]
         shift, target = np.zeros_like(own), np.zeros_like(own)
         held, inner = np.zeros(len(own), dtype=bool), self._inner(pose)
         for _ in range(options.rounds):
             under, needed = self._under(own + shift, pose, inner)
+            vertices, region = self._regions(under)
+            among = np.zeros(len(vertices), dtype=bool)
+            among[region[wide[vertices]]] = True
+            under[vertices] = among[region]
             if not under.any():
                 break
             target[under] = shift[under] + needed[under]
@@ -149,11 +163,14 @@ class LayerLift:
         the last nothing of it is taken to be under that.
         """
         through = np.logical_or.accumulate(meets) & np.logical_or.accumulate(meets[::-1])[::-1]
+        wide = np.zeros(len(self.own), dtype=bool)
+        for index in np.flatnonzero(through):
+            wide |= self._wide(poses[index])
         before, last = np.inf, 0.0
         for width in self.options.widths if len(frames) > 1 else (0.0,):
             shifts = np.zeros((len(poses), len(self.own), 3))
             for index in np.flatnonzero(through):
-                shifts[index] = self(poses[index])
+                shifts[index] = self(poses[index], wide)
             longest = float(lengths(shifts.reshape(-1, 3)).max())
             if longest == 0.0 or (width < last and longest > self.options.less * before):
                 break
@@ -206,6 +223,29 @@ class LayerLift:
         needed = np.zeros_like(points)
         needed[led] = closest + self.gap[led][:, None] * normal - own
         return under, needed
+
+    def _wide(self, pose: FloatArray) -> NDArray[np.bool_]:
+        """Return which vertices (n,) of a pose (V, 3) are in regions as wide as their way back.
+
+        What came through a layer did so over its own width. A few vertices of a crease whose
+        normals are turned would be led to the far side of a limb: of an armpit over the shoulder.
+        """
+        points = pose[self.own]
+        under, needed = self._under(points, pose, self._inner(pose))
+        vertices, region = self._regions(under)
+        width = extents(points[vertices], region)
+        longest = np.zeros(len(width))
+        np.maximum.at(longest, region, lengths(needed[vertices]))
+        under[vertices] = (longest <= self.options.wide * (width + self.edge))[region]
+        return under
+
+    def _regions(self, under: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return the vertices (N,) that went under, and the connected region (N,) of each."""
+        vertices = np.flatnonzero(under)
+        ends = self.edges[under[self.edges].all(axis=1)]
+        joined = sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(len(under),) * 2)
+        label = csgraph.connected_components(joined, directed=False)[1][vertices]
+        return vertices, np.unique(label, return_inverse=True)[1].reshape(-1)
 
     def _aligned(
         self, points: FloatArray, pose: FloatArray, inner: Inner, led: NDArray[np.integer]

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Reference
@@ -158,13 +159,31 @@ def test_narrow_lifts_follow_only_where_less_is_left(
     """What is needed halves with each lift, or stays the same however often it is lifted."""
     start, along = np.concatenate([ARM[0], SLEEVE[0]]), np.array([0.0, 0.0, 1.0])
 
-    def needed(lift: LayerLift, pose: FloatArray) -> FloatArray:
+    def needed(lift: LayerLift, pose: FloatArray, wide: NDArray[np.bool_]) -> FloatArray:
         lifted_by = pose[lift.own] - start[lift.own]
         return 0.5 * (along - lifted_by) if halves else np.broadcast_to(along, lifted_by.shape)
 
     monkeypatch.setattr(LayerLift, "__call__", needed)
     moved = lifted(scene_of(SLEEVE), *[start] * 7)[:, len(ARM[0]) :, 2] - SLEEVE[0][:, 2]
     assert np.allclose(moved, gone, atol=1e-9)
+
+
+def test_a_few_vertices_are_not_led_far_unless_more_go_there_in_another_frame() -> None:
+    # One vertex of the sleeve is at the axis of the arm, as in the crease of an armpit.
+    sleeve = SLEEVE[0].copy()
+    middle = int(np.argmin(np.abs(sleeve[:, 2]) - sleeve[:, 0]))
+    sleeve[middle, :2] *= 0.05
+    creased = np.concatenate([ARM[0], sleeve])
+    scene = scene_of(SLEEVE)
+    assert (lifted(scene, creased)[0] == creased).all()
+    through = np.concatenate([swollen(ARM[0], 0.4), sleeve])
+    both = lifted(scene, through, creased)
+    moved = np.linalg.norm(both[1] - creased, axis=1)[len(ARM[0]) :]
+    assert moved[middle] > 0.1
+    # However few they are, if the way may be as long.
+    options = LiftOptions(wide=10.0)
+    led = lifted_frames(scene, creased[None], [BOTH], np.zeros(1), options=options)[0]
+    assert np.linalg.norm(led - creased, axis=1)[len(ARM[0]) + middle] > 0.05
 
 
 def test_before_and_after_all_contacts_nothing_is_under() -> None:

@@ -170,6 +170,14 @@ class PlacedMeshes:
         same = (first == second) | (first == STILL) | (second == STILL)
         return np.asarray((first != "") & (second != "") & same, dtype=bool)
 
+    def collide(self, pairs: IntArray) -> BoolArray:
+        """Return which pairs (K, 2) of triangles are of a collider, (K,).
+
+        What meets a floor in nearly all frames stands on it, and is not attached to it.
+        """
+        colliders = np.array([mesh.collider for mesh in self.source.meshes], dtype=bool)
+        return np.asarray(colliders[self.mesh_of[pairs]].any(axis=1), dtype=bool)
+
     def asked(self, pairs: IntArray) -> BoolArray:
         """Return which pairs (K, 2) of triangles are of meshes that are called attached, (K,)."""
         from dtrepair.intersect.ignored import of_ignored_bodies

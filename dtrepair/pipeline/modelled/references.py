@@ -67,7 +67,8 @@ def modelled_references(
     Meshes that one skeleton binds, or that deform from a pose at the default time, tell by their
     rests how they lie to each other. Of meshes of two skeletons, as a rider and a horse, of what is
     moved by transforms only, and of what has no rest pose, contacts of two parts in nearly all
-    frames of the whole clip are modelled: the pose in which they have fewest pairs shows where.
+    frames of the whole clip are modelled, but for colliders: the pose in which they have fewest
+    pairs shows where.
     Where rigid parts slide in each other, as a rod in its cylinder, frames show where, too. The
     parts of a farm agree on it.
 
@@ -97,7 +98,8 @@ def _references(
     enough = frames_tell(source, options)  # else nobody needs to look
     if enough and (not meshes.one_binding or (meshes.binding == "").any()):
         looks = list(meshes.looks(options.samples))
-        looks = [look.of(~meshes.tell_by_rests(look.pairs)) for look in looks]
+        told = [meshes.tell_by_rests(look.pairs) | meshes.collide(look.pairs) for look in looks]
+        looks = [look.of(~own) for look, own in zip(looks, told, strict=True)]
         if len(looks) >= options.least:
             known += _where_fewest(looks, options.nearly_all * len(looks))
     found = [look.reference(~meshes.asked(look.pairs)) for look in known]

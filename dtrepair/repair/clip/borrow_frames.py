@@ -37,6 +37,8 @@ class BorrowingOptions:
         smooth: ... and more than this.
         hopeless: What is farther beyond its bounds than this (see `badness`) does not start again:
             a soldier's straps crushed between layers are so by any way.
+        triangles: Loans are made for so many triangles to each frame of a window, one at least, and
+            first to strained frames: a loan is about as much work as a frame.
         left_share: Of what was wrong with the input so much may be left, of a lender and of what
             was borrowed: a share of a strained pose leaves more.
         lending: What cleans a frame from there.
@@ -47,6 +49,7 @@ class BorrowingOptions:
     rough_attached: float = 1.6
     smooth: float = 0.03
     hopeless: float = 30.0
+    triangles: int = 5000
     left_share: float = 0.1
     lending: LendingOptions = field(default_factory=LendingOptions)
     relief: ReliefOptions = field(default_factory=ReliefOptions)
@@ -138,7 +141,11 @@ def started_again(
     state = _Frames(scene, frames, poses, options)
     tried: set[_Loan] = set()
     rough = options.rough if mesh.surface.ties is None else options.rough_attached
+    most = max(1, options.triangles * len(frames) // len(mesh.surface.faces))
     while loans := _loans(state.merits, state.few, tried, rough, options):
+        order = sorted(loans, key=lambda loan: not state.merits[loan.frame].strained)
+        if not (loans := order[: most - len(tried)]):
+            break
         tried.update(loans)
         of_loans = [
             (frames[lender].centred, state.result[lender], frames[index].centred)

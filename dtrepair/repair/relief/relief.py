@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.work import work_done
 from dtrepair.repair.full.acceptance import reach_of
@@ -183,7 +184,9 @@ def relieved_poses(
     ]
     strained = {}
     for index, (pose, points) in enumerate(zip(poses, result, strict=True)):
-        if strain_of(scene, pose.centred, points, strict=True):
+        excess = strain_of(scene, pose.centred, points, strict=True)
+        # What came off cannot be relaxed back on.
+        if any(own.kind != StrainKind.WORN for own in excess):
             strained[index] = _Strained(pose.centred, points)
     if not strained:
         return result

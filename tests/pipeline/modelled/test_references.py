@@ -14,10 +14,11 @@ from dtrepair.pipeline import check_stage, repair_stage
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.modelled.references import modelled_parts
 from dtrepair.pipeline.observer import Observer
-from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.selection import ObjectOptions, Selection
 from dtrepair.pipeline.stages.sources import open_source
 from dtrepair.repair.options import RepairOptions
 from tests.jointed_arm import FRAMES, arm, arm_mesh, arm_stage
+from tests.meshes import icosphere
 from tests.pipeline.hosts import Listener
 from tests.rigged_tube import rigged_tube
 
@@ -117,6 +118,32 @@ def test_what_meets_in_some_frames_only_is_no_attachment(tmp_path: Path) -> None
     path = tmp_path / "a.usda"
     write_animation(path, mesh, times=1.0 + np.arange(FRAMES))
     assert modelled_parts(open_source(str(path), Selection())).attachments is None
+
+
+def test_what_stands_on_a_collider_is_not_attached_to_it(tmp_path: Path) -> None:
+    path = tmp_path / "a.usda"
+    stage = Usd.Stage.CreateNew(str(path))
+    points, faces = icosphere(2)
+    for name, height in (("Ball", 0.0), ("Floor", -1.9)):
+        mesh = UsdGeom.Mesh.Define(stage, f"/Root/{name}")
+        mesh.CreateFaceVertexCountsAttr([3] * len(faces))
+        mesh.CreateFaceVertexIndicesAttr(faces.ravel().tolist())
+        mesh.CreatePointsAttr(points.astype(np.float32))
+        move = mesh.AddTranslateOp()
+        for frame in range(6):
+            move.Set((0.02 * frame if name == "Ball" else 0.0, height, 0.0), frame)
+    stage.Save()
+    found = modelled_parts(open_source(str(path), Selection())).attachments
+    assert found is not None and found.pairs_of_parts == [(0, 1)]
+    still = open_source(str(path), Selection(), collider="/Root/Floor")
+    assert modelled_parts(still).attachments is None
+    objects = ObjectOptions(collider="/Root/Floor")
+    done = repair_stage(str(path), str(tmp_path / "b.usda"), objects=objects)
+    assert not done.attached and all(frame.status == "clean" for frame in done.frames)
+    assert all(frame.before and frame.before.pairs for frame in done.frames)
+    # The user may say that it is.
+    told = modelled_parts(still, attached=[(0, 1)]).attachments
+    assert told is not None and told.pairs_of_parts == [(0, 1)]
 
 
 def test_parts_stay_where_they_are_attached(tmp_path: Path) -> None:

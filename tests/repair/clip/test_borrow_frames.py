@@ -11,6 +11,7 @@ from dtrepair import Body, RepairOptions
 from dtrepair.diagnosis import Status
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion
+from dtrepair.repair.clip import borrow_frames
 from dtrepair.repair.clip.borrow_frames import BorrowingOptions, started_again
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.relief.relief import relieved_poses
@@ -158,3 +159,40 @@ def test_attached_parts_that_are_rougher_than_beside_start_again() -> None:
     assert own > 2.0 * lent and better < 1.2 * lent
     found = started_again(scene, mesh, [frame, frame], [whole, whole], options=options)
     assert found[0] is whole and found[1] is whole
+
+
+def test_free_bodies_that_are_much_rougher_than_beside_start_again() -> None:
+    scene, frames, mesh = clip(1.9, 1.88)
+    flat = apart(frames[1], 0.3)
+    flat[COUNT:, 1] *= 0.8
+    found = [apart(frames[0], 0.15), flat]
+    assert not strain_of(scene, frames[1].centred, flat)
+    better = started_again(scene, mesh, frames, found)
+    assert better[0] is found[0]
+    edges = mesh.surface.edges
+    assert distortion(frames[1].centred, flat, edges) > 0.1
+    assert distortion(frames[1].centred, better[1], edges) < 0.03
+    options = BorrowingOptions(smooth=0.5)
+    assert started_again(scene, mesh, frames, found, options=options)[1] is flat
+
+
+def test_few_frames_of_many_triangles_start_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, frame, mesh = winged(1.2)
+    (whole,) = relieved_poses(scene, mesh, [frame], [mesh.solve([frame.centred])[0][0]])
+    rough = whole.copy()
+    far = whole[:, 2] > 0.4
+    rough[far, 2] += 0.05 * np.sin(60.0 * whole[far, 0])
+    asked = list[int]()
+
+    def solved(state: object, jobs: int | None) -> list[FloatArray]:
+        asked.append(len(state.loans))  # type: ignore[attr-defined]
+        return [rough] * asked[-1]
+
+    monkeypatch.setattr(borrow_frames, "_solved", solved)
+    found = [whole, rough, whole, rough, whole, rough]
+    count = len(mesh.surface.faces)
+    for triangles, most in ((count // 3, 2), (count // 2, 3), (1, 1)):
+        asked.clear()
+        options = BorrowingOptions(triangles=triangles)
+        started_again(scene, mesh, [frame] * 6, found, options=options)
+        assert sum(asked) == most

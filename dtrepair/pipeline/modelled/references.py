@@ -98,8 +98,8 @@ def _references(
     enough = frames_tell(source, options)  # else nobody needs to look
     if enough and (not meshes.one_binding or (meshes.binding == "").any()):
         looks = list(meshes.looks(options.samples))
-        told = [meshes.tell_by_rests(look.pairs) | meshes.collide(look.pairs) for look in looks]
-        looks = [look.of(~own) for look, own in zip(looks, told, strict=True)]
+        looks = [look.of(~meshes.collide(look.pairs)) for look in looks]
+        looks = [look.of(~meshes.tell_by_rests(look.pairs)) for look in looks]
         if len(looks) >= options.least:
             known += _where_fewest(looks, options.nearly_all * len(looks))
     found = [look.reference(~meshes.asked(look.pairs)) for look in known]

@@ -2,7 +2,8 @@
 
 What goes round something in the rest has a loop, the middle of it in each of several directions,
 and what it goes round a core, the middles of slices. As long as the core passes through the loop
-the ring is worn. Both are means of vertices, so that any pose has them.
+the ring is worn. Both are means of vertices, so that any pose has them. A garment has a ring at
+each of its hems: an arm may come out of a sleeve while the jacket stays on.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ class LoopOptions:
         around: The core is of what is nearer to the axis than the farthest of the ring, times this.
         beyond: The core goes on so many radii beyond the ring.
         slices: Of the core, to a radius.
+        near: Of both what is so many radii from the ring belongs to it.
         moved: A ring is looked at where a vertex moved by this fraction of its width.
         worn: From when on a part is worn.
     """
@@ -47,19 +49,21 @@ class LoopOptions:
     around: float = 1.2
     beyond: float = 4.0
     slices: int = 2
+    near: float = 2.0
     moved: float = 0.25
     worn: WornOptions = field(default_factory=WornOptions)
 
 
 class Ring(NamedTuple):
-    """A part that goes round another one in the rest.
+    """A part, or a hem of it, that goes round another part in the rest.
 
     Args:
         top: The part that is worn.
         under: What it goes round.
         loop, core: Matrices (K, V) and (M, V) that take a pose to the points that stand for both.
         passes: How often, by sign, the core passes through the loop in the rest.
-        concerned: Vertices (N,) of both: all of the ring, and what is near of the other.
+        concerned: Vertices (N,) of both parts that are near.
+        width: Of the ring, length units.
     """
 
     top: int
@@ -68,6 +72,7 @@ class Ring(NamedTuple):
     core: sparse.csr_matrix
     passes: int
     concerned: IntArray
+    width: float
 
     def worn(self, pose: FloatArray) -> bool:
         """Return whether a pose (V, 3) has it on as the rest does."""
@@ -96,11 +101,13 @@ class Rings:
 
     def taken_off(self, before: FloatArray, after: FloatArray) -> list[Ring]:
         """Return the rings that are on in one pose (V, 3), and off in another."""
-        farthest = float(lengths(after - before).max())
+        farthest = float(lengths(after - before).max()) / self.options.moved
         width = np.sort(self._high - self._low, axis=1)[:, 1]
-        small = self._large[width[self._large] * self.options.moved < farthest].tolist()
-        found = (ring for top in small for ring in self.of(top))
-        return [ring for ring in found if ring.worn(before) and not ring.worn(after)]
+        # A hem is narrower than its garment.
+        narrow = (width < farthest) | ~self.parts.closed
+        found = [ring for top in self._large[narrow[self._large]] for ring in self.of(int(top))]
+        near = [ring for ring in found if ring.width < farthest]
+        return [ring for ring in near if ring.worn(before) and not ring.worn(after)]
 
     def of(self, top: int) -> list[Ring]:
         """Return what a part goes round in the rest."""
@@ -110,28 +117,55 @@ class Rings:
 
     def _found(self, top: int) -> list[Ring]:
         parts, options, rest = self.parts, self.options, self.parts.poses[0]
-        middle = 0.5 * (self._low[top] + self._high[top])
-        holds = ((self._low < middle) & (self._high > middle)).all(axis=1)
-        holds[[top, *self.stiff]] = False
         rings: list[Ring] = []
-        for under in () if top in self.stiff else np.flatnonzero(holds).tolist():
-            corners = rest[parts.triangles[under]]
-            if abs(enclosure(middle[None], corners)[0]) < options.enclosed:
-                continue
+        if top in self.stiff:
+            return rings
+        for under in self._around(parts.vertices[top], top):
             solids = (Solid(rest, parts.triangles[k], bool(parts.closed[k])) for k in (top, under))
             worn = worn_measure(*solids, least=options.worn.worn, options=options.worn)
-            if worn.share < options.worn.worn:
-                continue
-            if (ring := _ring(parts, top, under, worn.axis, options)) is not None:
-                rings.append(ring)
+            if worn.share >= options.worn.worn:
+                rings += _ring(parts, parts.vertices[top], (top, under), worn.axis, options)
+        for hem in _hems(parts.triangles[top]):
+            axis = np.linalg.svd(rest[hem] - rest[hem].mean(axis=0), full_matrices=False)[2][2]
+            for under in self._around(hem, top):
+                rings += _ring(parts, hem, (top, under), axis, options)
         return rings
+
+    def _around(self, vertices: IntArray, top: int) -> list[int]:
+        """Return the parts that have the middle of some vertices (N,) of another one inside."""
+        rest = self.parts.poses[0]
+        middle = 0.5 * (rest[vertices].min(axis=0) + rest[vertices].max(axis=0))
+        holds = ((self._low < middle) & (self._high > middle)).all(axis=1)
+        holds[[top, *self.stiff]] = False
+        return [
+            under
+            for under in np.flatnonzero(holds).tolist()
+            if abs(enclosure(middle[None], rest[self.parts.triangles[under]])[0])
+            >= self.options.enclosed
+        ]
+
+
+def _hems(faces: IntArray) -> list[IntArray]:
+    """Return the vertices (N,) of each connected border of triangles (F, 3)."""
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges, counts = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
+    vertices, place = np.unique(edges[counts == 1], return_inverse=True)
+    graph = sparse.coo_matrix(
+        (np.ones(place.size // 2), place.reshape(-1, 2).T), shape=(len(vertices),) * 2
+    )
+    label = csgraph.connected_components(graph, directed=False)[1]
+    hems = [vertices[label == index] for index in np.unique(label)]
+    return [own for own in hems if len(own) > 2]
 
 
 def _ring(
-    parts: Parts, top: int, under: int, axis: FloatArray, options: LoopOptions
-) -> Ring | None:
-    """Return a part as a ring about an axis (3,); None where what it goes round is not in it."""
-    rest, own, limb = parts.poses[0], parts.vertices[top], parts.vertices[under]
+    parts: Parts, own: IntArray, both: tuple[int, int], axis: FloatArray, options: LoopOptions
+) -> list[Ring]:
+    """Return vertices (N,) of the first of two parts as a ring about an axis (3,).
+
+    Nothing where the second one does not pass through it.
+    """
+    rest = parts.poses[0]
     middle = 0.5 * (rest[own].min(axis=0) + rest[own].max(axis=0))
     across = np.linalg.svd(axis[None])[2][1:]
     flat = (rest[own] - middle) @ across.T
@@ -139,21 +173,27 @@ def _ring(
     loop = _means(own, np.floor(turn * options.directions), len(rest))
     radius = max(float(np.linalg.norm(flat, axis=1).max()), np.finfo(float).tiny)
     half = float(np.abs((rest[own] - middle) @ axis).max())
-    height, away = (rest[limb] - middle) @ axis, (rest[limb] - middle) @ across.T
-    near = np.linalg.norm(away, axis=1) <= options.around * radius
-    near &= np.abs(height) <= half + options.beyond * radius
-    local = np.searchsorted(limb, parts.triangles[under]).astype(np.int32)
+
+    def within(part: int, beyond: float) -> tuple[FloatArray, BoolArray]:
+        """Heights (n,) of a part's vertices, and which are so many radii from the ring."""
+        away = rest[parts.vertices[part]] - middle
+        height = away @ axis
+        near = np.linalg.norm(away @ across.T, axis=1) <= options.around * radius
+        return height, near & (np.abs(height) <= half + beyond * radius)
+
+    limb = parts.vertices[both[1]]
+    height, near = within(both[1], options.beyond)
     start = near & (np.abs(height) <= max(half, radius / options.slices))
-    near = _reached(local, near, start)
+    near = _reached(np.searchsorted(limb, parts.triangles[both[1]]), near, start)
     core = _means(limb[near], np.floor(height[near] * options.slices / radius), len(rest))
     passes = _crossings(loop @ rest, core @ rest)
     if loop.shape[0] < options.corners or abs(passes) != 1:
-        return None
-    beside = limb[near & (np.abs(height) <= half + radius)]
-    return Ring(top, under, loop, core, passes, np.concatenate([own, beside]))
+        return []
+    concerned = [parts.vertices[part][within(part, options.near)[1]] for part in both]
+    return [Ring(*both, loop, core, passes, np.concatenate([own, *concerned]), 2.0 * radius)]
 
 
-def _reached(faces: IntArray, near: BoolArray, start: BoolArray) -> BoolArray:
+def _reached(faces: NDArray[np.integer], near: BoolArray, start: BoolArray) -> BoolArray:
     """Return which vertices (n,) of triangles (F, 3) edges through those near by lead to."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     edges = edges[near[edges].all(axis=1)]

@@ -302,15 +302,16 @@ class StrainMeter:
         return result
 
     def _taken_off(self, before: FloatArray, after: FloatArray) -> list[Excess]:
-        """Return the parts that no longer go round what they did."""
+        """Return the parts that no longer go round what they did, each once."""
         if self.rings is None:
             return []
-        result = []
-        for ring in self.rings.taken_off(before, after):
-            own = self.rings.parts.vertices[ring.top]
+        off, result = self.rings.taken_off(before, after), []
+        for top in dict.fromkeys(ring.top for ring in off):
+            vertices = np.unique(np.concatenate([own.concerned for own in off if own.top == top]))
+            own = self.rings.parts.vertices[top]
             worst = int(own[np.argmax(lengths(after[own] - before[own]))])
             part, bound = int(self.parts.of_vertex[worst]), self.options.worn
-            result.append(Excess(StrainKind.WORN, part, 1.0, bound, worst, ring.concerned))
+            result.append(Excess(StrainKind.WORN, part, 1.0, bound, worst, vertices))
         return result
 
     def _patches(self, chosen: Places, area: FloatArray, bounds: FloatArray) -> list[Places]:

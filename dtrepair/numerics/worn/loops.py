@@ -18,7 +18,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from dtrepair.numerics.enclosure import enclosure
-from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_areas
+from dtrepair.numerics.geometry import FloatArray, IntArray, components, lengths, triangle_areas
 from dtrepair.numerics.worn.measure import Solid, WornOptions, worn_measure
 from dtrepair.numerics.worn.parts import Parts
 
@@ -184,7 +184,8 @@ def _ring(
     limb = parts.vertices[both[1]]
     height, near = within(both[1], options.beyond)
     start = near & (np.abs(height) <= max(half, radius / options.slices))
-    near = _reached(np.searchsorted(limb, parts.triangles[both[1]]), near, start)
+    local = np.searchsorted(limb, parts.triangles[both[1]]).astype(np.int32)
+    near = _reached(local, near, start)
     core = _means(limb[near], np.floor(height[near] * options.slices / radius), len(rest))
     passes = _crossings(loop @ rest, core @ rest)
     if loop.shape[0] < options.corners or abs(passes) != 1:
@@ -193,12 +194,9 @@ def _ring(
     return [Ring(*both, loop, core, passes, np.concatenate([own, *concerned]), 2.0 * radius)]
 
 
-def _reached(faces: NDArray[np.integer], near: BoolArray, start: BoolArray) -> BoolArray:
-    """Return which vertices (n,) of triangles (F, 3) edges through those near by lead to."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    edges = edges[near[edges].all(axis=1)]
-    graph = sparse.coo_matrix((np.ones(len(edges)), edges.T), shape=(len(near),) * 2)
-    label = csgraph.connected_components(graph, directed=False)[1]
+def _reached(faces: IntArray, near: BoolArray, start: BoolArray) -> BoolArray:
+    """Return which vertices (n,) triangles (F, 3) of those near by connect to a start."""
+    label = components(faces[near[faces].all(axis=1)], len(near))
     return np.asarray(near & np.isin(label, label[start]))
 
 

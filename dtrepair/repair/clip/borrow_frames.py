@@ -30,15 +30,15 @@ class BorrowingOptions:
     """When frames start again.
 
     Args:
-        rough: Not only strained frames start again, but those that are distorted so many times as
-            much as a neighbour, ...
+        rough: Of several parts not only strained frames start again, but those that are distorted
+            so many times as much as a neighbour, ...
         rough_attached: ... where parts are attached, whose frames are solved each for itself, so
             many times as much, ...
         smooth: ... and more than this.
         hopeless: What is farther beyond its bounds than this (see `badness`) does not start again:
             a soldier's straps crushed between layers are so by any way.
-        triangles: Loans are made for so many triangles to each frame of a window, one at least, and
-            first to strained frames: a loan is about as much work as a frame.
+        triangles: Of attached parts loans are made for so many triangles to each frame of a window,
+            one at least, and first to strained frames: a loan is about as much work as a frame.
         left_share: Of what was wrong with the input so much may be left, of a lender and of what
             was borrowed: a share of a strained pose leaves more.
         lending: What cleans a frame from there.
@@ -140,8 +140,10 @@ def started_again(
         return poses
     state = _Frames(scene, frames, poses, options)
     tried: set[_Loan] = set()
-    rough = options.rough if mesh.surface.ties is None else options.rough_attached
-    most = max(1, options.triangles * len(frames) // len(mesh.surface.faces))
+    rough, most = options.rough, 2 * len(frames)
+    if mesh.surface.ties is not None:
+        rough = options.rough_attached
+        most = max(1, options.triangles * len(frames) // len(mesh.surface.faces))
     while loans := _loans(state.merits, state.few, tried, rough, options):
         order = sorted(loans, key=lambda loan: not state.merits[loan.frame].strained)
         if not (loans := order[: most - len(tried)]):
@@ -190,9 +192,11 @@ class _Frames:
 
     def _merit(self, frame: OpenedPose, points: FloatArray) -> _Merit:
         """Return how good a pose (V, 3) of a frame is."""
-        scene = self.scene
+        scene, bent = self.scene, 0.0
         excess = strain_of(scene, frame.centred, points)
-        bent = distortion(frame.centred, points, scene.strain_meter.parts.edges)
+        # Single skins were solved from their neighbours already.
+        if scene.strain_meter.parts.count > 1:
+            bent = distortion(frame.centred, points, scene.strain_meter.parts.edges)
         return _Merit(bool(excess), badness(excess), wrong_of(scene, frame, points), bent)
 
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
+from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.closest_point import closest_on_triangles
 from dtrepair.numerics.enclosure import enclosure
 from dtrepair.numerics.geometry import (
@@ -243,8 +243,7 @@ class LayerLift:
         """Return the vertices (N,) that went under, and the connected region (N,) of each."""
         vertices = np.flatnonzero(under)
         ends = self.edges[under[self.edges].all(axis=1)]
-        joined = sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(len(under),) * 2)
-        label = csgraph.connected_components(joined, directed=False)[1][vertices]
+        label = link_labels(ends, len(under))[vertices]
         return vertices, np.unique(label, return_inverse=True)[1].reshape(-1)
 
     def _aligned(

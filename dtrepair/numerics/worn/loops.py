@@ -24,6 +24,9 @@ from dtrepair.numerics.worn.parts import Parts
 
 BoolArray = NDArray[np.bool_]
 
+# How far the tip of what fills a loop is off its middle and its plane, about as a share of it.
+UNEVEN = 0.15
+
 
 @dataclass(frozen=True, kw_only=True)
 class LoopOptions:
@@ -149,7 +152,9 @@ def _hems(faces: IntArray) -> list[IntArray]:
     """Return the vertices (N,) of each connected border of triangles (F, 3)."""
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     edges, counts = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
-    vertices, place = np.unique(edges[counts == 1], return_inverse=True)
+    # A triangle two corners of which are one vertex has an edge of no length there.
+    lone = (counts == 1) & (edges[:, 0] != edges[:, 1])
+    vertices, place = np.unique(edges[lone], return_inverse=True)
     graph = sparse.coo_matrix(
         (np.ones(place.size // 2), place.reshape(-1, 2).T), shape=(len(vertices),) * 2
     )
@@ -210,11 +215,17 @@ def _means(vertices: IntArray, group: FloatArray, count: int) -> sparse.csr_matr
 def _crossings(loop: FloatArray, core: FloatArray) -> int:
     """Return how often, by sign, a line of points (M, 3) passes through a loop of points (K, 3).
 
-    The loop is filled by triangles to its mean (Möller & Trumbore 1997).
+    The loop is filled by triangles to a tip (Möller & Trumbore 1997). That is off its middle and
+    its plane: a line through the one, or with points in the other, would meet edges of what fills
+    it.
     """
-    way, middle = np.diff(core, axis=0), loop.mean(axis=0)
+    way, ahead = np.diff(core, axis=0), np.roll(loop, -1, axis=0)
+    uneven = 1.0 + UNEVEN * np.sin(np.arange(len(loop)) + 1.0)
+    middle = uneven @ loop / uneven.sum()
+    area = np.cross(loop - middle, ahead - middle).sum(axis=0) / 2.0
+    middle += UNEVEN * area / max(float(np.sqrt(np.linalg.norm(area))), np.finfo(float).tiny)
     away = core[:-1] - middle
-    first, second = loop - middle, np.roll(loop, -1, axis=0) - middle
+    first, second = loop - middle, ahead - middle
     scale = np.cross(way[:, None], second[None])
     one = np.einsum("mc,mkc->mk", away, scale)
     scale = np.einsum("kc,mkc->mk", first, scale)

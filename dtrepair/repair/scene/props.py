@@ -71,4 +71,4 @@ def with_rigid(scene: Scene, bodies: Sequence[int]) -> Scene:
     for index in bodies:
         vertices = scene.vertices_of(index)
         mobility[vertices] = mobility_of(own[index], len(mobility[vertices]))
-    return scene.changed("rigid", bodies=tuple(own), mobility=mobility)
+    return scene.changed("rigid", "strain_meter", bodies=tuple(own), mobility=mobility)

@@ -303,7 +303,7 @@ class StrainMeter:
 
     def _taken_off(self, before: FloatArray, after: FloatArray) -> list[Excess]:
         """Return the parts that no longer go round what they did, each once."""
-        if self.rings is None:
+        if self.rings is None or self.options.worn >= 1.0:
             return []
         off, result = self.rings.taken_off(before, after), []
         for top in dict.fromkeys(ring.top for ring in off):

@@ -91,6 +91,22 @@ def test_a_band_stays_on_a_limb_that_turns_and_bends(seed: int, bend: float) -> 
     assert not ring.worn(pose)
 
 
+@given(st.integers(0, 1000), st.sampled_from([8, 12, 24]))
+def test_a_sleeve_of_the_rows_of_its_limb_is_on_however_it_lies(seed: int, around: int) -> None:
+    # Its middle line goes through the middle of its hems, with points in their planes.
+    limb, sleeve = tube(around, 20, 0.2, 4.0), tube(around, 6, 0.25, 1.2)
+    rng = np.random.default_rng(seed)
+    first, second = (Rotation.from_rotvec(rng.normal(size=3)).as_matrix() for _ in range(2))
+    rings = rings_of((limb[0] @ first.T, limb[1]), (sleeve[0] @ first.T, sleeve[1]), closed=False)
+    rest, own = rings.parts.poses[0], rings.parts.vertices[1]
+    assert len(rings.of(1)) == 3
+    assert all(ring.worn(rest @ second.T + rng.normal(size=3)) for ring in rings.of(1))
+    for rows in (1, 2, 3):
+        slid = rest.copy()
+        slid[own] += 0.2 * rows * first[:, 2]
+        assert rings.taken_off(rest, slid) == []
+
+
 def test_a_skirt_comes_off_two_legs() -> None:
     legs = joined(moved(LEG, (-0.25, 0.0, -0.9)), moved(LEG, (0.25, 0.0, -0.9)))
     trunk = tube(32, 40, 0.5, 2.0)

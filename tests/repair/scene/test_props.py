@@ -81,7 +81,8 @@ def test_a_scene_with_something_rigid_keeps_what_is_known_of_it() -> None:
     other = with_rigid(SCENE, [1])
     assert [body.rigid for body in other.bodies] == [False, True]
     assert other.rigid.slices == (SCENE.vertices_of(1),)
-    assert other.strain_meter is meter and other.detector is detector
+    # What is rigid may come off: that is judged anew.
+    assert other.strain_meter is not meter and other.detector is detector
     assert np.array_equal(other.mobility, SCENE.mobility)
     assert len(SCENE.rigid.slices) == 0 and not SCENE.bodies[1].rigid
     ways = list(WeldedMeshes(SCENE).otherwise([{0, 1}, {1}, set()], swung(SCENE)))

@@ -17,6 +17,7 @@ from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.bounds import share_search
+from dtrepair.repair.scene.props import with_rigid
 from dtrepair.repair.strain.meter import Excess, StrainMeter, StrainOptions
 from dtrepair.repair.strain.parts import ConnectedParts
 from dtrepair.repair.strain.shares import ShareOptions
@@ -240,3 +241,12 @@ def test_a_band_that_came_off_is_told_and_put_back_on() -> None:
 def test_a_rigid_band_may_come_off() -> None:
     repairer, (arm, band) = band_on_an_arm(rigid=True)
     assert repairer.strains([arm, band], [arm, band + OFF]) == ()
+
+
+def test_what_becomes_rigid_may_come_off_then() -> None:
+    repairer, (arm, band) = band_on_an_arm()
+    scene, before = repairer.scene, np.concatenate([arm, band])
+    after = np.concatenate([arm, band + OFF])
+    # Whether or not the meter was asked before.
+    assert scene.strain_meter(before, after)
+    assert with_rigid(scene, [1]).strain_meter(before, after) == []

@@ -134,8 +134,7 @@ WALLS = {
     },
     "dtrepair.numerics": {
         "__init__": "",
-        "overlaps": "hidden_ends attachments closest_point enclosure geometry",
-        "hidden_ends": "attachments closest_point enclosure geometry",
+        "attached": "attachments closest_point enclosure geometry",
         "attachments": "geometry",
         "worn": "enclosure geometry",
         "closest_point": "geometry",

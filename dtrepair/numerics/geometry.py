@@ -117,6 +117,17 @@ def _sides_of(faces: IntArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return np.minimum(starts, ends).ravel(), np.maximum(starts, ends).ravel()
 
 
+def border_edges(faces: IntArray, count: int) -> NDArray[np.int64]:
+    """Return which sides of triangles (F, 3) no other one has: corners (E, 2) in the flat array.
+
+    count: of vertices. A triangle two corners of which are one vertex has no border there.
+    """
+    low, high = _sides_of(faces)
+    first, uses = np.unique(low * count + high, return_index=True, return_counts=True)[1:]
+    lone = first[(uses == 1) & (low[first] != high[first])]
+    return np.stack([lone, lone - lone % 3 + (lone % 3 + 1) % 3], axis=1)
+
+
 def adjacency(faces: IntArray, count: int) -> tuple[IntArray, IntArray]:
     """Return the neighbours of `count` vertices as compressed rows.
 

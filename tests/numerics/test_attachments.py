@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attached.overlaps import AttachmentOptions, find_attachments
 from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.numerics.overlaps import AttachmentOptions, find_attachments
 from tests.meshes import Mesh, grid, icosphere, joined, tube
 
 

@@ -18,7 +18,14 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from dtrepair.numerics.enclosure import enclosure
-from dtrepair.numerics.geometry import FloatArray, IntArray, components, lengths, triangle_areas
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    border_edges,
+    components,
+    lengths,
+    triangle_areas,
+)
 from dtrepair.numerics.worn.measure import Solid, WornOptions, worn_measure
 from dtrepair.numerics.worn.parts import Parts
 
@@ -150,11 +157,8 @@ class Rings:
 
 def _hems(faces: IntArray) -> list[IntArray]:
     """Return the vertices (N,) of each connected border of triangles (F, 3)."""
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    edges, counts = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
-    # A triangle two corners of which are one vertex has an edge of no length there.
-    lone = (counts == 1) & (edges[:, 0] != edges[:, 1])
-    vertices, place = np.unique(edges[lone], return_inverse=True)
+    lone = border_edges(faces, int(faces.max(initial=-1)) + 1)
+    vertices, place = np.unique(faces.ravel()[lone], return_inverse=True)
     graph = sparse.coo_matrix(
         (np.ones(place.size // 2), place.reshape(-1, 2).T), shape=(len(vertices),) * 2
     )

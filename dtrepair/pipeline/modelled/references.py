@@ -215,8 +215,8 @@ def modelled_parts(
     meshes that do not move at all, too. attached: as `modelled_references` takes them; without
     `auto` nothing else counts as modelled.
     """
+    from dtrepair.numerics.attached.overlaps import find_attachments
     from dtrepair.numerics.attachments import telling
-    from dtrepair.numerics.overlaps import find_attachments
 
     if not (auto or attached):
         return ModelledParts(source, None)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import counted_between
+from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Attachments, Reference, telling
 from dtrepair.numerics.geometry import (
     FloatArray,
@@ -23,7 +24,6 @@ from dtrepair.numerics.geometry import (
     unique_edges,
     weld_maps,
 )
-from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.numerics.worn.covering import Covering, learnt_layers, open_layers
 from dtrepair.numerics.worn.layers import Layers, median_of_parts
 from dtrepair.numerics.worn.loops import Rings

@@ -11,9 +11,9 @@ import pytest
 
 from dtrepair import Body, SceneRepairer
 from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.numerics.temporal import gaussian_kernel
 from dtrepair.pipeline import Cancelled, repair_stage
 from dtrepair.repair.clip import window_stream

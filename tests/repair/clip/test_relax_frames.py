@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import volume
-from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.repair.clip.restore_shape import (
     RelaxFramesOptions,
     collapsed_vertices,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Reference
-from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.repair.scene.attached_parts import AttachedParts
 from tests.meshes import icosphere, joined, tube
 

@@ -9,9 +9,9 @@ from dtrepair import Body, RepairOptions
 from dtrepair.diagnosis import StrainKind
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.topology.components import link_labels
+from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, diagonal
-from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from dtrepair.diagnosis import StrainKind
 from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
-from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.bounds import share_search

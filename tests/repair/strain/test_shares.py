@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, diagonal
-from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
 from dtrepair.repair.strain.parts import ConnectedParts
 from dtrepair.repair.strain.shares import ShareOptions, ShareSearch, eased_shares

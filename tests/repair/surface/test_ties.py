@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.numerics.overlaps import find_attachments
 from dtrepair.repair.full.biharmonic_fill import bilaplacian_fill
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import Mesh, joined, tube

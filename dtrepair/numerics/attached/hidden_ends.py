@@ -16,7 +16,14 @@ from scipy.sparse import csgraph
 from dtrepair.numerics.attachments import NO_TIES, Ties, joined_ties
 from dtrepair.numerics.closest_point import barycentric, nearest_triangles
 from dtrepair.numerics.enclosure import enclosure
-from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, triangle_areas
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    border_edges,
+    dots,
+    lengths,
+    triangle_areas,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,20 +91,15 @@ class _End:
 
 def _ends(faces: IntArray, count: int) -> list[_End]:
     """Return the borders of a mesh."""
-    directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    edges = np.sort(directed, axis=1)
-    keys = edges[:, 0].astype(np.int64) * count + edges[:, 1]
-    first, uses = np.unique(keys, return_index=True, return_counts=True)[1:]
-    # A triangle two corners of which are one vertex has an edge of no length there.
-    lone = first[(uses == 1) & (edges[first, 0] != edges[first, 1])]
-    border = edges[lone]
+    lone = border_edges(faces, count)
+    border = faces.ravel()[lone]
     shape = (count, count)
     graph = sparse.coo_matrix((np.ones(len(border)), (border[:, 0], border[:, 1])), shape=shape)
     label = csgraph.connected_components(graph, directed=False)[1][border[:, 0]]
     order = np.argsort(label, kind="stable")
     starts = np.flatnonzero(np.diff(label[order], prepend=-1))
     groups = np.split(order, starts[1:]) if len(order) else []
-    return [_End(np.unique(border[own]), int(lone[own[0]] // 3)) for own in groups]
+    return [_End(np.unique(border[own]), int(lone[own[0], 0] // 3)) for own in groups]
 
 
 def _hidden_in(

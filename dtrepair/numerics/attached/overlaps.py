@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from dtrepair.numerics.attached.hidden_ends import hidden_ends
 from dtrepair.numerics.attachments import (
     NO_TIES,
     Attachments,
@@ -35,7 +36,6 @@ from dtrepair.numerics.geometry import (
     unique_edges,
     vector_areas,
 )
-from dtrepair.numerics.hidden_ends import hidden_ends
 
 BoolArray = NDArray[np.bool_]
 KeyArray = NDArray[np.int64]

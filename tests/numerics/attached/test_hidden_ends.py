@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair import Body, SceneRepairer, Status
+from dtrepair.numerics.attached.hidden_ends import hidden_ends
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import components
-from dtrepair.numerics.hidden_ends import hidden_ends
 from tests.meshes import Mesh, icosphere, joined, tube
 
 NONE = np.zeros((0, 2), dtype=np.int32)

@@ -1,0 +1,1 @@
+"""What was modelled to hold together: overlaps of parts, ends in others."""

@@ -119,7 +119,7 @@ def _solved(
 ) -> list[tuple[FloatArray, Solved]]:
     """Return a pose (V, 3) and how it was found; those of one welded mesh are solved at once."""
     starts = [_start(scene, pose, options) for pose in opened]
-    of_pose = [meshes([pose.weld]) for pose in opened]
+    of_pose = [meshes([pose.sewn]) for pose in opened]
     found: dict[int, tuple[FloatArray, Solved]] = {}
     for mesh in {id(mesh): mesh for mesh in of_pose}.values():
         own = [k for k, other in enumerate(of_pose) if other is mesh]
@@ -139,7 +139,7 @@ def solved_pose(
     found = bounded_pose(
         scene, opened, Judged(points), pairs_of(points), pairs_of, options=options.share
     )
-    mesh, numbers = meshes([opened.weld]), options.approach
+    mesh, numbers = meshes([opened.sewn]), options.approach
     better = bounded_approach(scene, mesh, opened, found, pairs_of, options=numbers)
     return points if better is found else better[0].points
 
@@ -302,7 +302,7 @@ def _closed(
         return scene.pairs(points, scene.weld(points))
 
     if final is not pose.centred:
-        mesh = meshes([pose.weld])
+        mesh = meshes([pose.sewn])
         (final,) = relieved_poses(scene, mesh, [pose], [final], options=options.relief)
     pairs = pose.pairs if final is pose.centred else pairs_of(final)
     bounded = bounded_pose(scene, pose, Judged(final), pairs, pairs_of, options=options.share)
@@ -313,7 +313,7 @@ def _closed(
     if judged.lowered:
         judged, pairs = mended(
             scene,
-            meshes([pose.weld]),
+            meshes([pose.sewn]),
             pose.centred,
             judged,
             pairs,

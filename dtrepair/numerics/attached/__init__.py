@@ -1,1 +1,1 @@
-"""What was modelled to hold together: overlaps of parts, ends in others."""
+"""What was modelled to hold together: overlaps of parts, ends in others, seams of one skin."""

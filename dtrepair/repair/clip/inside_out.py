@@ -57,7 +57,7 @@ def inside_out(
     if np.count_nonzero(inner.parts.own(pairs)) < options.share * max(len(pairs), 1):
         return meshes, frames
     opened = side_by_side(inner.parts.opened, frames)
-    poses = solve(inner.meshes.scene, inner.meshes([own.weld for own in opened]), opened)
+    poses = solve(inner.meshes.scene, inner.meshes([own.sewn for own in opened]), opened)
     both = list(zip(frames, poses, strict=True))
     closed = side_by_side(lambda own: inner.parts.closed(*own), both)
     return meshes.with_inner_mobility(options.mobility), closed

@@ -114,7 +114,7 @@ class WindowStream:
                 judged, meshes = on_other_ways(meshes, frames, judged, self._judged, options=ways)
                 judged = with_turns(meshes, frames, judged, self._judged)
         # Clean windows need none.
-        mesh = cache(partial(meshes, [frame.weld for frame in frames]))
+        mesh = cache(partial(meshes, [frame.sewn for frame in frames]))
         if len(tail) < len(frames):
             judged = faded(frames, tail, judged, meshes.scene.rigid)
         done = len(frames) - keep
@@ -129,10 +129,10 @@ class WindowStream:
     def _judged(self, meshes: WeldedMeshes, frames: list[Frame]) -> list[Judged]:
         """Return the repaired poses of a window within the bounds."""
         scene, numbers = meshes.scene, self.options.independent
-        mesh = meshes([frame.weld for frame in frames])
+        mesh = meshes([frame.sewn for frame in frames])
         ways = self.options.inside_out
         own, opened = inside_out(meshes, frames, self._solve, self._side_by_side, options=ways)
-        poses = self._solve(own.scene, own([frame.weld for frame in frames]), opened)
+        poses = self._solve(own.scene, own([frame.sewn for frame in frames]), opened)
         poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
         alone = partial(solved_pose, scene, meshes, options=numbers)
         again = started_again(
@@ -254,7 +254,7 @@ class WindowStream:
         start = clock.perf_counter()
         scene = self.scene
         if judged.turned and self.meshes.turning is not None:
-            scene, mesh = self.meshes.turning.scene, partial(self.meshes.turning, [frame.weld])
+            scene, mesh = self.meshes.turning.scene, partial(self.meshes.turning, [frame.sewn])
         pairs_of, left = partial(scene.pairs, weld=frame.weld), scene.unmodelled(left)
         options, window = self.options, (judged, left)
         if len(left):

@@ -276,7 +276,7 @@ def blended(scene: Scene, before: FloatArray, after: FloatArray, share: FloatArr
 
     Vertices with all of it keep every bit of `after`, those with nothing those of `before`.
     """
-    own = share[scene.rest_weld]
+    own = share[scene.rest_sewn]
     for body in scene.rigid.slices:
         own[body] = own[body].min()
     mixed = before + own[:, None] * (after - before)

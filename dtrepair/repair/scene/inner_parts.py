@@ -39,12 +39,14 @@ class InnerParts:
     def opened(self, frame: Pose) -> Pose:
         """Return a frame of the whole scene as one of these parts."""
         centred = frame.centred[self.vertices]
+        weld = self.scene.weld(centred)
         own = replace(
             frame,
             given=(),
             original=frame.original[self.vertices],
             centred=centred,
-            weld=self.scene.weld(centred),
+            weld=weld,
+            sewn=self.scene.sewn(centred, weld),
             detected=False,
         )
         return detected(self.scene, own)

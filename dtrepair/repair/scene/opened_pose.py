@@ -28,6 +28,7 @@ class OpenedPose:
         centred: The same about the origin, where they are far from it.
         centre: What was taken off them (3,).
         weld: Vertices (V,) that count as one.
+        sewn: The same across the closed seams of bodies, which are solved as one skin.
         detected: Whether the contacts are known.
         pairs: The intersecting pairs (K, 2) that count.
         enclosed: Parts (K, 2) wholly inside others.
@@ -39,6 +40,7 @@ class OpenedPose:
     centred: FloatArray
     centre: FloatArray | float
     weld: IntArray
+    sewn: IntArray
     detected: bool = False
     pairs: IntArray = field(default_factory=_none)
     enclosed: IntArray = field(default_factory=_none)
@@ -57,8 +59,14 @@ def gathered(scene: Scene, points: Sequence[Any]) -> OpenedPose:
     """Return points (V, 3) of each body as a pose; ValueError for wrong shapes or numbers."""
     original = scene.gather(points)
     centred, centre = about_centre(original)
+    weld = scene.weld(centred)
     return OpenedPose(
-        given=points, original=original, centred=centred, centre=centre, weld=scene.weld(centred)
+        given=points,
+        original=original,
+        centred=centred,
+        centre=centre,
+        weld=weld,
+        sewn=scene.sewn(centred, weld),
     )
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import counted_between
 from dtrepair.numerics.attached.overlaps import find_attachments
+from dtrepair.numerics.attached.seams import find_seams, sewn
 from dtrepair.numerics.attachments import Attachments, Reference, telling
 from dtrepair.numerics.geometry import (
     FloatArray,
@@ -105,6 +106,24 @@ class Scene:
     def rest_weld(self) -> IntArray:
         """Vertices (V,) of one body at one position of the rest count as one."""
         return self.weld(self.centred_rest)
+
+    @cached_property
+    def seams(self) -> IntArray:
+        """Vertices (N, 2) on borders that lie at one place of the rest; of attached bodies, too."""
+        if self.options.method == "paper":
+            return np.zeros((0, 2), dtype=np.int32)
+        soft = np.array([not body.rigid for body in self.bodies])
+        faces, owner = self.rest_weld[self.faces[soft[self.body_of]]], self.body_of_vertex
+        found = find_seams(self.centred_rest, faces, owner)
+        if self.attachments is not None and self.options.mode == "both":
+            return found
+        first, second = owner[found.T]
+        return np.asarray(found[first == second])
+
+    @cached_property
+    def rest_sewn(self) -> IntArray:
+        """Vertices (V,) at one position of the rest count as one, across closed seams too."""
+        return sewn(self.rest_weld, self.seams, self.centred_rest)
 
     @cached_property
     def edges_of_bodies(self) -> list[IntArray]:
@@ -282,6 +301,10 @@ class Scene:
         """Return the vertex (V,) that stands for each: one where those of a body coincide."""
         with np.errstate(over="ignore"):  # the detector tells what is beyond float32
             return weld_maps([points[a:b] for a, b in pairwise(self.vertex_starts)])
+
+    def sewn(self, points: FloatArray, weld: IntArray) -> IntArray:
+        """Return the vertex (V,) that stands for each: as `weld` (V,), across closed seams too."""
+        return sewn(weld, self.seams, points)
 
     def pairs(self, points: FloatArray, weld: IntArray) -> IntArray:
         """Return the intersecting pairs (K, 2) of a pose (V, 3), exact on float32 coordinates.

@@ -1,4 +1,4 @@
-"""The mesh that is solved for poses of a scene: seam duplicates that belong together are one."""
+"""The mesh that is solved for poses of a scene: duplicates that belong together are one."""
 
 from __future__ import annotations
 
@@ -217,7 +217,7 @@ class WeldedMeshes:
 
     def __call__(self, welds: Sequence[IntArray]) -> WeldedMesh:
         """Return the mesh of poses with welds (V,): what coincides there and at rest is one."""
-        rest_weld = self.scene.rest_weld
+        rest_weld = self.scene.rest_sewn
         joined = np.ones(len(rest_weld), dtype=bool)
         for weld in welds:
             joined &= weld[rest_weld] == weld

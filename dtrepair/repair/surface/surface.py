@@ -13,6 +13,7 @@ from scipy import sparse
 from dtrepair.device import Device
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.queries import Queries
+from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import FloatArray, IntArray, extent, lengths, unit_vectors
 from dtrepair.numerics.operators import (
@@ -82,8 +83,8 @@ class Surface(Topology):
     Lengths are in units of `size`, the largest coordinate range of the rest pose, so that step
     sizes mean the same for every mesh. Everything comes from the rest pose once and is never
     changed; what is remembered from pose to pose has an owner of its own, `contacts`. Several
-    bodies never share a triangle, so every operator is block diagonal; each body has its own
-    diffusion factor (Jang et al. 2025, section 7.5.2).
+    bodies share a triangle only along closed seams, so every operator is block diagonal but for
+    clusters; each has its own diffusion factor (Jang et al. 2025, section 7.5.2).
 
     Args:
         rest: Rest positions (V, 3), any length unit.
@@ -123,14 +124,15 @@ class Surface(Topology):
         self.bodies = tuple(bodies or (BodyRange(0, len(rest), 99.0),))
         sizes = [body.stop - body.start for body in self.bodies]
         self.body_of_vertex = np.repeat(np.arange(len(self.bodies)), sizes)
-        self.ties = self._tied(attachments, faces)
+        self.ties = self._tied(attachments, faces, len(rest))
         super().__init__(
             faces, len(rest), links=self.ties and self.ties.links, device=Device(device)
         )
         self.size = extent(rest) or 1.0
         self.rest = rest / self.size
         self.mobility = np.ones(self.count) if mobility is None else mobility
-        self.body_of = self.body_of_vertex[faces[:, 0]]
+        # The vertices of a seam are those of the first of its bodies.
+        self.body_of = self.body_of_vertex[faces].max(axis=1, initial=0)
         self.laplacian = self._tied_laplacian()
         self.uniform = uniform_laplacian(faces, self.count)
         self.mass = lumped_mass(self.rest, faces)
@@ -153,12 +155,13 @@ class Surface(Topology):
             None if direction is None else unit_vectors(direction[faces].sum(axis=1))
         )
 
-    def _tied(self, attachments: Attachments | None, faces: IntArray) -> TieSystem | None:
+    def _tied(
+        self, attachments: Attachments | None, faces: IntArray, count: int
+    ) -> TieSystem | None:
         """Return the ties of what is attached; None where nothing is."""
         if attachments is None:
             return None
-        owner = self.body_of_vertex.astype(np.int32)
-        return tie_system(attachments, faces, owner, len(self.bodies), options=self.options.ties)
+        return tie_system(attachments, faces, count, options=self.options.ties)
 
     def _tied_laplacian(self) -> sparse.csr_matrix:
         """Return the cotangent Laplacian (V, V) of the rest, with the edges of ties."""
@@ -193,10 +196,11 @@ class Surface(Topology):
 
     @cached_property
     def cluster_of_body(self) -> IntArray:
-        """The cluster (B,) of bodies that ties connect; each body is its own without ties."""
-        if self.ties is None:
-            return np.arange(len(self.bodies), dtype=np.int32)
-        return self.ties.cluster_of_body
+        """The cluster (B,) of bodies that ties or closed seams connect; else each is its own."""
+        joined = [self.body_of_vertex[self.edges]]
+        if self.ties is not None:
+            joined.append(self.body_of_vertex[np.stack(self.ties.links.nonzero(), axis=1)])
+        return link_labels(np.concatenate(joined), len(self.bodies))
 
     @property
     def clusters(self) -> int:

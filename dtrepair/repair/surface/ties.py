@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import IntArray
 
@@ -37,27 +36,24 @@ class TieSystem:
     """What ties add to a surface.
 
     laplacian: (V, V), added to the cotangent Laplacian; links: (V, V), positive where a tie joins
-    two vertices; offsets: (V, V), T'T times the weight of kept offsets; cluster_of_body: (B,) a
-    number for the bodies that ties connect, ascending with their first bodies.
+    two vertices; offsets: (V, V), T'T times the weight of kept offsets.
     """
 
     laplacian: sparse.csr_matrix
     links: sparse.csr_matrix
     offsets: sparse.csr_matrix
-    cluster_of_body: IntArray
 
 
 def tie_system(
     attachments: Attachments,
     faces: IntArray,
-    body_of_vertex: IntArray,
-    bodies: int,
+    count: int,
     *,
     options: TieOptions = TieOptions(),
 ) -> TieSystem | None:
-    """The ties of attachments on a mesh with triangles (F, 3) and some bodies; None without any."""
+    """The ties of attachments on a mesh with triangles (F, 3) and `count` vertices, if any."""
     vertices, triangles, weights = attachments.every_tie
-    number, count = len(vertices), len(body_of_vertex)
+    number = len(vertices)
     if number == 0 or options.weight == 0.0:
         return None
     rows, columns = np.repeat(vertices, 3), faces[triangles].ravel()
@@ -75,6 +71,4 @@ def tie_system(
         shape=(number, count),
     )
     offsets = (options.hold * options.weight * (offset.T @ offset)).tocsr()
-    joined = body_of_vertex[np.stack([rows, columns], axis=1)].astype(np.int32)
-    clusters = link_labels(joined, bodies)
-    return TieSystem(laplacian, links, offsets, clusters)
+    return TieSystem(laplacian, links, offsets)

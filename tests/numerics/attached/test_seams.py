@@ -1,0 +1,65 @@
+"""Seams: where the borders of two meshes lie on each other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dtrepair.numerics.attached.seams import find_seams, sewn
+from dtrepair.numerics.geometry import weld_maps
+from tests.meshes import grid, icosphere, joined
+
+# Two sheets side by side, whose edges at x = 1 lie on each other.
+LEFT, FACES = grid(4, 4)
+RIGHT = LEFT + np.array([1.0, 0.0, 0.0])
+POINTS, BOTH = joined((LEFT, FACES), (RIGHT, FACES))
+OWNER = np.repeat([0, 1], len(LEFT))
+
+
+def test_the_border_that_two_meshes_share_is_a_seam() -> None:
+    seams = find_seams(POINTS, BOTH, OWNER)
+    assert len(seams) == 5
+    assert (OWNER[seams] == [0, 1]).all()
+    assert np.array_equal(POINTS[seams[:, 0]], POINTS[seams[:, 1]])
+
+
+def test_what_lies_on_another_mesh_but_not_at_a_border_is_none() -> None:
+    ball = icosphere(1)
+    points, faces = joined(ball, ball)
+    assert len(find_seams(points, faces, np.repeat([0, 1], len(ball[0])))) == 0
+
+
+def test_a_mesh_that_lies_on_seams_with_every_vertex_has_none() -> None:
+    patch = LEFT[[0, 1, 5]], np.array([[0, 1, 2]], dtype=np.int32)
+    points, faces = joined((LEFT, FACES), patch)
+    assert len(find_seams(points, faces, np.repeat([0, 1], [len(LEFT), 3]))) == 0
+    assert len(find_seams(points, faces, np.zeros(len(points), dtype=int))) == 3
+
+
+def test_a_split_that_rounding_opened_is_a_seam_within_one_mesh() -> None:
+    points = POINTS.copy()
+    points[len(LEFT) :] += 1e-7
+    assert len(find_seams(points, BOTH, np.zeros(len(points), dtype=int))) == 5
+    points[len(LEFT) :] += 1e-5
+    assert len(find_seams(points, BOTH, np.zeros(len(points), dtype=int))) == 0
+
+
+def test_closed_seams_are_one_and_open_ones_are_two() -> None:
+    seams = find_seams(POINTS, BOTH, OWNER)
+    weld = weld_maps([LEFT, RIGHT])
+    whole = sewn(weld, seams, POINTS)
+    assert (whole[seams[:, 1]] == seams[:, 0]).all()
+    assert np.array_equal(np.delete(whole, seams[:, 1]), np.delete(weld, seams[:, 1]))
+    pose = POINTS.copy()
+    pose[seams[:2, 1]] += 1e-4
+    half = sewn(weld, seams, pose)
+    assert np.array_equal(half[seams[:2, 1]], weld[seams[:2, 1]])
+    assert np.array_equal(half[seams[2:, 1]], seams[2:, 0])
+
+
+def test_three_meshes_that_meet_in_a_point_are_one_there() -> None:
+    third = LEFT + np.array([1.0, 1.0, 0.0])
+    points, faces = joined((LEFT, FACES), (RIGHT, FACES), (third, FACES))
+    owner = np.repeat([0, 1, 2], len(LEFT))
+    whole = sewn(weld_maps([LEFT, RIGHT, third]), find_seams(points, faces, owner), points)
+    met = np.flatnonzero((points == (1.0, 1.0, 0.0)).all(axis=1))
+    assert len(met) == 3 and (whole[met] == met[0]).all()

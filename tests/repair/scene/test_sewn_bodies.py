@@ -1,0 +1,87 @@
+"""A skin cut into two bodies: it is solved as one, and its seam stays closed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dtrepair import Body, RepairOptions, SceneRepairer
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attachments import Reference
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.scene.make_scene import make_scene
+from dtrepair.repair.scene.opened_pose import gathered
+from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from tests.meshes import Mesh, armed_body
+
+# A body with an arm that curls into it.
+REST, FACES = armed_body(0.0)
+
+
+def cut(points: FloatArray) -> list[Mesh]:
+    """The mesh as two, cut across the body where the arm comes back to it."""
+    first = REST[FACES].mean(axis=1)[:, 2] < 0.6
+    halves = []
+    for own in (FACES[first], FACES[~first]):
+        used, faces = np.unique(own, return_inverse=True)
+        halves.append((points[used], faces.reshape(-1, 3).astype(np.int32)))
+    return halves
+
+
+def seam() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The vertices of both halves that lie on each other in the rest."""
+    one, other = (points for points, _ in cut(REST))
+    first, second = np.nonzero((one[:, None] == other[None]).all(axis=2))
+    return first, second
+
+
+def references() -> list[Reference]:
+    points = np.concatenate([points for points, _ in cut(REST)])
+    halves = cut(REST)
+    faces = np.concatenate([halves[0][1], halves[1][1] + len(halves[0][0])])
+    weld = make_scene([Body(*half) for half in halves], RepairOptions()).rest_weld
+    return [Reference(points, Detector(points, faces)(points, weld=weld))]
+
+
+def bodies(**second: object) -> list[Body]:
+    one, other = cut(REST)
+    return [Body(*one), Body(*other, **second)]  # type: ignore[arg-type]
+
+
+def test_the_seam_stays_closed() -> None:
+    poses = [points for points, _ in cut(armed_body(4.0)[0])]
+    repairer = SceneRepairer(bodies(), references=references())
+    one, other = repairer(poses)
+    assert one.before.pairs > 0 and one.after.pairs == other.after.pairs == 0
+    first, second = seam()
+    assert len(first) > 4
+    moved = np.linalg.norm(one.points[first] - poses[0][first], axis=1)
+    assert np.array_equal(one.points[first], other.points[second])
+    assert moved.max() > 1e-4
+
+
+@pytest.mark.parametrize("mobility", [0.0, 1.0])
+def test_both_are_one_skin_and_a_collider_holds_it(mobility: float) -> None:
+    scene = make_scene(bodies(mobility=mobility), RepairOptions(), references=references())
+    pose = gathered(scene, [points for points, _ in cut(REST)])
+    mesh = WeldedMeshes(scene)([pose.sewn])
+    first, second = seam()
+    both = mesh.place[first], mesh.place[second + scene.vertices_of(1).start]
+    assert np.array_equal(*both)
+    assert (mesh.surface.fixed[both[0]] == (mobility == 0.0)).all()
+    assert mesh.surface.clusters == 1
+    assert (mesh.surface.body_of == scene.body_of).all()
+
+
+@pytest.mark.parametrize(
+    "options", [RepairOptions(rest_contacts="repair"), RepairOptions(mode="inter")]
+)
+def test_what_is_not_taken_as_modelled_is_not_sewn(options: RepairOptions) -> None:
+    scene = make_scene(bodies(), options, references=references())
+    assert len(scene.seams) == 0
+
+
+def test_rigid_bodies_are_not_sewn() -> None:
+    scene = make_scene(bodies(rigid=True), RepairOptions(), references=references())
+    assert len(scene.seams) == 0

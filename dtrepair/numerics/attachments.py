@@ -145,6 +145,10 @@ class Attachments:
         ties = Ties(vertices[kept], triangles[kept], weights[kept])
         return Attachments(self.part_of, self.zones, ties, self.carried)
 
+    def carrying(self, more: Ties) -> Attachments:
+        """Return the same with more that is carried along."""
+        return Attachments(self.part_of, self.zones, self.ties, joined_ties([self.carried, more]))
+
     @property
     def every_tie(self) -> Ties:
         """The ties, and those of what is carried along."""

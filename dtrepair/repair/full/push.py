@@ -37,6 +37,8 @@ class PushOptions:
         pile: So many moving bodies are a pile, whose steps follow the `slowest` of them.
         slowest: Quantile of the bodies' motions: the others may have theirs shortened.
         standing: Bodies that move less than this fraction of the largest motion do not move.
+        part: No part moves farther in an iteration than this fraction of its size: a step that
+            suits a head throws the teeth out of it.
         direction: Numbers of the directions.
     """
 
@@ -48,6 +50,7 @@ class PushOptions:
     pile: int = 4
     slowest: float = 0.25
     standing: float = 0.01
+    part: float = 0.05
     direction: DirectionOptions = field(default_factory=DirectionOptions)
 
 
@@ -103,6 +106,7 @@ def push(
         moved = _of_length(surface, direction, step, options)
         if moved is None:
             break
+        moved = _of_parts(surface, moved, options.part)
         points = surface.rigid.fitted(start, points - moved)
         if limit is not None:
             points = limit(points)
@@ -135,6 +139,17 @@ def _of_length(
     )
     shortened: FloatArray = scale[surface.body_of_vertex][:, None] * direction
     return shortened
+
+
+def _of_parts(surface: Surface, motion: FloatArray, share: float) -> FloatArray:
+    """Return a motion (V, 3) in which no part, as a whole, goes beyond a share of its size."""
+    most = share * surface.part_sizes
+    if most.min(initial=np.inf) >= lengths(motion).max(initial=0.0):
+        return motion
+    length = np.zeros(len(most))
+    np.maximum.at(length, surface.part_of_vertex, lengths(motion))
+    scale = np.minimum(most / np.maximum(length, 1e-300), 1.0)
+    return np.asarray(scale[surface.part_of_vertex][:, None] * motion)
 
 
 class _Contacts(NamedTuple):

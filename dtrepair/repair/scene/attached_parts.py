@@ -2,13 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.attachments import Attachments
-from dtrepair.numerics.geometry import IntArray
+from dtrepair.numerics.attached.overlaps import find_attachments
+from dtrepair.numerics.attached.riders import with_riders
+from dtrepair.numerics.attachments import Attachments, Reference
+from dtrepair.numerics.geometry import FloatArray, IntArray
+
+
+def known_attachments(
+    faces: IntArray, references: Sequence[Reference], poses: Sequence[FloatArray]
+) -> Attachments | None:
+    """Return what references show as attached, and what rides on it; None where nothing is.
+
+    faces: triangles (F, 3), whose vertices at one position of the rest are one; poses: the rest
+    (V, 3), and poses of the whole clip.
+    """
+    found = find_attachments(faces, len(poses[0]), references)
+    if len(found.zones) + len(found.every_tie.vertices) == 0:
+        return None
+    return with_riders(found, faces, poses)
 
 
 class AttachedParts:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import counted_between
-from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attached.seams import find_seams, sewn
 from dtrepair.numerics.attachments import Attachments, Reference, telling
 from dtrepair.numerics.geometry import (
@@ -30,7 +29,7 @@ from dtrepair.numerics.worn.layers import Layers, median_of_parts
 from dtrepair.numerics.worn.loops import Rings
 from dtrepair.numerics.worn.parts import Parts
 from dtrepair.repair.options import RepairOptions
-from dtrepair.repair.scene.attached_parts import AttachedParts
+from dtrepair.repair.scene.attached_parts import AttachedParts, known_attachments
 from dtrepair.repair.scene.bodies import (
     STIFF,
     Body,
@@ -163,9 +162,8 @@ class Scene:
         references = telling(self.references, auto=auto, turns=self.turns)
         if not references:
             return None
-        attachments = find_attachments(self.rest_weld[self.faces], len(self.rest), references)
-        known = len(attachments.zones) + len(attachments.every_tie.vertices) > 0
-        return attachments if known else None
+        poses = [self.rest, *(pose.points for pose in self.layer_poses)]
+        return known_attachments(self.rest_weld[self.faces], references, poses)
 
     def changed(self, *forgotten: str, **changes: Any) -> Scene:
         """Return the same with other fields; what is known stays so, but what is `forgotten`."""

@@ -15,7 +15,14 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.queries import Queries
 from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.attachments import Attachments
-from dtrepair.numerics.geometry import FloatArray, IntArray, extent, lengths, unit_vectors
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    extent,
+    extents,
+    lengths,
+    unit_vectors,
+)
 from dtrepair.numerics.operators import (
     Factor,
     Factorise,
@@ -197,10 +204,26 @@ class Surface(Topology):
     @cached_property
     def cluster_of_body(self) -> IntArray:
         """The cluster (B,) of bodies that ties or closed seams connect; else each is its own."""
-        joined = [self.body_of_vertex[self.edges]]
-        if self.ties is not None:
-            joined.append(self.body_of_vertex[np.stack(self.ties.links.nonzero(), axis=1)])
-        return link_labels(np.concatenate(joined), len(self.bodies))
+        return link_labels(self.body_of_vertex[self._links], len(self.bodies))
+
+    @cached_property
+    def _links(self) -> IntArray:
+        """Vertices (N, 2) that edges or ties connect."""
+        if self.ties is None:
+            return self.edges
+        tied = np.stack(self.ties.links.nonzero(), axis=1)
+        return np.concatenate([self.edges, tied], dtype=np.int32)
+
+    @cached_property
+    def part_of_vertex(self) -> IntArray:
+        """The part (V,) of each vertex: what edges or ties connect."""
+        return link_labels(self._links, self.count)
+
+    @cached_property
+    def part_sizes(self) -> FloatArray:
+        """The size (P,) of each part at rest, units of the surface's; 1 of single vertices."""
+        sizes = extents(self.rest, self.part_of_vertex)
+        return np.where(sizes > 0.0, sizes, 1.0)
 
     @property
     def clusters(self) -> int:

@@ -56,7 +56,7 @@ def test_what_a_push_left_as_it_was_is_not_filled_again() -> None:
     # A step as long as the mesh only makes things worse, so that both phases end where they began.
     points, faces = crossing_tubes(24, 32, 0.0)
     surface = Surface(points, faces)
-    options = replace(HARD, near=(0, 0), push=PushOptions(patience=1))
+    options = replace(HARD, near=(0, 0), push=PushOptions(patience=1, part=float("inf")))
     phases = Phases(surface, points / surface.size, options=options)
     best = phases.run(1.0)
     assert [stage.name for stage in phases.log.stages] == ["push 0", "fill", "push 0"]

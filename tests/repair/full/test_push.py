@@ -216,3 +216,18 @@ def test_a_part_wholly_inside_another_keeps_its_size() -> None:
     # Nor does it keep the others from coming apart, or change how.
     without = push(alone, alone.rest, near=6, step=0.01, options=PushOptions(iterations=40))
     assert pushed.iterations == without.iterations
+
+
+def test_a_small_part_goes_no_farther_than_its_size_allows() -> None:
+    ball, faces = icosphere(2)
+    surface = Surface(*joined((ball, faces), (0.1 * ball + np.array([1.05, 0.0, 0.0]), faces)))
+    own = slice(len(ball), None)
+    assert surface.part_sizes.tolist() == pytest.approx([2.0 / 2.15, 0.2 / 2.15], rel=0.02)
+    once = PushOptions(iterations=1)
+    moved = {}
+    for part in (0.05, np.inf):
+        options = PushOptions(iterations=once.iterations, part=part)
+        pushed = push(surface, surface.rest, near=0, step=0.2, options=options)
+        moved[part] = float(np.linalg.norm((pushed.points - surface.rest)[own], axis=1).max())
+    assert moved[np.inf] > 0.1
+    assert moved[0.05] == pytest.approx(0.05 * surface.part_sizes[1])

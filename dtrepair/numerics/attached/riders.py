@@ -1,0 +1,133 @@
+"""Small parts that ride on a larger one without touching it: teeth in a mouth, a tag on a collar.
+
+Nothing of them overlaps at rest, so that no attachment is known. Where they are not carried along,
+what they ride on moves through them, and they are pushed out of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.numerics.attachments import NO_TIES, Attachments, Ties, joined_ties
+from dtrepair.numerics.closest_point import barycentric, nearest_triangles
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_areas
+
+
+@dataclass(frozen=True, kw_only=True)
+class RiderOptions:
+    """What counts as riding on a larger part.
+
+    Args:
+        larger: The other part has so many times the area.
+        near: At rest the other part is within this fraction of the small one's size, the root of
+            its area, at half of the vertices that are tied.
+        follows: In no pose does this distance change by more than this fraction of the size ...
+        share: ... at this share of the vertices at least: the others are not tied.
+        hosts: So many parts, the largest, are asked what rides on them.
+    """
+
+    larger: float = 10.0
+    near: float = 0.3
+    follows: float = 0.1
+    share: float = 0.5
+    hosts: int = 8
+
+
+class _Feet(NamedTuple):
+    """Of vertices (N,): the triangle (N,) nearest to each at rest, and its place there (N, 3)."""
+
+    vertices: IntArray
+    triangles: IntArray
+    weights: FloatArray
+
+    def distances(self, points: FloatArray, faces: IntArray) -> FloatArray:
+        """Return how far each vertex is from its place in a pose (V, 3)."""
+        places = np.einsum("nk,nkj->nj", self.weights, points[faces[self.triangles]])
+        return lengths(points[self.vertices] - places)
+
+
+def with_riders(
+    attachments: Attachments, faces: IntArray, poses: Sequence[FloatArray]
+) -> Attachments:
+    """Return the same with small parts carried along that nothing holds so far; see `riders`."""
+    part_of = attachments.part_of
+    part_of_vertex = np.zeros(len(poses[0]), dtype=np.int32)
+    part_of_vertex[faces] = part_of[:, None]
+    free = np.ones(attachments.count, dtype=bool)
+    free[np.array(attachments.pairs_of_parts, dtype=np.int64).ravel()] = False
+    free[part_of_vertex[attachments.carried.vertices]] = False
+    return attachments.carrying(riders(poses, faces, part_of, free))
+
+
+def riders(
+    poses: Sequence[FloatArray],
+    faces: IntArray,
+    part_of: IntArray,
+    free: NDArray[np.bool_],
+    *,
+    options: RiderOptions = RiderOptions(),
+) -> Ties:
+    """Tie small parts to what they ride on in all poses.
+
+    Args:
+        poses: Poses (V, 3), the first at rest; those of a whole clip tell what follows what.
+        faces: Triangles (F, 3), whose vertices at one position of the rest are one.
+        part_of: The connected part (F,) of each triangle.
+        free: Which parts (P,) nothing holds so far.
+    """
+    rest, count = poses[0], len(free)
+    areas = np.bincount(part_of, triangle_areas(rest, faces), count)
+    part_of_vertex = np.full(len(rest), -1, dtype=np.int32)
+    part_of_vertex[faces] = part_of[:, None]
+    own = np.flatnonzero(np.append(free, False)[part_of_vertex])
+    # The size of a strip is not its length.
+    size = np.sqrt(areas)
+    found = [NO_TIES]
+    for host in np.argsort(-areas, kind="stable")[: options.hosts].tolist():
+        triangles = np.flatnonzero(part_of == host)
+        corners = rest[faces[triangles]]
+        small = free & (options.larger * areas < areas[host])
+        reach = options.near * size[small].max(initial=0.0)
+        beside = own[_in_box(rest[own], corners, reach)]
+        small &= np.isin(np.arange(count), part_of_vertex[beside])
+        asked = own[small[part_of_vertex[own]]]
+        if len(asked) == 0:
+            continue
+        nearest, closest = nearest_triangles(rest[asked], corners)
+        weights = barycentric(closest, corners[nearest])
+        feet = _Feet(asked.astype(np.int32), triangles[nearest].astype(np.int32), weights)
+        tied, riding = _riding(poses, faces, feet, part_of_vertex[asked], size, options)
+        found.append(Ties(feet.vertices[tied], feet.triangles[tied], feet.weights[tied]))
+        free = free & ~riding
+        own = own[free[part_of_vertex[own]]]
+    return joined_ties(found)
+
+
+def _in_box(points: FloatArray, corners: FloatArray, reach: float) -> NDArray[np.bool_]:
+    """Return which points (N, 3) are in the box of triangles (F, 3, 3), or as near as `reach`."""
+    low, high = corners.min(axis=(0, 1)) - reach, corners.max(axis=(0, 1)) + reach
+    return np.asarray(((points >= low) & (points <= high)).all(axis=1))
+
+
+def _riding(
+    poses: Sequence[FloatArray],
+    faces: IntArray,
+    feet: _Feet,
+    part: IntArray,
+    size: FloatArray,
+    options: RiderOptions,
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which vertices (N,) of the parts (N,) are tied, and which parts (P,) ride."""
+    away = feet.distances(poses[0], faces)
+    off = [np.abs(feet.distances(pose, faces) - away) for pose in poses[1:]]
+    follows = np.max(off, axis=0, initial=0.0) <= options.follows * size[part]
+    every, count = np.bincount(part, minlength=len(size)), len(size)
+    near = np.bincount(part[follows & (away <= options.near * size[part])], minlength=count)
+    kept = np.bincount(part[follows], minlength=count)
+    riding = (kept > options.share * every) & (2 * near >= kept) & (kept > 0)
+    return follows & riding[part], riding

@@ -32,8 +32,11 @@ class Kept(NamedTuple):
 
 
 def kept(scene: Scene, pose: OpenedPose, points: FloatArray, pairs: IntArray) -> Kept:
-    """Return what was found for a pose, with its `pairs`, or the input where that is no better."""
-    enclosed = scene.enclosed_parts(points, pairs) if len(pose.enclosed) else pose.enclosed
+    """Return what was found for a pose, with its `pairs`, or the input where that is no better.
+
+    A correction may have pressed a small part right into another one, where nothing crosses.
+    """
+    enclosed = pose.enclosed if points is pose.centred else scene.enclosed_parts(points, pairs)
     if 0 < len(pairs) + len(enclosed) >= pose.wrong:
         return Kept(pose.centred, pose.pairs, pose.enclosed)
     return Kept(points, pairs, enclosed)

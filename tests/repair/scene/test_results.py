@@ -55,6 +55,17 @@ def test_what_is_no_better_is_not_taken() -> None:
     assert np.array_equal(second.points, BALL + NEAR)
 
 
+def test_a_part_that_was_pressed_right_into_another_one_is_told() -> None:
+    small = 0.2 * BALL
+    scene = make_scene([Body(BALL, FACES), Body(small + AWAY, FACES)], RepairOptions())
+    pose = opened(scene, BALL, small + np.array([1.0, 0.0, 0.0]))
+    assert len(pose.pairs) > 1 and len(pose.enclosed) == 0
+    inside = np.concatenate([BALL, small + np.array([0.1, 0.0, 0.0])])
+    first, second = answered(scene, pose, inside)
+    assert first.after.pairs == second.after.pairs == 0
+    assert second.status is Status.IMPROVED and len(second.diagnosis.enclosures) == 1
+
+
 def test_contacts_that_are_left_are_values() -> None:
     held = make_scene(
         [BODIES[0], Body(BALL + AWAY, FACES, name="two", mobility=0.0)], RepairOptions()

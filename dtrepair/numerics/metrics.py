@@ -25,13 +25,14 @@ def displacements(before: FloatArray, after: FloatArray) -> FloatArray:
 def edge_log_ratio(before: FloatArray, after: FloatArray, edges: IntArray) -> float:
     """Return the root mean square of the logarithm of the edges' length ratios.
 
-    It is 0 for a rigid motion. before, after: (V, 3); edges: (E, 2).
+    It is 0 for a rigid motion; edges as short as rounding errors do not count. before, after:
+    (V, 3); edges: (E, 2).
     """
     if len(edges) == 0:
         return 0.0
     first, second = edges.T
     old, new = (lengths(p.take(first, axis=0) - p.take(second, axis=0)) for p in (before, after))
-    floor = 1e-12 * (diagonal(before) or 1.0)
+    floor = 1e-6 * (diagonal(before) or 1.0)
     return float(np.sqrt(np.mean(np.log(np.maximum(new, floor) / np.maximum(old, floor)) ** 2)))
 
 

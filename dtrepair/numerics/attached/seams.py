@@ -2,46 +2,77 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, border_edges, diagonal, lengths
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    border_edges,
+    diagonal,
+    lengths,
+    pair_keys,
+)
 
-# Vertices of a seam are at one place up to this part of the diagonal: what float32 may round.
-WITHIN = 1e-6
+# Vertices are at one place up to this part of the diagonal of their mesh: what float32 may round.
+WITHIN = 2e-6
 
 
-def find_seams(
-    points: FloatArray, faces: IntArray, owner: NDArray[np.integer], *, within: float = WITHIN
-) -> IntArray:
-    """Return pairs (N, 2) of vertices at one place of borders that continue each other.
+class Seams(NamedTuple):
+    """Pairs (N, 2) of vertices that are one point of a skin, and how far apart (N,) that is."""
 
-    Each edge of such a border lies on one of another, which runs the other way: a skin goes on
-    there. Shells that lie on each other end at one place too, but run the same way. A mesh that
-    lies with every vertex on others has no seams with them: nothing of it would be left.
+    vertices: IntArray
+    within: FloatArray
+
+    def across(self, owner: NDArray[np.integer]) -> NDArray[np.bool_]:
+        """Return which pairs (N,) are of two meshes, by the mesh (V,) of each vertex."""
+        first, second = owner[self.vertices.T]
+        return np.asarray(first != second)
+
+    def chosen(self, kept: NDArray[np.bool_]) -> Seams:
+        """Return those of the pairs (N,) that are kept."""
+        return Seams(self.vertices[kept], self.within[kept])
+
+
+NO_SEAMS = Seams(np.zeros((0, 2), dtype=np.int32), np.zeros(0))
+
+
+def find_seams(points: FloatArray, faces: IntArray, owner: NDArray[np.integer]) -> Seams:
+    """Return the seams of a skin that is cut, within a mesh or into several.
+
+    Each edge of a border lies on one of another, which runs the other way: the skin goes on there.
+    Shells that lie on each other end at one place too, but run the same way. A mesh that lies with
+    every vertex on others has no seams with them: nothing of it would be left. Vertices of one mesh
+    that only rounding keeps apart, as in a pole, are a seam wherever they are.
 
     Args:
         points: Positions (V, 3).
         faces: Triangles (F, 3), whose vertices at one position of a mesh are one.
         owner: The mesh (V,) of each vertex.
-        within: What counts as one place, part of the diagonal.
     """
+    used = np.unique(faces)
+    if len(used) == 0:
+        return NO_SEAMS
+    sizes = np.array([diagonal(points[owner == mesh]) for mesh in range(int(owner.max()) + 1)])
+    reach = WITHIN * float(sizes.max())
+    near = cKDTree(points[used]).query_pairs(reach, output_type="ndarray").reshape(-1, 2)
+    pairs = np.sort(used[near], axis=1).astype(np.int32)
+    close = Seams(pairs, WITHIN * sizes[owner[pairs]].min(axis=1))
+    close = close.chosen(lengths(points[pairs[:, 0]] - points[pairs[:, 1]]) <= close.within)
+    across = close.across(owner)
     edges = faces.ravel()[border_edges(faces, len(points))]
-    border = np.unique(edges)
-    if len(border) == 0:
-        return np.zeros((0, 2), dtype=np.int32)
-    near = cKDTree(points[border]).query_pairs(within * diagonal(points), output_type="ndarray")
-    first, second = _facing_edges(_labels(border[near.reshape(-1, 2)], len(points))[edges])
+    first, second = _facing_edges(_labels(close.vertices, len(points))[edges])
     ends = np.concatenate([edges[first], edges[second][:, ::-1]], axis=1).reshape(-1, 2, 2)
-    pairs = np.unique(np.sort(ends.transpose(0, 2, 1).reshape(-1, 2), axis=1), axis=0)
-    pairs = pairs[pairs[:, 0] < pairs[:, 1]]
-    across = owner[pairs[:, 0]] != owner[pairs[:, 1]]
-    inner = np.setdiff1d(faces, pairs[across])
-    left = np.isin(owner[pairs], owner[inner]).all(axis=1)
-    return np.asarray(pairs[left | ~across], dtype=np.int32)
+    facing = np.sort(ends.transpose(0, 2, 1).reshape(-1, 2), axis=1).astype(np.int32)
+    sewn_on = across & np.isin(pair_keys(close.vertices), pair_keys(facing))
+    inner = np.setdiff1d(faces, close.vertices[sewn_on])
+    sewn_on &= np.isin(owner[close.vertices], owner[inner]).all(axis=1)
+    return close.chosen(~across | sewn_on)
 
 
 def _facing_edges(edges: IntArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -49,8 +80,9 @@ def _facing_edges(edges: IntArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
     Only where there are no others at their place: else nobody knows which go together.
     """
-    there = edges.astype(np.int64) @ [int(edges.max()) + 1, 1]
-    back = edges[:, ::-1].astype(np.int64) @ [int(edges.max()) + 1, 1]
+    there, back = pair_keys(edges), pair_keys(edges[:, ::-1])
+    if len(edges) == 0:
+        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
     keys, place, uses = np.unique(there, return_index=True, return_counts=True)
     found = np.minimum(np.searchsorted(keys, back), len(keys) - 1)
     alone = uses[np.searchsorted(keys, there)] == 1
@@ -67,19 +99,16 @@ def _labels(pairs: NDArray[np.integer], count: int) -> IntArray:
     return np.asarray(first[label])
 
 
-def sewn(
-    weld: IntArray, seams: IntArray, points: FloatArray, *, within: float = WITHIN
-) -> IntArray:
+def sewn(weld: IntArray, seams: Seams, points: FloatArray) -> IntArray:
     """Return the vertex (V,) that stands for each where seams that are closed are one.
 
     Args:
         weld: The vertex (V,) that stands for each within its own mesh.
-        seams: Pairs (N, 2) of vertices, as of `find_seams`.
+        seams: What is one at rest.
         points: A pose (V, 3), in which some may be open.
-        within: What counts as one place, part of the diagonal.
     """
-    if len(seams) == 0:
+    if len(seams.vertices) == 0:
         return weld
-    apart = lengths(points[seams[:, 0]] - points[seams[:, 1]])
-    joined = seams[apart <= within * diagonal(points)]
-    return np.asarray(_labels(weld[joined], len(weld))[weld])
+    first, second = seams.vertices.T
+    joined = lengths(points[first] - points[second]) <= seams.within
+    return np.asarray(_labels(weld[seams.vertices[joined]], len(weld))[weld])

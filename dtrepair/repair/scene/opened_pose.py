@@ -25,12 +25,14 @@ class OpenedPose:
     Args:
         given: The points of each body as they came.
         original: These points (V, 3) in one array.
-        centred: The same about the origin, where they are far from it.
+        centred: The same about the origin, where they are far from it; once the contacts are known,
+            with splits closed that only rounding opened and whose two sides intersect.
         centre: What was taken off them (3,).
         weld: Vertices (V,) that count as one.
         sewn: The same across the closed seams of bodies, which are solved as one skin.
         detected: Whether the contacts are known.
-        pairs: The intersecting pairs (K, 2) that count.
+        first_pairs: The intersecting pairs (K, 2) that count, of the points as they came.
+        pairs: The same of `centred`.
         enclosed: Parts (K, 2) wholly inside others.
         seconds: What it took to find them.
     """
@@ -42,6 +44,7 @@ class OpenedPose:
     weld: IntArray
     sewn: IntArray
     detected: bool = False
+    first_pairs: IntArray = field(default_factory=_none)
     pairs: IntArray = field(default_factory=_none)
     enclosed: IntArray = field(default_factory=_none)
     seconds: float = 0.0
@@ -75,7 +78,25 @@ def detected(scene: Scene, pose: Pose) -> Pose:
     if pose.detected:
         return pose
     start = time.perf_counter()
-    pairs = scene.pairs(pose.centred, pose.weld)
-    enclosed = scene.enclosed_parts(pose.centred, pairs)
+    first = pairs = scene.pairs(pose.centred, pose.weld)
+    centred = _splits_closed(scene, pose, pairs)
+    if centred is not pose.centred:
+        pose = replace(pose, centred=centred, weld=scene.weld(centred))
+        pairs = scene.pairs(centred, pose.weld)
+    enclosed = scene.enclosed_parts(centred, pairs)
     seconds = time.perf_counter() - start
-    return replace(pose, detected=True, pairs=pairs, enclosed=enclosed, seconds=seconds)
+    return replace(
+        pose, detected=True, first_pairs=first, pairs=pairs, enclosed=enclosed, seconds=seconds
+    )
+
+
+def _splits_closed(scene: Scene, pose: OpenedPose, pairs: IntArray) -> FloatArray:
+    """Return the pose (V, 3) with the vertices of splits at one place whose sides intersect.
+
+    What is solved as one skin cannot be led apart there.
+    """
+    if not len(pairs) or np.array_equal(pose.sewn, pose.weld):
+        return pose.centred
+    first, second = (pose.sewn[scene.faces[side]] for side in pairs.T)
+    shared = np.isin(pose.sewn, first[(first[:, :, None] == second[:, None]).any(axis=2)])
+    return np.where(shared[:, None], pose.centred[pose.sewn], pose.centred)

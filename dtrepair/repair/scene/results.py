@@ -54,7 +54,7 @@ def results_of(
 
     judged: what was strained, or would have been.
     """
-    moved = differing(found.points, pose.centred)
+    moved = differing(found.points, pose.original - pose.centre)
     rounded = found.points.astype(np.float32) + pose.centre
     repaired = np.where(moved[:, None], rounded, pose.original)
     return [
@@ -74,7 +74,7 @@ def _result(
     judged: Judged | None,
 ) -> RepairResult:
     own = scene.vertices_of(index)
-    before, after = (_count(scene, pairs, index) for pairs in (pose.pairs, found.pairs))
+    before, after = (_count(scene, pairs, index) for pairs in (pose.first_pairs, found.pairs))
     moved = displacements(pose.original[own], repaired[own])
     status = _status(before, after)
     left = _left(scene, index, found)

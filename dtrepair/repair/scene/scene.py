@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import counted_between
-from dtrepair.numerics.attached.seams import find_seams, sewn
+from dtrepair.numerics.attached.seams import NO_SEAMS, Seams, find_seams, sewn
 from dtrepair.numerics.attachments import Attachments, Reference, telling
 from dtrepair.numerics.geometry import (
     FloatArray,
@@ -107,17 +107,16 @@ class Scene:
         return self.weld(self.centred_rest)
 
     @cached_property
-    def seams(self) -> IntArray:
-        """Vertices (N, 2) on borders that lie at one place of the rest; of attached bodies, too."""
+    def seams(self) -> Seams:
+        """Vertices that are one point of the rest; across attached soft bodies, too."""
         if self.options.method == "paper":
-            return np.zeros((0, 2), dtype=np.int32)
-        soft = np.array([not body.rigid for body in self.bodies])
-        faces, owner = self.rest_weld[self.faces[soft[self.body_of]]], self.body_of_vertex
+            return NO_SEAMS
+        soft = np.array([not body.rigid for body in self.bodies])[self.body_of]
+        faces, owner = self.rest_weld[self.faces[soft]], self.body_of_vertex
         found = find_seams(self.centred_rest, faces, owner)
         if self.attachments is not None and self.options.mode == "both":
             return found
-        first, second = owner[found.T]
-        return np.asarray(found[first == second])
+        return found.chosen(~found.across(owner))
 
     @cached_property
     def rest_sewn(self) -> IntArray:

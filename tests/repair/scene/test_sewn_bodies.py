@@ -79,9 +79,9 @@ def test_both_are_one_skin_and_a_collider_holds_it(mobility: float) -> None:
 )
 def test_what_is_not_taken_as_modelled_is_not_sewn(options: RepairOptions) -> None:
     scene = make_scene(bodies(), options, references=references())
-    assert len(scene.seams) == 0
+    assert len(scene.seams.vertices) == 0
 
 
 def test_rigid_bodies_are_not_sewn() -> None:
     scene = make_scene(bodies(rigid=True), RepairOptions(), references=references())
-    assert len(scene.seams) == 0
+    assert len(scene.seams.vertices) == 0

@@ -25,8 +25,8 @@ class OpenedPose:
     Args:
         given: The points of each body as they came.
         original: These points (V, 3) in one array.
-        centred: The same about the origin, where they are far from it; once the contacts are known,
-            with splits closed that only rounding opened and whose two sides intersect.
+        centred: The same about the origin, where they are far from it; once there are contacts,
+            with splits closed that only rounding opened.
         centre: What was taken off them (3,).
         weld: Vertices (V,) that count as one.
         sewn: The same across the closed seams of bodies, which are solved as one skin.
@@ -79,24 +79,13 @@ def detected(scene: Scene, pose: Pose) -> Pose:
         return pose
     start = time.perf_counter()
     first = pairs = scene.pairs(pose.centred, pose.weld)
-    centred = _splits_closed(scene, pose, pairs)
-    if centred is not pose.centred:
+    if len(pairs) and not np.array_equal(pose.sewn, pose.weld):
+        # What is solved as one point cannot be led apart.
+        centred = pose.centred[pose.sewn]
         pose = replace(pose, centred=centred, weld=scene.weld(centred))
         pairs = scene.pairs(centred, pose.weld)
-    enclosed = scene.enclosed_parts(centred, pairs)
+    enclosed = scene.enclosed_parts(pose.centred, pairs)
     seconds = time.perf_counter() - start
     return replace(
         pose, detected=True, first_pairs=first, pairs=pairs, enclosed=enclosed, seconds=seconds
     )
-
-
-def _splits_closed(scene: Scene, pose: OpenedPose, pairs: IntArray) -> FloatArray:
-    """Return the pose (V, 3) with the vertices of splits at one place whose sides intersect.
-
-    What is solved as one skin cannot be led apart there.
-    """
-    if not len(pairs) or np.array_equal(pose.sewn, pose.weld):
-        return pose.centred
-    first, second = (pose.sewn[scene.faces[side]] for side in pairs.T)
-    shared = np.isin(pose.sewn, first[(first[:, :, None] == second[:, None]).any(axis=2)])
-    return np.where(shared[:, None], pose.centred[pose.sewn], pose.centred)

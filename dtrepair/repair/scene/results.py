@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dtrepair.diagnosis import Advice, Diagnosis, Status
 from dtrepair.numerics.geometry import FloatArray, IntArray, as_given, differing, pair_keys
@@ -21,6 +22,8 @@ from dtrepair.repair.scene.diagnosis import (
 )
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
+
+BoolArray = NDArray[np.bool_]
 
 
 class Kept(NamedTuple):
@@ -54,13 +57,26 @@ def results_of(
 
     judged: what was strained, or would have been.
     """
-    moved = differing(found.points, pose.original - pose.centre)
+    moved = differing(found.points, pose.centred) | _closed_splits(scene, pose, found)
     rounded = found.points.astype(np.float32) + pose.centre
     repaired = np.where(moved[:, None], rounded, pose.original)
     return [
         _result(scene, index, pose, found, repaired, solved, seconds, judged)
         for index in range(len(scene.bodies))
     ]
+
+
+def _closed_splits(scene: Scene, pose: OpenedPose, found: Kept) -> BoolArray:
+    """Return the vertices (V,) of splits that are closed, where something moves or intersected."""
+    closed = differing(pose.centred, pose.original - pose.centre)
+    if not closed.any():
+        return closed
+    moved = differing(found.points, pose.centred)
+    concerned = np.asarray(moved[scene.faces].any(axis=1))
+    concerned[pose.first_pairs] = True
+    beside = np.zeros(len(moved), dtype=bool)
+    beside[pose.sewn[scene.faces[concerned]]] = True
+    return np.asarray(closed & beside[pose.sewn])
 
 
 def _result(

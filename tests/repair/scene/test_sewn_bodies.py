@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from dtrepair import Body, RepairOptions, SceneRepairer
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Reference
-from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray, weld_map
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import gathered
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
-from tests.meshes import Mesh, armed_body
+from tests.meshes import Mesh, armed_body, joined
 
 # A body with an arm that curls into it.
 REST, FACES = armed_body(0.0)
@@ -85,3 +85,31 @@ def test_what_is_not_taken_as_modelled_is_not_sewn(options: RepairOptions) -> No
 def test_rigid_bodies_are_not_sewn() -> None:
     scene = make_scene(bodies(rigid=True), RepairOptions(), references=references())
     assert len(scene.seams.vertices) == 0
+
+
+def split(points: FloatArray, off: float = 3e-7) -> Mesh:
+    """The halves as one mesh, whose second one is off by a rounding error."""
+    one, other = cut(points)
+    return joined(one, (other[0] + off, other[1]))
+
+
+def test_a_split_that_rounding_opened_is_closed_where_something_moves() -> None:
+    """A split in the body next to which the arm comes through, and one that is far from it."""
+    rest, faces = split(REST)
+    pose = split(armed_body(4.0)[0], off=4e-7)[0]
+    first, second = seam()
+    second = second + len(cut(REST)[0][0])
+    straight = split(REST, off=4e-7)[0] + np.array([10.0, 0.0, 0.0])
+    every, both = joined((rest, faces), (straight, faces))
+    result = SceneRepairer([Body(every, both)])([np.concatenate([pose, straight])])[0]
+    assert result.before.pairs > 0 and result.after.pairs == 0
+    assert len(Detector(every, both)(result.points, weld=weld_map(result.points))) == 0
+    near = result.points[: len(rest)]
+    assert np.array_equal(near[first], near[second])
+    assert np.array_equal(result.points[len(rest) :], straight)
+
+
+def test_a_pose_without_contacts_keeps_the_bits_of_its_splits() -> None:
+    rest, faces = split(REST)
+    repairer = SceneRepairer([Body(rest, faces)])
+    assert np.array_equal(repairer([rest])[0].points, rest)

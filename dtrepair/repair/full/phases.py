@@ -11,6 +11,7 @@ import numpy as np
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion
 from dtrepair.numerics.work import work_done
+from dtrepair.repair.elastic.parting import PartingOptions, parted
 from dtrepair.repair.full.biharmonic_fill import FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import Pushed, PushOptions, push
 from dtrepair.repair.full.steering import Steering, SteeringOptions
@@ -33,6 +34,7 @@ class PhaseOptions:
         step_decay: Factor of the step from phase to phase: less is left to be moved.
         good_enough: Distortion below which a clean result needs no further phase.
         tightenable: The same where tightening follows, which mends more.
+        parted: Distortion below which a pose whose few crossings were led apart is the one.
         gain: A phase after a clean one must lower the distortion to this fraction to be followed
             by another.
         insist_steps: Largest motions in an iteration where the phases left crossings, units of the
@@ -43,6 +45,7 @@ class PhaseOptions:
             a processor for a pose of 1,000 triangles, five for 20,000.
         push: Numbers of the push.
         steering: Numbers of preferred directions.
+        parting: Numbers of the least motion.
         fill: Numbers of the fill.
         last_fill: The fill of the last resort, whose patches may grow until they swallow what is
             left.
@@ -53,6 +56,7 @@ class PhaseOptions:
     step_decay: float = 0.7
     good_enough: float = 0.10
     tightenable: float = 0.23
+    parted: float = 0.02
     gain: float = 0.97
     insist_steps: tuple[float, ...] = (0.005, 0.002, 0.01)
     insist_rounds: int = 4
@@ -60,6 +64,7 @@ class PhaseOptions:
     work_a_triangle: float = 50.0
     push: PushOptions = field(default_factory=PushOptions)
     steering: SteeringOptions = field(default_factory=SteeringOptions)
+    parting: PartingOptions = field(default_factory=PartingOptions)
     fill: FillOptions = field(default_factory=FillOptions)
     last_fill: FillOptions = field(default_factory=lambda: FillOptions(rounds=24))
 
@@ -140,7 +145,9 @@ class Phases:
 
         Where what is left concerns few of the bodies, it is insisted on at once.
         """
-        best: Candidate | None = None
+        best: Candidate | None = self._parted()
+        if best is not None and best.distortion < self.options.parted:
+            return best
         for step in self.options.first_steps:
             candidate = self.run(step)
             best = candidate if best is None or candidate.rank < best.rank else best
@@ -150,6 +157,19 @@ class Phases:
                 return best
         assert best is not None
         return best if best.clean else self.insist(best)
+
+    def _parted(self) -> Candidate | None:
+        """Return the pose whose few crossings are led apart by the least motion, if they can be."""
+        start = time.perf_counter()
+        if "part" in self.skip or self.steering:
+            return None
+        found = parted(self.surface, self.original, self.known, options=self.options.parting)
+        if found is None or (self.limited(found[0]) != found[0]).any():
+            return None
+        points, left = found
+        value = self.log.add("part", points, start, folds=len(left.folds))
+        self.candidates.append(Candidate(points, left, value, self.options.near[-1]))
+        return self.candidates[-1]
 
     def run(self, step: float) -> Candidate:
         """Return the best result of pushing with ever fewer contacts left to the fill."""

@@ -1,0 +1,101 @@
+"""Few triangles that cross are led apart by the least motion, each pair along its own axis.
+
+A push is too smooth a field for a crease of two or three coarse triangles, and the patch that would
+replace them takes the whole limb with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from dtrepair.numerics.geometry import FloatArray, IntArray, unit_vectors
+from dtrepair.repair.elastic.least_motion import LeastMotion
+from dtrepair.repair.surface.defects import Defects, update_defects
+from dtrepair.repair.surface.surface import Surface
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartingOptions:
+    """Numbers of the least motion that leads pairs apart.
+
+    Args:
+        most: Of more pairs than this none is led apart: they are no crease.
+        rounds: At most so many steps.
+        rings: What moves reaches so many rings of edges beyond the pairs.
+        beyond: How far apart a pair is led, mean edge lengths.
+        largest: Motion of a vertex in a step, mean edge lengths.
+    """
+
+    most: int = 40
+    rounds: int = 20
+    rings: int = 2
+    beyond: float = 0.02
+    largest: float = 0.25
+
+
+class Overlaps(NamedTuple):
+    """Of pairs (K, 2) of triangles: the axis of the least overlap, and what it separates.
+
+    axes: (K, 3), unit vectors; depths: (K,), how far the pairs overlap along them; ends: (K, 2),
+    the vertex of the first triangle that is farthest along the axis, and that of the second one
+    that is farthest against it.
+    """
+
+    axes: FloatArray
+    depths: FloatArray
+    ends: IntArray
+
+
+def least_overlaps(points: FloatArray, faces: IntArray, pairs: IntArray) -> Overlaps:
+    """Return along which axes pairs (K, 2) of triangles (F, 3) overlap least (separating axes)."""
+    corners = points[faces[pairs]]
+    sides = np.roll(corners, -1, axis=2) - corners
+    normals = np.cross(sides[:, :, 0], sides[:, :, 1])
+    across = np.cross(sides[:, 0, :, None], sides[:, 1, None]).reshape(len(pairs), 9, 3)
+    axes = np.concatenate([normals, across], axis=1)
+    axes = unit_vectors(axes.reshape(-1, 3)).reshape(axes.shape)
+    axes = np.concatenate([axes, -axes], axis=1)
+    first, second = (np.einsum("kaj,kcj->kac", axes, corners[:, side]) for side in (0, 1))
+    depth = first.max(axis=2) - second.min(axis=2)
+    # Parallel edges have no axis.
+    depth[~axes.any(axis=2)] = np.inf
+    rows, best = np.arange(len(pairs)), depth.argmin(axis=1)
+    ends = [
+        faces[pairs[:, 0]][rows, first[rows, best].argmax(axis=1)],
+        faces[pairs[:, 1]][rows, second[rows, best].argmin(axis=1)],
+    ]
+    return Overlaps(axes[rows, best], depth[rows, best], np.stack(ends, axis=1))
+
+
+def parted(
+    surface: Surface,
+    points: FloatArray,
+    known: Defects,
+    *,
+    options: PartingOptions = PartingOptions(),
+) -> tuple[FloatArray, Defects] | None:
+    """Return the pose (V, 3) with the crossings of `known` led apart, and its defects.
+
+    None where they are too many, or do not come apart, or others fold over.
+    """
+    if not 0 < len(known.crossings) <= options.most:
+        return None
+    start, folds, defects = points, len(known.folds), known
+    for _ in range(options.rounds):
+        pairs = defects.crossings
+        if len(pairs) > options.most:
+            return None
+        region = LeastMotion(
+            surface, surface.vertices_of(pairs), options.rings, largest=options.largest
+        )
+        overlaps = least_overlaps(points, surface.faces, pairs)
+        ways = np.stack([-overlaps.axes, overlaps.axes], axis=1)
+        changes = overlaps.depths + options.beyond * surface.edge_length
+        points = region.step(points, overlaps.ends, ways, changes)
+        defects = update_defects(surface, known, points, (points != start).any(axis=1))
+        if len(defects.crossings) == 0:
+            return (points, defects) if len(defects.folds) <= folds else None
+    return None

@@ -86,7 +86,7 @@ def parted(
     start, folds, defects = points, len(known.folds), known
     for _ in range(options.rounds):
         pairs = defects.crossings
-        if len(pairs) > options.most:
+        if len(pairs) > options.most or surface.stiff[surface.vertices_of(pairs)].all():
             return None
         region = LeastMotion(
             surface, surface.vertices_of(pairs), options.rings, largest=options.largest

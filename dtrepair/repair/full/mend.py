@@ -7,9 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.repair.elastic.parting import PartingOptions, parted
 from dtrepair.repair.full.biharmonic_fill import Filled, FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import PushOptions, push
+from dtrepair.repair.surface.defects import Defects
 from dtrepair.repair.surface.surface import Surface
 
 
@@ -22,6 +24,7 @@ class MendOptions:
             them; a frame that is nearly clean needs no 20 rings as a whole repair does.
         push: What separates contacts; few iterations, as most are apart.
         fill: What closes the creases.
+        parting: What leads the last few pairs apart.
         mendable: More pairs than this small motions do not mend: they are what solving left, or
             what had to be given up with a share of the correction.
         hopeless, few: Where a pose is of no use with more than so many pairs, no turn follows one
@@ -31,6 +34,7 @@ class MendOptions:
     near: tuple[int, ...] = (12, 6, 0)
     push: PushOptions = field(default_factory=lambda: PushOptions(iterations=12, patience=5))
     fill: FillOptions = field(default_factory=FillOptions)
+    parting: PartingOptions = field(default_factory=PartingOptions)
     mendable: int = 100
     hopeless: float = 2.0
     few: int = 20
@@ -57,9 +61,15 @@ def mend(
     best: Filled | None = None
     for start in starts:
         pose = surface.rigid.fitted(original, start)
+        known = surface.contacts.pairs(pose)
+        apart = _parted(surface, original, pose, known, options.parting)
+        if apart is not None:
+            return apart
         for near in options.near:
-            pushed = push(surface, pose, near=near, step=step, options=options.push)
-            pose = pushed.points
+            pushed = push(
+                surface, pose, near=near, step=step, known_pairs=known, options=options.push
+            )
+            pose, known = pushed.points, pushed.pairs
             filled = biharmonic_fill(surface, pose, options=options.fill)
             if best is None or filled.defects.rank[0] < best.defects.rank[0]:
                 best = filled
@@ -68,8 +78,29 @@ def mend(
             if len(filled.defects.crossings) > limit:
                 break
     assert best is not None
+    apart = _parted(surface, original, best.points, best.defects.crossings, options.parting)
+    if apart is not None:
+        return apart
     if alone is not None:
         cold = alone(surface, original)
         if len(surface.contacts.pairs(cold)) < len(best.defects.crossings):
             return cold
     return best.points
+
+
+def _parted(
+    surface: Surface,
+    original: FloatArray,
+    pose: FloatArray,
+    pairs: IntArray,
+    options: PartingOptions,
+) -> FloatArray | None:
+    """Return a pose (V, 3) with few `pairs` (K, 2) led apart by the least motion; None if not."""
+    if not 0 < len(pairs) <= options.most:
+        return None
+    known = Defects(pairs, surface.contacts.folds(pose))
+    found = parted(surface, pose, known, options=options)
+    # What only moves as a whole is not led apart by vertices.
+    if found is None or (surface.rigid.fitted(original, found[0]) != found[0]).any():
+        return None
+    return found[0]

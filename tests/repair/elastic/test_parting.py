@@ -1,0 +1,102 @@
+"""Few triangles that cross, led apart by the least motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.geometry import FloatArray, lengths
+from dtrepair.repair.elastic.parting import PartingOptions, least_overlaps, parted
+from dtrepair.repair.full.mend import mend
+from dtrepair.repair.full.method import FullMethod
+from dtrepair.repair.surface.defects import find_defects
+from dtrepair.repair.surface.surface import BodyRange, Surface
+from tests.meshes import elbow, joined
+
+FACES = np.arange(6, dtype=np.int32).reshape(2, 3)
+PAIR = np.array([[0, 1]], dtype=np.int32)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_along_its_axis_a_pair_comes_apart_and_no_sooner(seed: int) -> None:
+    points = np.random.default_rng(seed).normal(size=(6, 3))
+    overlaps = least_overlaps(points, FACES, PAIR)
+    axis, depth = overlaps.axes[0], overlaps.depths[0]
+    crossing = len(Detector(points, FACES)(points)) > 0
+    assert lengths(overlaps.axes)[0] == pytest.approx(1.0)
+    assert (depth > 0.0) == crossing or abs(depth) < 1e-6
+    for share, apart in ((1.001, True), (0.9, not crossing)):
+        moved = points.copy()
+        moved[:3] -= share * max(depth, 0.0) * axis
+        assert (len(Detector(moved, FACES)(moved)) == 0) == apart or abs(depth) < 1e-6
+    # The ends are what overlaps most.
+    first, second = overlaps.ends[0]
+    assert (points[first] - points[second]) @ axis == pytest.approx(depth)
+
+
+def creased() -> tuple[Surface, FloatArray]:
+    """A coarse limb, bent until two or three triangles of its crease cross."""
+    rest, faces = elbow(0.0, along=10, around=8)
+    surface = Surface(rest, faces)
+    for angle in np.linspace(1.4, 3.0, 33):
+        pose = elbow(float(angle), along=10, around=8)[0] / surface.size
+        if 0 < len(find_defects(surface, pose).crossings) <= 12:
+            return surface, pose
+    raise AssertionError("no angle crosses")
+
+
+def test_a_crease_of_few_triangles_comes_apart_by_a_small_motion() -> None:
+    surface, pose = creased()
+    known = find_defects(surface, pose)
+    deepest = least_overlaps(pose, surface.faces, known.crossings).depths.max()
+    found = parted(surface, pose, known)
+    assert found is not None
+    points, left = found
+    assert len(left.crossings) == 0 and len(surface.contacts.pairs(points)) == 0
+    assert 0.0 < lengths(points - pose).max() < 3.0 * deepest + 0.05 * surface.edge_length
+    for solved in (FullMethod(surface)(pose).points, mend(surface, pose, [pose], step=0.01)):
+        assert len(surface.contacts.pairs(solved)) == 0
+        assert lengths(solved - pose).max() < 3.0 * deepest + 0.05 * surface.edge_length
+
+
+def test_more_pairs_than_a_crease_has_are_left_to_others() -> None:
+    surface, pose = creased()
+    known = find_defects(surface, pose)
+    few = PartingOptions(most=len(known.crossings) - 1)
+    assert parted(surface, pose, known, options=few) is None
+    assert parted(surface, surface.rest, find_defects(surface, surface.rest)) is None
+
+
+def test_what_is_fixed_stays() -> None:
+    rest, faces = elbow(0.0, along=10, around=8)
+    surface, pose = creased()
+    held = Surface(rest, faces, mobility=np.zeros(len(rest)))
+    assert parted(held, pose, find_defects(held, pose)) is None
+    half = np.ones(len(rest))
+    corners = surface.faces[find_defects(surface, pose).crossings]
+    half[corners[:, 0]] = 0.0
+    some = Surface(rest, faces, mobility=half)
+    found = parted(some, pose, find_defects(some, pose))
+    assert found is None or np.array_equal(found[0][half == 0.0], pose[half == 0.0])
+
+
+def test_two_bodies_come_apart_and_a_rigid_one_keeps_its_place() -> None:
+    points, faces = joined((ROOF, ROOF_FACES), (ROOF * (1.0, 1.0, -1.0) + [0.3, 0.0, 1.1], BACK))
+    bodies = [BodyRange(0, 5, 99.0), BodyRange(5, 10, 99.0, rigid=True)]
+    surface = Surface(points, faces, bodies=bodies)
+    pose = surface.rest.copy()
+    pose[5:, 2] -= 0.2
+    known = find_defects(surface, pose)
+    found = parted(surface, pose, known)
+    assert len(known.crossings) and found is not None
+    assert len(surface.contacts.pairs(found[0])) == 0
+    assert np.array_equal(found[0][5:], pose[5:])
+
+
+# A pyramid without a floor, and its triangles turned round.
+ROOF = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [0, 0, 0.5]], dtype=np.float64)
+ROOF_FACES = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], dtype=np.int32)
+BACK = ROOF_FACES[:, ::-1].copy()

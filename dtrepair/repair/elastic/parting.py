@@ -11,10 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, unit_vectors
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, unit_vectors
 from dtrepair.repair.elastic.least_motion import LeastMotion
 from dtrepair.repair.surface.defects import Defects, update_defects
 from dtrepair.repair.surface.surface import Surface
+
+# Corners of a triangle are as far along an axis up to this part of the longest side.
+AS_FAR = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,14 +42,14 @@ class PartingOptions:
 class Overlaps(NamedTuple):
     """Of pairs (K, 2) of triangles: the axis of the least overlap, and what it separates.
 
-    axes: (K, 3), unit vectors; depths: (K,), how far the pairs overlap along them; ends: (K, 2),
-    the vertex of the first triangle that is farthest along the axis, and that of the second one
-    that is farthest against it.
+    axes: (K, 3), unit vectors; depths: (K,), how far the pairs overlap along them; ends: (K, 2, 3),
+    weights of the corners of the first triangle that are farthest along the axis, all as far in
+    equal parts, and of those of the second one that are farthest against it.
     """
 
     axes: FloatArray
     depths: FloatArray
-    ends: IntArray
+    ends: FloatArray
 
 
 def least_overlaps(points: FloatArray, faces: IntArray, pairs: IntArray) -> Overlaps:
@@ -63,11 +66,10 @@ def least_overlaps(points: FloatArray, faces: IntArray, pairs: IntArray) -> Over
     # Parallel edges have no axis.
     depth[~axes.any(axis=2)] = np.inf
     rows, best = np.arange(len(pairs)), depth.argmin(axis=1)
-    ends = [
-        faces[pairs[:, 0]][rows, first[rows, best].argmax(axis=1)],
-        faces[pairs[:, 1]][rows, second[rows, best].argmin(axis=1)],
-    ]
-    return Overlaps(axes[rows, best], depth[rows, best], np.stack(ends, axis=1))
+    axis, most = axes[rows, best], AS_FAR * lengths(sides.reshape(-1, 3)).max()
+    along = np.stack([first[rows, best], -second[rows, best]], axis=1)
+    ends = (along >= along.max(axis=2, keepdims=True) - most).astype(np.float64)
+    return Overlaps(axis, depth[rows, best], ends / ends.sum(axis=2, keepdims=True))
 
 
 def parted(
@@ -92,9 +94,11 @@ def parted(
             surface, surface.vertices_of(pairs), options.rings, largest=options.largest
         )
         overlaps = least_overlaps(points, surface.faces, pairs)
-        ways = np.stack([-overlaps.axes, overlaps.axes], axis=1)
+        corners = surface.faces[pairs].reshape(-1, 6)
+        ways = overlaps.ends * np.array([-1.0, 1.0])[:, None]
+        gradients = ways.reshape(-1, 6, 1) * overlaps.axes[:, None]
         changes = overlaps.depths + options.beyond * surface.edge_length
-        points = region.step(points, overlaps.ends, ways, changes)
+        points = region.step(points, corners, gradients, changes)
         defects = update_defects(surface, known, points, (points != start).any(axis=1))
         if len(defects.crossings) == 0:
             return (points, defects) if len(defects.folds) <= folds else None

@@ -16,7 +16,11 @@ from dtrepair.repair.full.biharmonic_fill import FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import Pushed, PushOptions, push
 from dtrepair.repair.full.steering import Steering, SteeringOptions
 from dtrepair.repair.stage_log import StageLog
-from dtrepair.repair.surface.defects import Defects, contact_scale, find_defects
+from dtrepair.repair.surface.defects import (
+    Defects,
+    contact_scale,
+    find_defects,
+)
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import Surface
 
@@ -161,7 +165,7 @@ class Phases:
     def _parted(self) -> Candidate | None:
         """Return the pose whose few crossings are led apart by the least motion, if they can be."""
         start = time.perf_counter()
-        if "part" in self.skip or self.steering:
+        if self.steering:
             return None
         found = parted(self.surface, self.original, self.known, options=self.options.parting)
         if found is None or (self.limited(found[0]) != found[0]).any():

@@ -33,8 +33,8 @@ def test_along_its_axis_a_pair_comes_apart_and_no_sooner(seed: int) -> None:
         moved[:3] -= share * max(depth, 0.0) * axis
         assert (len(Detector(moved, FACES)(moved)) == 0) == apart or abs(depth) < 1e-6
     # The ends are what overlaps most.
-    first, second = overlaps.ends[0]
-    assert (points[first] - points[second]) @ axis == pytest.approx(depth)
+    first, second = (overlaps.ends[0, side] @ points[FACES[side]] @ axis for side in (0, 1))
+    assert first - second == pytest.approx(depth)
 
 
 def creased() -> tuple[Surface, FloatArray]:

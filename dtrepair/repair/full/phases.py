@@ -165,15 +165,21 @@ class Phases:
     def _parted(self) -> Candidate | None:
         """Return the pose whose few crossings are led apart by the least motion, if they can be."""
         start = time.perf_counter()
-        if self.steering:
-            return None
-        found = parted(self.surface, self.original, self.known, options=self.options.parting)
-        if found is None or (self.limited(found[0]) != found[0]).any():
+        found = self._parted_from(self.original, self.known)
+        if found is None:
             return None
         points, left = found
         value = self.log.add("part", points, start, folds=len(left.folds))
         self.candidates.append(Candidate(points, left, value, self.options.near[-1]))
         return self.candidates[-1]
+
+    def _parted_from(self, points: FloatArray, known: Defects) -> tuple[FloatArray, Defects] | None:
+        """Return a pose (V, 3) with its few crossings led apart; None where that is no way."""
+        if self.steering:
+            return None
+        found = parted(self.surface, points, known, options=self.options.parting)
+        allowed = found is not None and not (self.limited(found[0]) != found[0]).any()
+        return found if allowed else None
 
     def run(self, step: float) -> Candidate:
         """Return the best result of pushing with ever fewer contacts left to the fill."""
@@ -285,6 +291,7 @@ class Phases:
         points, left = pushed.points, Defects(pushed.pairs, folds)
         if "fill" not in self.skip:
             points, left = biharmonic_fill(surface, points, known=left, options=options)
+            points, left = self._parted_from(points, left) or (points, left)
         limited = self.limited(points)
         if (limited != points).any():
             points, left = limited, find_defects(surface, limited)

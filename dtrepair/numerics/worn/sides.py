@@ -36,8 +36,8 @@ class LayerOptions:
         clear: Least mean side: +1 where all of it lies outside, 0 where the parts take turns.
         one_sided: An open sheet lies over what this share of its nearby area lies outside of, none
             of it turned the other way: an arm beside its body has two sides.
-        turned: One whose normals point inwards lies over what is near this share of its area, and of
-            whose own area this share is near it.
+        turned: One whose normals point inwards lies over what is near this share of its area, and
+            of whose own area this share is near it.
         worn: An open part is a layer over what it goes round by this share, see `worn_measure`; so
             is a closed one, as a skirt with a lining, ...
         thin: ... that is not thicker than this, units of its extent: a bracelet is.

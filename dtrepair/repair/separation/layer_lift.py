@@ -52,8 +52,8 @@ class LiftOptions:
         rounds: Lifts in turn, each for what still lies under.
         edges, depths: A lift fades out over so many mean edges, and so many depths.
         hold: Weight of the lifted vertices next to the smoothness of the others.
-        rests: The same of vertices that lie on the inner part and follow it in all poses that are
-            known, as the shoulders of a cape do: they stay where they are not lifted themselves.
+        rests: The same of vertices beyond that reach that follow the inner part in all poses that
+            are known, as the waistband of a skirt does: they stay.
         follows: Their distance to it changes by less than this fraction of the smaller extent.
         thick: Weight of the ties between the inner and the outer side of a closed layer.
         widths: Standard deviations, in frames, over which lifts come and go; each is for what those
@@ -75,7 +75,7 @@ class LiftOptions:
     edges: float = 3.0
     depths: float = 2.0
     hold: float = 100.0
-    rests: float = 10.0
+    rests: float = 1.0
     follows: float = 0.02
     thick: float = 1.0
     widths: tuple[float, ...] = (3.5, 3.5, 1.75, 0.0)
@@ -207,7 +207,8 @@ class LayerLift:
         """Return the smooth displacement (n, 3) that is near the target where held."""
         options = self.options
         reach = max(options.edges * self.edge, options.depths * float(lengths(target).max()))
-        weight = np.where(held, options.hold, np.where(self.resting, options.rests, 0.0))
+        far = self.resting & (cKDTree(self.shown[held]).query(self.shown)[0] > reach)
+        weight = np.where(held, options.hold, np.where(far, options.rests, 0.0))
         weight[self.fixed] = options.hold / 1e-6
         goal = np.where((held & ~self.fixed)[:, None], target, 0.0)
         system = sparse.diags(self.mass * (1.0 + weight)) + reach**4 * self.stiffness

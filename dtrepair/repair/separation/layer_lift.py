@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,7 +11,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from dtrepair.intersect.topology.components import link_labels
-from dtrepair.numerics.closest_point import barycentric, closest_on_triangles, nearest_triangles
+from dtrepair.numerics.closest_point import closest_on_triangles
 from dtrepair.numerics.enclosure import enclosure
 from dtrepair.numerics.geometry import (
     FloatArray,
@@ -52,9 +51,6 @@ class LiftOptions:
         rounds: Lifts in turn, each for what still lies under.
         edges, depths: A lift fades out over so many mean edges, and so many depths.
         hold: Weight of the lifted vertices next to the smoothness of the others.
-        rests: The same of vertices beyond that reach that follow the inner part in all poses that
-            are known, as the waistband of a skirt does: they stay.
-        follows: Their distance to it changes by less than this fraction of the smaller extent.
         thick: Weight of the ties between the inner and the outer side of a closed layer.
         widths: Standard deviations, in frames, over which lifts come and go; each is for what those
             before it left under.
@@ -75,8 +71,6 @@ class LiftOptions:
     edges: float = 3.0
     depths: float = 2.0
     hold: float = 100.0
-    rests: float = 1.0
-    follows: float = 0.02
     thick: float = 1.0
     widths: tuple[float, ...] = (3.5, 3.5, 1.75, 0.0)
     less: float = 0.85
@@ -134,7 +128,6 @@ class LayerLift:
         beneath = shown[parts.vertices[layer.under]]
         smaller = min(extent(rest), extent(beneath))
         self.turn, self.slide = options.turn * smaller, options.slide * smaller
-        self.resting = self._resting(parts.poses, options.follows * smaller)
         self.shown, self.shown_middles = shown[self.own], shown[self.other_faces].mean(axis=1)
         self.shown_distance = cKDTree(beneath).query(self.shown)[0]
         if not self.near.all():
@@ -192,23 +185,11 @@ class LayerLift:
         result[own] += shift[self.place[own]]
         return result
 
-    def _resting(self, poses: Sequence[FloatArray], most: float) -> NDArray[np.bool_]:
-        """Return which vertices (n,) keep their distance to a place of the inner part in poses."""
-        corners = poses[0][self.other_faces]
-        nearest, closest = nearest_triangles(poses[0][self.own], corners)
-        weights = barycentric(closest, corners[nearest])[:, :, None]
-        away = [
-            lengths(pose[self.own] - (weights * pose[self.other_faces[nearest]]).sum(axis=1))
-            for pose in poses
-        ]
-        return np.asarray(np.ptp(away, axis=0) < most)
-
     def _smooth(self, held: NDArray[np.bool_], target: FloatArray) -> FloatArray:
         """Return the smooth displacement (n, 3) that is near the target where held."""
         options = self.options
         reach = max(options.edges * self.edge, options.depths * float(lengths(target).max()))
-        far = self.resting & (cKDTree(self.shown[held]).query(self.shown)[0] > reach)
-        weight = np.where(held, options.hold, np.where(far, options.rests, 0.0))
+        weight = np.where(held, options.hold, 0.0)
         weight[self.fixed] = options.hold / 1e-6
         goal = np.where((held & ~self.fixed)[:, None], target, 0.0)
         system = sparse.diags(self.mass * (1.0 + weight)) + reach**4 * self.stiffness

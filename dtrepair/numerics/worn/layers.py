@@ -15,7 +15,6 @@ from dtrepair.numerics.worn.sides import (
     Zone,
     find_layer,
     find_sheet,
-    find_turned,
     find_worn,
     layer_over,
 )
@@ -78,7 +77,6 @@ class Layers:
         parts, options, pose = self.parts, self.options, poses[0]
         if self._zone(first, second) is None:
             found = find_layer(parts, first, second, poses, options=options)
-            found = found or find_turned(parts, first, second, pose, options=options)
         else:
             found = find_sheet(parts, first, second, pose, zone=self._zone, options=options)
         if found is None:

@@ -36,8 +36,6 @@ class LayerOptions:
         clear: Least mean side: +1 where all of it lies outside, 0 where the parts take turns.
         one_sided: An open sheet lies over what this share of its nearby area lies outside of, none
             of it turned the other way: an arm beside its body has two sides.
-        turned: One whose normals point inwards lies over what is near this share of its area, and
-            of whose own area this share is near it.
         worn: An open part is a layer over what it goes round by this share, see `worn_measure`; so
             is a closed one, as a skirt with a lining, ...
         thin: ... that is not thicker than this, units of its extent: a bracelet is.
@@ -52,7 +50,6 @@ class LayerOptions:
     share: float = 0.3
     clear: float = 0.1
     one_sided: float = 0.9
-    turned: tuple[float, float] = (0.5, 0.15)
     worn: float = 0.7
     thin: float = 0.02
     poses: int = 5
@@ -199,25 +196,6 @@ def find_sheet(
             side = float(np.sign((known * found.sides).sum()))
             return layer._replace(covered=_covered(parts, top, under, pose, side, options))
     return None
-
-
-def find_turned(
-    parts: Parts, first: int, second: int, pose: int, *, options: LayerOptions = LayerOptions()
-) -> WornLayer | None:
-    """Return the layer that a free open sheet is whose normals point inwards; None for none.
-
-    Of most of the sheet and much of what it covers the other one is near: a seat faces whom it
-    carries, too, but lies beside little of him.
-    """
-    found = find_sheet(parts, first, second, pose, zone=lambda *_: None, options=options)
-    if found is None:
-        return None
-    both = (found.top, found.under), (found.under, found.top)
-    near = [
-        float(parts.area_shares(part)[_beside(parts, part, other, pose, options).known].sum())
-        for part, other in both
-    ]
-    return found if near[0] >= options.turned[0] and near[1] >= options.turned[1] else None
 
 
 def _covered(

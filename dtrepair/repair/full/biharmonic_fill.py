@@ -105,7 +105,7 @@ def biharmonic_fill(
         if len(defects.triangles) == 0:
             break
         patches.grow(surface, surface.vertices_of(defects.triangles), options)
-        mask = patches.mask(surface) & ~surface.stiff
+        mask = _with_surroundings(surface, patches.mask(surface) & ~surface.stiff)
         if not mask.any() or mask.mean() > options.largest:
             break
         kinds = patches.settle(surface, mask)
@@ -117,6 +117,14 @@ def biharmonic_fill(
         if defects.rank < best.defects.rank:
             best = Filled(filled, defects)
     return best
+
+
+def _with_surroundings(surface: Surface, mask: BoolArray) -> BoolArray:
+    """Return the mask (V,) without parts that it covers wholly: they would shrink to a point."""
+    part = surface.part_of_vertex
+    beyond = np.zeros(len(surface.part_sizes), dtype=bool)
+    beyond[part[~mask]] = True
+    return np.asarray(mask & beyond[part])
 
 
 def membrane_fill(

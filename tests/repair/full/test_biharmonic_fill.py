@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import find_intersections
-from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray, extent
 from dtrepair.numerics.operators import uniform_laplacian
 from dtrepair.repair.full.biharmonic_fill import (
     FillOptions,
@@ -19,7 +19,7 @@ from dtrepair.repair.full.biharmonic_fill import (
 )
 from dtrepair.repair.surface.defects import Defects, find_defects
 from dtrepair.repair.surface.surface import Surface
-from tests.meshes import Mesh, elbow, grid, icosphere, tube
+from tests.meshes import Mesh, elbow, grid, icosphere, joined, tube
 
 FILLS = [membrane_fill, bilaplacian_fill]
 
@@ -154,3 +154,14 @@ def test_the_best_state_is_returned_when_it_never_comes_clean() -> None:
     assert isinstance(left, Defects)
     assert left.rank <= before.rank
     assert find_defects(surface, filled).rank == left.rank
+
+
+def test_a_small_part_that_a_patch_would_cover_does_not_shrink_to_a_point() -> None:
+    ball, faces = icosphere(3)
+    small = 0.1 * icosphere(0)[0] + np.array([0.95, 0.0, 0.1])
+    surface = Surface(*joined((ball, faces), (small, icosphere(0)[1])))
+    own = slice(len(ball), None)
+    assert len(find_defects(surface, surface.rest).crossings) > 0
+    filled = biharmonic_fill(surface, surface.rest)
+    assert extent(filled.points[own]) > 0.99 * extent(surface.rest[own])
+    assert np.array_equal(filled.points[own], surface.rest[own])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from dtrepair.repair.full.biharmonic_fill import (
     bilaplacian_fill,
     membrane_fill,
 )
-from dtrepair.repair.surface.defects import Defects, find_defects
+from dtrepair.repair.surface.defects import Defects, find_defects, update_defects
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import Mesh, elbow, grid, icosphere, joined, tube
 
@@ -156,12 +157,19 @@ def test_the_best_state_is_returned_when_it_never_comes_clean() -> None:
     assert find_defects(surface, filled).rank == left.rank
 
 
-def test_a_small_part_that_a_patch_would_cover_does_not_shrink_to_a_point() -> None:
+def test_a_small_part_that_a_patch_would_cover_does_not_shrink_to_a_point(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     ball, faces = icosphere(3)
     small = 0.1 * icosphere(0)[0] + np.array([0.95, 0.0, 0.1])
+    own, sizes = slice(len(ball), None), []
     surface = Surface(*joined((ball, faces), (small, icosphere(0)[1])))
-    own = slice(len(ball), None)
     assert len(find_defects(surface, surface.rest).crossings) > 0
-    filled = biharmonic_fill(surface, surface.rest)
-    assert extent(filled.points[own]) > 0.99 * extent(surface.rest[own])
-    assert np.array_equal(filled.points[own], surface.rest[own])
+
+    def looked_at(surface: Surface, known: Defects, points: FloatArray, moved: Any) -> Defects:
+        sizes.append(extent(points[own]))
+        return update_defects(surface, known, points, moved)
+
+    monkeypatch.setattr("dtrepair.repair.full.biharmonic_fill.update_defects", looked_at)
+    biharmonic_fill(surface, surface.rest)
+    assert min(sizes) > 0.5 * extent(surface.rest[own])

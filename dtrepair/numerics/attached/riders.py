@@ -54,14 +54,20 @@ class _Feet(NamedTuple):
 def with_riders(
     attachments: Attachments, faces: IntArray, poses: Sequence[FloatArray]
 ) -> Attachments:
-    """Return the same with small parts carried along that nothing holds so far; see `riders`."""
+    """Return the same with small parts carried along that nothing holds so far; see `riders`.
+
+    By parts that are attached to others: loose things stay as they are. One pose tells nothing.
+    """
+    if len(poses) < 2:
+        return attachments
     part_of = attachments.part_of
     part_of_vertex = np.zeros(len(poses[0]), dtype=np.int32)
     part_of_vertex[faces] = part_of[:, None]
-    free = np.ones(attachments.count, dtype=bool)
-    free[np.array(attachments.pairs_of_parts, dtype=np.int64).ravel()] = False
+    hosts = np.zeros(attachments.count, dtype=bool)
+    hosts[np.array(attachments.pairs_of_parts, dtype=np.int64).ravel()] = True
+    free = ~hosts
     free[part_of_vertex[attachments.carried.vertices]] = False
-    return attachments.carrying(riders(poses, faces, part_of, free))
+    return attachments.carrying(riders(poses, faces, part_of, free, hosts))
 
 
 def riders(
@@ -69,6 +75,7 @@ def riders(
     faces: IntArray,
     part_of: IntArray,
     free: NDArray[np.bool_],
+    hosts: NDArray[np.bool_],
     *,
     options: RiderOptions = RiderOptions(),
 ) -> Ties:
@@ -79,6 +86,7 @@ def riders(
         faces: Triangles (F, 3), whose vertices at one position of the rest are one.
         part_of: The connected part (F,) of each triangle.
         free: Which parts (P,) nothing holds so far.
+        hosts: Which parts (P,) others may ride on.
     """
     rest, count = poses[0], len(free)
     areas = np.bincount(part_of, triangle_areas(rest, faces), count)
@@ -88,7 +96,8 @@ def riders(
     # The size of a strip is not its length.
     size = np.sqrt(areas)
     found = [NO_TIES]
-    for host in np.argsort(-areas, kind="stable")[: options.hosts].tolist():
+    largest = np.argsort(-np.where(hosts, areas, -1.0), kind="stable")
+    for host in largest[: min(options.hosts, np.count_nonzero(hosts))].tolist():
         triangles = np.flatnonzero(part_of == host)
         corners = rest[faces[triangles]]
         small = free & (options.larger * areas < areas[host])

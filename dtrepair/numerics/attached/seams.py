@@ -21,6 +21,8 @@ from dtrepair.numerics.geometry import (
 
 # Vertices are at one place up to this part of the diagonal of their mesh: what float32 may round.
 WITHIN = 2e-6
+# Vertices that are looked at beside each, itself among them.
+NEAREST = 9
 
 
 class Seams(NamedTuple):
@@ -55,24 +57,56 @@ def find_seams(points: FloatArray, faces: IntArray, owner: NDArray[np.integer]) 
         faces: Triangles (F, 3), whose vertices at one position of a mesh are one.
         owner: The mesh (V,) of each vertex.
     """
-    used = np.unique(faces)
-    if len(used) == 0:
-        return NO_SEAMS
-    sizes = np.array([diagonal(points[owner == mesh]) for mesh in range(int(owner.max()) + 1)])
-    reach = WITHIN * float(sizes.max())
-    near = cKDTree(points[used]).query_pairs(reach, output_type="ndarray").reshape(-1, 2)
-    pairs = np.sort(used[near], axis=1).astype(np.int32)
-    close = Seams(pairs, WITHIN * sizes[owner[pairs]].min(axis=1))
-    close = close.chosen(lengths(points[pairs[:, 0]] - points[pairs[:, 1]]) <= close.within)
-    across = close.across(owner)
     edges = faces.ravel()[border_edges(faces, len(points))]
-    first, second = _facing_edges(_labels(close.vertices, len(points))[edges])
+    used, border = np.unique(faces), np.unique(edges)
+    meshes = np.unique(owner[used])
+    sizes = np.zeros(int(owner.max(initial=-1)) + 1)
+    found = [NO_SEAMS]
+    for mesh in meshes.tolist():
+        own = used[owner[used] == mesh]
+        sizes[mesh] = diagonal(points[own])
+        pairs = _close_pairs(points, own, WITHIN * sizes[mesh])
+        found.append(Seams(pairs, np.full(len(pairs), WITHIN * sizes[mesh])))
+    if len(meshes) > 1:
+        # Of two meshes the smaller one counts.
+        pairs = _close_pairs(points, border, WITHIN * float(np.sort(sizes)[-2]))
+        across = Seams(pairs, WITHIN * sizes[owner[pairs]].min(axis=1))
+        apart = lengths(points[pairs[:, 0]] - points[pairs[:, 1]])
+        found.append(across.chosen(across.across(owner) & (apart <= across.within)))
+    close = Seams(*(np.concatenate(column) for column in zip(*found, strict=True)))
+    return close.chosen(_goes_on(close, edges, faces, owner, len(points)))
+
+
+def _goes_on(
+    close: Seams, edges: IntArray, faces: IntArray, owner: NDArray[np.integer], count: int
+) -> NDArray[np.bool_]:
+    """Return which pairs (N,) are of one mesh, or where the skin goes on beyond a border.
+
+    edges: those (E, 2) of borders, as they run; count: of vertices.
+    """
+    across = close.across(owner)
+    first, second = _facing_edges(_labels(close.vertices, count)[edges])
     ends = np.concatenate([edges[first], edges[second][:, ::-1]], axis=1).reshape(-1, 2, 2)
     facing = np.sort(ends.transpose(0, 2, 1).reshape(-1, 2), axis=1).astype(np.int32)
-    sewn_on = across & np.isin(pair_keys(close.vertices), pair_keys(facing))
-    inner = np.setdiff1d(faces, close.vertices[sewn_on])
-    sewn_on &= np.isin(owner[close.vertices], owner[inner]).all(axis=1)
-    return close.chosen(~across | sewn_on)
+    on = across & np.isin(pair_keys(close.vertices), pair_keys(facing))
+    inner = np.setdiff1d(faces, close.vertices[on])
+    on &= np.isin(owner[close.vertices], owner[inner]).all(axis=1)
+    return np.asarray(on | ~across)
+
+
+def _close_pairs(points: FloatArray, own: NDArray[np.integer], reach: float) -> IntArray:
+    """Return pairs (N, 2) of some vertices within a reach, first < second, few of each.
+
+    Of thousands at one place each has its nearest ones: enough to join them all.
+    """
+    if len(own) < 2:
+        return np.zeros((0, 2), dtype=np.int32)
+    tree, count = cKDTree(points[own]), min(NEAREST, len(own))
+    place = tree.query(points[own], np.arange(1, count + 1), distance_upper_bound=reach)[1]
+    rows, columns = np.nonzero(place < len(own))
+    pairs = np.sort(own[np.stack([rows, place[rows, columns]], axis=1)], axis=1)
+    pairs = np.unique(pairs[pairs[:, 0] < pairs[:, 1]], axis=0)
+    return pairs.astype(np.int32)
 
 
 def _facing_edges(edges: IntArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -81,7 +81,7 @@ def parted(
 ) -> tuple[FloatArray, Defects] | None:
     """Return the pose (V, 3) with the crossings of `known` led apart, and its defects.
 
-    None where they are too many, or do not come apart, or others fold over.
+    None where they are too many, have no area at all, do not come apart, or others fold over.
     """
     if not 0 < len(known.crossings) <= options.most:
         return None
@@ -94,6 +94,8 @@ def parted(
             surface, surface.vertices_of(pairs), options.rings, largest=options.largest
         )
         overlaps = least_overlaps(points, surface.faces, pairs)
+        if not np.isfinite(overlaps.depths).all():
+            return None
         corners = surface.faces[pairs].reshape(-1, 6)
         ways = overlaps.ends * np.array([-1.0, 1.0])[:, None]
         gradients = ways.reshape(-1, 6, 1) * overlaps.axes[:, None]

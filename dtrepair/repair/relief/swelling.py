@@ -116,7 +116,7 @@ def _raised(
 
     free: vertices (V,) that may move; normals: the vector areas (V, 3) of vertices.
     """
-    parts, weld, free = scene.strain_meter.parts, scene.rest_weld, free.copy()
+    parts, weld, free = scene.strain_meter.parts, scene.rest_sewn, free.copy()
     area = lengths(normals)
     outwards = normals / np.maximum(area, 1e-300)[:, None]
     known = pair_keys(scene.pairs(points, pose.weld))

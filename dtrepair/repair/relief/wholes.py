@@ -29,7 +29,7 @@ def with_wholes(scene: Scene, pose: OpenedPose, points: FloatArray, *, most: int
     least, wrong = badness(excess), pairs_and_enclosed(scene, pose, points)
     farthest, sizes = lengths(points - before).max(), np.bincount(parts.of_face)
     for part in sorted(lost, key=sizes.__getitem__)[:most]:
-        own = parts.of_vertex[scene.rest_weld] == part
+        own = parts.of_vertex[scene.rest_sewn] == part
         if (scene.mobility[own] == 0.0).any():
             continue
         turn, shift = rigid_motion(parts, before, points, part)

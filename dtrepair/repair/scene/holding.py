@@ -60,5 +60,5 @@ class Holding:
     def __call__(self, before: FloatArray, after: FloatArray) -> FloatArray:
         """Return the change (V, 3) of a correction that brings attached parts together."""
         off = self.ties @ (after - before)[self.scene.rest_weld]
-        change = -self._factor(self.pull @ off)[self.scene.rest_weld]
+        change = -self._factor(self.pull @ off)[self.scene.rest_sewn]
         return np.where(lengths(change)[:, None] > self.options.unseen * self.size, change, 0.0)

@@ -81,7 +81,7 @@ def detected(scene: Scene, pose: Pose) -> Pose:
     first = pairs = scene.pairs(pose.centred, pose.weld)
     if len(pairs) and not np.array_equal(pose.sewn, pose.weld):
         # What is solved as one point cannot be led apart.
-        centred = pose.centred[pose.sewn]
+        centred = _closed(scene, pose)
         pose = replace(pose, centred=centred, weld=scene.weld(centred))
         pairs = scene.pairs(centred, pose.weld)
     enclosed = scene.enclosed_parts(pose.centred, pairs)
@@ -89,3 +89,13 @@ def detected(scene: Scene, pose: Pose) -> Pose:
     return replace(
         pose, detected=True, first_pairs=first, pairs=pairs, enclosed=enclosed, seconds=seconds
     )
+
+
+def _closed(scene: Scene, pose: OpenedPose) -> FloatArray:
+    """Return the pose (V, 3) with splits closed: where something is fixed, there."""
+    fixed = np.flatnonzero(scene.mobility == 0.0)
+    stands = np.arange(len(pose.sewn))
+    stands[pose.sewn[fixed]] = fixed
+    closed = pose.centred[stands[pose.sewn]]
+    closed[fixed] = pose.centred[fixed]
+    return closed

@@ -71,4 +71,5 @@ def with_rigid(scene: Scene, bodies: Sequence[int]) -> Scene:
     for index in bodies:
         vertices = scene.vertices_of(index)
         mobility[vertices] = mobility_of(own[index], len(mobility[vertices]))
-    return scene.changed("rigid", "strain_meter", bodies=tuple(own), mobility=mobility)
+    forgotten = "rigid", "strain_meter", "seams", "rest_sewn"
+    return scene.changed(*forgotten, bodies=tuple(own), mobility=mobility)

@@ -114,9 +114,8 @@ class Scene:
         soft = np.array([not body.rigid for body in self.bodies])[self.body_of]
         faces, owner = self.rest_weld[self.faces[soft]], self.body_of_vertex
         found = find_seams(self.centred_rest, faces, owner)
-        if self.attachments is not None and self.options.mode == "both":
-            return found
-        return found.chosen(~found.across(owner))
+        across = self.attachments is not None and self.options.mode == "both"
+        return found if across else found.chosen(~found.across(owner))
 
     @cached_property
     def rest_sewn(self) -> IntArray:

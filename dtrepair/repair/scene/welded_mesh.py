@@ -121,6 +121,7 @@ def _surface(scene: Scene, kept: NDArray[np.integer], place: NDArray[np.integer]
         scene.centred_rest[kept],
         faces[solid],
         bodies=bodies,
+        body_of=scene.body_of[triangles],
         mobility=mobility,
         mode=options.mode,
         leave_rest=options.rest_contacts == "leave",

@@ -98,7 +98,7 @@ class LayerLift:
         # All vertices at one place of the rest move along.
         self.place = np.full(len(scene.rest), -1)
         self.place[self.own] = np.arange(len(self.own))
-        self.place = self.place[scene.rest_weld]
+        self.place = self.place[scene.rest_sewn]
         rest = scene.rest[self.own]
         local = np.searchsorted(self.own, self.faces).astype(np.int32)
         self.edges = unique_edges(local)

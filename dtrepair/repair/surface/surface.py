@@ -97,6 +97,8 @@ class Surface(Topology):
         rest: Rest positions (V, 3), any length unit.
         faces: Triangles (F, 3).
         bodies: Vertex ranges of the bodies; default: one body of strength 99.
+        body_of: The body (F,) of each triangle; default: that of its vertices. The vertices of a seam
+            are of the first of its bodies.
         mobility: How freely each vertex moves (V,), 0 fixed to 1 free; default: all free.
         mode: Which pairs count: "self", "inter" (between bodies) or "both".
         leave_rest: Leave pairs and folds alone that the rest pose has as well.
@@ -115,6 +117,7 @@ class Surface(Topology):
         faces: IntArray,
         *,
         bodies: Sequence[BodyRange] | None = None,
+        body_of: NDArray[np.integer] | None = None,
         mobility: FloatArray | None = None,
         mode: str = "both",
         leave_rest: bool = False,
@@ -138,8 +141,7 @@ class Surface(Topology):
         self.size = extent(rest) or 1.0
         self.rest = rest / self.size
         self.mobility = np.ones(self.count) if mobility is None else mobility
-        # The vertices of a seam are those of the first of its bodies.
-        self.body_of = self.body_of_vertex[faces].max(axis=1, initial=0)
+        self.body_of = self.body_of_vertex[faces[:, 0]] if body_of is None else body_of
         self.laplacian = self._tied_laplacian()
         self.uniform = uniform_laplacian(faces, self.count)
         self.mass = lumped_mass(self.rest, faces)
@@ -204,20 +206,7 @@ class Surface(Topology):
     @cached_property
     def cluster_of_body(self) -> IntArray:
         """The cluster (B,) of bodies that ties or closed seams connect; else each is its own."""
-        return link_labels(self.body_of_vertex[self._links], len(self.bodies))
-
-    @cached_property
-    def _links(self) -> IntArray:
-        """Vertices (N, 2) that edges or ties connect."""
-        if self.ties is None:
-            return self.edges
-        tied = np.stack(self.ties.links.nonzero(), axis=1)
-        return np.concatenate([self.edges, tied], dtype=np.int32)
-
-    @cached_property
-    def part_of_vertex(self) -> IntArray:
-        """The part (V,) of each vertex: what edges or ties connect."""
-        return link_labels(self._links, self.count)
+        return link_labels(self.body_of_vertex[self.linked], len(self.bodies))
 
     @cached_property
     def part_sizes(self) -> FloatArray:

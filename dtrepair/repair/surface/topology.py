@@ -29,7 +29,8 @@ class Topology:
     Args:
         faces: Triangles (F, 3).
         count: Number of vertices V.
-        links: Positive (V, V) where vertices are neighbours besides those that share an edge.
+        links: Positive (V, V) where vertices are neighbours besides those that share an edge;
+            `linked` holds both, (N, 2).
         device: Where kernels work on the mesh; default: the CPU.
     """
 
@@ -49,8 +50,16 @@ class Topology:
             (np.ones(len(self.indices), dtype=np.float32), self.indices, self.indptr),
             shape=(count, count),
         )
+        self.linked = self.edges
         if links is not None:
+            tied = np.stack(links.nonzero(), axis=1)
+            self.linked = np.concatenate([self.edges, tied], dtype=np.int32)
             self.neighbours = (self.neighbours + links > 0).astype(np.float32).tocsr()
+
+    @cached_property
+    def part_of_vertex(self) -> IntArray:
+        """The part (V,) of each vertex: what edges or links connect."""
+        return link_labels(self.linked, self.count)
 
     @cached_property
     def edge_pairs(self) -> NDArray[np.int64]:

@@ -69,6 +69,14 @@ def test_small_meshes_are_measured_by_their_own_size() -> None:
     assert len(find_seams(points, BOTH, OWNER).vertices) == 0
 
 
+def test_a_stray_vertex_does_not_make_a_mesh_large() -> None:
+    points = np.concatenate([POINTS, [[1e6, 0.0, 0.0]]])
+    owner = np.append(OWNER, 0)
+    assert np.array_equal(
+        find_seams(points, BOTH, owner).vertices, find_seams(POINTS, BOTH, OWNER).vertices
+    )
+
+
 def test_seams_across_meshes_can_be_left_out() -> None:
     seams = find_seams(POINTS, BOTH, OWNER)
     assert seams.across(OWNER).all()
@@ -95,3 +103,13 @@ def test_three_meshes_that_meet_in_a_point_are_one_there() -> None:
     whole = sewn(weld_maps([LEFT, RIGHT, third]), find_seams(points, faces, owner), points)
     met = np.flatnonzero((points == (1.0, 1.0, 0.0)).all(axis=1))
     assert len(met) == 3 and (whole[met] == met[0]).all()
+
+
+def test_thousands_of_vertices_at_one_place_are_one_in_no_time() -> None:
+    corner = 1e-7 * np.random.default_rng(0).normal(size=(3000, 3))
+    points = np.concatenate([LEFT, corner])
+    faces = np.concatenate([FACES, len(LEFT) + np.arange(3000).reshape(-1, 3)]).astype(np.int32)
+    seams = find_seams(points, faces, np.zeros(len(points), dtype=int))
+    assert len(seams.vertices) < 10 * len(points)
+    whole = sewn(np.arange(len(points), dtype=np.int32), seams, points)
+    assert len(np.unique(whole[len(LEFT) :])) == 1

@@ -100,3 +100,13 @@ def test_two_bodies_come_apart_and_a_rigid_one_keeps_its_place() -> None:
 ROOF = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [0, 0, 0.5]], dtype=np.float64)
 ROOF_FACES = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], dtype=np.int32)
 BACK = ROOF_FACES[:, ::-1].copy()
+
+
+def test_triangles_without_area_are_left_to_others() -> None:
+    """Of two on one line nothing tells where they come apart."""
+    line = np.array([[3, 0, 0], [3.5, 0, 0], [4, 0, 0], [3.2, 0, 0], [3.7, 0, 0], [4.2, 0, 0]])
+    points, faces = joined((ROOF, ROOF_FACES), (line, FACES))
+    surface = Surface(points, faces)
+    known = find_defects(surface, surface.rest)
+    assert len(known.crossings) == 1
+    assert parted(surface, surface.rest, known) is None

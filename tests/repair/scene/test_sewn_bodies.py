@@ -11,19 +11,20 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, weld_map
 from dtrepair.repair.scene.make_scene import make_scene
-from dtrepair.repair.scene.opened_pose import gathered
+from dtrepair.repair.scene.opened_pose import detected, gathered
+from dtrepair.repair.scene.props import with_rigid
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from tests.meshes import Mesh, armed_body, joined
 
 # A body with an arm that curls into it.
 REST, FACES = armed_body(0.0)
+FIRST = REST[FACES].mean(axis=1)[:, 2] < 0.6
 
 
 def cut(points: FloatArray) -> list[Mesh]:
     """The mesh as two, cut across the body where the arm comes back to it."""
-    first = REST[FACES].mean(axis=1)[:, 2] < 0.6
     halves = []
-    for own in (FACES[first], FACES[~first]):
+    for own in (FACES[FIRST], FACES[~FIRST]):
         used, faces = np.unique(own, return_inverse=True)
         halves.append((points[used], faces.reshape(-1, 3).astype(np.int32)))
     return halves
@@ -85,6 +86,44 @@ def test_what_is_not_taken_as_modelled_is_not_sewn(options: RepairOptions) -> No
 def test_rigid_bodies_are_not_sewn() -> None:
     scene = make_scene(bodies(rigid=True), RepairOptions(), references=references())
     assert len(scene.seams.vertices) == 0
+    soft = make_scene(bodies(), RepairOptions(), references=references())
+    assert len(soft.seams.vertices) == len(seam()[0])
+    assert len(with_rigid(soft, (1,)).seams.vertices) == 0
+
+
+def test_triangles_keep_their_body_where_all_corners_are_on_the_seam() -> None:
+    """A cut with an ear: one triangle of the second half has no vertex of its own."""
+    first = FIRST
+    ends = np.isin(FACES, np.intersect1d(FACES[FIRST], FACES[~FIRST])).sum(axis=1)
+    ear = np.flatnonzero(~first & (ends == 2))[0]
+    first = first.copy()
+    beside = np.flatnonzero(~first & (np.isin(FACES, FACES[ear]).sum(axis=1) == 2))
+    first[beside] = True
+    halves = []
+    for own in (FACES[first], FACES[~first]):
+        used, place = np.unique(own, return_inverse=True)
+        halves.append((REST[used], place.reshape(-1, 3).astype(np.int32)))
+    points, faces = joined(*halves)
+    shown = [Reference(points, Detector(points, faces)(points))]
+    scene = make_scene([Body(*half) for half in halves], RepairOptions(), references=shown)
+    surface = WeldedMeshes(scene)([gathered(scene, [own for own, _ in halves]).sewn]).surface
+    assert np.array_equal(surface.body_of, scene.body_of)
+    assert (surface.body_of_vertex[surface.faces].max(axis=1) != surface.body_of).any()
+
+
+@pytest.mark.parametrize("collider", [0, 1])
+def test_a_split_is_closed_where_a_collider_is(collider: int) -> None:
+    one, other = cut(armed_body(4.0)[0])
+    off = other[0] + 4e-7
+    own = [Body(*half, mobility=float(k != collider)) for k, half in enumerate(cut(REST))]
+    scene = make_scene(own, RepairOptions(), references=references())
+    pose = detected(scene, gathered(scene, [one[0], off]))
+    vertices = scene.vertices_of(collider)
+    assert len(pose.pairs) > 0
+    assert np.array_equal(pose.centred[vertices], pose.original[vertices])
+    first, second = seam()
+    both = pose.centred[first], pose.centred[second + scene.vertices_of(1).start]
+    assert np.array_equal(*both)
 
 
 def split(points: FloatArray, off: float = 3e-7) -> Mesh:

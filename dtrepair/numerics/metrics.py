@@ -25,8 +25,8 @@ def displacements(before: FloatArray, after: FloatArray) -> FloatArray:
 def edge_log_ratio(before: FloatArray, after: FloatArray, edges: IntArray) -> float:
     """Return the root mean square of the logarithm of the edges' length ratios.
 
-    It is 0 for a rigid motion; edges as short as rounding errors do not count. before, after:
-    (V, 3); edges: (E, 2).
+    It is 0 for a rigid motion; edges shorter than rounding errors count as that long.
+    before, after: (V, 3); edges: (E, 2).
     """
     if len(edges) == 0:
         return 0.0

@@ -59,11 +59,14 @@ def find_seams(points: FloatArray, faces: IntArray, owner: NDArray[np.integer]) 
     """
     edges = faces.ravel()[border_edges(faces, len(points))]
     used, border = np.unique(faces), np.unique(edges)
+    if len(used) == 0:
+        return NO_SEAMS
     meshes = np.unique(owner[used])
     sizes = np.zeros(int(owner.max(initial=-1)) + 1)
     found = [NO_SEAMS]
-    for mesh in meshes.tolist():
-        own = used[owner[used] == mesh]
+    order = used[np.argsort(owner[used], kind="stable")]
+    starts = np.searchsorted(owner[order], meshes)
+    for mesh, own in zip(meshes.tolist(), np.split(order, starts[1:]), strict=True):
         sizes[mesh] = diagonal(points[own])
         pairs = _close_pairs(points, own, WITHIN * sizes[mesh])
         found.append(Seams(pairs, np.full(len(pairs), WITHIN * sizes[mesh])))

@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, unit_vectors
+from dtrepair.numerics.operators import WORK_A_ROW
+from dtrepair.numerics.work import add_work
 from dtrepair.repair.elastic.least_motion import LeastMotion
 from dtrepair.repair.surface.defects import Defects, update_defects
 from dtrepair.repair.surface.surface import Surface
@@ -90,6 +92,7 @@ def parted(
         pairs = defects.crossings
         if len(pairs) > options.most or surface.stiff[surface.vertices_of(pairs)].all():
             return None
+        add_work(WORK_A_ROW * int(surface.vertices_of(pairs).sum()))
         region = LeastMotion(
             surface, surface.vertices_of(pairs), options.rings, largest=options.largest
         )

@@ -16,11 +16,7 @@ from dtrepair.repair.full.biharmonic_fill import FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import Pushed, PushOptions, push
 from dtrepair.repair.full.steering import Steering, SteeringOptions
 from dtrepair.repair.stage_log import StageLog
-from dtrepair.repair.surface.defects import (
-    Defects,
-    contact_scale,
-    find_defects,
-)
+from dtrepair.repair.surface.defects import Defects, contact_scale, find_defects
 from dtrepair.repair.surface.rigid_bodies import allowed
 from dtrepair.repair.surface.surface import Surface
 
@@ -178,8 +174,8 @@ class Phases:
         if self.steering:
             return None
         found = parted(self.surface, points, known, options=self.options.parting)
-        allowed = found is not None and not (self.limited(found[0]) != found[0]).any()
-        return found if allowed else None
+        within = found is not None and np.array_equal(self.limited(found[0]), found[0])
+        return found if within else None
 
     def run(self, step: float) -> Candidate:
         """Return the best result of pushing with ever fewer contacts left to the fill."""

@@ -69,7 +69,7 @@ class AttachedParts:
         start, end = np.searchsorted(keys, [own, own + 1])
         return np.unique(self._faces[triangles[start:end]]).astype(np.int32)
 
-    def riders(self, part: int) -> list[int]:
+    def wholes_on(self, part: int) -> list[int]:
         """Return the smaller parts that are attached to a part as wholes: buttons on a coat."""
         vertices, hosts = self._ties
         tied = np.bincount(
@@ -79,11 +79,11 @@ class AttachedParts:
         return [int(rider) for rider in np.flatnonzero(whole & (tied > 0))]
 
     def held(self, part: int) -> IntArray:
-        """Return the vertices (N,) of a part in its zones towards others, but for its riders."""
+        """Return the vertices (N,) of a part in its zones, but towards what is on it whole."""
         if self._known is None:
             return np.zeros(0, dtype=np.int32)
         triangles, towards = np.divmod(self._known.zones, self._known.count)
-        free = self._name[self.riders(part)]
+        free = self._name[self.wholes_on(part)]
         own = (self._part_of_face[triangles] == part) & ~np.isin(towards, free)
         return np.unique(self._faces[triangles[own]]).astype(np.int32)
 

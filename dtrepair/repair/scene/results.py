@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dtrepair.diagnosis import Advice, Diagnosis, Status
 from dtrepair.numerics.geometry import FloatArray, IntArray, as_given, differing, pair_keys
@@ -22,8 +21,7 @@ from dtrepair.repair.scene.diagnosis import (
 )
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
-
-BoolArray = NDArray[np.bool_]
+from dtrepair.repair.surface.topology import BoolArray
 
 
 class Kept(NamedTuple):

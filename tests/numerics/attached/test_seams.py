@@ -29,7 +29,7 @@ def test_what_lies_on_another_mesh_but_not_at_a_border_is_none() -> None:
 
 
 def test_shells_that_end_at_one_place_are_not_sewn() -> None:
-    points, faces = joined((LEFT, FACES), (LEFT + np.array([0.0, 0.0, 0.0]), FACES))
+    points, faces = joined((LEFT, FACES), (LEFT.copy(), FACES))
     assert len(find_seams(points, faces, np.repeat([0, 1], len(LEFT))).vertices) == 0
     # Nor where three meet: nobody knows which two go on.
     points, faces = joined((LEFT, FACES), (RIGHT, FACES), (RIGHT, FACES))
@@ -113,3 +113,9 @@ def test_thousands_of_vertices_at_one_place_are_one_in_no_time() -> None:
     assert len(seams.vertices) < 10 * len(points)
     whole = sewn(np.arange(len(points), dtype=np.int32), seams, points)
     assert len(np.unique(whole[len(LEFT) :])) == 1
+
+
+def test_a_mesh_without_faces_has_none() -> None:
+    none = np.zeros((0, 3), dtype=np.int32)
+    assert len(find_seams(np.zeros((0, 3)), none, np.zeros(0, dtype=int)).vertices) == 0
+    assert len(find_seams(LEFT, none, np.zeros(len(LEFT), dtype=int)).vertices) == 0

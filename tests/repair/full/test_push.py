@@ -223,10 +223,9 @@ def test_a_small_part_goes_no_farther_than_its_size_allows() -> None:
     surface = Surface(*joined((ball, faces), (0.1 * ball + np.array([1.05, 0.0, 0.0]), faces)))
     own = slice(len(ball), None)
     assert surface.part_sizes.tolist() == pytest.approx([2.0 / 2.15, 0.2 / 2.15], rel=0.02)
-    once = PushOptions(iterations=1)
     moved = {}
     for part in (0.05, np.inf):
-        options = PushOptions(iterations=once.iterations, part=part)
+        options = PushOptions(iterations=1, part=part)
         pushed = push(surface, surface.rest, near=0, step=0.2, options=options)
         moved[part] = float(np.linalg.norm((pushed.points - surface.rest)[own], axis=1).max())
     assert moved[np.inf] > 0.1

@@ -29,7 +29,7 @@ def parts() -> tuple[AttachedParts, list[slice]]:
 
 def test_a_button_rides_on_its_coat_and_an_arm_does_not() -> None:
     found, _ = parts()
-    assert found.riders(0) == [1] and found.riders(1) == [] and found.riders(2) == []
+    assert found.wholes_on(0) == [1] and found.wholes_on(1) == [] and found.wholes_on(2) == []
     assert found.attached(np.array([[0, 1], [2, 0], [1, 2]])).tolist() == [True, True, False]
 
 
@@ -48,7 +48,7 @@ def test_without_attachments_nothing_is_held() -> None:
     points, faces = joined(COAT, BUTTON)
     part = np.repeat([0, 1], [len(COAT[0]), len(BUTTON[0])]).astype(np.int32)
     found = AttachedParts(None, faces, part)
-    assert found.zone(0, 1) is None and len(found.held(0)) == 0 and found.riders(0) == []
+    assert found.zone(0, 1) is None and len(found.held(0)) == 0 and found.wholes_on(0) == []
     assert not found.attached(np.array([[0, 1]])).any()
     pairs = Detector(points, faces)(points)
     assert len(pairs) and found.unmodelled(pairs) is pairs

@@ -97,8 +97,8 @@ class Surface(Topology):
         rest: Rest positions (V, 3), any length unit.
         faces: Triangles (F, 3).
         bodies: Vertex ranges of the bodies; default: one body of strength 99.
-        body_of: The body (F,) of each triangle; default: that of its vertices. Those of a seam belong
-            to the first of its bodies.
+        body_of: The body (F,) of each triangle; default: that of its vertices. The vertices of a
+            seam belong to the first of its bodies.
         mobility: How freely each vertex moves (V,), 0 fixed to 1 free; default: all free.
         mode: Which pairs count: "self", "inter" (between bodies) or "both".
         leave_rest: Leave pairs and folds alone that the rest pose has as well.

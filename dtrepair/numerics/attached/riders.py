@@ -1,4 +1,4 @@
-"""Small parts that ride on a larger one without touching it: teeth in a mouth, a tag on a collar.
+"""Small parts that ride on a larger one without touching it: teeth in a mouth, hair over a scalp.
 
 Nothing of them overlaps at rest, so that no attachment is known. Where they are not carried along,
 what they ride on moves through them, and they are pushed out of it.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import threading
@@ -87,7 +88,7 @@ class Heartbeat:
         ago = f"{hours}:{minutes:02}:{seconds:02}"
         if not self._phase:
             return f"at work for {ago}"
-        return f"{self._phase}: {self._done:.0f} of {self._total} done after {ago}"
+        return f"{self._phase}: {math.floor(self._done)} of {self._total} done after {ago}"
 
     def run(self, wait: Callable[[float], bool]) -> None:
         """Tell it again and again, until `wait` for so many seconds says that the run is over."""

@@ -26,6 +26,8 @@ class ClipOptions(LayoutOptions):
         mend_step: Step, in units of the size, of a frame whose correction misses by rounding only.
         mend_share: A frame that keeps only a share of its correction is mended by motions up to
             this, units of the size: it must not stand out from its neighbours.
+        solving: Share of a window's work that solving is taken to be, for the progress that is
+            told; judging and what goes again are the rest.
         ways: Which other ways through strained frames are taken.
         windows: Numbers of the stages of a window.
         mend: Numbers of the mending of that frame.
@@ -43,6 +45,7 @@ class ClipOptions(LayoutOptions):
     mend_share: float = 0.005
     windows: WindowOptions = field(default_factory=WindowOptions)
     mend: MendOptions = field(default_factory=MendOptions)
+    solving: float = 0.7
     ways: OtherWayOptions = field(default_factory=OtherWayOptions)
     inside_out: InsideOutOptions = field(default_factory=InsideOutOptions)
     borrow: BorrowingOptions = field(default_factory=BorrowingOptions)

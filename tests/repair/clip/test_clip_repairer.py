@@ -288,4 +288,5 @@ def test_a_window_of_frames_tells_how_far_it_is() -> None:
     poses = ((float(time), [pose]) for time, pose in enumerate(frames[10:20]))
     assert sum(1 for _ in animator.stream(poses, jobs=1, progress=told.append)) == 10
     assert len(told) > 3 and told == sorted(told)
-    assert 0.0 < told[0] and told[-1] <= 10
+    # What judges the solved frames and starts some of them again is still to come.
+    assert 0.0 < told[0] and told[-1] < 10

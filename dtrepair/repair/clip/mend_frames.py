@@ -12,6 +12,7 @@ from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.frame.frame_options import Chain
 from dtrepair.repair.frame.lending import Loan, disagreement
 from dtrepair.repair.scene.bodies import STIFF
+from dtrepair.repair.surface.surface import Surface
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +88,8 @@ class LendFramesOptions:
         apart: Displacements of neighbours that differ by more, rms, units of the size, may be of
             two ways out: the one that distorts less is tried in both.
         rounds: Times that every second frame is looked at for that.
+        nearer: Clothes whose push came clean are relaxed all the same, where they then move by less
+            than this part of it on average.
         stiff: Diffusion from which on a body is stiff.
         hopeless, hopeless_after: Pushing ends where after so many sweeps more than this share is
             dirty: little of it would come clean.
@@ -95,6 +98,7 @@ class LendFramesOptions:
     share: float = 0.2
     apart: float = 0.004
     rounds: int = 4
+    nearer: float = 0.7
     stiff: float = STIFF
     hopeless: float = 0.5
     hopeless_after: int = 14
@@ -105,10 +109,35 @@ def is_stuck(state: WindowState, *, options: LendFramesOptions = LendFramesOptio
 
     Stiff bodies, which turn as wholes, are no better off alone, nor are attached parts.
     """
+    return _lends(state.surface, options) and _dirty_share(state) > options.share
+
+
+def lend_nearer(state: WindowState, *, options: LendFramesOptions = LendFramesOptions()) -> bool:
+    """Relax frames of clothes over bodies as those of a stuck push; return whether that is kept.
+
+    Pushing leads clothes along as wholes. What does not end clearly nearer to the input, as hair
+    that nothing pulls back, stays as it was pushed.
+    """
     surface = state.surface
+    if not (surface.clusters > 1 and surface.sheets.any() and _lends(surface, options)):
+        return False
+    pushed, moved = state.snapshot(), _moved(state)
+    lend_frames(state, options=options)
+    if state.dirty or _moved(state) > options.nearer * moved:
+        state.restore(pushed)
+        return False
+    return True
+
+
+def _lends(surface: Surface, options: LendFramesOptions) -> bool:
+    """Return whether frames may be solved each for itself."""
     soft = not any(body.rigid or body.diffusion >= options.stiff for body in surface.bodies)
-    alone = surface.ties is None and (surface.clusters == 1 or soft)
-    return alone and _dirty_share(state) > options.share
+    return surface.ties is None and (surface.clusters == 1 or soft)
+
+
+def _moved(state: WindowState) -> float:
+    """Return how far vertices are from the input on average, units of the size."""
+    return float(np.linalg.norm(state.poses - state.original, axis=2).mean())
 
 
 def is_hopeless(state: WindowState, sweeps: int, *, options: LendFramesOptions) -> bool:

@@ -16,6 +16,7 @@ from dtrepair.repair.clip.mend_frames import (
     is_hopeless,
     is_stuck,
     lend_frames,
+    lend_nearer,
     mend_frames,
 )
 from dtrepair.repair.clip.restore_shape import (
@@ -209,6 +210,8 @@ class WindowMethod:
         stuck = self.clearance == 0.0 and is_stuck(state, options=options.lend)
         if stuck:
             lend_frames(state, options=options.lend)
+        elif self.clearance == 0.0 and lend_nearer(state, options=options.lend):
+            stuck = True
         elif not tied:
             mend_frames(state, effort=self.effort, options=options.mend)
         state.given_up = frozenset(state.dirty)

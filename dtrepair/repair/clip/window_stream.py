@@ -134,9 +134,9 @@ class WindowStream:
         own, opened = inside_out(meshes, frames, self._solve, self._side_by_side, options=ways)
         poses = self._solve(own.scene, own([frame.sewn for frame in frames]), opened)
         solving, rest = self.options.solving, 1.0 - self.options.solving
-        self._tell(solving, frames)
+        self._tell(solving, len(frames))
         poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
-        self._tell(solving + rest / 3, frames)
+        self._tell(solving + rest / 3, len(frames))
         alone = partial(solved_pose, scene, meshes, options=numbers)
         again = started_again(
             scene,
@@ -149,15 +149,15 @@ class WindowStream:
             options=self.options.borrow,
         )
         times = np.array([frame.time for frame in frames])
-        self._tell(solving + 2 * rest / 3, frames)
+        self._tell(solving + 2 * rest / 3, len(frames))
         options = self.options.agree
         again = agreed(scene, mesh, frames, poses, again, times, jobs=self.jobs, options=options)
         return bounded_frames(scene, frames, again, times, options=numbers.share)
 
-    def _tell(self, share: float, frames: Sequence[Any]) -> None:
-        """Tell that this share of a window's work is done."""
+    def _tell(self, share: float, frames: int) -> None:
+        """Tell that this share of the work on so many frames is done."""
         if self.progress is not None:
-            self.progress(share * len(frames))
+            self.progress(share * frames)
 
     def _verified(self, frames: list[Frame], poses: list[FloatArray]) -> list[IntArray]:
         """Return the pairs of the poses, exactly, on the float32 coordinates of the results."""
@@ -240,10 +240,11 @@ class WindowStream:
     ) -> list[FloatArray] | None:
         """Return repaired poses (V, 3) of starts (T, V, 3); None where `unless` ended it."""
         unit = np.stack([mesh.reduced(start) for start in starts])
-        jobs = worthwhile_jobs(self.jobs, len(starts), len(mesh.surface.faces))
+        count = len(unit)
+        jobs = worthwhile_jobs(self.jobs, count, len(mesh.surface.faces))
 
         def solved(pool: WorkerPool) -> FloatArray | None:
-            pool.progress = lambda done: self._tell(self.options.solving * done / len(unit), unit)
+            pool.progress = lambda done: self._tell(self.options.solving * done / count, count)
             return self.make_method(mesh)(unit, times, pool, unless=unless)
 
         found = with_workers(mesh.surface, jobs, solved)

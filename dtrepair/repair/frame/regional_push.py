@@ -12,6 +12,7 @@ from dtrepair.repair.full.directions import (
     DirectionOptions,
     tangent_point_gradient,
     volume_gradient,
+    without_beside,
 )
 from dtrepair.repair.surface.defects import contact_regions
 from dtrepair.repair.surface.surface import BoolArray, Surface
@@ -59,17 +60,20 @@ def regional_push(
     of_pair = regions[surface.faces[far[:, 0], 0]]
     sizes = np.bincount(of_pair, minlength=count)
     limits = np.clip(options.share * surface.edge_length * np.sqrt(sizes), options.least, step)
+    sides = surface.covering_sides(far)
     gradient = tangent_point_gradient(
         points,
         surface.faces,
         far,
         1.0 / sizes[of_pair],
         direction=surface.face_direction,
-        sides=surface.covering_sides(far),
+        sides=sides,
     )
     fields = [gradient]
     buried = _buried(surface, pairs[~pushed], winding, options)
     buried *= (sizes > 0)[regions]
+    if sides is not None:
+        buried = without_beside(surface, buried, regions, far, sides)
     if buried.any():
         fields.append(volume_gradient(surface, points, buried, count, regions))
     smooth = surface.diffuse(np.concatenate(fields, axis=1), points)

@@ -91,6 +91,24 @@ def facing_sides(
     return result
 
 
+def without_beside(
+    surface: Surface, buried: FloatArray, regions: IntArray, pairs: IntArray, sides: FloatArray
+) -> FloatArray:
+    """Return how deep vertices (V,) are, sheets only where they cover what they are in.
+
+    A sheet has no inside: of a skirt that a hand pokes through, the few vertices in the fingers
+    would be led out as from the thigh that it covers. regions: the contact region of each vertex;
+    pairs, sides (K, 2): see `covering_sides`.
+    """
+    open_ones = np.zeros(surface.count, dtype=bool)
+    open_ones[surface.faces[surface.sheets]] = True
+    own = regions[surface.faces[pairs[:, 0], 0]]
+    beside = np.zeros(int(regions.max(initial=-1)) + 2, dtype=bool)  # the last one: outside
+    beside[own] = True
+    beside[own[(sides < 0.0).any(axis=1)]] = False
+    return np.where(open_ones & beside[regions], 0.0, buried)
+
+
 def _steered(
     normal: FloatArray, own: FloatArray, other: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

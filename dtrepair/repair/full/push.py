@@ -14,6 +14,7 @@ from dtrepair.repair.full.directions import (
     facing_sides,
     tangent_point_gradient,
     volume_gradient,
+    without_beside,
 )
 from dtrepair.repair.surface.defects import contact_regions, near_contacts
 from dtrepair.repair.surface.surface import Surface
@@ -215,8 +216,11 @@ def _direction(
             points, surface.faces, far, weights, direction=surface.face_direction, sides=sides
         )
     ]
-    if volume and contacts.buried.any() and not options.facing:
-        fields.append(volume_gradient(surface, points, contacts.buried, count, regions))
+    buried = contacts.buried
+    if sides is not None:
+        buried = without_beside(surface, buried, regions, far, sides)
+    if volume and buried.any() and not options.facing:
+        fields.append(volume_gradient(surface, points, buried, count, regions))
     smooth = surface.diffuse(np.concatenate(fields, axis=1), points) * surface.mobility[:, None]
     total = np.zeros_like(points)
     sizes = (1.0, options.volume_weight)

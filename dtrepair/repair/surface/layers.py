@@ -17,11 +17,13 @@ from scipy.spatial import cKDTree
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
+    dots,
     extent,
     extents,
     lengths,
     unit_vectors,
 )
+from dtrepair.numerics.worn.beside import in_front
 from dtrepair.numerics.worn.covering import Covering
 
 
@@ -92,14 +94,29 @@ class Label(NamedTuple):
     Args:
         of: The body, or the part, of each vertex (V,).
         reach: Length (V,), at rest, in which a vertex's layer may have slid over what it covers.
+        beside: Keys (N,), label x V + vertex, ascending, of what lies outside of all that has a
+            label, at rest: a hand beside a skirt.
     """
 
     of: NDArray[np.signedinteger]
     reach: FloatArray
+    beside: NDArray[np.int64]
+
+    def has_beside(
+        self, own: NDArray[np.signedinteger], vertices: IntArray, count: int
+    ) -> NDArray[np.bool_]:
+        """Return which vertices (K, 3) of `count` lie outside of what has the labels (K, 1)."""
+        if len(self.beside) == 0:
+            return np.zeros(vertices.shape, dtype=bool)
+        keys = own * count + vertices
+        place = np.minimum(np.searchsorted(self.beside, keys), len(self.beside) - 1)
+        return np.asarray(self.beside[place] == keys)
 
 
 def labels_of(
     rest: FloatArray,
+    normals: FloatArray,
+    edges: IntArray,
     cover: IntArray,
     body_of_vertex: NDArray[np.signedinteger],
     covering: Covering | None,
@@ -110,6 +127,8 @@ def labels_of(
 
     Args:
         rest: Rest positions (V, 3).
+        normals: Normals (V, 3) there, of any length.
+        edges: Edges (E, 2).
         cover: The vertex (V,) that each one covers, or -1.
         body_of_vertex: The body of each vertex (V,).
         covering: What open layers cover; None: nothing is known.
@@ -120,19 +139,47 @@ def labels_of(
         # What is of no layer is alone: no two of such vertices are of one part.
         part = covering.part
         owners.append(np.where(part > 0, part, -2 - np.arange(len(part))))
-    return [_label(rest, cover, owner, slide) for owner in owners]
+    layer = _Layer(rest, unit_vectors(normals), _spacing(rest, edges), cover)
+    return [_label(layer, owner, slide) for owner in owners]
 
 
-def _label(rest: FloatArray, cover: IntArray, of: NDArray[np.signedinteger], slide: float) -> Label:
+class _Layer(NamedTuple):
+    """The rest (V, 3), unit normals and spacing there, and what each vertex covers or -1."""
+
+    rest: FloatArray
+    normals: FloatArray
+    spacing: FloatArray
+    cover: IntArray
+
+
+def _label(layer: _Layer, of: NDArray[np.signedinteger], slide: float) -> Label:
     """Return the label of what vertices (V,) belong to."""
-    owner = np.unique(of, return_inverse=True)[1].reshape(-1)
+    rest, cover = layer.rest, layer.cover
+    owner = np.unique(of, return_inverse=True)[1].reshape(-1).astype(np.int64)
     sizes = extents(rest, owner)[owner]
     reach = np.zeros(len(rest))
     covers = np.flatnonzero(cover >= 0)
     beneath = cover[covers]
     reach[covers] = lengths(rest[covers] - rest[beneath])
     reach[covers] += slide * np.minimum(sizes[covers], sizes[beneath])
-    return Label(of, reach)
+    several = np.bincount(owner)[owner[covers]] > 1
+    beside = [_beside(layer, owner, own) for own in np.unique(owner[covers][several])]
+    return Label(owner, reach, np.concatenate([np.zeros(0, np.int64), *beside]))
+
+
+def _beside(layer: _Layer, owner: NDArray[np.int64], own: int) -> NDArray[np.int64]:
+    """Return the keys (N,) of what lies outside of all that belongs to one owner (V,).
+
+    Asked of what it covers somewhere only.
+    """
+    rest = layer.rest
+    covers = np.flatnonzero((layer.cover >= 0) & (owner == own))
+    beneath = layer.cover[covers]
+    asked = np.flatnonzero(np.isin(owner, owner[beneath]) & (owner != own))
+    normals = layer.normals[covers]
+    outward = np.where(dots(normals, rest[covers] - rest[beneath])[:, None] < 0, -normals, normals)
+    found = in_front(rest[asked], rest[covers], outward, layer.spacing[covers])
+    return own * len(rest) + asked[found]
 
 
 def covering_sides(
@@ -142,7 +189,8 @@ def covering_sides(
 
     None where nothing covers anything. A triangle covers nothing of its own label, nor what lay
     out of reach of what it covers at rest (V, 3): a vest covers the chest of a shirt, and the arms
-    of the shirt that lean on it are no more than beside it. `cover` (V,): see `covered_vertices`.
+    of the shirt that lean on it are no more than beside it, as is a hand that hangs outside of a
+    skirt. `cover` (V,): see `covered_vertices`.
     """
     if not (cover >= 0).any():
         return None
@@ -153,10 +201,13 @@ def covering_sides(
             corners = faces[pairs[:, mine]]
             covered, own = cover[corners], label.of[corners[:, 0]]
             beneath = np.where(covered >= 0, label.of[covered], -1)
-            of_other = label.of[faces[pairs[:, other], 0]]
+            others = faces[pairs[:, other]]
+            of_other = label.of[others[:, 0]]
+            outside = label.has_beside(own[:, None], others, len(rest)).any(axis=1)
             apart = np.linalg.norm(rest[covered] - middles[:, other, None], axis=2)
             near = (apart <= label.reach[corners]).any(axis=1)
             covers = (beneath == of_other[:, None]).all(axis=1) & (of_other != own) & near
+            covers &= ~outside
             sides[covers, mine] = -1.0
     return sides
 

@@ -274,7 +274,8 @@ class Surface(Topology):
     def _labels(self) -> list[Label]:
         """What each vertex belongs to: its body, and its part where layers are known."""
         slide, owner = self.options.covered_slide, self.body_of_vertex
-        return labels_of(self.rest, self.cover, owner, self.covering, slide=slide)
+        normals, known = self.vector_areas(self.rest), self.covering
+        return labels_of(self.rest, normals, self.edges, self.cover, owner, known, slide=slide)
 
     def _covered_bodies(self) -> IntArray:
         """Return the vertex (V,) of another body that each vertex covers at rest, or -1."""

@@ -16,6 +16,7 @@ from dtrepair.repair.clip.mend_frames import (
     _disputed,
     is_stuck,
     lend_frames,
+    lend_nearer,
     mend_frames,
 )
 from dtrepair.repair.clip.window_method import Phase, PushFramesOptions, push_frames
@@ -24,7 +25,9 @@ from dtrepair.repair.frame.lending import Loan, carried
 from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import BodyRange, Surface
+from tests.meshes import joined
 from tests.repair.clip.test_clip_repairer import swing
+from tests.repair.surface.test_layers import arm, limb, open_sleeve
 
 
 @pytest.fixture
@@ -93,6 +96,42 @@ def test_bodies_are_solved_frame_by_frame_unless_one_is_stiff(
     assert two.dirty
     soft = diffusion < 300.0 and not rigid
     assert is_stuck(two, options=LendFramesOptions(share=0.0)) == soft
+
+
+@pytest.fixture
+def dressed() -> WindowState:
+    """A finger that pokes through the sleeve of its arm and leaves again, pushed out of it."""
+    (rest, faces), count = joined(limb(0.5), open_sleeve()), len(limb(0.5)[0])
+    surface = Surface(
+        rest, faces, bodies=[BodyRange(0, count, 99.0), BodyRange(count, len(rest), 99.0)]
+    )
+    frames = np.repeat(rest[None], 8, axis=0)
+    finger = slice(len(arm()[0]), count)
+    frames[:, finger, 0] -= 0.24 + 0.06 * np.sin(np.linspace(0.0, np.pi, 8))[:, None]
+    times = np.arange(8.0)
+    state = WindowState(surface, frames / surface.size, times, WorkerPool(), alone=solve_alone)
+    assert state.dirty
+    push_frames(state)
+    assert not state.dirty
+    return state
+
+
+def test_clothes_that_a_push_led_along_are_relaxed(dressed: WindowState) -> None:
+    pushed = np.linalg.norm(dressed.poses - dressed.original, axis=2)
+    assert lend_nearer(dressed, options=LendFramesOptions(nearer=1.0))
+    relaxed = np.linalg.norm(dressed.poses - dressed.original, axis=2)
+    assert not dressed.dirty and relaxed.mean() < pushed.mean()
+
+
+def test_what_does_not_end_nearer_stays_as_it_was_pushed(dressed: WindowState) -> None:
+    pushed = dressed.poses.copy()
+    assert not lend_nearer(dressed, options=LendFramesOptions(nearer=0.0))
+    assert np.abs(dressed.poses - pushed).max() < 1e-12
+
+
+def test_frames_without_clothes_are_not_relaxed_alone(state: WindowState) -> None:
+    assert not lend_nearer(state, options=LendFramesOptions(nearer=np.inf))
+    assert (state.poses == state.original).all()
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,13 @@ def cape() -> Mesh:
     return points, faces if normal @ points[faces[0, 0]] > 0 else faces[:, ::-1].copy()
 
 
+def limb(tip: float) -> Mesh:
+    """The arm, and a finger of the same limb that points at it from beside, up to x = tip."""
+    (points, faces), (finger, others) = arm(), icosphere(2)
+    finger = finger * [0.25, 0.025, 0.025] + [tip + 0.25, 0.0, 0.0]
+    return joined((points, faces), (finger, others))
+
+
 COVERS = {"open": open_sleeve, "thick": thick_sleeve, "cape": cape}
 
 
@@ -109,6 +116,32 @@ def test_what_lay_elsewhere_is_beside_a_layer_not_beneath_it() -> None:
     _, far = beneath_and_far(surface, of_sleeve)
     sides = sides_of(surface, np.array([[far, of_sleeve]]))
     assert sides is not None and sides.tolist() == [[1.0, 1.0]]
+
+
+def test_what_hung_outside_of_a_layer_is_beside_it_however_near() -> None:
+    surface = surface_of(limb(0.35), open_sleeve())
+    middles = surface.rest[surface.faces].mean(axis=1) * surface.size
+    of_sleeve = np.flatnonzero(surface.body_of == 1)
+    near = of_sleeve[np.abs(middles[of_sleeve] - [0.24, 0.0, 0.0]).sum(axis=1).argmin()]
+    tip = int(np.abs(middles - [0.35, 0.0, 0.0]).sum(axis=1).argmin())
+    skin = int(np.abs(middles[: len(arm()[1])] - [0.2, 0.0, 0.0]).sum(axis=1).argmin())
+    sides = sides_of(surface, np.array([[tip, near], [skin, near]]))
+    assert sides is not None and sides.tolist() == [[1.0, 1.0], [1.0, -1.0]]
+
+
+def test_a_finger_through_a_sleeve_is_led_back_and_the_sleeve_stays() -> None:
+    rest, faces = limb(0.5)
+    sleeve, count = open_sleeve(), len(arm()[0])
+    # The vertices of the sleeve in the finger cover the arm: they are not beneath it.
+    for depth in (0.02, 0.03):
+        pose = rest.copy()
+        pose[count:, 0] -= 0.5 - (0.24 - depth)
+        repairer = SceneRepairer([Body(rest, faces), Body(*sleeve)])
+        results = repairer([pose, sleeve[0]])
+        after = [(own.points, each) for own, each in zip(results, (faces, sleeve[1]), strict=True)]
+        assert results[0].before.pairs > 0 and len(exact_pairs(*joined(*after))) == 0
+        assert results[0].displacement_max < 0.6 * depth
+        assert results[1].displacement_max < 0.1 * depth
 
 
 def test_only_the_far_side_of_a_thick_sleeve_covers() -> None:

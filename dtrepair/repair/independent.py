@@ -31,6 +31,7 @@ from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_th
 from dtrepair.repair.separation.penetration import BodyShape, find_inside
 from dtrepair.repair.separation.release import ReleaseOptions, released
 from dtrepair.repair.separation.separation import SeparationOptions, separated_frames
+from dtrepair.repair.separation.sunken import raised_frames
 from dtrepair.repair.separation.untangling import contact_counts, tangled_contacts
 from dtrepair.repair.strain.meter import StrainOptions
 from dtrepair.repair.strain.shares import ShareOptions
@@ -145,13 +146,13 @@ def solved_pose(
 
 
 def _start(scene: Scene, pose: OpenedPose, options: IndependentOptions) -> FloatArray:
-    """Return a pose (V, 3) with its enclosed parts led out, and its layers lifted."""
+    """Return a pose (V, 3) with its enclosed and sunken parts led out, and its layers lifted."""
     start = pose.centred
     if len(pose.enclosed):
         start = released(scene, start, not_worn(scene, pose.enclosed), options=options.release)
-    met = parts_that_meet(scene, pose.pairs, pose.enclosed)
-    frames = lifted_frames(scene, start[None], [met], np.zeros(1), options=options.lift)
-    lifted: FloatArray = frames[0]
+    met, one = parts_that_meet(scene, pose.pairs, pose.enclosed), np.zeros(1)
+    frames = raised_frames(scene, start[None], [pose.pairs], one)
+    lifted: FloatArray = lifted_frames(scene, frames, [met], one, options=options.lift)[0]
     return lifted
 
 

@@ -8,9 +8,9 @@ from scipy.spatial import cKDTree
 
 from dtrepair.numerics.geometry import FloatArray, dots, lengths
 
-# What a layer lies over is seen from its vertices at a flatter angle than this, as a sine: above a
-# neckline the skin is beside the rim, not in front of it.
-STEEP = 0.5
+# Least cosine between the way from the layer and its normal: above a neckline the skin lies beyond
+# the rim, not in front of it.
+STEEP = 0.8
 
 
 def in_front(

@@ -94,19 +94,18 @@ def facing_sides(
 def without_beside(
     surface: Surface, buried: FloatArray, regions: IntArray, pairs: IntArray, sides: FloatArray
 ) -> FloatArray:
-    """Return how deep vertices (V,) are, sheets only where they cover what they are in.
+    """Return how deep vertices (V,) are, those of covering sheets only in what they cover.
 
-    A sheet has no inside: of a skirt that a hand pokes through, the few vertices in the fingers
-    would be led out as from the thigh that it covers. regions: the contact region of each vertex;
-    pairs, sides (K, 2): see `covering_sides`.
+    Of a skirt that a hand pokes through, the few vertices in the fingers would be led out as from
+    the thigh that it covers; a sheet has no inside that tells another way. regions: the contact
+    region of each vertex; pairs, sides (K, 2): see `covering_sides`.
     """
-    open_ones = np.zeros(surface.count, dtype=bool)
-    open_ones[surface.faces[surface.sheets]] = True
+    covering = surface.vertices_of(np.flatnonzero(surface.sheets)) & (surface.cover >= 0)
     own = regions[surface.faces[pairs[:, 0], 0]]
     beside = np.zeros(int(regions.max(initial=-1)) + 2, dtype=bool)  # the last one: outside
     beside[own] = True
     beside[own[(sides < 0.0).any(axis=1)]] = False
-    return np.where(open_ones & beside[regions], 0.0, buried)
+    return np.where(covering & beside[regions], 0.0, buried)
 
 
 def _steered(

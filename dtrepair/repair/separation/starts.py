@@ -14,6 +14,7 @@ from dtrepair.repair.separation.layer_lift import LiftOptions
 from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_that_meet
 from dtrepair.repair.separation.release import ReleaseOptions, released_frames
 from dtrepair.repair.separation.separation import SeparationOptions, separated_frames
+from dtrepair.repair.separation.sunken import raised_frames
 from dtrepair.repair.separation.untangling import contact_counts, tangled_contacts
 
 
@@ -46,6 +47,7 @@ class Starts:
         if any(len(frame.enclosed) for frame in frames):
             enclosed = [not_worn(scene, frame.enclosed) for frame in frames]
             starts = released_frames(scene, starts, enclosed, times, options=release)
+        starts = raised_frames(scene, starts, self.pairs, times)
         met = [parts_that_meet(scene, frame.pairs, frame.enclosed) for frame in frames]
         self.lifted = lifted_frames(scene, starts, met, times, options=lift)
         # Poses (T, V, 3).

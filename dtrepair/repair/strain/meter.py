@@ -189,6 +189,9 @@ class StrainMeter:
         options = self.options
         drift = self.parts.tie_changes(before, after) / size
         slide = options.slide * (options.aim if strict else 1.0)
+        if self.references and drift.max() > slide:
+            # What goes back to where it was modelled has not come off.
+            drift = np.fmin(drift, changes(self._modelled, self.parts.tie_offsets(after) / size))
         if drift.max() <= min(options.drift, options.joint, slide):
             return []
         held = ~self.let_go(before, options.joint)

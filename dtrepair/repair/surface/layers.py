@@ -94,8 +94,8 @@ class Label(NamedTuple):
     Args:
         of: The body, or the part, of each vertex (V,).
         reach: Length (V,), at rest, in which a vertex's layer may have slid over what it covers.
-        beside: Keys (N,), label x V + vertex, ascending, of what lies outside of all that has a
-            label, at rest: a hand beside a skirt.
+        beside: Keys (N,), label x V + vertex, ascending, of what lies outside of all sheets that
+            have a label, at rest: a hand beside a skirt.
     """
 
     of: NDArray[np.signedinteger]
@@ -117,6 +117,7 @@ def labels_of(
     rest: FloatArray,
     normals: FloatArray,
     edges: IntArray,
+    sheet: NDArray[np.bool_],
     cover: IntArray,
     body_of_vertex: NDArray[np.signedinteger],
     covering: Covering | None,
@@ -129,6 +130,7 @@ def labels_of(
         rest: Rest positions (V, 3).
         normals: Normals (V, 3) there, of any length.
         edges: Edges (E, 2).
+        sheet: Which vertices (V,) are of open parts.
         cover: The vertex (V,) that each one covers, or -1.
         body_of_vertex: The body of each vertex (V,).
         covering: What open layers cover; None: nothing is known.
@@ -139,16 +141,17 @@ def labels_of(
         # What is of no layer is alone: no two of such vertices are of one part.
         part = covering.part
         owners.append(np.where(part > 0, part, -2 - np.arange(len(part))))
-    layer = _Layer(rest, unit_vectors(normals), _spacing(rest, edges), cover)
+    layer = _Layer(rest, unit_vectors(normals), _spacing(rest, edges), sheet, cover)
     return [_label(layer, owner, slide) for owner in owners]
 
 
 class _Layer(NamedTuple):
-    """The rest (V, 3), unit normals and spacing there, and what each vertex covers or -1."""
+    """The rest (V, 3), unit normals and spacing there, sheets, and what vertices cover or -1."""
 
     rest: FloatArray
     normals: FloatArray
     spacing: FloatArray
+    sheet: NDArray[np.bool_]
     cover: IntArray
 
 
@@ -162,8 +165,8 @@ def _label(layer: _Layer, of: NDArray[np.signedinteger], slide: float) -> Label:
     beneath = cover[covers]
     reach[covers] = lengths(rest[covers] - rest[beneath])
     reach[covers] += slide * np.minimum(sizes[covers], sizes[beneath])
-    several = np.bincount(owner)[owner[covers]] > 1
-    beside = [_beside(layer, owner, own) for own in np.unique(owner[covers][several])]
+    several = (np.bincount(owner)[owner[covers]] > 1) & layer.sheet[covers]
+    beside = [_beside(layer, owner, own) for own in np.unique(owner[covers[several]])]
     return Label(owner, reach, np.concatenate([np.zeros(0, np.int64), *beside]))
 
 

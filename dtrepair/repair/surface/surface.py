@@ -274,8 +274,9 @@ class Surface(Topology):
     def _labels(self) -> list[Label]:
         """What each vertex belongs to: its body, and its part where layers are known."""
         slide, owner = self.options.covered_slide, self.body_of_vertex
-        normals, known = self.vector_areas(self.rest), self.covering
-        return labels_of(self.rest, normals, self.edges, self.cover, owner, known, slide=slide)
+        sheet = self.vertices_of(np.flatnonzero(self.sheets))
+        shape = self.rest, self.vector_areas(self.rest), self.edges, sheet
+        return labels_of(*shape, self.cover, owner, self.covering, slide=slide)
 
     def _covered_bodies(self) -> IntArray:
         """Return the vertex (V,) of another body that each vertex covers at rest, or -1."""

@@ -31,7 +31,7 @@ from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_th
 from dtrepair.repair.separation.penetration import BodyShape, find_inside
 from dtrepair.repair.separation.release import ReleaseOptions, released
 from dtrepair.repair.separation.separation import SeparationOptions, separated_frames
-from dtrepair.repair.separation.sunken import raised_frames
+from dtrepair.repair.separation.sunken import SunkenOptions, raised_frames
 from dtrepair.repair.separation.untangling import contact_counts, tangled_contacts
 from dtrepair.repair.strain.meter import StrainOptions
 from dtrepair.repair.strain.shares import ShareOptions
@@ -57,7 +57,8 @@ class IndependentOptions:
         approach: How what is strained or has pairs all the same is led in from the rest.
         share: How the share of a correction is found that does not do more.
         release: How enclosed parts are led out.
-        lift: How layers are led back over what came through them.
+        lift, sunken: How layers are led back over what came through them, and parts out of what
+            they sit on.
         separation: How bodies that penetrate each other are led apart.
         full: Numbers of the full method.
         paper: Numbers of the published method; None: `PaperOptions()`.
@@ -74,6 +75,7 @@ class IndependentOptions:
     share: ShareOptions = field(default_factory=ShareOptions)
     release: ReleaseOptions = field(default_factory=ReleaseOptions)
     lift: LiftOptions = field(default_factory=LiftOptions)
+    sunken: SunkenOptions = field(default_factory=SunkenOptions)
     separation: SeparationOptions = field(default_factory=SeparationOptions)
     full: FullOptions = field(default_factory=FullOptions)
     paper: PaperOptions | None = None
@@ -151,7 +153,7 @@ def _start(scene: Scene, pose: OpenedPose, options: IndependentOptions) -> Float
     if len(pose.enclosed):
         start = released(scene, start, not_worn(scene, pose.enclosed), options=options.release)
     met, one = parts_that_meet(scene, pose.pairs, pose.enclosed), np.zeros(1)
-    frames = raised_frames(scene, start[None], [pose.pairs], one)
+    frames = raised_frames(scene, start[None], [pose.pairs], one, options=options.sunken)
     lifted: FloatArray = lifted_frames(scene, frames, [met], one, options=options.lift)[0]
     return lifted
 

@@ -113,13 +113,14 @@ def is_stuck(state: WindowState, *, options: LendFramesOptions = LendFramesOptio
 
 
 def lend_nearer(state: WindowState, *, options: LendFramesOptions = LendFramesOptions()) -> bool:
-    """Relax frames of clothes over bodies as those of a stuck push; return whether that is kept.
+    """Relax frames of open layers over bodies as after a stuck push; return whether that is kept.
 
     Pushing leads clothes along as wholes. What does not end clearly nearer to the input, as hair
     that nothing pulls back, stays as it was pushed.
     """
     surface = state.surface
-    if not (surface.clusters > 1 and surface.sheets.any() and _lends(surface, options)):
+    clothes = surface.covering is not None and surface.clusters > 1
+    if not (clothes and _lends(surface, options)) or surface.direction is not None:
         return False
     pushed, moved = state.snapshot(), _moved(state)
     lend_frames(state, options=options)

@@ -154,7 +154,7 @@ class WindowStream:
         again = agreed(scene, mesh, frames, poses, again, times, jobs=self.jobs, options=options)
         return bounded_frames(scene, frames, again, times, options=numbers.share)
 
-    def _tell(self, share: float, frames: int) -> None:
+    def _tell(self, share: float, frames: float) -> None:
         """Tell that this share of the work on so many frames is done."""
         if self.progress is not None:
             self.progress(share * frames)
@@ -187,6 +187,7 @@ class WindowStream:
             times,
             release=options.release,
             lift=options.lift,
+            sunken=options.sunken,
             separation=options.separation,
         )
         if mesh.surface.ties is not None:
@@ -240,11 +241,10 @@ class WindowStream:
     ) -> list[FloatArray] | None:
         """Return repaired poses (V, 3) of starts (T, V, 3); None where `unless` ended it."""
         unit = np.stack([mesh.reduced(start) for start in starts])
-        count = len(unit)
-        jobs = worthwhile_jobs(self.jobs, count, len(mesh.surface.faces))
+        jobs = worthwhile_jobs(self.jobs, len(starts), len(mesh.surface.faces))
 
         def solved(pool: WorkerPool) -> FloatArray | None:
-            pool.progress = lambda done: self._tell(self.options.solving * done / count, count)
+            pool.progress = lambda done: self._tell(self.options.solving, done)
             return self.make_method(mesh)(unit, times, pool, unless=unless)
 
         found = with_workers(mesh.surface, jobs, solved)

@@ -94,11 +94,11 @@ def facing_sides(
 def without_beside(
     surface: Surface, buried: FloatArray, regions: IntArray, pairs: IntArray, sides: FloatArray
 ) -> FloatArray:
-    """Return how deep vertices (V,) are, those of covering sheets only in what they cover.
+    """Return how deep vertices (V,) are, those of covering sheets where they cover something.
 
     Of a skirt that a hand pokes through, the few vertices in the fingers would be led out as from
-    the thigh that it covers; a sheet has no inside that tells another way. regions: the contact
-    region of each vertex; pairs, sides (K, 2): see `covering_sides`.
+    the thigh that it covers; a sheet has no inside that tells another way. Contact regions count as
+    wholes. regions: that of each vertex; pairs, sides (K, 2): see `covering_sides`.
     """
     covering = surface.vertices_of(np.flatnonzero(surface.sheets)) & (surface.cover >= 0)
     own = regions[surface.faces[pairs[:, 0], 0]]

@@ -216,11 +216,12 @@ def _direction(
             points, surface.faces, far, weights, direction=surface.face_direction, sides=sides
         )
     ]
-    buried = contacts.buried
-    if sides is not None:
-        buried = without_beside(surface, buried, regions, far, sides)
-    if volume and buried.any() and not options.facing:
-        fields.append(volume_gradient(surface, points, buried, count, regions))
+    if volume and not options.facing:
+        buried = contacts.buried
+        if sides is not None:
+            buried = without_beside(surface, buried, regions, far, sides)
+        if buried.any():
+            fields.append(volume_gradient(surface, points, buried, count, regions))
     smooth = surface.diffuse(np.concatenate(fields, axis=1), points) * surface.mobility[:, None]
     total = np.zeros_like(points)
     sizes = (1.0, options.volume_weight)

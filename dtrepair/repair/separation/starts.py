@@ -14,7 +14,7 @@ from dtrepair.repair.separation.layer_lift import LiftOptions
 from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_that_meet
 from dtrepair.repair.separation.release import ReleaseOptions, released_frames
 from dtrepair.repair.separation.separation import SeparationOptions, separated_frames
-from dtrepair.repair.separation.sunken import raised_frames
+from dtrepair.repair.separation.sunken import SunkenOptions, raised_frames
 from dtrepair.repair.separation.untangling import contact_counts, tangled_contacts
 
 
@@ -27,6 +27,7 @@ class Starts:
         times: Times (T,) in frame units.
         release: How enclosed parts are led out.
         lift: How layers are led back over what came through them.
+        sunken: How parts that sank into what they sit on are led out.
         separation: How bodies that penetrate each other are led apart.
     """
 
@@ -39,6 +40,7 @@ class Starts:
         *,
         release: ReleaseOptions = ReleaseOptions(),
         lift: LiftOptions = LiftOptions(),
+        sunken: SunkenOptions = SunkenOptions(),
         separation: SeparationOptions = SeparationOptions(),
     ) -> None:
         self.scene, self.mesh, self.times, self.separation = scene, mesh, times, separation
@@ -47,7 +49,7 @@ class Starts:
         if any(len(frame.enclosed) for frame in frames):
             enclosed = [not_worn(scene, frame.enclosed) for frame in frames]
             starts = released_frames(scene, starts, enclosed, times, options=release)
-        starts = raised_frames(scene, starts, self.pairs, times)
+        starts = raised_frames(scene, starts, self.pairs, times, options=sunken)
         met = [parts_that_meet(scene, frame.pairs, frame.enclosed) for frame in frames]
         self.lifted = lifted_frames(scene, starts, met, times, options=lift)
         # Poses (T, V, 3).

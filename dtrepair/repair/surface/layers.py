@@ -176,7 +176,7 @@ def _beside(layer: _Layer, owner: NDArray[np.int64], own: int) -> NDArray[np.int
     Asked of what it covers somewhere only.
     """
     rest = layer.rest
-    covers = np.flatnonzero((layer.cover >= 0) & (owner == own))
+    covers = np.flatnonzero((layer.cover >= 0) & layer.sheet & (owner == own))
     beneath = layer.cover[covers]
     asked = np.flatnonzero(np.isin(owner, owner[beneath]) & (owner != own))
     normals = layer.normals[covers]

@@ -21,6 +21,7 @@ MIDDLE = POINTS[:, 2].mean()
         ((0.2, 0.0, MIDDLE), False),  # the limb within
         ((RADIUS + 0.5 * SPACING, 0.0, MIDDLE), False),  # closer than the mesh tells
         ((0.26, 0.0, MIDDLE + 0.6), False),  # beyond its rim: of that it tells nothing
+        ((0.37, 0.0, POINTS[:, 2].max() + 0.1), False),  # beyond and beside, at 40 degrees
     ],
 )
 def test_what_lies_outside_of_a_tube(point: tuple[float, float, float], outside: bool) -> None:

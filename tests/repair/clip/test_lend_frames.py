@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dtrepair import Body, RepairOptions
 from dtrepair.intersect.detector import find_intersections
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.mend_frames import (
@@ -24,8 +25,9 @@ from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.frame.lending import Loan, carried
 from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.scene.make_scene import make_scene
+from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.surface.surface import BodyRange, Surface
-from tests.meshes import joined
 from tests.repair.clip.test_clip_repairer import swing
 from tests.repair.surface.test_layers import arm, limb, open_sleeve
 
@@ -98,22 +100,30 @@ def test_bodies_are_solved_frame_by_frame_unless_one_is_stiff(
     assert is_stuck(two, options=LendFramesOptions(share=0.0)) == soft
 
 
-@pytest.fixture
-def dressed() -> WindowState:
-    """A finger that pokes through the sleeve of its arm and leaves again, pushed out of it."""
-    (rest, faces), count = joined(limb(0.5), open_sleeve()), len(limb(0.5)[0])
-    surface = Surface(
-        rest, faces, bodies=[BodyRange(0, count, 99.0), BodyRange(count, len(rest), 99.0)]
-    )
-    frames = np.repeat(rest[None], 8, axis=0)
-    finger = slice(len(arm()[0]), count)
+def poked(*, layered: bool = True, direction: FloatArray | None = None) -> WindowState:
+    """A finger that pokes through the sleeve of its arm and leaves again, pushed out of it.
+
+    layered: whether it is known that the sleeve lies over the arm.
+    """
+    bodies = [Body(*limb(0.5), direction=direction), Body(*open_sleeve())]
+    scene = make_scene(bodies, RepairOptions())
+    surface = WeldedMeshes(scene)([scene.rest_weld]).surface
+    assert surface.covering is not None
+    if not layered:
+        surface.covering = None
+    frames = np.repeat(surface.rest[None] * surface.size, 8, axis=0)
+    finger = slice(len(arm()[0]), len(limb(0.5)[0]))
     frames[:, finger, 0] -= 0.24 + 0.06 * np.sin(np.linspace(0.0, np.pi, 8))[:, None]
     times = np.arange(8.0)
     state = WindowState(surface, frames / surface.size, times, WorkerPool(), alone=solve_alone)
     assert state.dirty
     push_frames(state)
-    assert not state.dirty
     return state
+
+
+@pytest.fixture
+def dressed() -> WindowState:
+    return poked()
 
 
 def test_clothes_that_a_push_led_along_are_relaxed(dressed: WindowState) -> None:
@@ -129,9 +139,12 @@ def test_what_does_not_end_nearer_stays_as_it_was_pushed(dressed: WindowState) -
     assert np.abs(dressed.poses - pushed).max() < 1e-12
 
 
-def test_frames_without_clothes_are_not_relaxed_alone(state: WindowState) -> None:
-    assert not lend_nearer(state, options=LendFramesOptions(nearer=np.inf))
-    assert (state.poses == state.original).all()
+def test_what_is_no_clothes_or_has_a_direction_is_not_relaxed_alone(state: WindowState) -> None:
+    directed = np.tile([1.0, 0.0, 0.0], (len(limb(0.5)[0]), 1))
+    for other in (state, poked(layered=False), poked(direction=directed)):
+        before = other.poses.copy()
+        assert not lend_nearer(other, options=LendFramesOptions(nearer=np.inf))
+        assert (other.poses == before).all()
 
 
 @pytest.mark.parametrize(

@@ -43,9 +43,9 @@ class ClipOptions(LayoutOptions):
     tighten: int = 3
     mend_step: float = 0.002
     mend_share: float = 0.005
+    solving: float = 0.7
     windows: WindowOptions = field(default_factory=WindowOptions)
     mend: MendOptions = field(default_factory=MendOptions)
-    solving: float = 0.7
     ways: OtherWayOptions = field(default_factory=OtherWayOptions)
     inside_out: InsideOutOptions = field(default_factory=InsideOutOptions)
     borrow: BorrowingOptions = field(default_factory=BorrowingOptions)

@@ -87,8 +87,8 @@ class Sitter(NamedTuple):
         height, normal = self.above(points)
         scale, flat = self.radius_in(points) / self.radius, float(np.linalg.norm(normal))
         missing = scale * self.height - height
-        # Where the host is folded nobody knows which way is out.
-        if flat <= options.folded:
+        # Where the host is folded nobody knows which way is out; a hidden part is a point.
+        if flat <= options.folded or scale == 0.0:
             return np.zeros(3)
         size = scale * self.size
         part = np.clip(missing / (options.sunk * size) - 1.0, 0.0, 1.0)

@@ -162,6 +162,13 @@ def test_what_goes_back_to_where_it_was_modelled_has_not_come_off() -> None:
     assert {own.kind for own in meter(modelled, sunk)} & {StrainKind.DRIFT, StrainKind.SLIDE}
 
 
+def test_a_part_that_is_hidden_in_a_point_stays() -> None:
+    (sitter,) = sitters(scene_of(plate(), pouch()))
+    hidden = lowered(0.0)[0]
+    hidden[len(plate()[0]) :] = 0.0
+    assert not sitter.way_out(hidden, SunkenOptions()).any()
+
+
 def test_what_rises_goes_no_farther_than_its_own_size() -> None:
     scene, poses = scene_of(plate(), pouch()), lowered(0.35)
     (sitter,) = sitters(scene)

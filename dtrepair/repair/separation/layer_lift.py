@@ -48,6 +48,8 @@ class LiftOptions:
         enclosed: Least winding number of an open inner part where a vertex is under it.
         wide: A region is led back where in some frame its way back is at most so many times its
             width and an edge.
+        left: And where a first lift leaves at most this share of its ways back: a leg that comes
+            out through a cape is never under it, however far the cape is raised.
         rounds: Lifts in turn, each for what still lies under.
         edges, depths: A lift fades out over so many mean edges, and so many depths.
         hold: Weight of the lifted vertices next to the smoothness of the others.
@@ -67,6 +69,7 @@ class LiftOptions:
     enclosed: float = 0.25
     turn: float = 0.25
     wide: float = 1.75
+    left: float = 0.5
     rounds: int = 4
     edges: float = 3.0
     depths: float = 2.0
@@ -166,6 +169,7 @@ class LayerLift:
         wide = np.zeros(len(self.own), dtype=bool)
         for index in np.flatnonzero(through):
             wide |= self._wide(poses[index])
+        wide &= self._led_back(poses[through], wide)
         before, last = np.inf, 0.0
         for width in self.options.widths if len(frames) > 1 else (0.0,):
             shifts = np.zeros((len(poses), len(self.own), 3))
@@ -238,6 +242,20 @@ class LayerLift:
         np.maximum.at(longest, region, lengths(needed[vertices]))
         under[vertices] = (longest <= self.options.wide * (width + self.edge))[region]
         return under
+
+    def _led_back(self, poses: FloatArray, wide: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return which vertices (n,) of poses (T, V, 3) are in regions that a lift leads back."""
+        ways = np.zeros((2, len(self.own)))
+        for pose in poses:
+            inner = self._inner(pose)
+            for way, own in zip(ways, (pose, self.moved(pose, self(pose, wide))), strict=True):
+                under, needed = self._under(own[self.own], own, inner)
+                way[under] += lengths(needed[under])
+        vertices, region = self._regions(ways.sum(axis=0) > 0.0)
+        before, after = (np.bincount(region, way[vertices]) for way in ways)
+        led = np.zeros(len(self.own), dtype=bool)
+        led[vertices] = (after <= self.options.left * before)[region]
+        return led
 
     def _regions(self, under: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return the vertices (N,) that went under, and the connected region (N,) of each."""

@@ -181,9 +181,34 @@ def test_a_few_vertices_are_not_led_far_unless_more_go_there_in_another_frame() 
     moved = np.linalg.norm(both[1] - creased, axis=1)[len(ARM[0]) :]
     assert moved[middle] > 0.1
     # However few they are, if the way may be as long.
-    options = LiftOptions(wide=10.0)
+    options = LiftOptions(wide=10.0, left=10.0)
     led = lifted_frames(scene, creased[None], [BOTH], np.zeros(1), options=options)[0]
     assert np.linalg.norm(led - creased, axis=1)[len(ARM[0]) + middle] > 0.05
+
+
+def test_a_leg_that_comes_out_through_a_cape_does_not_raise_it() -> None:
+    (leg, of_leg), bend, curved = tube(24, 80, 0.2, 4.0), np.radians(60.0), 0.8
+    x, z = (axis.ravel() for axis in np.mgrid[-0.6:0.6:25j, -1.8:0.8:53j])
+    cape = np.stack([x, np.full(len(x), -0.27), z], axis=1)
+    first = (53 * np.arange(24)[:, None] + np.arange(52)).ravel()
+    quads = first[:, None] + [0, 53, 54, 1]
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.int32)
+    # Below the hip the leg turns backwards, along a circle and then straight on.
+    below = np.maximum(-0.2 - leg[:, 2], 0.0)
+    turned, on = np.minimum(below, curved) * bend / curved, np.maximum(below - curved, 0.0)
+    round_by = curved / bend
+    pose = leg.copy()
+    pose[:, 1] = leg[:, 1] * np.cos(turned) - round_by * (1 - np.cos(turned)) - on * np.sin(turned)
+    pose[:, 2] = np.where(below > 0.0, -0.2, leg[:, 2]) - leg[:, 1] * np.sin(turned)
+    pose[:, 2] -= round_by * np.sin(turned) + on * np.cos(turned)
+    scene = make_scene([Body(leg, of_leg), Body(cape, faces)], RepairOptions())
+    through = np.concatenate([pose, cape])
+    assert (lifted(scene, through)[0] == through).all()
+    # It would be raised by more than twice the leg's radius, and the leg still be through.
+    options = LiftOptions(left=10.0)
+    led = lifted_frames(scene, through[None], [BOTH], np.zeros(1), options=options)[0]
+    assert np.linalg.norm(led - through, axis=1).max() > 0.4
+    assert len(scene.pairs(led, scene.weld(led)))
 
 
 def test_before_and_after_all_contacts_nothing_is_under() -> None:

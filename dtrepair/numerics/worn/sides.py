@@ -94,17 +94,27 @@ def find_layer(
     for pose in poses:
         for part, other, sign in ((first, second, 1.0), (second, first, -1.0)):
             found = _beside(parts, part, other, pose, options)
-            parallel = found.known & (found.sides > 0)
+            turned = _turned(parts, part, other, found)
+            parallel = found.known & (turned * found.sides > 0)
+            seen = turned if not parts.closed[other] else 1.0
             # By the share of each part's area: a small part is not outvoted by a large one.
             weights = parts.area_shares(part)
             own = float(weights[parallel].sum())
-            signed += sign * float((weights * np.sign(found.heights))[parallel].sum())
+            signed += sign * float((weights * seen * np.sign(found.heights))[parallel].sum())
             covered, share = covered + own, max(share, own)
     if share < options.share or abs(signed) <= options.clear * covered:
         return None
     top, under = (first, second) if signed > 0 else (second, first)
     found_layer = layer_over(parts, top, under, poses[0], options=options)
     return found_layer if len(found_layer.vertices) else None
+
+
+def _turned(parts: Parts, part: int, other: int, found: _Beside) -> float:
+    """Return -1 where one of two parts is open and, mostly, turned against the other, else 1."""
+    if parts.closed[part] == parts.closed[other]:
+        return 1.0
+    weights = parts.area_shares(part) * found.known
+    return -1.0 if float((weights * found.sides).sum()) < 0.0 else 1.0
 
 
 def layer_over(

@@ -43,6 +43,24 @@ def test_all_of_an_open_sleeve_is_held_outside(inside_out: bool) -> None:
     assert (found.heights[np.isfinite(found.heights)] > 0).all()
 
 
+@pytest.mark.parametrize("inside_out", [False, True])
+@pytest.mark.parametrize("first", [False, True])
+def test_a_sheet_that_goes_half_round_is_a_layer_whichever_way_it_faces(
+    inside_out: bool, first: bool
+) -> None:
+    points, faces = SLEEVE
+    half = points, faces[(points[:, 1] <= 1e-9)[faces].all(axis=1)]
+    sheet = reversed_faces(half) if inside_out else half
+    both, closed = ((sheet, ARM), (False, True)) if first else ((ARM, sheet), (True, False))
+    found = layer(*both, closed=closed)
+    assert found is not None and found.top == (0 if first else 1)
+    assert (found.sides == (-1.0 if inside_out else 1.0)).all()
+    # Within a tube it is beneath, and no layer over that.
+    wide = tube(24, 40, 0.26, 4.0)
+    found = layer(wide, sheet, closed=(True, False))
+    assert found is not None and found.top == 0
+
+
 def test_the_order_of_the_parts_is_no_matter() -> None:
     found = layer(SLEEVE, ARM, closed=(False, True))
     assert found is not None and (found.top, found.under) == (0, 1)

@@ -47,6 +47,8 @@ class LoopOptions:
         around: The core is of what is nearer to the axis than the farthest of the ring, times this.
         beyond: The core goes on so many radii beyond the ring.
         slices: Of the core, to a radius.
+        through: A hem goes round only what reaches farther than so many radii out of it on both
+            sides: not round the ball of a joint that lies in it.
         near: Of both what is so many radii from the ring belongs to it.
         moved: A ring is looked at where a vertex moved by this fraction of its width.
         worn: From when on a part is worn.
@@ -59,6 +61,7 @@ class LoopOptions:
     around: float = 1.2
     beyond: float = 4.0
     slices: int = 2
+    through: float = 1.25
     near: float = 2.0
     moved: float = 0.25
     worn: WornOptions = field(default_factory=WornOptions)
@@ -138,7 +141,7 @@ class Rings:
         for hem in _hems(parts.triangles[top]):
             axis = np.linalg.svd(rest[hem] - rest[hem].mean(axis=0), full_matrices=False)[2][2]
             for under in self._around(hem, top):
-                rings += _ring(parts, hem, (top, under), axis, options)
+                rings += _ring(parts, hem, (top, under), axis, options, through=options.through)
         return rings
 
     def _around(self, vertices: IntArray, top: int) -> list[int]:
@@ -168,11 +171,17 @@ def _hems(faces: IntArray) -> list[IntArray]:
 
 
 def _ring(
-    parts: Parts, own: IntArray, both: tuple[int, int], axis: FloatArray, options: LoopOptions
+    parts: Parts,
+    own: IntArray,
+    both: tuple[int, int],
+    axis: FloatArray,
+    options: LoopOptions,
+    *,
+    through: float = 0.0,
 ) -> list[Ring]:
     """Return vertices (N,) of the first of two parts as a ring about an axis (3,).
 
-    Nothing where the second one does not pass through it.
+    Nothing where the second one does not pass through it, by so many radii on both sides.
     """
     rest = parts.poses[0]
     middle = 0.5 * (rest[own].min(axis=0) + rest[own].max(axis=0))
@@ -197,6 +206,8 @@ def _ring(
     near = _reached(local, near, start)
     core = _means(limb[near], np.floor(height[near] * options.slices / radius), len(rest))
     passes = _crossings(loop @ rest, core @ rest)
+    if min(height[near].max(initial=0.0), -height[near].min(initial=0.0)) < through * radius:
+        return []
     if loop.shape[0] < options.corners or abs(passes) != 1:
         return []
     concerned = [parts.vertices[part][within(part, options.near)[1]] for part in both]

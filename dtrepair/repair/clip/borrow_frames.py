@@ -11,7 +11,9 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from dtrepair.numerics.geometry import FloatArray
+import numpy as np
+
+from dtrepair.numerics.geometry import FloatArray, extent, lengths
 from dtrepair.numerics.metrics import distortion
 from dtrepair.repair.frame.lending import LendingOptions, carried, solved_from
 from dtrepair.repair.full.steering import Steering
@@ -37,8 +39,13 @@ class BorrowingOptions:
         smooth: ... and more than this.
         hopeless: What is farther beyond its bounds than this (see `badness`) does not start again:
             a soldier's straps crushed between layers are so by any way.
+        stands_out: Of attached parts frames in which one moves by this much, root mean square,
+            units of the size, farther than between its neighbours start again, too, and take what
+            stands out ...
+        less: ... by at most this share of that.
         triangles: Of attached parts loans are made for so many triangles to each frame of a window,
             one at least, and first to strained frames: a loan is about as much work as a frame.
+            Twice as many go to frames that stand out.
         left_share: Of what was wrong with the input so much may be left, of a lender and of what
             was borrowed: a share of a strained pose leaves more.
         lending: What cleans a frame from there.
@@ -49,6 +56,8 @@ class BorrowingOptions:
     rough_attached: float = 1.6
     smooth: float = 0.03
     hopeless: float = 30.0
+    stands_out: float = 4e-3
+    less: float = 0.6
     triangles: int = 5000
     left_share: float = 0.1
     lending: LendingOptions = field(default_factory=LendingOptions)
@@ -138,26 +147,24 @@ def started_again(
     """
     if scene.options.clearance > 0.0:
         return poses
-    state = _Frames(scene, frames, poses, options)
-    tried: set[_Loan] = set()
-    rough, most = options.rough, 2 * len(frames)
-    if mesh.surface.ties is not None:
+    state = _Frames(scene, mesh, frames, poses, jobs, options)
+    rough, most, tied = options.rough, 2 * len(frames), mesh.surface.ties is not None
+    if tied:
         rough = options.rough_attached
         most = max(1, options.triangles * len(frames) // len(mesh.surface.faces))
-    while loans := _loans(state.merits, state.few, tried, rough, options):
-        order = sorted(loans, key=lambda loan: not state.merits[loan.frame].strained)
-        if not (loans := order[: most - len(tried)]):
-            break
-        tried.update(loans)
-        of_loans = [
-            (frames[lender].centred, state.result[lender], frames[index].centred)
-            for index, lender in loans
-        ]
-        found = _solved(_Borrowers(mesh, of_loans, scene.options.effort, options.lending), jobs)
-        own = [frames[loan.frame] for loan in loans]
-        found = relieved_poses(scene, mesh, own, found, jobs=jobs, options=options.relief)
-        for loan, points in zip(loans, found, strict=True):
-            state.take(loan.frame, points)
+    tried = _lent(
+        state,
+        lambda tried: _loans(state.merits, state.few, tried, rough, options),
+        state.take,
+        most,
+    )
+    if tied:
+        _lent(
+            state,
+            lambda again: _loans_in_step(state, tried | again, options),
+            state.take_in_step,
+            2 * most,
+        )
     # A limit of displacements leaves it no more room than it left the window.
     if alone is not None and scene.options.maximum_displacement is None:
         for index, merit in enumerate(state.merits):
@@ -172,13 +179,28 @@ class _Frames:
     def __init__(
         self,
         scene: Scene,
+        mesh: WeldedMesh,
         frames: Sequence[OpenedPose],
         poses: list[FloatArray],
+        jobs: int | None,
         options: BorrowingOptions,
     ) -> None:
-        self.scene, self.frames, self.result = scene, frames, list(poses)
+        self.scene, self.mesh, self.frames, self.result = scene, mesh, frames, list(poses)
+        self.jobs, self.options = jobs, options
         self.merits = [self._merit(*both) for both in zip(frames, poses, strict=True)]
         self.few = [options.left_share * frame.wrong for frame in frames]
+
+    def solved(self, loans: Sequence[_Loan]) -> list[FloatArray]:
+        """Return the poses (V, 3) that loans lead to."""
+        of_loans = [
+            (self.frames[lender].centred, self.result[lender], self.frames[index].centred)
+            for index, lender in loans
+        ]
+        scene, options = self.scene, self.options
+        borrowers = _Borrowers(self.mesh, of_loans, scene.options.effort, options.lending)
+        own = [self.frames[loan.frame] for loan in loans]
+        found = _solved(borrowers, self.jobs)
+        return relieved_poses(scene, self.mesh, own, found, jobs=self.jobs, options=options.relief)
 
     def take(self, index: int, points: FloatArray) -> None:
         """Take a pose (V, 3) of a frame if it is better than what was found."""
@@ -190,6 +212,36 @@ class _Frames:
         if merit < than and merit.wrong <= most and not too_far(self.scene, frame, points).any():
             self.result[index], self.merits[index] = points, merit
 
+    def standing_out(self) -> FloatArray:
+        """Return how far (T,) the part of each frame that does most stands out between two others.
+
+        Root mean squares over parts, of how much farther vertices moved than if they came and went
+        evenly.
+        """
+        parts, result = self.scene.strain_meter.parts, np.zeros(len(self.result))
+        own = parts.of_vertex >= 0
+        sizes = np.bincount(parts.of_vertex[own], minlength=parts.count)
+        moved = [pose - frame.centred for frame, pose in zip(self.frames, self.result, strict=True)]
+        for index in range(1, len(moved) - 1):
+            left, middle, right = moved[index - 1 : index + 2]
+            farther = lengths(middle - 0.5 * (left + right)) - 0.5 * lengths(right - left)
+            squares = np.maximum(farther, 0.0)[own] ** 2
+            sums = np.bincount(parts.of_vertex[own], squares, parts.count)
+            result[index] = np.sqrt((sums / np.maximum(sizes, 1)).max())
+        return result / extent(self.frames[0].centred)
+
+    def take_in_step(self, index: int, points: FloatArray) -> None:
+        """Take a pose (V, 3) of a frame if it is no worse and stands out clearly less."""
+        frame, kept, before = self.frames[index], self.result[index], self.standing_out()[index]
+        merit = self._merit(frame, points)
+        self.result[index] = points
+        less = self.standing_out()[index] <= self.options.less * before
+        worse = merit.strained or merit.wrong > self.merits[index].wrong
+        if less and not worse and not too_far(self.scene, frame, points).any():
+            self.merits[index] = merit
+        else:
+            self.result[index] = kept
+
     def _merit(self, frame: OpenedPose, points: FloatArray) -> _Merit:
         """Return how good a pose (V, 3) of a frame is."""
         scene, bent = self.scene, 0.0
@@ -200,6 +252,24 @@ class _Frames:
         return _Merit(bool(excess), badness(excess), wrong_of(scene, frame, points), bent)
 
 
+def _lent(
+    state: _Frames,
+    next_loans: Callable[[frozenset[_Loan]], list[_Loan]],
+    take: Callable[[int, FloatArray], None],
+    most: int,
+) -> frozenset[_Loan]:
+    """Make at most so many loans, as long as there are next ones, and return them.
+
+    take: is given a frame and the pose (V, 3) that a loan leads to.
+    """
+    tried = frozenset[_Loan]()
+    while loans := next_loans(tried)[: most - len(tried)]:
+        tried |= frozenset(loans)
+        for loan, points in zip(loans, state.solved(loans), strict=True):
+            take(loan.frame, points)
+    return tried
+
+
 def _loans(
     merits: Sequence[_Merit],
     few: Sequence[float],
@@ -207,7 +277,7 @@ def _loans(
     rougher: float,
     options: BorrowingOptions,
 ) -> list[_Loan]:
-    """Return the next loan, of those not tried, of each frame in need of one.
+    """Return the next loan, of those not tried, of each frame in need of one, strained ones first.
 
     few: so much may be wrong with a lender (T,); rougher: see `BorrowingOptions.rough`.
     """
@@ -223,6 +293,26 @@ def _loans(
             if good and merit.badness <= options.hopeless and (merit.strained or rough):
                 result.append(loan)
                 break
+    return sorted(result, key=lambda loan: not merits[loan.frame].strained)
+
+
+def _loans_in_step(
+    state: _Frames, tried: Collection[_Loan], options: BorrowingOptions
+) -> list[_Loan]:
+    """Return the next loan, of those not tried, of each frame that stands out, the farthest first.
+
+    Strained frames had their turn.
+    """
+    out, merits, result = state.standing_out(), state.merits, []
+    for index in np.argsort(-out)[: np.count_nonzero(out > options.stands_out)].tolist():
+        loans = [
+            _Loan(index, lender)
+            for lender in (index - 1, index + 1)
+            if not merits[lender].strained and merits[lender].wrong <= merits[index].wrong
+        ]
+        loans = [loan for loan in loans if loan not in tried and not merits[index].strained]
+        if loans:
+            result.append(min(loans, key=lambda loan: float(out[loan.lender])))
     return result
 
 

@@ -136,6 +136,13 @@ def test_an_arm_comes_out_of_a_sleeve_while_the_shirt_stays_on() -> None:
     assert all(np.isin(own, ring.concerned).any() for ring in found)
 
 
+def test_the_ball_of_a_joint_does_not_go_through_the_hem_that_it_lies_in() -> None:
+    foot, ball = tube(32, 12, 0.26, 1.0), moved(icosphere(3, 0.22), (0.0, 0.0, 0.5))
+    assert rings_of(ball, foot, closed=False).of(1) == []
+    # As far as its core reaches, it would.
+    assert len(rings_of(ball, foot, closed=False, through=0.5).of(1)) == 1
+
+
 @pytest.mark.parametrize(
     "other", [moved(BAND, (1.0, 0.0, 0.0)), icosphere(3, 0.5), moved(ARM, (0.1, 0.0, 0.0))]
 )

@@ -193,6 +193,37 @@ def test_few_frames_of_many_triangles_start_again(monkeypatch: pytest.MonkeyPatc
     count = len(mesh.surface.faces)
     for triangles, most in ((count // 3, 2), (count // 2, 3), (1, 1)):
         asked.clear()
-        options = BorrowingOptions(triangles=triangles)
+        options = BorrowingOptions(triangles=triangles, stands_out=np.inf)
         started_again(scene, mesh, [frame] * 6, found, options=options)
         assert sum(asked) == most
+    # Frames that stand out start again for twice as many triangles.
+    bent = whole.copy()
+    bent[far, 0] += 0.1 * (whole[far, 2] - 0.4)
+    asked.clear()
+    options = BorrowingOptions(triangles=1, smooth=np.inf, stands_out=1e-4)
+    started_again(
+        scene, mesh, [frame] * 6, [whole, bent, whole, bent, whole, whole], options=options
+    )
+    assert sum(asked) == 2
+
+
+def test_attached_parts_that_stand_out_between_two_frames_take_their_way() -> None:
+    scene, frame, mesh = winged(1.2)
+    (whole,) = relieved_poses(scene, mesh, [frame], [mesh.solve([frame.centred])[0][0]])
+    bent, far = whole.copy(), whole[:, 2] > 0.4
+    bent[far, 0] += 0.1 * (whole[far, 2] - 0.4)
+    assert not strain_of(scene, frame.centred, bent)
+    assert not len(scene.pairs(bent, frame.weld))
+    frames = [frame] * 3
+    options = BorrowingOptions(smooth=np.inf)
+    found = started_again(scene, mesh, frames, [whole, bent, whole], options=options)
+    assert found[0] is whole and found[2] is whole
+    off = np.linalg.norm(bent - whole, axis=1).max()
+    assert np.linalg.norm(found[1] - whole, axis=1).max() < 0.2 * off
+    # What comes and goes evenly does not stand out, nor does the first or the last frame.
+    for poses in ([whole, bent, bent + (bent - whole)], [bent, whole, whole]):
+        again = started_again(scene, mesh, frames, poses, options=options)
+        assert all(a is b for a, b in zip(again, poses, strict=True))
+    options = BorrowingOptions(smooth=np.inf, stands_out=0.1)
+    again = started_again(scene, mesh, frames, [whole, bent, whole], options=options)
+    assert again[1] is bent

@@ -18,6 +18,7 @@ from dtrepair.numerics.work import work_done
 from dtrepair.repair.full.acceptance import reach_of
 from dtrepair.repair.full.relax import Relaxation, RelaxOptions
 from dtrepair.repair.parallel.worker_pool import WorkerPool, with_workers, worthwhile_jobs
+from dtrepair.repair.relief.small_parts import SmallPartOptions, with_small_parts
 from dtrepair.repair.relief.swelling import ROUNDING, with_volume
 from dtrepair.repair.relief.wholes import with_wholes
 from dtrepair.repair.scene.bounds import badness, strain_of
@@ -45,6 +46,7 @@ class ReliefOptions:
         wholes: So many parts that lost their shapes are tried as wholes: pins, buttons and teeth
             come back, limbs do not.
         farther: Factor of the longest motion of a correction that it may grow by.
+        small_parts: How rivets, knuckles and pins are led back to what they are attached to.
         relax: The cycles. Short steps and many tries: what is strained lies beside contacts.
     """
 
@@ -56,6 +58,7 @@ class ReliefOptions:
     work_a_triangle: float = 16.0
     wholes: int = 8
     farther: float = 1.1
+    small_parts: SmallPartOptions = SmallPartOptions()
     relax: RelaxOptions = field(
         default_factory=lambda: RelaxOptions(step=0.005, first=1.0, longer=1.0, tries=10)
     )
@@ -177,11 +180,11 @@ def relieved_poses(
     """
     if mesh.surface.ties is None or scene.options.clearance > 0.0:
         return found
-    both = zip(poses, found, strict=True)
-    result = [
-        with_volume(scene, pose, with_wholes(scene, pose, own, most=options.wholes))
-        for pose, own in both
-    ]
+    result = []
+    for pose, own in zip(poses, found, strict=True):
+        whole = with_wholes(scene, pose, own, most=options.wholes)
+        whole = with_small_parts(scene, pose, whole, options=options.small_parts)
+        result.append(with_volume(scene, pose, whole))
     strained = {}
     for index, (pose, points) in enumerate(zip(poses, result, strict=True)):
         excess = strain_of(scene, pose.centred, points, strict=True)
@@ -198,8 +201,8 @@ def relieved_poses(
 
     jobs = worthwhile_jobs(jobs, len(strained), len(mesh.surface.faces))
     relieved = with_workers(mesh.surface, jobs, relieved_by)
-    for (index, own), points in zip(strained.items(), relieved, strict=True):
+    for (index, was), points in zip(strained.items(), relieved, strict=True):
         pose = poses[index]
-        if len(scene.pairs(points, pose.weld)) <= len(scene.pairs(own.after, pose.weld)):
+        if len(scene.pairs(points, pose.weld)) <= len(scene.pairs(was.after, pose.weld)):
             result[index] = with_volume(scene, pose, points)
     return result

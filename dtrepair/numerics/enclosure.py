@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from dtrepair.numerics.geometry import FloatArray, extent, lengths
+from dtrepair.numerics.geometry import FloatArray, dots, extent, lengths
 
 # Distances of points from dipoles that are held at a time.
 BLOCK = 200_000
@@ -30,6 +31,11 @@ class Dipoles:
         total = np.maximum(np.bincount(label, weights), np.finfo(float).tiny)
         self._centres = summed(centres * weights[:, None]) / total[:, None]
         self._areas = summed(areas)
+        self._corners, self._order = corners, np.argsort(label, kind="stable")
+        self._starts = np.searchsorted(label[self._order], np.arange(len(total) + 1))
+        self._radius = np.full(len(total), self._size)
+        reach = np.linalg.norm(corners - self._centres[label][:, None], axis=2).max(axis=1)
+        np.maximum.at(self._radius, label, reach)
 
     def enclose(self, points: FloatArray) -> FloatArray:
         """Return about how often the triangles go round points (P, 3): winding numbers (P,)."""
@@ -41,6 +47,45 @@ class Dipoles:
             flux = np.einsum("pck,ck->pc", away, self._areas)
             result[first : first + rows] = (flux / far**3).sum(axis=1)
         return result / (4.0 * np.pi)
+
+    def enclose_closely(self, points: FloatArray, near: float = 3.0) -> FloatArray:
+        """Return how often the triangles go round points (P, 3): winding numbers (P,).
+
+        Triangles of cells nearer than so many times the size of these, or of what they hold, count
+        as themselves: close to a surface its dipoles may be off by more than a half.
+        """
+        result, rows = self.enclose(points), max(1, BLOCK // 100)
+        for first in range(0, len(points), rows):
+            own = points[first : first + rows]
+            found = cKDTree(own).query_ball_point(self._centres, near * self._radius)
+            cell = np.repeat(np.arange(len(found)), list(map(len, found)))
+            point = np.concatenate([np.zeros(0, dtype=np.intp), *map(np.asarray, found)])
+            point = point.astype(np.intp)
+            away = self._centres[cell] - own[point]
+            far = np.maximum(lengths(away), 0.5 * self._size)
+            change = -dots(away, self._areas[cell]) / far**3
+            counts = self._starts[cell + 1] - self._starts[cell]
+            begins = np.repeat(self._starts[cell] - (np.cumsum(counts) - counts), counts)
+            triangle = self._order[begins + np.arange(int(counts.sum()))]
+            of_triangle = np.repeat(point, counts)
+            angles = solid_angles(own[of_triangle], self._corners[triangle])
+            total = np.bincount(point, change, len(own))
+            total += np.bincount(of_triangle, angles, len(own))
+            result[first : first + len(own)] += total / (4.0 * np.pi)
+        return result
+
+
+def solid_angles(points: FloatArray, corners: FloatArray) -> FloatArray:
+    """Return the solid angle (N,) of a triangle each (N, 3, 3), seen from points (N, 3).
+
+    It is positive from behind (Van Oosterom and Strackee 1983).
+    """
+    a, b, c = (corners[:, k] - points for k in range(3))
+    long_a, long_b, long_c = lengths(a), lengths(b), lengths(c)
+    volume = dots(a, np.cross(b, c))
+    beside = dots(b, c) * long_a + dots(c, a) * long_b + dots(a, b) * long_c
+    angle: FloatArray = 2.0 * np.arctan2(volume, long_a * long_b * long_c + beside)
+    return angle
 
 
 def enclosure(points: FloatArray, corners: FloatArray, cells: int = 12) -> FloatArray:

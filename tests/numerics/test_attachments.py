@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attached.overlaps import AttachmentOptions, find_attachments
 from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from tests.measures.modelled_zones import attach
+from tests.measures.surfaces import make_surface
 from tests.meshes import Mesh, grid, icosphere, joined, tube
 
 
@@ -152,6 +155,27 @@ def test_zones_end_within_the_reach_or_a_few_edges() -> None:
     assert near.sum() < wide.sum() and not (near & ~wide).any()
     # Here the reach is more than three edges.
     assert (usual == near).all()
+
+
+@pytest.mark.parametrize("first", [tube(8, 4, 0.3, 1.0), icosphere(2, 0.3)], ids=["open", "closed"])
+def test_zones_lie_within_those_of_an_independent_measure(first: Mesh) -> None:
+    # What counts as modelled and is none would be left, and called clean.
+    ball, of_ball = icosphere(3, 1.0)
+    rng, met = np.random.default_rng(0), 0
+    for turn in Rotation.random(40, random_state=0):
+        flat, size, out, height = rng.uniform([0.1, 0.05, 0.3, -0.5], [1.0, 0.35, 0.6, 0.5])
+        second = size * turn.apply(ball * [1.0, 1.0, flat]) + [out, 0.01, height]
+        points, faces = joined(first, (second, of_ball))
+        surface = make_surface(points, faces.astype(np.int64))
+        pairs = pairs_of((points, faces)).astype(np.int64)
+        known = np.zeros(len(faces), dtype=bool)
+        for own in attach(surface, points[surface.point_of], pairs):
+            known |= own.sides[0].zone | own.sides[1].zone
+        found = attached((points, faces)).triangles
+        assert not (found & ~known).any()
+        assert found.any() == known.any() == bool(len(pairs))
+        met += bool(len(pairs))
+    assert met > 10
 
 
 def cape(inside_out: bool) -> Mesh:

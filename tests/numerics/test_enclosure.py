@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dtrepair.numerics import enclosure as module
-from dtrepair.numerics.enclosure import Dipoles, enclosure
+from dtrepair.numerics.enclosure import Dipoles, enclosure, solid_angles
 from tests.meshes import icosphere, tube
 
 AXIS = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.9], [0.0, 0.0, 3.0], [2.0, 0.0, 0.0]])
@@ -40,3 +40,29 @@ def test_points_are_looked_at_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(module, "BLOCK", 1)
     assert Dipoles(points[faces], 12).enclose(asked) == pytest.approx(whole, abs=1e-12)
     assert len(Dipoles(points[faces], 12).enclose(asked[:0])) == 0
+    closely = Dipoles(points[faces], 12).enclose_closely(asked)
+    monkeypatch.setattr(module, "BLOCK", 10_000)
+    assert Dipoles(points[faces], 12).enclose_closely(asked) == pytest.approx(closely, abs=1e-12)
+    assert len(Dipoles(points[faces], 12).enclose_closely(asked[:0])) == 0
+
+
+def test_an_octant_is_an_eighth_of_all_directions() -> None:
+    octant = np.eye(3)
+    both = np.stack([octant, octant[[0, 2, 1]]])
+    assert solid_angles(np.zeros((2, 3)), both) == pytest.approx([np.pi / 2, -np.pi / 2])
+    beyond = np.array([[2.0, 2.0, 2.0], [-2.0, 0.0, 0.0]])
+    found = solid_angles(beyond, np.stack([octant, octant]))
+    assert found[0] < 0.0 < found[1]
+
+
+def test_close_to_a_surface_its_triangles_count_themselves() -> None:
+    points, faces = tube(24, 12, 0.2, 1.0)
+    corners = points[faces][np.random.default_rng(1).permutation(len(faces))]
+    rng = np.random.default_rng(0)
+    on = corners[rng.integers(len(corners), size=200)].mean(axis=1)
+    asked = on + 0.01 * rng.normal(size=on.shape)
+    exact = np.array([solid_angles(np.tile(p, (len(corners), 1)), corners).sum() for p in asked])
+    exact /= 4.0 * np.pi
+    dipoles = Dipoles(corners, 64)
+    assert dipoles.enclose_closely(asked) == pytest.approx(exact, abs=0.01)
+    assert np.abs(dipoles.enclose(asked) - exact).max() > 0.3

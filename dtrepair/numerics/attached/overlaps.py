@@ -207,24 +207,27 @@ class _Overlaps:
     def zones(self, first: int, second: int) -> list[tuple[KeyArray, Ties]]:
         """Return the zone keys and ties of both parts of an attached pair."""
         own = self.pairs[self.key_of_pair == first * self.parts + second]
-        seeds, whole = {}, False
+        seeds, every, whole = {}, {}, False
         for part, other in ((first, second), (second, first)):
-            seeds[part], encloses = self._seeds(part, other, own)
+            seeds[part], every[part], encloses = self._seeds(part, other, own)
             whole |= encloses
         found = []
         for part, other in ((first, second), (second, first)):
             triangles = self.triangles(part)
             if not whole:
                 zone = self._grown(seeds[part])
-                near = zone | self._ringed(seeds[part])
+                near = self._grown(every[part], coarse=False) | self._ringed(every[part])
                 corners = self.faces[triangles]
                 triangles = triangles[zone[corners].any(axis=1) & near[corners].all(axis=1)]
             keys = triangles.astype(np.int64) * self.parts + other
             found.append((keys, self._ties(np.flatnonzero(seeds[part]), other)))
         return found
 
-    def _seeds(self, part: int, other: int, pairs: IntArray) -> tuple[BoolArray, bool]:
-        """Return seeds (V,) of a part towards another one, and whether it is all attached."""
+    def _seeds(self, part: int, other: int, pairs: IntArray) -> tuple[BoolArray, BoolArray, bool]:
+        """Return seeds (V,) of a part towards another one, and whether it is all attached.
+
+        Second, the seeds with those that hang off the other part.
+        """
         corners = self.faces[pairs.ravel()].ravel()
         mask = np.zeros(len(self.points), dtype=bool)
         mask[corners[self.part_of_vertex[corners] == part]] = True
@@ -236,16 +239,20 @@ class _Overlaps:
         larger = self.areas[other] > self.options.larger * self.areas[part]
         if share > self.options.whole and larger:
             mask[own] = True
-            return mask, True
-        if self.open[other]:
-            mask[self._hanging(part, other, touched, behind)] = False
-        # What lies behind counts only if it is connected to the contact through what is behind:
-        # a far shell does not.
-        inner = np.flatnonzero(mask)
+            return mask, mask, True
+        every = self._reached(mask, touched)
+        if not self.open[other]:
+            return every, every, False
+        mask[self._hanging(part, other, touched, behind)] = False
+        return self._reached(mask, touched), every, False
+
+    def _reached(self, mask: BoolArray, touched: NDArray[np.integer]) -> BoolArray:
+        """Return what of a mask (V,) is connected through it to vertices: a far shell is not."""
+        inner, result = np.flatnonzero(mask), mask.copy()
         label = csgraph.connected_components(self.graph[inner][:, inner], directed=False)[1]
         near = np.isin(label, np.unique(label[np.isin(inner, touched)]))
-        mask[inner[~near]] = False
-        return mask, False
+        result[inner[~near]] = False
+        return result
 
     def _hanging(
         self, part: int, other: int, touched: NDArray[np.integer], behind: IntArray
@@ -270,20 +277,26 @@ class _Overlaps:
         own = np.asarray(own[((points >= low) & (points <= high)).all(axis=1)])
         if len(own) == 0:
             return own
-        points = self.points[own]
-        if self.open[other]:
-            if other not in self._dipoles:
-                self._dipoles[other] = Dipoles(self._corners(other), self.options.cells)
-            around = np.abs(self._dipoles[other].enclose(points))
-            return np.asarray(own[around > self.options.enclosed])
-        nearest, closest = self._tree(other).nearest(points)
-        weights = barycentric(closest, self._tree(other).corners[nearest])
-        normals = self.normals[self.faces[triangles[nearest]]]
-        normal = np.einsum("ik,ikj->ij", weights, normals)
-        return np.asarray(own[dots(points - closest, normal) < 0.0])
+        if not self.open[other]:
+            points = self.points[own]
+            nearest, closest = self._tree(other).nearest(points)
+            weights = barycentric(closest, self._tree(other).corners[nearest])
+            normals = self.normals[self.faces[triangles[nearest]]]
+            normal = np.einsum("ik,ikj->ij", weights, normals)
+            # Where a surface turns sharply such normals may have what is outside behind it.
+            own = np.asarray(own[dots(points - closest, normal) < 0.0])
+        if len(own) == 0:
+            return own
+        if other not in self._dipoles:
+            self._dipoles[other] = Dipoles(self._corners(other), self.options.cells)
+        around = np.abs(self._dipoles[other].enclose_closely(self.points[own]))
+        return np.asarray(own[around > self.options.enclosed])
 
-    def _grown(self, seeds: BoolArray) -> BoolArray:
-        """Return the seeds (V,) grown over their part by the reach of each of their clusters."""
+    def _grown(self, seeds: BoolArray, *, coarse: bool = True) -> BoolArray:
+        """Return the seeds (V,) grown over their part by the reach of each of their clusters.
+
+        coarse: by an edge at least.
+        """
         zone = seeds.copy()
         inner = np.flatnonzero(seeds)
         label = csgraph.connected_components(self.graph[inner][:, inner], directed=False)[1]
@@ -291,7 +304,9 @@ class _Overlaps:
             own = inner[label == cluster]
             centred = self.points[own] - self.points[own].mean(axis=0)
             size = float(np.sqrt(dots(centred, centred).mean()))
-            limit = max(self.options.reach * size, float(self.edge_length[own].mean()))
+            limit = self.options.reach * size
+            if coarse:
+                limit = max(limit, float(self.edge_length[own].mean()))
             distance = csgraph.dijkstra(self.graph, indices=own, min_only=True, limit=limit)
             zone |= np.isfinite(distance)
         return zone

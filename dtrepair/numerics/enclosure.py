@@ -1,4 +1,4 @@
-"""How far a surface with a border encloses a point."""
+"""How far a surface encloses a point, with a border or without."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Dipoles:
         Triangles of cells nearer than so many times the size of these, or of what they hold, count
         as themselves: close to a surface its dipoles may be off by more than a half.
         """
-        result, rows = self.enclose(points), max(1, BLOCK // 100)
+        result, rows = self.enclose(points), max(1, BLOCK // 1000)
         for first in range(0, len(points), rows):
             own = points[first : first + rows]
             found = cKDTree(own).query_ball_point(self._centres, near * self._radius)

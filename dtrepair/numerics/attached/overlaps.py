@@ -47,13 +47,14 @@ class AttachmentOptions:
 
     Args:
         reach: Geodesic growth of a zone beyond the overlap, in rms sizes of the overlap: a joint
-            that bends slides by about that much. It is at least one edge of the mesh.
-        rings: A triangle belongs to a zone if it begins within the reach, and lies wholly within
-            that or within so many edges of the overlap.
-        enclosed: Behind a part with a border lies only what it encloses by this winding number, as
-            a sleeve its arm: not all that is in front of a sheet. Beyond the reach of where the two
-            meet, what hangs farther off it than it does there is not held: the knees under a skirt.
-        cells: Along the extent of such a part, for its winding numbers: a sleeve is narrow.
+            that bends slides by about that much. A zone begins within an edge of the mesh at least.
+        rings: A triangle belongs to a zone if it begins there, and lies wholly within the rms sizes
+            or within so many edges of the overlap.
+        enclosed: Behind a part lies only what it encloses by this winding number, as a sleeve its
+            arm: not all that is in front of a sheet. Beyond the reach of where the two meet, what
+            hangs farther off one with a border than it does there is not held: the knees under a
+            skirt.
+        cells: Along the extent of a part, for its winding numbers: a sleeve is narrow.
         whole: A part of which more than this share is in or behind one of larger area is attached
             as a whole: eyes, teeth, buttons.
         larger: Ratio of areas above which that is so: copies of a part differ by rounding only.

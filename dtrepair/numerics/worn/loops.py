@@ -47,8 +47,8 @@ class LoopOptions:
         around: The core is of what is nearer to the axis than the farthest of the ring, times this.
         beyond: The core goes on so many radii beyond the ring.
         slices: Of the core, to a radius.
-        through: A hem goes round only what reaches farther than so many radii out of it on both
-            sides: not round the ball of a joint that lies in it.
+        through: A hem goes round only what reaches farther than so many radii out of it on one
+            side: not round the ball of a joint that lies in it.
         near: Of both what is so many radii from the ring belongs to it.
         moved: A ring is looked at where a vertex moved by this fraction of its width.
         worn: From when on a part is worn.
@@ -61,7 +61,7 @@ class LoopOptions:
     around: float = 1.2
     beyond: float = 4.0
     slices: int = 2
-    through: float = 1.25
+    through: float = 3.0
     near: float = 2.0
     moved: float = 0.25
     worn: WornOptions = field(default_factory=WornOptions)
@@ -181,7 +181,7 @@ def _ring(
 ) -> list[Ring]:
     """Return vertices (N,) of the first of two parts as a ring about an axis (3,).
 
-    Nothing where the second one does not pass through it, by so many radii on both sides.
+    Nothing where the second one does not pass through it, by so many radii on one side.
     """
     rest = parts.poses[0]
     middle = 0.5 * (rest[own].min(axis=0) + rest[own].max(axis=0))
@@ -201,13 +201,13 @@ def _ring(
 
     limb = parts.vertices[both[1]]
     height, near = within(both[1], options.beyond)
+    if np.abs(height).max(initial=0.0) < through * radius:
+        return []
     start = near & (np.abs(height) <= max(half, radius / options.slices))
     local = np.searchsorted(limb, parts.triangles[both[1]]).astype(np.int32)
     near = _reached(local, near, start)
     core = _means(limb[near], np.floor(height[near] * options.slices / radius), len(rest))
     passes = _crossings(loop @ rest, core @ rest)
-    if min(height[near].max(initial=0.0), -height[near].min(initial=0.0)) < through * radius:
-        return []
     if loop.shape[0] < options.corners or abs(passes) != 1:
         return []
     concerned = [parts.vertices[part][within(part, options.near)[1]] for part in both]

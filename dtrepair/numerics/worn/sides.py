@@ -90,31 +90,58 @@ def find_layer(
 
     The first of the poses tells which vertices lie over what.
     """
-    signed, covered, share = 0.0, 0.0, 0.0
-    for pose in poses:
-        for part, other, sign in ((first, second, 1.0), (second, first, -1.0)):
-            found = _beside(parts, part, other, pose, options)
-            turned = _turned(parts, part, other, found)
-            parallel = found.known & (turned * found.sides > 0)
-            seen = turned if not parts.closed[other] else 1.0
-            # By the share of each part's area: a small part is not outvoted by a large one.
-            weights = parts.area_shares(part)
-            own = float(weights[parallel].sum())
-            signed += sign * float((weights * seen * np.sign(found.heights))[parallel].sum())
-            covered, share = covered + own, max(share, own)
-    if share < options.share or abs(signed) <= options.clear * covered:
+    top = _top(parts, first, second, poses, None, options)
+    turned = _turned(parts, first, second, poses[0], options)
+    if top is None and turned is not None:
+        top = _top(parts, first, second, poses, turned, options)
+        top = top if top == turned else None
+    if top is None:
         return None
-    top, under = (first, second) if signed > 0 else (second, first)
+    under = second if top == first else first
     found_layer = layer_over(parts, top, under, poses[0], options=options)
     return found_layer if len(found_layer.vertices) else None
 
 
-def _turned(parts: Parts, part: int, other: int, found: _Beside) -> float:
-    """Return -1 where one of two parts is open and, mostly, turned against the other, else 1."""
-    if parts.closed[part] == parts.closed[other]:
-        return 1.0
+def _top(
+    parts: Parts,
+    first: int,
+    second: int,
+    poses: Sequence[int],
+    turned: int | None,
+    options: LayerOptions,
+) -> int | None:
+    """Return which of two parts lies over the other by some of the poses; None: neither does.
+
+    turned: a part whose normals count reversed.
+    """
+    signed, covered, share = 0.0, 0.0, 0.0
+    facing = 1.0 if turned is None else -1.0
+    for pose in poses:
+        for part, other, sign in ((first, second, 1.0), (second, first, -1.0)):
+            found = _beside(parts, part, other, pose, options)
+            parallel = found.known & (facing * found.sides > 0)
+            # By the share of each part's area: a small part is not outvoted by a large one.
+            weights = parts.area_shares(part)
+            own = float(weights[parallel].sum())
+            # Heights are seen from the other part's normals.
+            seen = -sign if other == turned else sign
+            signed += seen * float((weights * np.sign(found.heights))[parallel].sum())
+            covered = covered + own
+            # An arm beside an open shirt, of which little is near, is not inside of it.
+            share = max(share, own) if turned in (None, part) else share
+    if share < options.share or abs(signed) <= options.clear * covered:
+        return None
+    return first if signed > 0 else second
+
+
+def _turned(parts: Parts, first: int, second: int, pose: int, options: LayerOptions) -> int | None:
+    """Return the one of two parts that is open if it is, mostly, turned against the other."""
+    if parts.closed[first] == parts.closed[second]:
+        return None
+    part, other = (second, first) if parts.closed[first] else (first, second)
+    found = _beside(parts, part, other, pose, options)
     weights = parts.area_shares(part) * found.known
-    return -1.0 if float((weights * found.sides).sum()) < 0.0 else 1.0
+    return part if float((weights * found.sides).sum()) < 0.0 else None
 
 
 def layer_over(

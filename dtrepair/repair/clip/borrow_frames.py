@@ -233,6 +233,8 @@ class _Frames:
     def take_in_step(self, index: int, points: FloatArray) -> None:
         """Take a pose (V, 3) of a frame if it is no worse and stands out clearly less."""
         frame, kept, before = self.frames[index], self.result[index], self.standing_out()[index]
+        if before <= self.options.stands_out:
+            return  # a neighbour that was solved along no longer does
         merit = self._merit(frame, points)
         self.result[index] = points
         less = self.standing_out()[index] <= self.options.less * before

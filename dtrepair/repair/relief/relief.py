@@ -18,7 +18,7 @@ from dtrepair.numerics.work import work_done
 from dtrepair.repair.full.acceptance import reach_of
 from dtrepair.repair.full.relax import Relaxation, RelaxOptions
 from dtrepair.repair.parallel.worker_pool import WorkerPool, with_workers, worthwhile_jobs
-from dtrepair.repair.relief.small_parts import SmallPartOptions, with_small_parts
+from dtrepair.repair.relief.small_parts import SmallPartOptions, SmallParts
 from dtrepair.repair.relief.swelling import ROUNDING, with_volume
 from dtrepair.repair.relief.wholes import with_wholes
 from dtrepair.repair.scene.bounds import badness, strain_of
@@ -180,11 +180,10 @@ def relieved_poses(
     """
     if mesh.surface.ties is None or scene.options.clearance > 0.0:
         return found
-    result = []
+    result, small_parts = [], SmallParts(scene, options=options.small_parts)
     for pose, own in zip(poses, found, strict=True):
         whole = with_wholes(scene, pose, own, most=options.wholes)
-        whole = with_small_parts(scene, pose, whole, options=options.small_parts)
-        result.append(with_volume(scene, pose, whole))
+        result.append(with_volume(scene, pose, small_parts(pose, whole)))
     strained = {}
     for index, (pose, points) in enumerate(zip(poses, result, strict=True)):
         excess = strain_of(scene, pose.centred, points, strict=True)

@@ -8,17 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from dtrepair.numerics.geometry import FloatArray, extent, extents, lengths
+from dtrepair.repair.relief.swelling import ROUNDING
 from dtrepair.repair.scene.bounds import badness, pairs_and_enclosed, strain_of
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.strain.turning import best_rotation
 
-BoolArray = NDArray[np.bool_]
+Places = NDArray[np.integer]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,11 +29,11 @@ class SmallPartOptions:
     """Which parts are small, and when they are led back.
 
     Args:
-        small: At most so large, units of the scene's size.
+        small: At most so large at rest, units of the scene's size.
         smaller: And so much smaller than what they are attached to.
         off: Those are led back that are farther off than this, units of their own size.
         rings: What they are attached to is what is near their ties, by so many edge rings.
-        alone: Where not all can be led back at once, so many are tried alone, the farthest first.
+        alone: Where not all can be led back at once, so many are tried alone, the largest first.
     """
 
     small: float = 0.06
@@ -40,106 +43,108 @@ class SmallPartOptions:
     alone: int = 8
 
 
-@dataclass(frozen=True)
-class _Part:
-    """A small part: its number, which vertices (V,) are of it, and which are beside its ties."""
+class _Part(NamedTuple):
+    """The vertices (N,) of a small part, and those (K,) beside its ties on what it is tied to."""
 
-    number: int
-    own: BoolArray
-    hosts: BoolArray
-    size: float
+    own: Places
+    hosts: Places
+
+    def target(self, before: FloatArray, points: FloatArray) -> FloatArray:
+        """Return it (N, 3) moved from one pose (V, 3) to another as what it is tied to."""
+        old, new = (
+            np.vstack([near.mean(axis=0), near])
+            for near in (before[self.hosts], points[self.hosts])
+        )
+        spokes = np.stack([np.zeros(len(old) - 1), np.arange(1, len(old))], axis=1)
+        turn = best_rotation(old, new, spokes.astype(np.int32))
+        return np.asarray((before[self.own] - old[0]) @ turn.T + new[0])
+
+    def is_off(self, before: FloatArray, points: FloatArray, share: float) -> bool:
+        """Return whether it is farther off than a share of its own size."""
+        off = lengths(points[self.own] - self.target(before, points)).max()
+        # A prop may be hidden in a point.
+        return bool(off > share * extent(before[self.own]) > 0.0)
 
 
-def with_small_parts(
-    scene: Scene,
-    pose: OpenedPose,
-    points: FloatArray,
-    *,
-    options: SmallPartOptions = SmallPartOptions(),
-) -> FloatArray:
-    """Return what was found (V, 3) for a pose, small parts as what they are attached to has them.
+class SmallParts:
+    """The small parts of a scene that may move, the largest first."""
 
-    Where that is not more strained, brings no contact back, and leads nothing farther than what
-    was found does: all at once, or else some.
-    """
-    before = pose.centred
-    off = _led_back(before, points, list(_small_parts(scene, before, points, options)), options)
-    if not off:
+    def __init__(self, scene: Scene, *, options: SmallPartOptions = SmallPartOptions()) -> None:
+        self.scene, self.options = scene, options
+        self.parts = list(_small_parts(scene, options))
+
+    def __call__(self, pose: OpenedPose, points: FloatArray) -> FloatArray:
+        """Return what was found (V, 3) for a pose, small parts as what they are attached to.
+
+        Where that is not more strained, brings no contact back, and leads nothing farther than
+        what was found does: all at once, or else some. What hangs on one of them follows it.
+        """
+        before, share = pose.centred, self.options.off
+        every = points.copy()
+        for part in self.parts:
+            if part.is_off(before, every, share):
+                every[part.own] = part.target(before, every)
+        if (every == points).all():
+            return points
+        judge = _Judge(self.scene, pose, points)
+        if judge.takes(every):
+            return every
+        tried = 0
+        for part in self.parts:
+            if tried < self.options.alone and part.is_off(before, points, share):
+                trial = points.copy()
+                trial[part.own] = part.target(before, points)
+                tried += 1
+                points = trial if judge.takes(trial) else points
         return points
-    farthest = float(lengths(points - before).max())
-    least = badness(strain_of(scene, before, points)), *pairs_and_enclosed(scene, pose, points)
 
-    def better(trial: FloatArray) -> bool:
-        """Return whether a pose (V, 3) is as good as what was found."""
-        if lengths(trial - before).max() > farthest:
+
+class _Judge:
+    """Tells whether a pose is as good as the best one before it."""
+
+    def __init__(self, scene: Scene, pose: OpenedPose, points: FloatArray) -> None:
+        self.scene, self.pose = scene, pose
+        self.farthest = float(lengths(points - pose.centred).max())
+        self.strain = badness(strain_of(scene, pose.centred, points))
+        self.wrong = pairs_and_enclosed(scene, pose, points)
+
+    def takes(self, trial: FloatArray) -> bool:
+        """Return whether a pose (V, 3) is no worse; the next one must be no worse than it."""
+        before = self.pose.centred
+        if lengths(trial - before).max() > self.farthest * (1.0 + ROUNDING):
             return False
-        if badness(strain_of(scene, before, trial)) > least[0]:
+        strain = badness(strain_of(self.scene, before, trial))
+        if strain > self.strain * (1.0 + ROUNDING):
             return False
-        left = pairs_and_enclosed(scene, pose, trial)
-        return left[0] <= least[1] and left[1] <= least[2]
-
-    every = points.copy()
-    for part, target, _ in off:
-        every[part.own] = target
-    if better(every):
-        return every
-    for part, _, _ in sorted(off, key=lambda each: -each[2])[: options.alone]:
-        trial = points.copy()
-        trial[part.own] = _target(before, points, part)
-        if better(trial):
-            points = trial
-    return points
+        wrong = pairs_and_enclosed(self.scene, self.pose, trial)
+        if wrong[0] > self.wrong[0] or wrong[1] > self.wrong[1]:
+            return False
+        self.strain, self.wrong = strain, wrong
+        return True
 
 
-def _small_parts(
-    scene: Scene, before: FloatArray, points: FloatArray, options: SmallPartOptions
-) -> Iterator[_Part]:
-    """Yield the small parts of a pose (V, 3) that may move, and moved, the largest first."""
+def _small_parts(scene: Scene, options: SmallPartOptions) -> Iterator[_Part]:
+    """Yield the small parts that may move, the largest first."""
     parts = scene.strain_meter.parts
-    if parts.ties is None or not (points != before).any():
+    if parts.ties is None:
         return
     of_vertex = parts.of_vertex[scene.rest_sewn]
-    sizes = extents(before[of_vertex >= 0], of_vertex[of_vertex >= 0])
+    known = of_vertex >= 0
+    sizes = extents(scene.rest[known], of_vertex[known])
     tops, corners = parts.ties.vertices, parts.corners[parts.ties.triangles]
     of_top, of_host = parts.of_vertex[tops], parts.of_vertex[corners[:, 0]]
-    for number in np.argsort(-sizes, kind="stable").tolist():
-        largest = options.smaller * sizes
-        if sizes[number] > options.small * extent(before):
-            continue
-        near = np.zeros(len(before), dtype=bool)
-        near[corners[(of_top == number) & (sizes[number] <= largest[of_host])]] = True
-        near[tops[(of_host == number) & (sizes[number] <= largest[of_top])]] = True
-        if not near.any():
-            continue
-        own = of_vertex == number
-        around = parts.grown(near, options.rings) & np.isin(parts.of_vertex, parts.of_vertex[near])
-        moved = (points[own | around] != before[own | around]).any()
-        if moved and (scene.mobility[own] > 0.0).all():
-            yield _Part(number, own, around, float(sizes[number]))
-
-
-def _led_back(
-    before: FloatArray, points: FloatArray, small: list[_Part], options: SmallPartOptions
-) -> list[tuple[_Part, FloatArray, float]]:
-    """Return the parts that are off, where (N, 3) they belong, and how far off, of their size.
-
-    What hangs on another one of them follows it.
-    """
-    found, points = [], points.copy()
-    for part in small:
-        target = _target(before, points, part)
-        off = float(lengths(points[part.own] - target).max()) / part.size
-        if off > options.off:
-            points[part.own] = target
-            found.append((part, target, off))
-    return found
-
-
-def _target(before: FloatArray, points: FloatArray, part: _Part) -> FloatArray:
-    """Return a small part (N, 3), moved from one pose (V, 3) to another as what it is tied to."""
-    old, new = (
-        np.vstack([near.mean(axis=0), near]) for near in (before[part.hosts], points[part.hosts])
+    ends = np.concatenate([parts.edges, parts.edges[:, ::-1]])
+    beside = sparse.csr_matrix(
+        (np.ones(len(ends), dtype=bool), ends.T), shape=(len(of_vertex),) * 2
     )
-    spokes = np.stack([np.zeros(len(old) - 1), np.arange(1, len(old))], axis=1).astype(np.int32)
-    turn = best_rotation(old, new, spokes)
-    return np.asarray((before[part.own] - old[0]) @ turn.T + new[0])
+    small = np.flatnonzero((sizes <= options.small * extent(scene.rest)) & (sizes > 0.0))
+    for number in small[np.argsort(-sizes[small], kind="stable")].tolist():
+        larger = options.smaller * sizes >= sizes[number]
+        rows = corners[(of_top == number) & larger[of_host]].ravel()
+        near = np.union1d(rows, tops[(of_host == number) & larger[of_top]])
+        own = np.flatnonzero(of_vertex == number)
+        if len(near) == 0 or (scene.mobility[own] == 0.0).any():
+            continue
+        for _ in range(options.rings):
+            near = np.union1d(near, beside[near].indices)
+        yield _Part(own, near)

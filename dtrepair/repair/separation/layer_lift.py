@@ -146,11 +146,7 @@ class LayerLift:
         held, inner = np.zeros(len(own), dtype=bool), self._inner(pose)
         for _ in range(options.rounds):
             under, needed = self._under(own + shift, pose, inner)
-            vertices, region = self._regions(under)
-            among = np.zeros(len(vertices), dtype=bool)
-            among[region[wide[vertices]]] = True
-            under[vertices] = among[region]
-            if not under.any():
+            if not (under := self._among(under, wide)).any():
                 break
             target[under] = shift[under] + needed[under]
             held |= under
@@ -245,17 +241,29 @@ class LayerLift:
 
     def _led_back(self, poses: FloatArray, wide: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return which vertices (n,) of poses (T, V, 3) are in regions that a lift leads back."""
-        ways = np.zeros((2, len(self.own)))
-        for pose in poses:
+        ways, led = np.zeros((2, len(self.own))), np.zeros(len(self.own), dtype=bool)
+        for pose in poses if wide.any() else ():
             inner = self._inner(pose)
-            for way, own in zip(ways, (pose, self.moved(pose, self(pose, wide))), strict=True):
-                under, needed = self._under(own[self.own], own, inner)
-                way[under] += lengths(needed[under])
+            under, needed = self._under(pose[self.own], pose, inner)
+            among = self._among(under, wide)
+            ways[0, among] += lengths(needed[among])
+            stray, lifted = under & ~among, self.moved(pose, self(pose, wide))
+            under, needed = self._under(lifted[self.own], lifted, inner)
+            under &= ~stray  # what no lift touches
+            ways[1, under] += lengths(needed[under])
         vertices, region = self._regions(ways.sum(axis=0) > 0.0)
         before, after = (np.bincount(region, way[vertices]) for way in ways)
-        led = np.zeros(len(self.own), dtype=bool)
         led[vertices] = (after <= self.options.left * before)[region]
         return led
+
+    def _among(self, under: NDArray[np.bool_], wide: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return which vertices (n,) that went under are in regions with some that are wide."""
+        vertices, region = self._regions(under)
+        among = np.zeros(len(vertices), dtype=bool)
+        among[region[wide[vertices]]] = True
+        result = np.zeros_like(under)
+        result[vertices] = among[region]
+        return result
 
     def _regions(self, under: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return the vertices (N,) that went under, and the connected region (N,) of each."""

@@ -8,7 +8,7 @@ import pytest
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.worn.layers import Layers, median_of_parts
 from dtrepair.numerics.worn.parts import Parts
-from dtrepair.numerics.worn.sides import LayerOptions, WornLayer
+from dtrepair.numerics.worn.sides import LayerOptions, WornLayer, find_layer
 from tests.meshes import Mesh, icosphere, joined, torus, tube
 
 ARM = tube(24, 40, 0.2, 4.0)
@@ -56,9 +56,16 @@ def test_a_sheet_that_goes_half_round_is_a_layer_whichever_way_it_faces(
     assert found is not None and found.top == (0 if first else 1)
     assert (found.sides == (-1.0 if inside_out else 1.0)).all()
     # Within a tube it is beneath, and no layer over that.
-    wide = tube(24, 40, 0.26, 4.0)
-    found = layer(wide, sheet, closed=(True, False))
-    assert found is not None and found.top == 0
+    around = parts_of(tube(24, 40, 0.26, 4.0), sheet, closed=(True, False))
+    found = find_layer(around, 0, 1, [0])
+    assert found is None if inside_out else found is not None and found.top == 0
+
+
+@pytest.mark.parametrize("gap", [0.005, 0.02])
+def test_an_arm_beside_an_open_shirt_is_not_inside_of_it(gap: float) -> None:
+    shirt, (arm, faces) = tube(48, 40, 0.16, 0.7), tube(24, 40, 0.045, 0.6)
+    beside = arm + np.array([0.205 + gap, 0.0, 0.0]), faces
+    assert layer(shirt, beside, closed=(False, True)) is None
 
 
 def test_the_order_of_the_parts_is_no_matter() -> None:

@@ -140,7 +140,10 @@ def test_the_ball_of_a_joint_does_not_go_through_the_hem_that_it_lies_in() -> No
     foot, ball = tube(32, 12, 0.26, 1.0), moved(icosphere(3, 0.22), (0.0, 0.0, 0.5))
     assert rings_of(ball, foot, closed=False).of(1) == []
     # As far as its core reaches, it would.
-    assert len(rings_of(ball, foot, closed=False, through=0.5).of(1)) == 1
+    assert len(rings_of(ball, foot, closed=False, through=0.8).of(1)) == 1
+    # The foot of a leg that ends a little below the hem does.
+    leg = moved(tube(24, 40, 0.22, 4.0), (0.0, 0.0, 2.4))
+    assert [ring.under for ring in rings_of(leg, foot, closed=False).of(1)] != []
 
 
 @pytest.mark.parametrize(

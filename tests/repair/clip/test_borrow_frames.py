@@ -221,7 +221,8 @@ def test_attached_parts_that_stand_out_between_two_frames_take_their_way() -> No
     off = np.linalg.norm(bent - whole, axis=1).max()
     assert np.linalg.norm(found[1] - whole, axis=1).max() < 0.2 * off
     # What comes and goes evenly does not stand out, nor does the first or the last frame.
-    for poses in ([whole, bent, bent + (bent - whole)], [bent, whole, whole]):
+    on = whole + 1.3 * (bent - whole)
+    for poses in ([whole, bent, on], [bent, whole, whole]):
         again = started_again(scene, mesh, frames, poses, options=options)
         assert all(a is b for a, b in zip(again, poses, strict=True))
     options = BorrowingOptions(smooth=np.inf, stands_out=0.1)

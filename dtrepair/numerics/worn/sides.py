@@ -91,12 +91,10 @@ def find_layer(
     The first of the poses tells which vertices lie over what.
     """
     top = _top(parts, first, second, poses, None, options)
-    turned = _turned(parts, first, second, poses[0], options)
-    if top is None and turned is not None:
-        top = _top(parts, first, second, poses, turned, options)
-        top = top if top == turned else None
     if top is None:
-        return None
+        top = _turned(parts, first, second, poses[0], options)
+        if top is None or _top(parts, first, second, poses, top, options) != top:
+            return None
     under = second if top == first else first
     found_layer = layer_over(parts, top, under, poses[0], options=options)
     return found_layer if len(found_layer.vertices) else None

@@ -143,7 +143,8 @@ def _small_parts(scene: Scene, options: SmallPartOptions) -> Iterator[_Part]:
         rows = corners[(of_top == number) & larger[of_host]].ravel()
         near = np.union1d(rows, tops[(of_host == number) & larger[of_top]])
         own = np.flatnonzero(of_vertex == number)
-        if len(near) == 0 or (scene.mobility[own] == 0.0).any():
+        stays = scene.is_stiff(int(scene.body_of_vertex[own[0]])) or scene.direction[own].any()
+        if len(near) == 0 or stays or (scene.mobility[own] == 0.0).any():
             continue
         for _ in range(options.rings):
             near = np.union1d(near, beside[near].indices)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -94,10 +96,21 @@ def test_what_would_meet_something_stays_and_the_rest_is_led_back() -> None:
         assert np.allclose(led[PINS], pose.centred[PINS] - [0.0, 0.0, 0.03], atol=2e-3)
 
 
-def test_what_is_fixed_stays() -> None:
-    pin = np.zeros(COUNT + SMALL + len(PIN[0]))
-    pin[RIVETS] = 1.0
-    scene, pose = riveted(pin=pin)
+ALL = COUNT + SMALL + len(PIN[0])
+
+
+@pytest.mark.parametrize(
+    "choices",
+    [
+        {"pin": (np.arange(ALL) >= COUNT).astype(float)},
+        {"rigid": True},
+        {"diffusion": 999.0},
+        {"direction": np.tile([0.0, 0.0, 1.0], (ALL, 1))},
+    ],
+    ids=["fixed", "rigid", "stiff", "directed"],
+)
+def test_what_may_not_move_freely_stays(choices: dict[str, Any]) -> None:
+    scene, pose = riveted(**choices)
     found = moved(pose)
     found[RIVETS] = pose.centred[RIVETS]
     assert (with_small_parts(scene, pose, found)[RIVETS] == pose.centred[RIVETS]).all()

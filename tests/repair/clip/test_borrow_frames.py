@@ -228,3 +228,40 @@ def test_attached_parts_that_stand_out_between_two_frames_take_their_way() -> No
     options = BorrowingOptions(smooth=np.inf, stands_out=0.1)
     again = started_again(scene, mesh, frames, [whole, bent, whole], options=options)
     assert again[1] is bent
+
+
+def test_only_frames_that_stand_out_borrow_and_only_from_good_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene, frame, mesh = winged(1.2)
+    (whole,) = relieved_poses(scene, mesh, [frame], [mesh.solve([frame.centred])[0][0]])
+    bent, far = whole.copy(), whole[:, 2] > 0.4
+    bent[far, 0] += 0.1 * (whole[far, 2] - 0.4)
+    flat = whole.copy()
+    flat[:, 1] *= 0.01
+    assert strain_of(scene, frame.centred, flat)
+    asked = list[int]()
+
+    def solved(state: object, jobs: int | None) -> list[FloatArray]:
+        asked.append(len(state.loans))  # type: ignore[attr-defined]
+        return [bent] * asked[-1]
+
+    monkeypatch.setattr(borrow_frames, "_solved", solved)
+
+    def loans(*poses: FloatArray, stands_out: float = 1e-4) -> int:
+        asked.clear()
+        # Strained frames borrow nothing here by the older rule.
+        options = BorrowingOptions(smooth=np.inf, hopeless=0.0, stands_out=stands_out)
+        started_again(scene, mesh, [frame] * len(poses), list(poses), options=options)
+        return sum(asked)
+
+    assert loans(whole, bent, whole) > 0
+    assert loans(whole, bent, whole, stands_out=1.0) == 0
+    # It goes on, if not by equal steps.
+    assert loans(whole, bent, whole + 1.3 * (bent - whole)) == 0
+    assert loans(whole, whole, bent, bent) == 0
+    # Neither from what is strained or intersects, nor for what is strained.
+    assert loans(flat, bent, flat) == 0
+    assert len(scene.pairs(frame.centred, frame.weld))
+    assert loans(frame.centred, bent, frame.centred) == 0
+    assert loans(whole, flat, whole) == 0

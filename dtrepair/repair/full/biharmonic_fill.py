@@ -27,7 +27,8 @@ class FillOptions:
 
     Args:
         rounds: Times that a patch grows before it starts again as a membrane.
-        largest: Fraction of the mesh that patches may cover at most: a whole limb replaced is lost.
+        largest: Fraction of a connected part that patches may cover at most: a whole limb replaced
+            is lost, and a whole sleeve shrinks into its arm.
         restart_rings: Rings that a patch loses where it starts again, as a membrane needs fewer.
     """
 
@@ -100,14 +101,16 @@ def biharmonic_fill(
     base = find_defects(surface, points) if known is None else known
     filled, defects = points, base
     best = Filled(points, base)
-    patches = _Patches(surface.count)
+    patches, last = _Patches(surface.count), np.zeros(surface.count, dtype=bool)
     for _ in range(2 * options.rounds):
         if len(defects.triangles) == 0:
             break
         patches.grow(surface, surface.vertices_of(defects.triangles), options)
-        mask = _with_surroundings(surface, patches.mask(surface) & ~surface.stiff)
-        if not mask.any() or mask.mean() > options.largest:
+        grown = patches.mask(surface) & ~surface.stiff
+        mask = _with_surroundings(surface, grown, last, options.largest)
+        if (mask == last).all():
             break
+        last = mask
         kinds = patches.settle(surface, mask)
         filled = points
         for kind, replace in ((BILAPLACIAN, bilaplacian_fill), (MEMBRANE, membrane_fill)):
@@ -119,12 +122,13 @@ def biharmonic_fill(
     return best
 
 
-def _with_surroundings(surface: Surface, mask: BoolArray) -> BoolArray:
-    """Return the mask (V,) without parts that it covers wholly: they would shrink to a point."""
-    part = surface.part_of_vertex
-    beyond = np.zeros(len(surface.part_sizes), dtype=bool)
-    beyond[part[~mask]] = True
-    return np.asarray(mask & beyond[part])
+def _with_surroundings(
+    surface: Surface, grown: BoolArray, last: BoolArray, largest: float
+) -> BoolArray:
+    """Return the `grown` mask (V,), but the `last` one on parts of which it covers too much."""
+    shell = surface.shell_of_vertex
+    share = np.bincount(shell, grown) / np.bincount(shell)
+    return np.where((share <= largest)[shell], grown, last)
 
 
 def membrane_fill(

@@ -62,6 +62,11 @@ class Topology:
         return link_labels(self.linked, self.count)
 
     @cached_property
+    def shell_of_vertex(self) -> IntArray:
+        """The connected part (V,) of each vertex: what edges alone connect."""
+        return link_labels(self.edges, self.count)
+
+    @cached_property
     def edge_pairs(self) -> NDArray[np.int64]:
         """Pairs (H, 2) of triangles that share an edge."""
         return shared_edges(self.faces)

@@ -173,3 +173,20 @@ def test_a_small_part_that_a_patch_would_cover_does_not_shrink_to_a_point(
     monkeypatch.setattr("dtrepair.repair.full.biharmonic_fill.update_defects", looked_at)
     biharmonic_fill(surface, surface.rest)
     assert min(sizes) > 0.5 * extent(surface.rest[own])
+
+
+def test_at_most_half_of_a_part_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    # A sleeve of few rings that a plate cuts through: patches would reach its ends at once.
+    sleeve, plate = tube(12, 6), grid(40, 40)
+    middle = sleeve[0].mean(axis=0) - plate[0].mean(axis=0)
+    surface = Surface(*joined(sleeve, (plate[0] + middle, plate[1])))
+    own, shares = slice(0, len(sleeve[0])), []
+    assert len(find_defects(surface, surface.rest).crossings) > 0
+
+    def looked_at(surface: Surface, known: Defects, points: FloatArray, moved: Any) -> Defects:
+        shares.append(moved[own].mean())
+        return update_defects(surface, known, points, moved)
+
+    monkeypatch.setattr("dtrepair.repair.full.biharmonic_fill.update_defects", looked_at)
+    biharmonic_fill(surface, surface.rest)
+    assert 0.2 < max(shares) <= 0.5 and len(shares) > 1

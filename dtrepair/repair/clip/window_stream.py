@@ -112,7 +112,7 @@ class WindowStream:
             if any(found.lowered for found in judged):
                 ways = self.options.ways
                 judged, meshes = on_other_ways(meshes, frames, judged, self._judged, options=ways)
-                judged = with_turns(meshes, frames, judged, self._judged)
+                judged = with_turns(meshes, frames, judged, self._judged, options=ways)
         # Clean windows need none.
         mesh = cache(partial(meshes, [frame.sewn for frame in frames]))
         if len(tail) < len(frames):
@@ -215,7 +215,8 @@ class WindowStream:
         assert found is not None
         left = self._left_of(mesh, found)
         numbers = list(map(len, left))
-        runs = self.options.ways.again(np.array(numbers) > 0, numbers)
+        dirty = np.array(numbers) > 0
+        runs = self.options.ways.again(dirty, numbers, len(mesh.surface.faces))
         otherwise = starts.otherwise(left) if runs else None
         if otherwise is None:
             return found

@@ -29,19 +29,22 @@ class OtherWayOptions:
             first, and this fraction of the diagonal.
         few, share: Of attached parts, whose frames are solved each for itself, at most so many
             frames of a window, or this share of it, are solved again: those with least left.
+        triangles: Of larger scenes as many fewer frames, but one at least.
     """
 
     farther: float = 2.0
     near: float = 0.01
     few: int = 3
     share: float = 0.25
+    triangles: int = 20_000
 
-    def again(self, chosen: NDArray[np.bool_], left: Sequence[int]) -> list[slice]:
+    def again(self, chosen: NDArray[np.bool_], left: Sequence[int], triangles: int) -> list[slice]:
         """Return the runs of the chosen frames (T,) that are solved again.
 
-        left: how many pairs each frame has left.
+        left: how many pairs each frame has left; triangles: how many the scene has.
         """
-        most = max(self.few, int(self.share * len(chosen)))
+        fewer = min(1.0, self.triangles / max(triangles, 1))
+        most = max(1, round(fewer * max(self.few, int(self.share * len(chosen)))))
         order = np.lexsort((np.asarray(left), ~chosen))[:most]
         return runs_of(chosen & np.isin(np.arange(len(chosen)), order))
 
@@ -63,7 +66,7 @@ def on_other_ways(
     runs = [slice(0, len(frames))]
     if tied := scene.strain_meter.parts.ties is not None:
         lowered = np.array([found.lowered for found in judged])
-        runs = options.again(lowered, _left(scene, frames, judged))
+        runs = options.again(lowered, _left(scene, frames, judged), len(scene.faces))
     bent = [bent_bodies(scene, found) for found in judged]
     for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
         for run in runs:
@@ -77,7 +80,12 @@ def on_other_ways(
 
 
 def with_turns(
-    meshes: WeldedMeshes, frames: Sequence[Pose], judged: list[Judged], judge: Judge[Pose]
+    meshes: WeldedMeshes,
+    frames: Sequence[Pose],
+    judged: list[Judged],
+    judge: Judge[Pose],
+    *,
+    options: OtherWayOptions = OtherWayOptions(),
 ) -> list[Judged]:
     """Return better poses where strained ones are less so if joints that turned are left alone.
 
@@ -92,7 +100,8 @@ def with_turns(
     known = [detected(scene, replace(frame, detected=False)) for frame in frames]
     # The others have no contact at a joint that turned.
     met = [own.wrong < frame.wrong for own, frame in zip(known, frames, strict=True)]
-    for run in runs_of(lowered & np.array(met)):
+    before = _left(meshes.scene, frames, judged)
+    for run in options.again(lowered & np.array(met), before, len(scene.faces)):
         own, first = known[run], result[run]
         other = judge(turning, own)
         left = zip(_left(scene, own, other), _left(scene, own, first), strict=True)

@@ -96,7 +96,8 @@ def biharmonic_fill(
 
     A patch starts as the smoothest (bi-Laplacian) continuation of its surroundings, grows by a
     ring where it still fails, some times, and then starts again as a membrane. Folds count as
-    defects. Fixed vertices and rigid bodies are never replaced. known: the defects of `points`.
+    defects. Fixed vertices and rigid bodies are never replaced, and of no connected part more than
+    a share: there a patch stays as large as it was. known: the defects of `points`.
     """
     base = find_defects(surface, points) if known is None else known
     filled, defects = points, base
@@ -107,7 +108,7 @@ def biharmonic_fill(
             break
         patches.grow(surface, surface.vertices_of(defects.triangles), options)
         grown = patches.mask(surface) & ~surface.stiff
-        mask = _with_surroundings(surface, grown, last, options.largest)
+        mask = _bounded(surface, grown, last, options.largest)
         if (mask == last).all():
             break
         last = mask
@@ -122,9 +123,7 @@ def biharmonic_fill(
     return best
 
 
-def _with_surroundings(
-    surface: Surface, grown: BoolArray, last: BoolArray, largest: float
-) -> BoolArray:
+def _bounded(surface: Surface, grown: BoolArray, last: BoolArray, largest: float) -> BoolArray:
     """Return the `grown` mask (V,), but the `last` one on parts of which it covers too much."""
     shell = surface.shell_of_vertex
     share = np.bincount(shell, grown) / np.bincount(shell)

@@ -65,3 +65,12 @@ def test_few_dirty_frames_are_solved_again(
         again = 1 if angles[0] > angles[1] else 3
         assert results[again][0].before.pairs > 0
         assert all(result.status is Status.CLEAN for result in results[again])
+
+
+@pytest.mark.parametrize(
+    ("triangles", "most"), [(0, 4), (20_000, 4), (40_000, 2), (80_000, 1), (10_000_000, 1)]
+)
+def test_fewer_frames_of_large_scenes_are_solved_again(triangles: int, most: int) -> None:
+    chosen, left = np.ones(16, dtype=bool), list(range(16, 0, -1))
+    runs = OtherWayOptions().again(chosen, left, triangles)
+    assert runs == [slice(16 - most, 16)]

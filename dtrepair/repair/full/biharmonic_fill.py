@@ -27,8 +27,8 @@ class FillOptions:
 
     Args:
         rounds: Times that a patch grows before it starts again as a membrane.
-        largest: Fraction of a connected part that patches may cover at most: a whole limb replaced
-            is lost, and a whole sleeve shrinks into its arm.
+        largest: Fraction of a part, what edges connect, that patches may cover at most: a whole
+            limb replaced is lost, and a whole sleeve shrinks into its arm.
         restart_rings: Rings that a patch loses where it starts again, as a membrane needs fewer.
     """
 
@@ -96,8 +96,9 @@ def biharmonic_fill(
 
     A patch starts as the smoothest (bi-Laplacian) continuation of its surroundings, grows by a
     ring where it still fails, some times, and then starts again as a membrane. Folds count as
-    defects. Fixed vertices and rigid bodies are never replaced, and of no connected part more than
-    a share: there a patch stays as large as it was. known: the defects of `points`.
+    defects. Fixed vertices and rigid bodies are never replaced. Where more than a share of what
+    edges connect would be, the patch stays as large as it was; it ends where all patches do.
+    known: the defects of `points`.
     """
     base = find_defects(surface, points) if known is None else known
     filled, defects = points, base
@@ -108,8 +109,8 @@ def biharmonic_fill(
             break
         patches.grow(surface, surface.vertices_of(defects.triangles), options)
         grown = patches.mask(surface) & ~surface.stiff
-        mask = _bounded(surface, grown, last, options.largest)
-        if (mask == last).all():
+        mask, held = _bounded(surface, grown, last, options.largest)
+        if not (grown & ~held).any():
             break
         last = mask
         kinds = patches.settle(surface, mask)
@@ -123,11 +124,16 @@ def biharmonic_fill(
     return best
 
 
-def _bounded(surface: Surface, grown: BoolArray, last: BoolArray, largest: float) -> BoolArray:
-    """Return the `grown` mask (V,), but the `last` one on parts of which it covers too much."""
+def _bounded(
+    surface: Surface, grown: BoolArray, last: BoolArray, largest: float
+) -> tuple[BoolArray, BoolArray]:
+    """Return the mask (V,) of what is replaced, and which vertices (V,) it holds back.
+
+    That is `grown` (V,), but `last` (V,) on the parts of which `grown` covers more than `largest`.
+    """
     shell = surface.shell_of_vertex
-    share = np.bincount(shell, grown) / np.bincount(shell)
-    return np.where((share <= largest)[shell], grown, last)
+    held = (np.bincount(shell, grown) > largest * np.bincount(shell))[shell]
+    return np.where(held, last, grown), held
 
 
 def membrane_fill(

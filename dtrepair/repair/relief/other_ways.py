@@ -29,23 +29,31 @@ class OtherWayOptions:
             first, and this fraction of the diagonal.
         few, share: Of attached parts, whose frames are solved each for itself, at most so many
             frames of a window, or this share of it, are solved again: those with least left.
-        triangles: Of larger scenes as many fewer frames, but one at least.
+        large: Scenes of more triangles get fewer frames by that ratio, but one at least.
     """
 
     farther: float = 2.0
     near: float = 0.01
     few: int = 3
     share: float = 0.25
-    triangles: int = 20_000
+    large: int = 20_000
 
-    def again(self, chosen: NDArray[np.bool_], left: Sequence[int], triangles: int) -> list[slice]:
+    def again(
+        self,
+        chosen: NDArray[np.bool_],
+        left: Sequence[int],
+        triangles: int,
+        *,
+        most: int | None = None,
+    ) -> list[slice]:
         """Return the runs of the chosen frames (T,) that are solved again.
 
-        left: how many pairs each frame has left; triangles: how many the scene has.
+        left: how many pairs each frame has left; triangles: how many the scene has; most: so many
+        frames of a scene that is not large; default: those of the options.
         """
-        fewer = min(1.0, self.triangles / max(triangles, 1))
-        most = max(1, round(fewer * max(self.few, int(self.share * len(chosen)))))
-        order = np.lexsort((np.asarray(left), ~chosen))[:most]
+        usual = max(self.few, int(self.share * len(chosen))) if most is None else most
+        number = max(1, round(usual * min(1.0, self.large / max(triangles, 1))))
+        order = np.lexsort((np.asarray(left), ~chosen))[:number]
         return runs_of(chosen & np.isin(np.arange(len(chosen)), order))
 
 
@@ -90,7 +98,7 @@ def with_turns(
     """Return better poses where strained ones are less so if joints that turned are left alone.
 
     What such joints have in contact counts all the same in what is handed back, and what strained
-    the frame stays told.
+    the frame stays told. In large scenes those with least left are tried (see `again`).
     """
     turning = meshes.turning
     lowered = np.array([found.lowered for found in judged])
@@ -100,8 +108,8 @@ def with_turns(
     known = [detected(scene, replace(frame, detected=False)) for frame in frames]
     # The others have no contact at a joint that turned.
     met = [own.wrong < frame.wrong for own, frame in zip(known, frames, strict=True)]
-    before = _left(meshes.scene, frames, judged)
-    for run in options.again(lowered & np.array(met), before, len(scene.faces)):
+    chosen, before = lowered & np.array(met), _left(meshes.scene, frames, judged)
+    for run in options.again(chosen, before, len(scene.faces), most=int(chosen.sum())):
         own, first = known[run], result[run]
         other = judge(turning, own)
         left = zip(_left(scene, own, other), _left(scene, own, first), strict=True)

@@ -63,7 +63,7 @@ class Topology:
 
     @cached_property
     def shell_of_vertex(self) -> IntArray:
-        """The connected part (V,) of each vertex: what edges alone connect."""
+        """The shell (V,) of each vertex: what edges connect, without links."""
         return link_labels(self.edges, self.count)
 
     @cached_property

@@ -92,7 +92,9 @@ def test_a_strained_joint_that_turned_is_left_alone_and_told(
         assert frame.left.strains
         assert "--attach" in frame.message and "--at-any-cost" in frame.message
     # Else the joint gives way.
-    monkeypatch.setattr(window_stream, "with_turns", lambda meshes, frames, judged, judge: judged)
+    monkeypatch.setattr(
+        window_stream, "with_turns", lambda meshes, frames, judged, judge, *, options: judged
+    )
     frames = repair_stage(path, tmp_path / "c.usda", selection=last).frames
     times = [frame.time for frame in left]
     assert any(frame.displacement_max > 0.01 for frame in frames if frame.time in times)

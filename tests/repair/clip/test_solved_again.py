@@ -68,9 +68,13 @@ def test_few_dirty_frames_are_solved_again(
 
 
 @pytest.mark.parametrize(
-    ("triangles", "most"), [(0, 4), (20_000, 4), (40_000, 2), (80_000, 1), (10_000_000, 1)]
+    ("triangles", "usual", "most"),
+    [(0, 4, 12), (20_000, 4, 12), (30_000, 3, 8), (80_000, 1, 3), (10_000_000, 1, 1)],
 )
-def test_fewer_frames_of_large_scenes_are_solved_again(triangles: int, most: int) -> None:
+def test_fewer_frames_of_large_scenes_are_solved_again(
+    triangles: int, usual: int, most: int
+) -> None:
     chosen, left = np.ones(16, dtype=bool), list(range(16, 0, -1))
-    runs = OtherWayOptions().again(chosen, left, triangles)
-    assert runs == [slice(16 - most, 16)]
+    options = OtherWayOptions()
+    assert options.again(chosen, left, triangles) == [slice(16 - usual, 16)]
+    assert options.again(chosen, left, triangles, most=12) == [slice(16 - most, 16)]

@@ -180,13 +180,32 @@ def test_at_most_half_of_a_part_is_replaced(monkeypatch: pytest.MonkeyPatch) -> 
     sleeve, plate = tube(12, 6), grid(40, 40)
     middle = sleeve[0].mean(axis=0) - plate[0].mean(axis=0)
     surface = Surface(*joined(sleeve, (plate[0] + middle, plate[1])))
-    own, shares = slice(0, len(sleeve[0])), []
+    own = np.arange(surface.count) < len(sleeve[0])
+    shares: list[tuple[float, float]] = []
     assert len(find_defects(surface, surface.rest).crossings) > 0
 
     def looked_at(surface: Surface, known: Defects, points: FloatArray, moved: Any) -> Defects:
-        shares.append(moved[own].mean())
+        shares.append((moved[own].mean(), moved[~own].mean()))
         return update_defects(surface, known, points, moved)
 
     monkeypatch.setattr("dtrepair.repair.full.biharmonic_fill.update_defects", looked_at)
     biharmonic_fill(surface, surface.rest)
-    assert 0.2 < max(shares) <= 0.5 and len(shares) > 1
+    of_sleeve, of_plate = zip(*shares, strict=True)
+    assert 0.2 < max(of_sleeve) <= 0.5
+    # There the patch stays, while that of the plate still grows.
+    assert of_sleeve[-1] == of_sleeve[-2] == max(of_sleeve) and of_plate[-1] > of_plate[-2]
+
+
+def test_what_fills_all_that_is_free_becomes_a_membrane(monkeypatch: pytest.MonkeyPatch) -> None:
+    (points, faces), (rest, _) = elbow(1.4), elbow(0.0)
+    crease = Surface(rest, faces).vertices_of(find_intersections(points, faces))
+    surface = Surface(rest, faces, mobility=np.where(crease, 1.0, 0.0))
+    kinds = []
+
+    def membrane(*given: Any) -> FloatArray:
+        kinds.append(int(given[2].sum()))
+        return membrane_fill(*given)
+
+    monkeypatch.setattr("dtrepair.repair.full.biharmonic_fill.membrane_fill", membrane)
+    biharmonic_fill(surface, points / surface.size)
+    assert kinds

@@ -55,6 +55,12 @@ def test_a_push_on_one_body_carries_the_other_along() -> None:
     assert not bound.diffuse(field)[bound.bodies[2].start :].any()
 
 
+def test_ties_join_parts_but_not_shells() -> None:
+    bound = tied()
+    assert len(np.unique(bound.part_of_vertex)) == 2
+    assert np.array_equal(bound.shell_of_vertex, bound.body_of_vertex)
+
+
 def test_a_shift_of_everything_stretches_no_tie() -> None:
     bound = tied()
     assert bound.ties is not None and bound.offsets is not None

@@ -74,7 +74,7 @@ def test_what_stretches_a_soft_body_is_evened_out() -> None:
 
 
 def test_what_is_solved_frame_by_frame_is_hardly_stretched() -> None:
-    assert bending(99.0, lend=LendFramesOptions(share=0.0)) < 0.2 * bending(99.0)
+    assert bending(99.0, lend=LendFramesOptions(share=0.0)) < 0.5 * bending(99.0)
 
 
 def test_a_soft_body_that_is_hardly_stretched_is_left_alone() -> None:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dtrepair.intersect.detector import Detector
-from dtrepair.numerics.attached.overlaps import AttachmentOptions, find_attachments
+from dtrepair.numerics.attached.attachment_options import AttachmentOptions
+from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from tests.measures.modelled_zones import attach

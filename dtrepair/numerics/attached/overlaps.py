@@ -7,14 +7,16 @@ connected to them, are the seeds of an overlap; its zone is grown from them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from dtrepair.numerics.attached.attachment_options import AttachmentOptions
+from dtrepair.numerics.attached.hems import clear_of_hems
 from dtrepair.numerics.attached.hidden_ends import hidden_ends
 from dtrepair.numerics.attachments import (
     NO_TIES,
@@ -29,6 +31,7 @@ from dtrepair.numerics.enclosure import Dipoles
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
+    border_edges,
     components,
     dots,
     lengths,
@@ -39,36 +42,6 @@ from dtrepair.numerics.geometry import (
 
 BoolArray = NDArray[np.bool_]
 KeyArray = NDArray[np.int64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class AttachmentOptions:
-    """How far a zone reaches, and what is attached as a whole.
-
-    Args:
-        reach: Geodesic growth of a zone beyond the overlap, in rms sizes of the overlap: a joint
-            that bends slides by about that much. A zone begins within an edge of the mesh at least.
-        rings: A triangle belongs to a zone if it begins there, and lies wholly within the rms sizes
-            or within so many edges of the overlap.
-        enclosed: Behind a part lies only what it encloses by this winding number, as a sleeve its
-            arm: not all that is in front of a sheet. Beyond the reach of where the two meet, what
-            hangs farther off one with a border than it does there is not held: the knees under a
-            skirt.
-        cells: Along the extent of a part, for its winding numbers: a sleeve is narrow.
-        whole: A part of which more than this share is in or behind one of larger area is attached
-            as a whole: eyes, teeth, buttons.
-        larger: Ratio of areas above which that is so: copies of a part differ by rounding only.
-        turned: Where rigid parts turn about each other, and in some pose more than this share of
-            their contact has left the zone, it moves along; else small motions bring it back.
-    """
-
-    reach: float = 1.0
-    rings: int = 3
-    enclosed: float = 0.5
-    cells: int = 64
-    whole: float = 0.5
-    larger: float = 1.001
-    turned: float = 0.5
 
 
 def find_attachments(
@@ -122,6 +95,19 @@ def _distinct(keys: Sequence[KeyArray]) -> KeyArray:
     return np.asarray(every[np.diff(every, prepend=-1) != 0])
 
 
+class _Seeds(NamedTuple):
+    """Vertices (V,) of a part from which its zone towards another one grows.
+
+    own: the seeds; every: with those that hang off the other part; clear: which may slide along
+    it; whole: whether the part is attached as a whole.
+    """
+
+    own: BoolArray
+    every: BoolArray
+    clear: BoolArray
+    whole: bool
+
+
 class _Overlaps:
     """The overlaps of the parts of one reference pose."""
 
@@ -161,11 +147,9 @@ class _Overlaps:
     @cached_property
     def open(self) -> BoolArray:
         """Which parts (P,) have a border."""
-        edges = np.sort(self.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        keys = edges[:, 0].astype(np.int64) * len(self.points) + edges[:, 1]
-        found, counts = np.unique(keys, return_counts=True)
+        borders = border_edges(self.faces, len(self.points))
         result = np.zeros(self.parts, dtype=bool)
-        result[self.part_of_vertex[found[counts == 1] // len(self.points)]] = True
+        result[self.part_of_vertex[self.faces.ravel()[borders[:, 0]]]] = True
         return result
 
     @cached_property
@@ -208,29 +192,25 @@ class _Overlaps:
     def zones(self, first: int, second: int) -> list[tuple[KeyArray, Ties]]:
         """Return the zone keys and ties of both parts of an attached pair."""
         own = self.pairs[self.key_of_pair == first * self.parts + second]
-        seeds, every, whole = {}, {}, False
-        for part, other in ((first, second), (second, first)):
-            seeds[part], every[part], encloses = self._seeds(part, other, own)
-            whole |= encloses
+        both = (first, second), (second, first)
+        seeds = {part: self._seeds(part, other, own) for part, other in both}
+        whole = any(found.whole for found in seeds.values())
         found = []
-        for part, other in ((first, second), (second, first)):
-            triangles = self.triangles(part)
+        for part, other in both:
+            triangles, of_part = self.triangles(part), seeds[part]
             if not whole:
-                zone = self._grown(seeds[part])
-                near = self._grown(every[part], coarse=False) | self._ringed(every[part])
+                zone = self._grown(of_part.own)
+                near = self._grown(of_part.every, coarse=False) | self._ringed(of_part.every)
                 corners = self.faces[triangles]
                 triangles = triangles[zone[corners].any(axis=1) & near[corners].all(axis=1)]
             keys = triangles.astype(np.int64) * self.parts + other
-            found.append((keys, self._ties(np.flatnonzero(seeds[part]), other)))
+            found.append((keys, self._ties(np.flatnonzero(of_part.own & ~of_part.clear), other)))
         return found
 
-    def _seeds(self, part: int, other: int, pairs: IntArray) -> tuple[BoolArray, BoolArray, bool]:
-        """Return seeds (V,) of a part towards another one, and whether it is all attached.
-
-        Second, the seeds with those that hang off the other part.
-        """
+    def _seeds(self, part: int, other: int, pairs: IntArray) -> _Seeds:
+        """Return the seeds of a part towards another one."""
         corners = self.faces[pairs.ravel()].ravel()
-        mask = np.zeros(len(self.points), dtype=bool)
+        mask, none = np.zeros((2, len(self.points)), dtype=bool)
         mask[corners[self.part_of_vertex[corners] == part]] = True
         touched = np.flatnonzero(mask)
         behind = self._behind(part, other)
@@ -240,12 +220,13 @@ class _Overlaps:
         larger = self.areas[other] > self.options.larger * self.areas[part]
         if share > self.options.whole and larger:
             mask[own] = True
-            return mask, mask, True
+            return _Seeds(mask, mask, none, True)
         every = self._reached(mask, touched)
         if not self.open[other]:
-            return every, every, False
-        mask[self._hanging(part, other, touched, behind)] = False
-        return self._reached(mask, touched), every, False
+            return _Seeds(every, every, none, False)
+        hanging, clear = self._hanging(other, touched, behind)
+        mask[hanging] = False
+        return _Seeds(self._reached(mask, touched), every, clear, False)
 
     def _reached(self, mask: BoolArray, touched: NDArray[np.integer]) -> BoolArray:
         """Return what of a mask (V,) is connected through it to vertices: a far shell is not."""
@@ -256,18 +237,21 @@ class _Overlaps:
         return result
 
     def _hanging(
-        self, part: int, other: int, touched: NDArray[np.integer], behind: IntArray
-    ) -> IntArray:
-        """Return which vertices of a part `behind` an open one hang off it far from the contact.
+        self, other: int, touched: NDArray[np.integer], behind: IntArray
+    ) -> tuple[IntArray, BoolArray]:
+        """Return which vertices `behind` an open part hang off it far from the contact.
 
-        touched: vertices of the part whose triangles meet the other one.
+        Second, which of all (V,) are clear of a garment. touched: vertices whose triangles meet
+        the open part.
         """
-        met = np.zeros(len(self.points), dtype=bool)
+        met, clear = np.zeros((2, len(self.points)), dtype=bool)
         met[touched] = True
         near, points = self._grown(met)[behind], self.points[behind]
         away = lengths(self._tree(other).nearest(points)[1] - points)
         far = ~near & (away > away[near].max(initial=0.0))
-        return np.asarray(behind[far & ~met[behind]])
+        edge = float(self.edge_length[self.vertices(other)].mean())
+        clear[behind] = clear_of_hems(near, far, away, edge, options=self.options.hems)
+        return np.asarray(behind[far]), clear
 
     def _behind(self, part: int, other: int) -> IntArray:
         """Return the vertices of a part behind, or enclosed by, another one, within its box."""

@@ -90,17 +90,17 @@ def find_layer(
 
     The first of the poses tells which vertices lie over what.
     """
-    top = _top(parts, first, second, poses, None, options)
+    top = upper_part(parts, first, second, poses, None, options)
     if top is None:
         top = _turned(parts, first, second, poses[0], options)
-        if top is None or _top(parts, first, second, poses, top, options) != top:
+        if top is None or upper_part(parts, first, second, poses, top, options) != top:
             return None
     under = second if top == first else first
     found_layer = layer_over(parts, top, under, poses[0], options=options)
     return found_layer if len(found_layer.vertices) else None
 
 
-def _top(
+def upper_part(
     parts: Parts,
     first: int,
     second: int,
@@ -116,7 +116,7 @@ def _top(
     facing = 1.0 if turned is None else -1.0
     for pose in poses:
         for part, other, sign in ((first, second, 1.0), (second, first, -1.0)):
-            found = _beside(parts, part, other, pose, options)
+            found = look_beside(parts, part, other, pose, options)
             parallel = found.known & (facing * found.sides > 0)
             # By the share of each part's area: a small part is not outvoted by a large one.
             weights = parts.area_shares(part)
@@ -137,7 +137,7 @@ def _turned(parts: Parts, first: int, second: int, pose: int, options: LayerOpti
     if parts.closed[first] == parts.closed[second]:
         return None
     part, other = (second, first) if parts.closed[first] else (first, second)
-    found = _beside(parts, part, other, pose, options)
+    found = look_beside(parts, part, other, pose, options)
     weights = parts.area_shares(part) * found.known
     return part if float((weights * found.sides).sum()) < 0.0 else None
 
@@ -150,7 +150,7 @@ def layer_over(
     All vertices of an open layer are held outside: what hangs free may meet it later. Of a closed
     one those that are near in the pose, and outside if any is.
     """
-    found = _beside(parts, top, under, pose, options)
+    found = look_beside(parts, top, under, pose, options)
     outside = found.known & (found.heights > 0)
     own = outside if outside.any() else found.known
     sides, heights = found.sides.copy(), np.where(outside, found.heights, np.inf)
@@ -215,7 +215,7 @@ def find_sheet(
     for top, under in ((first, second), (second, first)):
         if parts.closed[top]:
             continue
-        found = _beside(parts, top, under, pose, options)
+        found = look_beside(parts, top, under, pose, options)
         near = zone(top, under)
         free = np.ones(len(found.known), dtype=bool)
         if near is not None:
@@ -246,7 +246,7 @@ def _covered(
     return np.asarray(own[facing & away])
 
 
-class _Beside(NamedTuple):
+class Beside(NamedTuple):
     """For vertices (n,) of a part: whether anything is beside them, on which side, how far away."""
 
     known: BoolArray
@@ -254,7 +254,8 @@ class _Beside(NamedTuple):
     heights: FloatArray
 
 
-def _beside(parts: Parts, part: int, other: int, pose: int, options: LayerOptions) -> _Beside:
+def look_beside(parts: Parts, part: int, other: int, pose: int, options: LayerOptions) -> Beside:
+    """Return what of another part is beside each vertex of a part, with a parallel normal."""
     points = parts.poses[pose]
     own, others = points[parts.vertices[part]], points[parts.vertices[other]]
     near = options.near * min(extent(own), extent(others))
@@ -263,7 +264,7 @@ def _beside(parts: Parts, part: int, other: int, pose: int, options: LayerOption
     reach = near + spacing.max(initial=0.0)
     within = (own >= others.min(axis=0) - reach) & (own <= others.max(axis=0) + reach)
     chosen = np.flatnonzero(within.all(axis=1))
-    result = _Beside(np.zeros(len(own), dtype=bool), np.zeros(len(own)), np.zeros(len(own)))
+    result = Beside(np.zeros(len(own), dtype=bool), np.zeros(len(own)), np.zeros(len(own)))
     if len(chosen) == 0:
         return result
     own = own[chosen]

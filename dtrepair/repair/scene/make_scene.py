@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from dtrepair.numerics.attachments import Reference
+from dtrepair.numerics.worn.linings import linings
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene.bodies import (
     Body,
@@ -46,7 +48,7 @@ def make_scene(
     vertex_starts = np.cumsum([0, *(len(points) for points, _ in meshes)])
     shifted = [faces + start for (_, faces), start in zip(meshes, vertex_starts, strict=False)]
     sized = [(body, len(points)) for body, (points, _) in zip(bodies, meshes, strict=True)]
-    return Scene(
+    scene = Scene(
         bodies=tuple(bodies),
         options=options,
         ignored=ignored,
@@ -61,3 +63,15 @@ def make_scene(
         strain=strain,
         device=device,
     )
+    return _linings_turned(scene)
+
+
+def _linings_turned(scene: Scene) -> Scene:
+    """Return a scene with the triangles of linings turned round, as those of closed parts are."""
+    own = scene.enclosures
+    if scene.options.method != "full" or own.closed.all() or not own.closed.any():
+        return scene
+    turned = np.isin(own.part_of_face, linings(scene.layers.parts))
+    if not turned.any():
+        return scene
+    return replace(scene, faces=np.where(turned[:, None], scene.faces[:, [0, 2, 1]], scene.faces))

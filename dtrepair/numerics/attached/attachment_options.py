@@ -1,0 +1,39 @@
+"""Numbers of attachments: how far zones reach, and what is attached as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dtrepair.numerics.attached.hems import HemOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttachmentOptions:
+    """How far a zone reaches, and what is attached as a whole.
+
+    Args:
+        reach: Geodesic growth of a zone beyond the overlap, in rms sizes of the overlap: a joint
+            that bends slides by about that much. A zone begins within an edge of the mesh at least.
+        rings: A triangle belongs to a zone if it begins there, and lies wholly within the rms sizes
+            or within so many edges of the overlap.
+        enclosed: Behind a part lies only what it encloses by this winding number, as a sleeve its
+            arm: not all that is in front of a sheet. Beyond the reach of where the two meet, what
+            hangs farther off one with a border than it does there is not held: the knees under a
+            skirt.
+        cells: Along the extent of a part, for its winding numbers: a sleeve is narrow.
+        whole: A part of which more than this share is in or behind one of larger area is attached
+            as a whole: eyes, teeth, buttons.
+        larger: Ratio of areas above which that is so: copies of a part differ by rounding only.
+        turned: Where rigid parts turn about each other, and in some pose more than this share of
+            their contact has left the zone, it moves along; else small motions bring it back.
+        hems: What a garment does not hold that is attached by them only.
+    """
+
+    reach: float = 1.0
+    rings: int = 3
+    enclosed: float = 0.5
+    cells: int = 64
+    whole: float = 0.5
+    larger: float = 1.001
+    turned: float = 0.5
+    hems: HemOptions = HemOptions()

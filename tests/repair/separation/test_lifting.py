@@ -234,6 +234,24 @@ def test_an_outer_layer_follows_the_inner_one() -> None:
     assert (sleeve > 0.28).all() and outer.mean() > sleeve.mean()
 
 
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_a_lining_stays_between_the_coat_and_the_trousers(inside_out: bool) -> None:
+    points, faces = icosphere(4)
+    leg = points * [0.2, 0.2, 2.0]
+    trousers, lining, coat = (tube(24, 20, own, 1.0) for own in (0.23, 0.25, 0.27))
+    of_lining = lining[1][:, [0, 2, 1]] if inside_out else lining[1]
+    meshes = (leg, faces), trousers, (lining[0], of_lining), coat
+    scene = make_scene([Body(*mesh) for mesh in meshes], RepairOptions())
+    # Both thigh and trousers come out through the coat.
+    pose = [swollen(leg, 0.5), swollen(trousers[0], 0.5), lining[0], coat[0]]
+    met = np.array([[0, 2], [0, 3], [1, 2], [1, 3]], dtype=np.int32)
+    after = np.split(lifted(scene, np.concatenate(pose), meet=met)[0], scene.vertex_starts[1:-1])
+    middle = np.abs(trousers[0][:, 2]) < 0.2
+    order = [radius(own)[middle] for own in after[1:]]
+    assert (order[1] > order[0]).all() and (order[2] > order[0]).all()
+    assert order[2].mean() > order[1].mean()
+
+
 def test_a_layer_that_the_user_numbers_is_lifted_whatever_the_rest_tells() -> None:
     # In the rest the sleeve lies inside the arm.
     inside = SLEEVE[0] * [0.8, 0.8, 1.0]

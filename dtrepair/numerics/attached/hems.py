@@ -17,20 +17,22 @@ class HemOptions:
     """When a garment hangs free of what it covers.
 
     Args:
-        beyond: It covers, beyond the reach of where the two meet, so many times what is within.
-        clear: What is farther from it than this fraction of its edges is clear of it: the thighs
+        beyond: Of what it covers, so many times as much lies beyond the reach of where the two meet
+            as within.
+        clear: What is farther from it than this fraction of its extent is clear of it: the thighs
             under a coat, not the arms in a tight suit.
     """
 
     beyond: float = 4.0
-    clear: float = 0.5
+    clear: float = 0.015
 
 
 def clear_of_hems(
     near: BoolArray,
     far: BoolArray,
     away: FloatArray,
-    edge: float,
+    areas: FloatArray,
+    size: float,
     *,
     options: HemOptions = HemOptions(),
 ) -> BoolArray:
@@ -40,9 +42,10 @@ def clear_of_hems(
         near: Which are within the reach of where the two parts meet.
         far: Which hang off it farther than any of these.
         away: Their distances from it.
-        edge: Length of its edges.
+        areas: The areas around them.
+        size: Extent of the open part.
     """
     beyond = ~near & ~far
-    if np.count_nonzero(beyond) <= options.beyond * np.count_nonzero(near):
+    if areas[beyond].sum() <= options.beyond * areas[near].sum():
         return np.zeros(len(near), dtype=bool)
-    return np.asarray(beyond & (away > options.clear * edge))
+    return np.asarray(beyond & (away > options.clear * size))

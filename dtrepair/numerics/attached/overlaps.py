@@ -34,6 +34,7 @@ from dtrepair.numerics.geometry import (
     border_edges,
     components,
     dots,
+    extent,
     lengths,
     triangle_areas,
     unique_edges,
@@ -98,13 +99,13 @@ def _distinct(keys: Sequence[KeyArray]) -> KeyArray:
 class _Seeds(NamedTuple):
     """Vertices (V,) of a part from which its zone towards another one grows.
 
-    own: the seeds; every: with those that hang off the other part; clear: which may slide along
-    it; whole: whether the part is attached as a whole.
+    own: the seeds; every: with those that hang off the other part; loose: those without a tie;
+    whole: whether the part is attached as a whole.
     """
 
     own: BoolArray
     every: BoolArray
-    clear: BoolArray
+    loose: BoolArray
     whole: bool
 
 
@@ -204,13 +205,13 @@ class _Overlaps:
                 corners = self.faces[triangles]
                 triangles = triangles[zone[corners].any(axis=1) & near[corners].all(axis=1)]
             keys = triangles.astype(np.int64) * self.parts + other
-            found.append((keys, self._ties(np.flatnonzero(of_part.own & ~of_part.clear), other)))
+            found.append((keys, self._ties(np.flatnonzero(of_part.own & ~of_part.loose), other)))
         return found
 
     def _seeds(self, part: int, other: int, pairs: IntArray) -> _Seeds:
         """Return the seeds of a part towards another one."""
         corners = self.faces[pairs.ravel()].ravel()
-        mask, none = np.zeros((2, len(self.points)), dtype=bool)
+        mask, loose = np.zeros((2, len(self.points)), dtype=bool)
         mask[corners[self.part_of_vertex[corners] == part]] = True
         touched = np.flatnonzero(mask)
         behind = self._behind(part, other)
@@ -220,13 +221,13 @@ class _Overlaps:
         larger = self.areas[other] > self.options.larger * self.areas[part]
         if share > self.options.whole and larger:
             mask[own] = True
-            return _Seeds(mask, mask, none, True)
+            return _Seeds(mask, mask, loose, True)
         every = self._reached(mask, touched)
         if not self.open[other]:
-            return _Seeds(every, every, none, False)
+            return _Seeds(every, every, loose, False)
         hanging, clear = self._hanging(other, touched, behind)
-        mask[hanging] = False
-        return _Seeds(self._reached(mask, touched), every, clear, False)
+        mask[hanging], loose[clear] = False, True
+        return _Seeds(self._reached(mask, touched), every, loose, False)
 
     def _reached(self, mask: BoolArray, touched: NDArray[np.integer]) -> BoolArray:
         """Return what of a mask (V,) is connected through it to vertices: a far shell is not."""
@@ -238,20 +239,19 @@ class _Overlaps:
 
     def _hanging(
         self, other: int, touched: NDArray[np.integer], behind: IntArray
-    ) -> tuple[IntArray, BoolArray]:
+    ) -> tuple[IntArray, IntArray]:
         """Return which vertices `behind` an open part hang off it far from the contact.
 
-        Second, which of all (V,) are clear of a garment. touched: vertices whose triangles meet
-        the open part.
+        Second, which are clear of a garment. touched: vertices whose triangles meet the open part.
         """
-        met, clear = np.zeros((2, len(self.points)), dtype=bool)
+        met = np.zeros(len(self.points), dtype=bool)
         met[touched] = True
         near, points = self._grown(met)[behind], self.points[behind]
         away = lengths(self._tree(other).nearest(points)[1] - points)
         far = ~near & (away > away[near].max(initial=0.0))
-        edge = float(self.edge_length[self.vertices(other)].mean())
-        clear[behind] = clear_of_hems(near, far, away, edge, options=self.options.hems)
-        return np.asarray(behind[far]), clear
+        size, areas = extent(self.points[self.vertices(other)]), lengths(self.normals[behind])
+        clear = clear_of_hems(near, far, away, areas, size, options=self.options.hems)
+        return np.asarray(behind[far]), np.asarray(behind[clear])
 
     def _behind(self, part: int, other: int) -> IntArray:
         """Return the vertices of a part behind, or enclosed by, another one, within its box."""

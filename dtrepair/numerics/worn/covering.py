@@ -10,7 +10,8 @@ from scipy.spatial import cKDTree
 
 from dtrepair.numerics.geometry import IntArray, triangle_areas
 from dtrepair.numerics.worn.layers import Layers
-from dtrepair.numerics.worn.sides import WornLayer
+from dtrepair.numerics.worn.parts import Parts
+from dtrepair.numerics.worn.sides import LayerOptions, WornLayer
 
 # Shirt, jacket and coat: beneath more layers nothing moves less.
 DEEPEST = 3
@@ -76,16 +77,15 @@ def learnt_layers(layers: Layers) -> list[WornLayer]:
 
 def _over_something(layers: Layers) -> list[WornLayer]:
     """Return which open parts lie over which others."""
-    found = (layers.between(*both) for both in _near_open(layers))
+    found = (layers.between(*both) for both in near_sheets(layers.parts, layers.options))
     return [own for own in found if own is not None and not layers.parts.closed[own.top]]
 
 
-def _near_open(layers: Layers) -> list[tuple[int, int]]:
+def near_sheets(parts: Parts, options: LayerOptions) -> list[tuple[int, int]]:
     """Return pairs of parts, one of them open, whose boxes meet at rest.
 
     The largest of them: cards of hair are many, and no garment.
     """
-    parts, options = layers.parts, layers.options
     rest = parts.poses[0]
     areas = np.array([triangle_areas(rest, own).sum() for own in parts.triangles])
     by_size = np.argsort(-areas, kind="stable")

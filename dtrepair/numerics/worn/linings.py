@@ -3,38 +3,48 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import dots, extent
+from dtrepair.numerics.geometry import border_edges, dots, lengths, triangle_areas
+from dtrepair.numerics.worn.covering import near_sheets
 from dtrepair.numerics.worn.parts import Parts
 from dtrepair.numerics.worn.sides import LayerOptions, look_beside, upper_part
 
 
 def linings(parts: Parts, *, options: LayerOptions = LayerOptions()) -> list[int]:
-    """Return the open parts whose normals point inwards, and that lie over or under another one.
+    """Return the sheets whose normals point inwards, and that lie over or under another sheet.
 
     A lining's point into the body. By them the coat around it would be beneath, and the trousers
     outside. A sheet that meets no other one needs no turning: what it covers tells which side is
     out (`find_layer`).
     """
-    sheets = np.flatnonzero(~parts.closed).tolist()
-    closed = np.flatnonzero(parts.closed).tolist()
-    if not closed or len(sheets) < 2:
-        return []
-    inwards = [own for own in sheets if _points_inwards(parts, own, closed, options)]
-    return [own for own in inwards if _meets_sheet(parts, own, sheets, options)]
+    near: dict[int, set[int]] = {}
+    for first, second in near_sheets(parts, options):
+        near.setdefault(first, set()).add(second)
+        near.setdefault(second, set()).add(first)
+    solid = _solids(parts, options)
+    sheets = [own for own in sorted(near) if not solid[own]]
+    covered = {own: [other for other in near[own] if solid[other]] for own in sheets}
+    inwards = [own for own in sheets if _points_inwards(parts, own, covered[own], options)]
+    found = []
+    for own in inwards:
+        others = (other for other in near[own] if not solid[other])
+        turned = ((other, None if other in inwards else own) for other in others)
+        if any(upper_part(parts, own, *both, options=options) is not None for both in turned):
+            found.append(own)
+    return found
 
 
-def _points_inwards(parts: Parts, own: int, closed: list[int], options: LayerOptions) -> bool:
-    """Return whether an open part's normals point into that closed part which it covers most."""
-    rest, weights = parts.poses[0], parts.area_shares(own)
-    radial = rest[parts.vertices[own]]
+def _points_inwards(parts: Parts, own: int, solids: list[int], options: LayerOptions) -> bool:
+    """Return whether a sheet's normals point into the solid part of which most is beside it."""
+    weights = parts.area_shares(own)
+    radial = parts.poses[0][parts.vertices[own]]
     radial = radial - weights @ radial
-    if weights @ dots(parts.normals(own, 0), radial) > 0.0:
+    outwards = float(weights @ dots(parts.normals(own, 0), radial))
+    if outwards > options.ball * float(weights @ lengths(radial)):
         return False  # a ball in a shell, whose inner side faces it
-    near = [other for other in closed if _boxes_meet(parts, own, other)]
-    near.sort(key=lambda other: -extent(rest[parts.vertices[other]]))
     most, towards = options.share, 0.0
-    for other in near[: options.beneath]:
+    for other in solids:
         found = look_beside(parts, own, other, 0, options)
         known = weights * found.known
         if (share := float(known.sum())) > most:
@@ -42,14 +52,13 @@ def _points_inwards(parts: Parts, own: int, closed: list[int], options: LayerOpt
     return towards <= -options.one_sided
 
 
-def _meets_sheet(parts: Parts, own: int, sheets: list[int], options: LayerOptions) -> bool:
-    """Return whether a part whose normals count reversed lies over or under another sheet."""
-    near = (other for other in sheets if other != own and _boxes_meet(parts, own, other))
-    return any(upper_part(parts, own, other, [0], own, options) is not None for other in near)
-
-
-def _boxes_meet(parts: Parts, first: int, second: int) -> bool:
-    """Return whether the bounding boxes of two parts meet at rest."""
-    one, other = (parts.poses[0][parts.vertices[part]] for part in (first, second))
-    meet = (one.min(axis=0) <= other.max(axis=0)) & (one.max(axis=0) >= other.min(axis=0))
-    return bool(meet.all())
+def _solids(parts: Parts, options: LayerOptions) -> NDArray[np.bool_]:
+    """Return which parts (P,) are closed, or all but closed, as a body that ends at its neck."""
+    rest, solid = parts.poses[0], parts.closed.copy()
+    for part in np.flatnonzero(~parts.closed).tolist():
+        triangles = parts.triangles[part]
+        ends = rest[triangles.ravel()[border_edges(triangles, len(rest))]]
+        border = float(lengths(ends[:, 0] - ends[:, 1]).sum())
+        area = float(triangle_areas(rest, triangles).sum())
+        solid[part] = border**2 / (4.0 * np.pi) <= options.hole * area
+    return solid

@@ -40,6 +40,8 @@ class LayerOptions:
             is a closed one, as a skirt with a lining, ...
         thin: ... that is not thicker than this, units of its extent: a bracelet is.
         poses: How many poses tell at most.
+        ball: An open part surrounds itself where its normals point away from its middle by this.
+        hole: A part is solid if its border, as one round hole, is at most this share of its area.
         garments, beneath: So many open parts, the largest, are looked at for what they cover, and
             so many others of each: a pair takes some milliseconds.
     """
@@ -53,6 +55,8 @@ class LayerOptions:
     worn: float = 0.7
     thin: float = 0.02
     poses: int = 5
+    ball: float = 0.5
+    hole: float = 0.05
     garments: int = 48
     beneath: int = 6
 
@@ -90,10 +94,12 @@ def find_layer(
 
     The first of the poses tells which vertices lie over what.
     """
-    top = upper_part(parts, first, second, poses, None, options)
+    top = upper_part(parts, first, second, poses=poses, options=options)
     if top is None:
         top = _turned(parts, first, second, poses[0], options)
-        if top is None or upper_part(parts, first, second, poses, top, options) != top:
+        if top is None:
+            return None
+        if upper_part(parts, first, second, top, poses=poses, options=options) != top:
             return None
     under = second if top == first else first
     found_layer = layer_over(parts, top, under, poses[0], options=options)
@@ -104,9 +110,10 @@ def upper_part(
     parts: Parts,
     first: int,
     second: int,
-    poses: Sequence[int],
-    turned: int | None,
-    options: LayerOptions,
+    turned: int | None = None,
+    *,
+    poses: Sequence[int] = (0,),
+    options: LayerOptions = LayerOptions(),
 ) -> int | None:
     """Return which of two parts lies over the other by some of the poses; None: neither does.
 

@@ -90,7 +90,7 @@ class PlacedMeshes:
         self.binding = np.array([_binding(*each) for each in both], dtype=object)
 
     def faces_outwards(self) -> IntArray:
-        """Return the triangles (F, 3) as a repair has them: facing out of closed parts."""
+        """Return the triangles (F, 3), turned to face out of closed parts as for a repair."""
         from dtrepair.repair.surface.containment import meshes_oriented_outwards
 
         time, several = self._time, len(self.source.meshes) > 1

@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from dtrepair.numerics.attached.seams import find_seams
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.worn.linings import linings
+from dtrepair.numerics.worn.parts import Parts
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene.bodies import (
     Body,
@@ -67,11 +69,20 @@ def make_scene(
 
 
 def _linings_turned(scene: Scene) -> Scene:
-    """Return a scene with the triangles of linings turned round, as those of closed parts are."""
-    own = scene.enclosures
-    if scene.options.method != "full" or own.closed.all() or not own.closed.any():
+    """Return a scene with the triangles of linings turned round, as those of closed parts are.
+
+    A lining that is sewn to its coat goes on in it: the two are one skin, whose sides are known.
+    """
+    parts = scene.enclosures
+    if scene.options.method != "full" or parts.closed.all():
         return scene
-    turned = np.isin(own.part_of_face, linings(scene.layers.parts))
-    if not turned.any():
+    pose = scene.layer_poses[0].points if scene.layer_poses else scene.rest
+    found = linings(Parts(parts.faces, parts.part, parts.closed, [pose]))
+    if found:
+        seams = find_seams(scene.centred_rest, parts.faces, parts.part)
+        sewn = parts.part[seams.chosen(seams.across(parts.part)).vertices]
+        found = np.setdiff1d(found, sewn).tolist()
+    if not found:
         return scene
+    turned = np.isin(parts.part_of_face, found)
     return replace(scene, faces=np.where(turned[:, None], scene.faces[:, [0, 2, 1]], scene.faces))

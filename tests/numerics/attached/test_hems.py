@@ -13,31 +13,31 @@ from dtrepair.numerics.attachments import Reference, Ties
 from dtrepair.numerics.geometry import FloatArray
 from tests.meshes import joined, tube
 
-EDGE = 0.1
 
-
-def clear(near: int, beyond: int, away: float, **numbers: float) -> int:
-    """How many of vertices beyond the reach of a hem are clear of a garment."""
-    within = np.arange(near + beyond) < near
-    distances = np.where(within, 0.02, away)
+def clear(near: float, beyond: float, away: float, far: float = 0.0) -> float:
+    """The area beyond the reach of a hem that is clear of a garment of size 1, away from it."""
+    areas = np.array([near, beyond, far])
+    within = np.array([True, False, False])
     found = clear_of_hems(
-        within, np.zeros_like(within), distances, EDGE, options=HemOptions(**numbers)
+        within, np.array([False, False, True]), np.array([0.02, away, 0.5]), areas, 1.0
     )
-    assert not found[:near].any()
-    return int(found.sum())
+    assert not found[0] and not found[2]
+    return float(areas[found].sum())
 
 
 def test_thighs_under_a_coat_are_clear_of_it() -> None:
-    assert clear(near=10, beyond=100, away=0.08) == 100
+    assert clear(near=10, beyond=100, away=0.03) == 100
 
 
 def test_arms_in_a_tight_suit_are_not() -> None:
-    assert clear(near=10, beyond=100, away=0.04) == 0
+    assert clear(near=10, beyond=100, away=0.01) == 0
 
 
 def test_nor_is_what_meets_an_open_part_mostly_where_it_is_attached() -> None:
-    assert clear(near=10, beyond=40, away=0.08) == 0
-    assert clear(near=10, beyond=41, away=0.08) == 41
+    assert clear(near=10, beyond=40, away=0.03) == 0
+    assert clear(near=10, beyond=41, away=0.03) == 41
+    # What hangs off it farther than anything at the contact is no seed at all.
+    assert clear(near=10, beyond=40, away=0.03, far=100) == 0
 
 
 def in_a_coat(gap: float, beyond: float) -> tuple[FloatArray, Ties]:

@@ -23,7 +23,7 @@ class HemOptions:
             under a coat, not the arms in a tight suit.
     """
 
-    beyond: float = 4.0
+    beyond: float = 6.0
     clear: float = 0.015
 
 

@@ -34,10 +34,10 @@ def test_arms_in_a_tight_suit_are_not() -> None:
 
 
 def test_nor_is_what_meets_an_open_part_mostly_where_it_is_attached() -> None:
-    assert clear(near=10, beyond=40, away=0.03) == 0
-    assert clear(near=10, beyond=41, away=0.03) == 41
+    assert clear(near=10, beyond=60, away=0.03) == 0
+    assert clear(near=10, beyond=61, away=0.03) == 61
     # What hangs off it farther than anything at the contact is no seed at all.
-    assert clear(near=10, beyond=40, away=0.03, far=100) == 0
+    assert clear(near=10, beyond=60, away=0.03, far=100) == 0
 
 
 def in_a_coat(gap: float, beyond: float) -> tuple[FloatArray, Ties]:

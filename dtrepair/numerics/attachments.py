@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.closest_point import NearestTriangles, barycentric
+from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_frames
 
 BoolArray = NDArray[np.bool_]
 KeyArray = NDArray[np.int64]
@@ -90,30 +91,50 @@ def shown_by_slides(
 
 
 class Ties(NamedTuple):
-    """Vertices (N,), the triangle (N,) of another part that each rests on, weights (N, 3) there."""
+    """Vertices (N,), the triangle (N,) of another part that each rests on, weights (N, 3) there.
+
+    offsets: from there to each vertex (N, 3), in the frame of the triangle (`triangle_frames`) and
+    the units of the points, as the pose has it that shows the tie.
+    """
 
     vertices: IntArray
     triangles: IntArray
     weights: FloatArray
+    offsets: FloatArray
+
+    def among(self, kept: NDArray[Any]) -> Ties:
+        """Return those of a mask (N,) or of given numbers."""
+        return Ties(*(own[kept] for own in self))
 
     def of_triangles(self, number: NDArray[np.integer], place: NDArray[np.integer]) -> Ties:
         """Return those to triangles with a new number (F,), not -1; `place` (V,) of vertices."""
         there = number[self.triangles].astype(np.int32)
         known = there >= 0
-        vertices = place[self.vertices[known]].astype(np.int32)
-        return Ties(vertices, there[known], self.weights[known])
+        vertices = place[self.vertices].astype(np.int32)
+        return self._replace(vertices=vertices, triangles=there).among(known)
 
 
 def joined_ties(ties: Sequence[Ties]) -> Ties:
     """Return all ties as one."""
-    return Ties(
-        np.concatenate([own.vertices for own in ties]),
-        np.concatenate([own.triangles for own in ties]),
-        np.concatenate([own.weights for own in ties]),
-    )
+    return Ties(*(np.concatenate(own) for own in zip(*ties, strict=True)))
 
 
-NO_TIES = Ties(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)))
+NO_TIES = Ties(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+def ties_to(
+    nearest: NearestTriangles,
+    triangles: NDArray[np.integer],
+    points: FloatArray,
+    vertices: NDArray[np.integer],
+) -> Ties:
+    """Return ties of vertices (N,) of a pose (V, 3) to `nearest`, the triangles (M,) in it."""
+    own = points[vertices]
+    place, closest = nearest.nearest(own)
+    corners = nearest.corners[place]
+    offsets = np.einsum("nji,nj->ni", triangle_frames(corners), own - closest)
+    weights = barycentric(closest, corners)
+    return Ties(vertices.astype(np.int32), triangles[place].astype(np.int32), weights, offsets)
 
 
 class Attachments:
@@ -141,9 +162,7 @@ class Attachments:
 
     def holding(self, kept: BoolArray) -> Attachments:
         """Return the same with only those of the ties (N,) that are kept."""
-        vertices, triangles, weights = self.ties
-        ties = Ties(vertices[kept], triangles[kept], weights[kept])
-        return Attachments(self.part_of, self.zones, ties, self.carried)
+        return Attachments(self.part_of, self.zones, self.ties.among(kept), self.carried)
 
     def carrying(self, more: Ties) -> Attachments:
         """Return the same with more that is carried along."""

@@ -75,6 +75,17 @@ def triangle_normals(points: FloatArray, faces: IntArray) -> FloatArray:
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
+def triangle_frames(corners: FloatArray) -> FloatArray:
+    """Return axes (N, 3, 3), as columns, that turn with triangles of corners (N, 3, 3).
+
+    They lie along the first edge, across it in the plane, and along the normal; of a triangle
+    without area some are 0.
+    """
+    along = unit_vectors(corners[:, 1] - corners[:, 0])
+    normal = unit_vectors(np.cross(along, corners[:, 2] - corners[:, 0]))
+    return np.stack([along, np.cross(normal, along), normal], axis=2)
+
+
 def vertex_areas(points: FloatArray, faces: IntArray) -> FloatArray:
     """Return a third of the incident triangle areas of each vertex (V,), squared length units."""
     thirds = np.repeat(triangle_areas(points, faces) / 3.0, 3)

@@ -114,7 +114,7 @@ def test_two_parts_on_the_same_host_may_meet_there() -> None:
 
 def ties_hold(found: Attachments, points: FloatArray, faces: IntArray) -> NDArray[np.float64]:
     """Distance of each tied vertex to where it is tied, in a pose."""
-    vertices, triangles, weights = found.ties
+    vertices, triangles, weights, _ = found.ties
     there = np.einsum("ik,ikj->ij", weights, points[faces[triangles]])
     return np.asarray(np.linalg.norm(points[vertices] - there, axis=1))
 

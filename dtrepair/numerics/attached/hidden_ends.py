@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from dtrepair.numerics.attachments import NO_TIES, Ties, joined_ties
-from dtrepair.numerics.closest_point import barycentric, nearest_triangles
+from dtrepair.numerics.attachments import NO_TIES, Ties, joined_ties, ties_to
+from dtrepair.numerics.closest_point import NearestTriangles
 from dtrepair.numerics.enclosure import enclosure
 from dtrepair.numerics.geometry import (
     FloatArray,
@@ -112,14 +112,13 @@ def _hidden_in(
     """Return the ties of those ends that triangles (T,) with corners (T, 3, 3) hide."""
     around = np.abs(enclosure(points[np.concatenate(ends)], corners, options.cells))
     starts = np.cumsum([0, *(len(own) for own in ends)])
-    found = []
+    found, nearest = [], NearestTriangles(corners)
     for own, start, stop in zip(ends, starts[:-1], starts[1:], strict=True):
         if around[start:stop].min() <= options.enclosed:
             continue
-        nearest, closest = nearest_triangles(points[own], corners)
+        ties = ties_to(nearest, triangles, points, own)
         centred = points[own] - points[own].mean(axis=0)
         radius = float(np.sqrt(dots(centred, centred).mean()))
-        if lengths(closest - points[own]).max() <= options.near * radius:
-            weights = barycentric(closest, corners[nearest])
-            found.append(Ties(own.astype(np.int32), triangles[nearest].astype(np.int32), weights))
+        if lengths(ties.offsets).max() <= options.near * radius:
+            found.append(ties)
     return found

@@ -25,6 +25,7 @@ from dtrepair.numerics.attachments import (
     Ties,
     joined_ties,
     shown_by_slides,
+    ties_to,
 )
 from dtrepair.numerics.closest_point import NearestTriangles, barycentric
 from dtrepair.numerics.enclosure import Dipoles
@@ -308,6 +309,4 @@ class _Overlaps:
         triangles = self.triangles(other)
         if len(seeds) == 0:
             return NO_TIES
-        nearest, closest = self._tree(other).nearest(self.points[seeds])
-        weights = barycentric(closest, self._tree(other).corners[nearest])
-        return Ties(seeds.astype(np.int32), triangles[nearest], weights)
+        return ties_to(self._tree(other), triangles, self.points, seeds)

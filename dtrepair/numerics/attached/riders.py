@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.attachments import NO_TIES, Attachments, Ties, joined_ties
-from dtrepair.numerics.closest_point import barycentric, nearest_triangles
+from dtrepair.numerics.attachments import NO_TIES, Attachments, Ties, joined_ties, ties_to
+from dtrepair.numerics.closest_point import NearestTriangles
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_areas
 
 
@@ -36,19 +35,6 @@ class RiderOptions:
     follows: float = 0.1
     share: float = 0.5
     hosts: int = 8
-
-
-class _Feet(NamedTuple):
-    """Of vertices (N,): the triangle (N,) nearest to each at rest, and its place there (N, 3)."""
-
-    vertices: IntArray
-    triangles: IntArray
-    weights: FloatArray
-
-    def distances(self, points: FloatArray, faces: IntArray) -> FloatArray:
-        """Return how far each vertex is from its place in a pose (V, 3)."""
-        places = np.einsum("nk,nkj->nj", self.weights, points[faces[self.triangles]])
-        return lengths(points[self.vertices] - places)
 
 
 def with_riders(
@@ -107,11 +93,9 @@ def riders(
         asked = own[small[part_of_vertex[own]]]
         if len(asked) == 0:
             continue
-        nearest, closest = nearest_triangles(rest[asked], corners)
-        weights = barycentric(closest, corners[nearest])
-        feet = _Feet(asked.astype(np.int32), triangles[nearest].astype(np.int32), weights)
+        feet = ties_to(NearestTriangles(corners), triangles, rest, asked)
         tied, riding = _riding(poses, faces, feet, part_of_vertex[asked], size, options)
-        found.append(Ties(feet.vertices[tied], feet.triangles[tied], feet.weights[tied]))
+        found.append(feet.among(tied))
         free = free & ~riding
         own = own[free[part_of_vertex[own]]]
     return joined_ties(found)
@@ -126,17 +110,23 @@ def _in_box(points: FloatArray, corners: FloatArray, reach: float) -> NDArray[np
 def _riding(
     poses: Sequence[FloatArray],
     faces: IntArray,
-    feet: _Feet,
+    feet: Ties,
     part: IntArray,
     size: FloatArray,
     options: RiderOptions,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which vertices (N,) of the parts (N,) are tied, and which parts (P,) ride."""
-    away = feet.distances(poses[0], faces)
-    off = [np.abs(feet.distances(pose, faces) - away) for pose in poses[1:]]
+    away = _distances(feet, poses[0], faces)
+    off = [np.abs(_distances(feet, pose, faces) - away) for pose in poses[1:]]
     follows = np.max(off, axis=0, initial=0.0) <= options.follows * size[part]
     every, count = np.bincount(part, minlength=len(size)), len(size)
     near = np.bincount(part[follows & (away <= options.near * size[part])], minlength=count)
     kept = np.bincount(part[follows], minlength=count)
     riding = (kept > options.share * every) & (2 * near >= kept) & (kept > 0)
     return follows & riding[part], riding
+
+
+def _distances(feet: Ties, points: FloatArray, faces: IntArray) -> FloatArray:
+    """Return how far each vertex (N,) is from where it is tied, in a pose (V, 3)."""
+    places = np.einsum("nk,nkj->nj", feet.weights, points[faces[feet.triangles]])
+    return lengths(points[feet.vertices] - places)

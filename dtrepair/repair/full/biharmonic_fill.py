@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ from dtrepair.numerics.operators import WORK_A_ROW
 from dtrepair.numerics.work import add_work
 from dtrepair.repair.surface.defects import Defects, find_defects, update_defects
 from dtrepair.repair.surface.surface import BoolArray, Surface
+from dtrepair.repair.surface.ties import KeptOffsets, TieSystem
 
 BILAPLACIAN, MEMBRANE = 0, 1
 # Keeps the system of a patch definite where it has no fixed surroundings; entries are about 1.
@@ -117,7 +119,7 @@ def biharmonic_fill(
         filled = points
         for kind, replace in ((BILAPLACIAN, bilaplacian_fill), (MEMBRANE, membrane_fill)):
             if (kinds == kind).any():
-                filled = replace(surface.uniform, filled, kinds == kind, surface.offsets)
+                filled = replace(surface.uniform, filled, kinds == kind, surface.ties)
         defects = update_defects(surface, base, filled, mask)
         if defects.rank < best.defects.rank:
             best = Filled(filled, defects)
@@ -140,40 +142,55 @@ def membrane_fill(
     laplacian: sparse.csr_matrix,
     field: FloatArray,
     mask: BoolArray,
-    ties: sparse.csr_matrix | None = None,
+    ties: TieSystem | None = None,
 ) -> FloatArray:
-    """Return a field (V, k) with the masked values replaced by the others' harmonic extension."""
+    """Return a field (V, k) with the masked values replaced by the others' harmonic extension.
+
+    With ties it is a pose (V, 3).
+    """
     inner = np.flatnonzero(mask)
     rows = laplacian[inner]
     known = rows @ np.where(mask[:, None], 0.0, field)
     system = rows[:, inner] + REGULARIZATION * sparse.identity(len(inner))
-    if ties is not None:
-        own = ties[inner][:, inner]
-        system, known = system + own, known - own @ field[inner]
-    return _replaced(field, inner, solve_patch(system, -known))
+    return _filled(field, inner, system, -known, ties)
 
 
 def bilaplacian_fill(
     laplacian: sparse.csr_matrix,
     field: FloatArray,
     mask: BoolArray,
-    ties: sparse.csr_matrix | None = None,
+    ties: TieSystem | None = None,
 ) -> FloatArray:
-    """Return a field (V, k) whose masked values make sum |L field|^2 least."""
+    """Return a field (V, k) whose masked values make sum |L field|^2 least; with ties a pose."""
     inner = np.flatnonzero(mask)
     rows = laplacian[np.flatnonzero(abs(laplacian) @ mask)]
     system = rows[:, inner]
     known = rows @ np.where(mask[:, None], 0.0, field)
     normal = system.T @ system + REGULARIZATION * sparse.identity(len(inner))
     right = -(system.T @ known)
-    if ties is not None:
-        own = ties[inner][:, inner]
-        normal, right = normal + own, right + own @ field[inner]
-    return _replaced(field, inner, solve_patch(normal, right))
+    return _filled(field, inner, normal, right, ties)
 
 
-def solve_patch(matrix: sparse.spmatrix, right_hand_side: FloatArray) -> FloatArray:
-    """Return the solution of a sparse symmetric system of a patch."""
+def _filled(
+    field: FloatArray,
+    inner: NDArray[np.intp],
+    system: sparse.csr_matrix,
+    right: FloatArray,
+    ties: TieSystem | None,
+) -> FloatArray:
+    """Return a field (V, k) with the solution of a patch; with ties, whose offsets turn with it."""
+    if ties is None:
+        return _replaced(field, inner, patch_factor(system)(right))
+    kept = KeptOffsets(ties, inner, field)
+    solve = patch_factor(system + kept.matrix)
+    filled = _replaced(field, inner, solve(right + kept.right_hand_side(None)))
+    for _ in range(ties.options.turns):
+        filled = _replaced(field, inner, solve(right + kept.right_hand_side(filled)))
+    return filled
+
+
+def patch_factor(matrix: sparse.spmatrix) -> Callable[[FloatArray], FloatArray]:
+    """Return what solves a sparse symmetric system of a patch."""
     add_work(WORK_A_ROW * matrix.shape[0])
     # Patches come and go: a general factorisation each, with an ordering for symmetric matrices.
     factor = linalg.splu(
@@ -182,8 +199,7 @@ def solve_patch(matrix: sparse.spmatrix, right_hand_side: FloatArray) -> FloatAr
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    solution: FloatArray = factor.solve(np.ascontiguousarray(right_hand_side))
-    return solution
+    return lambda right: factor.solve(np.ascontiguousarray(right))
 
 
 def _replaced(field: FloatArray, inner: NDArray[np.intp], values: FloatArray) -> FloatArray:

@@ -46,7 +46,7 @@ class Holding:
         mass = np.maximum(vertex_areas(rest, faces), 1e-12 * size**2)
         laplacian = cotangent_laplacian(rest, faces, clamp=(1e-3, 1e3))
         smooth = laplacian @ sparse.diags(1.0 / mass) @ laplacian
-        vertices, triangles, weights = scene.attachments.ties
+        vertices, triangles, weights, _ = scene.attachments.ties
         rows = np.arange(len(vertices))
         every = np.concatenate([rows, np.repeat(rows, 3)])
         ends = np.concatenate([vertices, faces[triangles].ravel()])

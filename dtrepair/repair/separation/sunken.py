@@ -107,7 +107,7 @@ def sitters(
     if parts.ties is None:
         return []
     areas = np.bincount(parts.of_face, triangle_areas(rest, parts.faces), parts.count)
-    vertices, triangles, weights = parts.ties
+    vertices, triangles, weights, _ = parts.ties
     part, corners = parts.of_vertex[vertices], parts.corners[triangles]
     small = (part >= 0) & (options.larger * areas[part] < areas[parts.of_vertex[corners[:, 0]]])
     joints = np.unique(parts.joint)

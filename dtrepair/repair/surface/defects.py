@@ -60,12 +60,14 @@ def update_pairs(
 def near_contacts(surface: Surface, pairs: IntArray, near: int) -> BoolArray:
     """Return which pairs (K,) are the sides of a crease: at most `near` edge rings apart.
 
+    Rings go along ties, too: an elbow and the sleeve tied to it have one crease.
     ValueError where so many rings are not searched.
     """
     limit = surface.contacts.ring_distance.limit
     if near > limit:
         raise ValueError(f"near should be at most {limit}, the rings that are searched, got {near}")
-    near_by: BoolArray = surface.body_of[pairs[:, 0]] == surface.body_of[pairs[:, 1]]
+    cluster = surface.cluster_of_body[surface.body_of[pairs]]
+    near_by: BoolArray = cluster[:, 0] == cluster[:, 1]
     near_by[near_by] = surface.contacts.ring_distance(pairs[near_by]) <= near
     return near_by
 

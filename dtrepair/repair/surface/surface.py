@@ -134,11 +134,11 @@ class Surface(Topology):
         self.bodies = tuple(bodies or (BodyRange(0, len(rest), 99.0),))
         sizes = [body.stop - body.start for body in self.bodies]
         self.body_of_vertex = np.repeat(np.arange(len(self.bodies)), sizes)
+        self.size = extent(rest) or 1.0
         self.ties = self._tied(attachments, faces, len(rest))
         super().__init__(
             faces, len(rest), links=self.ties and self.ties.links, device=Device(device)
         )
-        self.size = extent(rest) or 1.0
         self.rest = rest / self.size
         self.mobility = np.ones(self.count) if mobility is None else mobility
         self.body_of = self.body_of_vertex[faces[:, 0]] if body_of is None else body_of
@@ -170,7 +170,7 @@ class Surface(Topology):
         """Return the ties of what is attached; None where nothing is."""
         if attachments is None:
             return None
-        return tie_system(attachments, faces, count, options=self.options.ties)
+        return tie_system(attachments, faces, count, self.size, options=self.options.ties)
 
     def _tied_laplacian(self) -> sparse.csr_matrix:
         """Return the cotangent Laplacian (V, V) of the rest, with the edges of ties."""
@@ -201,6 +201,7 @@ class Surface(Topology):
             leave_rest=leave_rest,
             neighbour_rings=self.options.neighbour_rings,
             attachments=attachments,
+            links=self.ties and self.ties.links,
         )
 
     @cached_property

@@ -3,7 +3,8 @@
 A vertex tied to a triangle is joined to its three corners by edges of the barycentric weights. Such
 edges stand in the Laplacian of diffusion and of the as-rigid-as-possible system; where a patch is
 replaced, the offset from the triangle to the vertex is held (T'T with a row e_a - sum w e_b for
-each tie). Bodies that ties connect form a cluster, which is diffused with one factor.
+each tie), and turns with the triangle: an elbow under a sleeve is replaced with it, and lies under
+it again. Bodies that ties connect form a cluster, which is diffused with one factor.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
-from dtrepair.numerics.attachments import Attachments
-from dtrepair.numerics.geometry import IntArray
+from dtrepair.numerics.attachments import Attachments, Ties
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_frames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,10 +27,15 @@ class TieOptions:
         weight: Weight of a tie's edges next to cotangent weights. With a weight of 1 both sides of
             a contact hang on one host so strongly that corrections spread over the whole character.
         hold: Weight of a kept offset in fills and fairing, times `weight`.
+        far: What is tied from farther than this fraction of the size, or slid by more, keeps in a
+            fill the offset that it has; all else gets that which was modelled.
+        turns: So many times a fill turns the offsets with the triangles that it replaces.
     """
 
     weight: float = 0.1
     hold: float = 20.0
+    far: float = 0.1
+    turns: int = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,23 +43,69 @@ class TieSystem:
     """What ties add to a surface.
 
     laplacian: (V, V), added to the cotangent Laplacian; links: (V, V), positive where a tie joins
-    two vertices; offsets: (V, V), T'T times the weight of kept offsets.
+    two vertices; offsets: (V, V), T'T times the weight of kept offsets; rows: T (N, V); ties: what
+    they were made of, offsets in units of the size; corners: of their triangles (N, 3).
     """
 
     laplacian: sparse.csr_matrix
     links: sparse.csr_matrix
     offsets: sparse.csr_matrix
+    rows: sparse.csr_matrix
+    ties: Ties
+    corners: IntArray
+    options: TieOptions
+
+
+class KeptOffsets:
+    """The offsets of ties at a patch, for a system that replaces it.
+
+    Args:
+        system: The ties of the surface.
+        inner: The vertices (M,) that are replaced.
+        points: The pose (V, 3) before.
+    """
+
+    def __init__(self, system: TieSystem, inner: NDArray[np.intp], points: FloatArray) -> None:
+        options = system.options
+        mask = np.zeros(len(points), dtype=bool)
+        mask[inner] = True
+        own = mask[system.ties.vertices] | mask[system.corners].any(axis=1)
+        self._corners, self._modelled = system.corners[own], system.ties.offsets[own]
+        rows = system.rows[np.flatnonzero(own)]
+        frames, self._before = triangle_frames(points[self._corners]), rows @ points
+        slid = np.einsum("nji,nj->ni", frames, self._before) - self._modelled
+        far = np.maximum(lengths(slid), lengths(self._modelled)) > options.far
+        flat = (frames == 0.0).all(axis=1).any(axis=1)
+        self._as_before = far | flat
+        self._fixed = rows @ np.where(mask[:, None], 0.0, points)
+        self._pull = options.hold * options.weight * rows[:, inner].T
+        # What is added to the system (M, M).
+        self.matrix = system.offsets[inner][:, inner]
+
+    def right_hand_side(self, points: FloatArray | None) -> FloatArray:
+        """Return what is added (M, 3) for offsets that turn with a pose (V, 3); None: as before."""
+        wanted = self._before
+        if points is not None:
+            frames = triangle_frames(points[self._corners])
+            turned = np.einsum("nij,nj->ni", frames, self._modelled)
+            wanted = np.where(self._as_before[:, None], wanted, turned)
+        return np.asarray(self._pull @ (wanted - self._fixed))
 
 
 def tie_system(
     attachments: Attachments,
     faces: IntArray,
     count: int,
+    size: float,
     *,
     options: TieOptions = TieOptions(),
 ) -> TieSystem | None:
-    """The ties of attachments on a mesh with triangles (F, 3) and `count` vertices, if any."""
-    vertices, triangles, weights = attachments.every_tie
+    """The ties of attachments on a mesh with triangles (F, 3) and `count` vertices, if any.
+
+    size: the unit of length of the surface, in that of the ties.
+    """
+    ties = attachments.every_tie
+    vertices, triangles, weights, _ = ties
     number = len(vertices)
     if number == 0 or options.weight == 0.0:
         return None
@@ -71,4 +124,5 @@ def tie_system(
         shape=(number, count),
     )
     offsets = (options.hold * options.weight * (offset.T @ offset)).tocsr()
-    return TieSystem(laplacian, links, offsets)
+    scaled = ties._replace(offsets=ties.offsets / size)
+    return TieSystem(laplacian, links, offsets, offset, scaled, faces[triangles], options)

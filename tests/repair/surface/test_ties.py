@@ -8,9 +8,12 @@ import pytest
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Attachments, Reference
-from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray, triangle_frames
 from dtrepair.repair.full.biharmonic_fill import bilaplacian_fill
-from dtrepair.repair.surface.surface import BodyRange, Surface
+from dtrepair.repair.full.method import solve_alone
+from dtrepair.repair.surface.defects import near_contacts
+from dtrepair.repair.surface.surface import BodyRange, Surface, SurfaceOptions
+from dtrepair.repair.surface.ties import TieOptions
 from tests.meshes import Mesh, joined, tube
 
 
@@ -75,7 +78,7 @@ def test_a_shift_of_everything_stretches_no_tie() -> None:
 
 def drift(surface: Surface, attachments: Attachments, points: FloatArray) -> float:
     """Largest change of the offset of a tied vertex from where it is tied, units of the size."""
-    vertices, triangles, weights = attachments.ties
+    vertices, triangles, weights, _ = attachments.ties
 
     def offset(pose: FloatArray) -> FloatArray:
         there = np.einsum("ik,ikj->ij", weights, pose[surface.faces[triangles]])
@@ -92,7 +95,7 @@ def test_a_fill_keeps_the_offset_of_its_ties() -> None:
     mask[attachments.ties.vertices] = True
     mask = surface.dilate(mask, 2) & (surface.body_of_vertex == 0)
     alone = bilaplacian_fill(surface.uniform, surface.rest, mask)
-    held = bilaplacian_fill(surface.uniform, surface.rest, mask, surface.offsets)
+    held = bilaplacian_fill(surface.uniform, surface.rest, mask, surface.ties)
     assert drift(surface, attachments, held) < 0.7 * drift(surface, attachments, alone)
 
 
@@ -109,3 +112,80 @@ def test_the_largest_value_of_a_cluster_is_that_of_each_of_its_bodies() -> None:
     values = np.zeros(bound.count)
     values[bound.bodies[1].start + 3] = 2.0
     assert bound.cluster_maxima(values) == pytest.approx([2.0, 2.0, 0.0])
+
+
+def sleeved_arm() -> tuple[Mesh, list[BodyRange]]:
+    """An arm along z, radius .2, and a sleeve .012 over it whose hems end in the arm."""
+    arm = tube(16, 40, 0.2, 2.0)
+    points, faces = tube(16, 28, 0.2, 1.4)
+    radius = np.where(np.abs(points[:, 2]) < 0.6, 1.06, 0.94)[:, None]
+    mesh = joined(arm, (points * np.hstack([radius, radius, np.ones_like(radius)]), faces))
+    size = len(arm[0])
+    return mesh, [BodyRange(0, size, 99.0), BodyRange(size, len(mesh[0]), 99.0)]
+
+
+def bent(points: FloatArray, angle: float) -> FloatArray:
+    """Points (V, 3) bent about the y axis at z = 0, as skinning blends two bones."""
+    share = np.clip(points[:, 2:] / 0.3 + 0.5, 0.0, 1.0)
+    share = share**2 * (3.0 - 2.0 * share)
+    c, s = np.cos(angle), np.sin(angle)
+    turned = points @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+    return np.asarray((1.0 - share) * points + share * turned)
+
+
+def sleeved(**options: float) -> Surface:
+    mesh, bodies = sleeved_arm()
+    chosen = SurfaceOptions(ties=TieOptions(**options))
+    return Surface(*mesh, bodies=bodies, attachments=attachments_of(mesh), options=chosen)
+
+
+def off_modelled(surface: Surface, points: FloatArray) -> FloatArray:
+    """How far tied vertices (N,) are from where they were modelled, seen from their triangles."""
+    assert surface.ties is not None
+    frames = triangle_frames(points[surface.ties.corners])
+    local = np.einsum("nji,nj->ni", frames, surface.ties.rows @ points)
+    return np.linalg.norm(local - surface.ties.ties.offsets, axis=1)
+
+
+def test_nothing_is_off_where_ties_were_found() -> None:
+    surface = sleeved()
+    turn = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+    assert off_modelled(surface, surface.rest).max() < 1e-12
+    assert off_modelled(surface, surface.rest @ turn.T + (1.0, 2.0, 3.0)).max() < 1e-12
+    assert off_modelled(surface, bent(surface.rest, 2.0)).max() > 0.005
+
+
+def test_a_filled_elbow_lies_in_its_sleeve_as_modelled() -> None:
+    surface = sleeved()
+    pose, patch = bent(surface.rest, 2.2), np.abs(surface.rest[:, 2]) < 0.2
+    off = {
+        turns: off_modelled(
+            surface, bilaplacian_fill(surface.uniform, pose, patch, sleeved(turns=turns).ties)
+        )
+        for turns in (0, 2)
+    }
+    assert surface.ties is not None
+    own = patch[surface.ties.ties.vertices]
+    assert np.median(off[2][own]) < 0.3 * np.median(off[0][own])
+
+
+def test_what_slid_far_keeps_the_offset_that_it_has() -> None:
+    surface, near = sleeved(), sleeved(far=1e-9)
+    pose, patch = bent(surface.rest, 2.2), np.abs(surface.rest[:, 2]) < 0.2
+    before = bilaplacian_fill(surface.uniform, pose, patch, sleeved(turns=0).ties)
+    assert np.allclose(bilaplacian_fill(surface.uniform, pose, patch, near.ties), before, atol=1e-9)
+    turned = bilaplacian_fill(surface.uniform, pose, patch, surface.ties)
+    assert np.abs(turned - before).max() > 1e-3
+
+
+def test_an_elbow_in_its_sleeve_is_a_crease_and_moves_little() -> None:
+    mesh, bodies = sleeved_arm()
+    bound, free = sleeved(), Surface(*mesh, bodies=bodies)
+    pose = bent(bound.rest, 2.2)
+    pairs = bound.contacts.pairs(pose)
+    across = pairs[bound.body_of[pairs[:, 0]] != bound.body_of[pairs[:, 1]]]
+    assert len(across) > 100 and near_contacts(bound, across, 20).all()
+    assert not near_contacts(free, across, 20).any()
+    solved = solve_alone(bound, pose)
+    assert len(bound.contacts.pairs(solved)) == 0
+    assert np.linalg.norm(solved - pose, axis=1).mean() < 0.05

@@ -53,6 +53,20 @@ class AttachedParts:
         names = self._name[parts].tolist()
         return np.array([tuple(sorted(both)) in self._pairs for both in names], dtype=bool)
 
+    def meant_inside(self, parts: IntArray) -> NDArray[np.bool_]:
+        """Return which first parts of (K, 2) may be wholly inside the second one, (K,).
+
+        They are attached, and most of the first was behind the second where that shows: an eye, but
+        no pouch that sat on a hip.
+        """
+        meant = self.attached(parts)
+        for k in np.flatnonzero(meant):
+            inner, outer = parts[k]
+            vertices, hosts = self._ties
+            tied = np.unique(vertices[(hosts == outer) & (self._part[vertices] == inner)])
+            meant[k] = 2 * len(tied) >= self._sizes[inner]
+        return meant
+
     def unmodelled(self, pairs: IntArray) -> IntArray:
         """Return those of the pairs (K, 2) of triangles that are no modelled contacts."""
         return pairs if self._known is None else pairs[~self._known.modelled(pairs)]

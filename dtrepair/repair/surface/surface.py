@@ -59,6 +59,7 @@ class SurfaceOptions:
         covered_within: A vertex covers what is nearer than this fraction of the size of its body.
         covered_slide: What lay farther from what it covers than this fraction of the smaller extent
             of the two bodies or parts is beside it.
+        crease: What parts that ties join have as one crease is at most so wide, units of the size.
         neighbour_rings: Triangles at most so many edge rings apart are the sides of a crease to a
             clearance, which they cannot keep.
         rigid: Of bodies that only move as a whole.
@@ -69,6 +70,7 @@ class SurfaceOptions:
     anchor: float = 0.01
     covered_within: float = 0.1
     covered_slide: float = 0.25
+    crease: float = 0.15
     neighbour_rings: int = 6
     rigid: RigidOptions = field(default_factory=RigidOptions)
     ties: TieOptions = field(default_factory=TieOptions)
@@ -135,7 +137,9 @@ class Surface(Topology):
         sizes = [body.stop - body.start for body in self.bodies]
         self.body_of_vertex = np.repeat(np.arange(len(self.bodies)), sizes)
         self.size = extent(rest) or 1.0
-        self.ties = self._tied(attachments, faces, len(rest))
+        self.ties: TieSystem | None = None
+        if attachments is not None:
+            self.ties = tie_system(attachments, faces, len(rest), self.size, options=options.ties)
         super().__init__(
             faces, len(rest), links=self.ties and self.ties.links, device=Device(device)
         )
@@ -163,14 +167,6 @@ class Surface(Topology):
         self.face_direction = (
             None if direction is None else unit_vectors(direction[faces].sum(axis=1))
         )
-
-    def _tied(
-        self, attachments: Attachments | None, faces: IntArray, count: int
-    ) -> TieSystem | None:
-        """Return the ties of what is attached; None where nothing is."""
-        if attachments is None:
-            return None
-        return tie_system(attachments, faces, count, self.size, options=self.options.ties)
 
     def _tied_laplacian(self) -> sparse.csr_matrix:
         """Return the cotangent Laplacian (V, V) of the rest, with the edges of ties."""

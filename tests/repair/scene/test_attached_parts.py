@@ -44,6 +44,12 @@ def test_a_part_is_held_where_others_hold_it_but_for_its_riders() -> None:
     assert everything is not None and len(everything) == own[1].stop - own[1].start
 
 
+def test_a_sunken_button_may_end_inside_its_coat_and_an_arm_may_not() -> None:
+    found, _ = parts()
+    inside = np.array([[1, 0], [2, 0], [0, 2], [1, 2]])
+    assert found.meant_inside(inside).tolist() == [True, False, False, False]
+
+
 def test_without_attachments_nothing_is_held() -> None:
     points, faces = joined(COAT, BUTTON)
     part = np.repeat([0, 1], [len(COAT[0]), len(BUTTON[0])]).astype(np.int32)

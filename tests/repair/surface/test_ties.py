@@ -115,9 +115,9 @@ def test_the_largest_value_of_a_cluster_is_that_of_each_of_its_bodies() -> None:
 
 
 def sleeved_arm() -> tuple[Mesh, list[BodyRange]]:
-    """An arm along z, radius .2, and a sleeve .012 over it whose hems end in the arm."""
-    arm = tube(16, 40, 0.2, 2.0)
-    points, faces = tube(16, 28, 0.2, 1.4)
+    """An arm along z, radius .1, and a sleeve .006 over it whose hems end in the arm."""
+    arm = tube(16, 80, 0.1, 2.0)
+    points, faces = tube(16, 56, 0.1, 1.4)
     radius = np.where(np.abs(points[:, 2]) < 0.6, 1.06, 0.94)[:, None]
     mesh = joined(arm, (points * np.hstack([radius, radius, np.ones_like(radius)]), faces))
     size = len(arm[0])
@@ -126,7 +126,7 @@ def sleeved_arm() -> tuple[Mesh, list[BodyRange]]:
 
 def bent(points: FloatArray, angle: float) -> FloatArray:
     """Points (V, 3) bent about the y axis at z = 0, as skinning blends two bones."""
-    share = np.clip(points[:, 2:] / 0.3 + 0.5, 0.0, 1.0)
+    share = np.clip(points[:, 2:] / 0.1 + 0.5, 0.0, 1.0)
     share = share**2 * (3.0 - 2.0 * share)
     c, s = np.cos(angle), np.sin(angle)
     turned = points @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
@@ -157,7 +157,7 @@ def test_nothing_is_off_where_ties_were_found() -> None:
 
 def test_a_filled_elbow_lies_in_its_sleeve_as_modelled() -> None:
     surface = sleeved()
-    pose, patch = bent(surface.rest, 2.2), np.abs(surface.rest[:, 2]) < 0.2
+    pose, patch = bent(surface.rest, 2.2), np.abs(surface.rest[:, 2]) < 0.08
     off = {
         turns: off_modelled(
             surface, bilaplacian_fill(surface.uniform, pose, patch, sleeved(turns=turns).ties)
@@ -171,7 +171,7 @@ def test_a_filled_elbow_lies_in_its_sleeve_as_modelled() -> None:
 
 def test_what_slid_far_keeps_the_offset_that_it_has() -> None:
     surface, near = sleeved(), sleeved(far=1e-9)
-    pose, patch = bent(surface.rest, 2.2), np.abs(surface.rest[:, 2]) < 0.2
+    pose, patch = bent(surface.rest, 2.2), np.abs(surface.rest[:, 2]) < 0.08
     before = bilaplacian_fill(surface.uniform, pose, patch, sleeved(turns=0).ties)
     assert np.allclose(bilaplacian_fill(surface.uniform, pose, patch, near.ties), before, atol=1e-9)
     turned = bilaplacian_fill(surface.uniform, pose, patch, surface.ties)
@@ -180,12 +180,16 @@ def test_what_slid_far_keeps_the_offset_that_it_has() -> None:
 
 def test_an_elbow_in_its_sleeve_is_a_crease_and_moves_little() -> None:
     mesh, bodies = sleeved_arm()
-    bound, free = sleeved(), Surface(*mesh, bodies=bodies)
-    pose = bent(bound.rest, 2.2)
+    chosen = SurfaceOptions(crease=0.0)
+    apart = Surface(*mesh, bodies=bodies, attachments=attachments_of(mesh), options=chosen)
+    bound, moved = sleeved(), {}
+    pose = bent(bound.rest, 1.5)
     pairs = bound.contacts.pairs(pose)
     across = pairs[bound.body_of[pairs[:, 0]] != bound.body_of[pairs[:, 1]]]
     assert len(across) > 100 and near_contacts(bound, across, 20).all()
-    assert not near_contacts(free, across, 20).any()
-    solved = solve_alone(bound, pose)
-    assert len(bound.contacts.pairs(solved)) == 0
-    assert np.linalg.norm(solved - pose, axis=1).mean() < 0.05
+    assert not near_contacts(apart, across, 20).any()
+    for surface in (bound, apart):
+        solved = solve_alone(surface, pose)
+        assert len(surface.contacts.pairs(solved)) == 0
+        moved[surface] = np.linalg.norm(solved - pose, axis=1).mean()
+    assert moved[bound] < 0.002 and moved[bound] < 0.1 * moved[apart]

@@ -135,7 +135,7 @@ WALLS = {
     "dtrepair.numerics": {
         "__init__": "",
         "attached": "attachments closest_point enclosure geometry",
-        "attachments": "geometry",
+        "attachments": "closest_point geometry",
         "worn": "enclosure geometry",
         "closest_point": "geometry",
         "enclosure": "geometry",

@@ -12,6 +12,7 @@ from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attached.riders import with_riders
 from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.repair.surface.containment import Enclosures
 
 
 def known_attachments(
@@ -53,18 +54,21 @@ class AttachedParts:
         names = self._name[parts].tolist()
         return np.array([tuple(sorted(both)) in self._pairs for both in names], dtype=bool)
 
-    def meant_inside(self, parts: IntArray) -> NDArray[np.bool_]:
-        """Return which first parts of (K, 2) may be wholly inside the second one, (K,).
+    def meant_inside(
+        self, parts: IntArray, points: FloatArray, enclosures: Enclosures
+    ) -> NDArray[np.bool_]:
+        """Return which first parts of (K, 2) may be inside the second one in a pose (V, 3).
 
-        They are attached, and most of the first was behind the second where that shows: an eye, but
-        no pouch that sat on a hip.
+        They are attached, and either most of the first was behind the second where that shows, as
+        an eye's, or it still comes out: a pouch that sat on a hip may not end wholly in it.
         """
         meant = self.attached(parts)
+        vertices, hosts = self._ties
         for k in np.flatnonzero(meant):
-            inner, outer = parts[k]
-            vertices, hosts = self._ties
+            inner, outer = parts[k].tolist()
             tied = np.unique(vertices[(hosts == outer) & (self._part[vertices] == inner)])
-            meant[k] = 2 * len(tied) >= self._sizes[inner]
+            if 2 * len(tied) < self._sizes[inner]:
+                meant[k] = not enclosures.wholly_inside(points, inner, outer)
         return meant
 
     def unmodelled(self, pairs: IntArray) -> IntArray:

@@ -323,7 +323,7 @@ class Scene:
         found = self.enclosures(points, pairs)
         parts = found.parts[~found.meant]
         parts = parts[self.counted(self.body_of_part[parts])]
-        return parts[~self.attached_parts.meant_inside(parts)]
+        return parts[~self.attached_parts.meant_inside(parts, points, self.enclosures)]
 
     def counted(self, bodies: NDArray[np.integer]) -> NDArray[np.bool_]:
         """Return which contacts (K,) count, given by the two bodies (K, 2) that they join."""

@@ -172,6 +172,11 @@ class Enclosures:
             > self._options.votes
         )
 
+    def wholly_inside(self, points: FloatArray, inner: int, outer: int) -> bool:
+        """Return whether all vertices of a part are inside another one in a pose (V, 3)."""
+        starts = points[self.vertices(inner)]
+        return bool((windings(starts, self._corners(points, outer)) > 0).all())
+
     def _is_meant(self, inner: int, outer: int) -> bool:
         key = inner, outer
         if key not in self._meant:

@@ -8,6 +8,7 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Reference
 from dtrepair.repair.scene.attached_parts import AttachedParts
+from dtrepair.repair.surface.containment import Enclosures
 from tests.meshes import icosphere, joined, tube
 
 COAT = tube(24, 30, 0.3, 2.0)
@@ -45,9 +46,16 @@ def test_a_part_is_held_where_others_hold_it_but_for_its_riders() -> None:
 
 
 def test_a_sunken_button_may_end_inside_its_coat_and_an_arm_may_not() -> None:
-    found, _ = parts()
-    inside = np.array([[1, 0], [2, 0], [0, 2], [1, 2]])
-    assert found.meant_inside(inside).tolist() == [True, False, False, False]
+    found, own = parts()
+    points, faces = joined(COAT, BUTTON, ARM)
+    enclosures = Enclosures(points, faces)
+    inside = np.array([[1, 0], [2, 0], [1, 2]])
+    assert found.meant_inside(inside, points, enclosures).tolist() == [True, True, False]
+    # Small in the middle of the coat, which has no lids: but for these it is around everything.
+    sunk = points.copy()
+    sunk[own[1]] = 0.1 * sunk[own[1]]
+    sunk[own[2]] = 0.1 * sunk[own[2]]
+    assert found.meant_inside(inside, sunk, enclosures).tolist() == [True, False, False]
 
 
 def test_without_attachments_nothing_is_held() -> None:

@@ -3,7 +3,8 @@
 An arm ends inside a sleeve, a ball sits in its socket, an eye in its head: such parts overlap in
 the bind pose on purpose. Around every such overlap each of the two parts has a zone. A pair of
 triangles is a modelled contact where both lie in the zones of the same two parts, or, for parts
-that are attached to one third part and not to each other, both in their zones towards that part.
+that are attached to one third part and not to each other, both in their zones towards that part;
+but for what lies in the other: a ring does not make a hand come through its glove.
 """
 
 from __future__ import annotations
@@ -90,6 +91,12 @@ def shown_by_slides(
     ]
 
 
+def distinct_keys(keys: Sequence[KeyArray]) -> KeyArray:
+    """Return all keys once, ascending; of millions faster than by their hashes."""
+    every = np.sort(np.concatenate(keys))
+    return np.asarray(every[np.diff(every, prepend=-1) != 0])
+
+
 class Ties(NamedTuple):
     """Vertices (N,), the triangle (N,) of another part that each rests on, weights (N, 3) there.
 
@@ -145,16 +152,22 @@ class Attachments:
         zones: Sorted keys, triangle x number of parts + other part, of the zones.
         ties: What holds the parts together.
         carried: Ties of what need not touch to be carried along, see `hidden_ends`.
+        nested: Pairs of parts, A < B, of which a third one tells nothing: one lies in the other.
     """
 
     def __init__(
-        self, part_of: IntArray, zones: KeyArray, ties: Ties, carried: Ties = NO_TIES
+        self,
+        part_of: IntArray,
+        zones: KeyArray,
+        ties: Ties,
+        carried: Ties = NO_TIES,
+        nested: frozenset[tuple[int, int]] = frozenset(),
     ) -> None:
         self.part_of = part_of
         self.count = int(part_of.max(initial=-1)) + 1
         self.zones = zones
         self.ties = ties
-        self.carried = carried
+        self.carried, self.nested = carried, nested
 
     def same_zones(self, other: Attachments | None) -> bool:
         """Return whether others model the same contacts."""
@@ -162,11 +175,13 @@ class Attachments:
 
     def holding(self, kept: BoolArray) -> Attachments:
         """Return the same with only those of the ties (N,) that are kept."""
-        return Attachments(self.part_of, self.zones, self.ties.among(kept), self.carried)
+        ties = self.ties.among(kept)
+        return Attachments(self.part_of, self.zones, ties, self.carried, self.nested)
 
     def carrying(self, more: Ties) -> Attachments:
         """Return the same with more that is carried along."""
-        return Attachments(self.part_of, self.zones, self.ties, joined_ties([self.carried, more]))
+        carried = joined_ties([self.carried, more])
+        return Attachments(self.part_of, self.zones, self.ties, carried, self.nested)
 
     @property
     def every_tie(self) -> Ties:
@@ -221,6 +236,8 @@ class Attachments:
         keys, place = np.unique(parts[loose], axis=0, return_inverse=True)
         place = place.reshape(-1)
         for index, (first, second) in enumerate(keys.tolist()):
+            if (min(first, second), max(first, second)) in self.nested:
+                continue
             own = loose[place == index]
             for host in self._mates.get(first, set()) & self._mates.get(second, set()):
                 towards = np.full(len(own), host)
@@ -238,8 +255,8 @@ class Attachments:
         number[kept] = np.arange(len(kept))
         triangle = number[self.zones // max(self.count, 1)]
         zones = (triangle * self.count + self.zones % max(self.count, 1))[triangle >= 0]
-        both = (ties.of_triangles(number, place) for ties in (self.ties, self.carried))
-        result = Attachments(self.part_of[kept], zones, *both)
+        ties, carried = (own.of_triangles(number, place) for own in (self.ties, self.carried))
+        result = Attachments(self.part_of[kept], zones, ties, carried, self.nested)
         result.count = self.count
         return result
 

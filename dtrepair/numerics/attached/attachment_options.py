@@ -26,6 +26,9 @@ class AttachmentOptions:
         larger: Ratio of areas above which that is so: copies of a part differ by rounding only.
         turned: Where rigid parts turn about each other, and in some pose more than this share of
             their contact has left the zone, it moves along; else small motions bring it back.
+        nested: Of two parts that meet a third one where more than this share of what one has there
+            is in the other, as a finger in its glove beside a ring, the third tells nothing.
+        around: So many open parts, the largest, are asked what is in them.
         hems: What a garment does not hold that is attached by them only.
     """
 
@@ -36,4 +39,6 @@ class AttachmentOptions:
     whole: float = 0.5
     larger: float = 1.001
     turned: float = 0.5
+    nested: float = 0.25
+    around: int = 24
     hems: HemOptions = HemOptions()

@@ -23,6 +23,7 @@ from dtrepair.numerics.attachments import (
     Attachments,
     Reference,
     Ties,
+    distinct_keys,
     joined_ties,
     shown_by_slides,
     ties_to,
@@ -69,32 +70,30 @@ def find_attachments(
     part_of_vertex[known] = place[known]
     part_of = part_of_vertex[faces[:, 0]] if len(faces) else np.zeros(0, dtype=np.int32)
     keys: list[KeyArray] = [np.zeros(0, dtype=np.int64)]
-    ties, carried = [NO_TIES], [NO_TIES]
+    ties, carried, nested = [NO_TIES], [NO_TIES], frozenset[tuple[int, int]]()
     for reference in references:
         if reference.slid:
             continue
         overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
+        towards: dict[tuple[int, int], IntArray] = {}
         for first, second in overlaps.attached():
-            for zone_keys, tie in overlaps.zones(first, second):
+            both = (first, second), (second, first)
+            for own, (zone_keys, tie) in zip(both, overlaps.zones(first, second), strict=True):
                 keys.append(zone_keys)
                 ties.append(tie)
+                towards[own] = np.unique(faces[zone_keys // overlaps.parts])
+        nested |= overlaps.nested(towards)
         if reference.bound is not None:
             carried.append(hidden_ends(reference.points, faces, part_of, reference.bound))
     if slid := [reference for reference in references if reference.slid]:
-        still = _distinct(keys)
+        still = distinct_keys(keys)
         shown = shown_by_slides(slid, part_of, still, share=options.turned)
         for reference, parts in zip(slid, shown, strict=True):
             if parts:
                 overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
                 keys += [zone for both in parts for zone, _ in overlaps.zones(*both)]
-    zones = _distinct(keys)
-    return Attachments(part_of, zones, joined_ties(ties), joined_ties(carried))
-
-
-def _distinct(keys: Sequence[KeyArray]) -> KeyArray:
-    """Return all keys once, ascending; of millions faster than by their hashes."""
-    every = np.sort(np.concatenate(keys))
-    return np.asarray(every[np.diff(every, prepend=-1) != 0])
+    zones = distinct_keys(keys)
+    return Attachments(part_of, zones, joined_ties(ties), joined_ties(carried), nested)
 
 
 class _Seeds(NamedTuple):
@@ -208,6 +207,24 @@ class _Overlaps:
             keys = triangles.astype(np.int64) * self.parts + other
             found.append((keys, self._ties(np.flatnonzero(of_part.own & ~of_part.loose), other)))
         return found
+
+    def nested(self, towards: dict[tuple[int, int], IntArray]) -> frozenset[tuple[int, int]]:
+        """Return the parts, A < B, that meet a third one where one of them lies in the other.
+
+        towards: the vertices of the zone of a part towards another one, by these two. Of open
+        parts the largest are asked what lies in them.
+        """
+        wide = np.argsort(-np.where(self.open, self.areas, -1.0), kind="stable")
+        around = [part for part in wide[: self.options.around].tolist() if self.open[part]]
+        found = set()
+        for (inner, host), zone in towards.items():
+            for outer in around:
+                if (outer, host) not in towards or (inner, outer) in towards or inner == outer:
+                    continue
+                behind = np.isin(zone, self._behind(inner, outer))
+                if np.count_nonzero(behind) > self.options.nested * len(zone):
+                    found.add((min(inner, outer), max(inner, outer)))
+        return frozenset(found)
 
     def _seeds(self, part: int, other: int, pairs: IntArray) -> _Seeds:
         """Return the seeds of a part towards another one."""

@@ -133,9 +133,9 @@ def bent(points: FloatArray, angle: float) -> FloatArray:
     return np.asarray((1.0 - share) * points + share * turned)
 
 
-def sleeved(**options: float) -> Surface:
+def sleeved(turns: int = 2, far: float = 0.1) -> Surface:
     mesh, bodies = sleeved_arm()
-    chosen = SurfaceOptions(ties=TieOptions(**options))
+    chosen = SurfaceOptions(ties=TieOptions(turns=turns, far=far))
     return Surface(*mesh, bodies=bodies, attachments=attachments_of(mesh), options=chosen)
 
 
@@ -144,7 +144,7 @@ def off_modelled(surface: Surface, points: FloatArray) -> FloatArray:
     assert surface.ties is not None
     frames = triangle_frames(points[surface.ties.corners])
     local = np.einsum("nji,nj->ni", frames, surface.ties.rows @ points)
-    return np.linalg.norm(local - surface.ties.ties.offsets, axis=1)
+    return np.asarray(np.linalg.norm(local - surface.ties.ties.offsets, axis=1))
 
 
 def test_nothing_is_off_where_ties_were_found() -> None:

@@ -1,0 +1,51 @@
+"""What a third part tells of two others: of joints much, of a hand in its glove nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attached.overlaps import find_attachments
+from dtrepair.numerics.attachments import Attachments, Reference
+from dtrepair.numerics.geometry import IntArray
+from tests.meshes import Mesh, icosphere, joined, torus, tube
+
+
+def attachments_of(*meshes: Mesh) -> tuple[Attachments, Mesh]:
+    points, faces = joined(*meshes)
+    reference = Reference(points, Detector(points, faces)(points))
+    return find_attachments(faces, len(points), [reference]), (points, faces)
+
+
+def around_the_middle(found: Attachments, mesh: Mesh) -> IntArray:
+    """Pairs (K, 2) of triangles of the first two parts, all within .15 of the origin's height."""
+    middles = mesh[0][mesh[1]].mean(axis=1)
+    near = np.abs(middles[:, 2]) < 0.15
+    first, second = (np.flatnonzero(near & (found.part_of == part)) for part in (0, 1))
+    pairs = np.stack(np.meshgrid(first, second), axis=-1).reshape(-1, 2).astype(np.int32)
+    assert len(pairs) > 0
+    return pairs
+
+
+def test_a_ring_does_not_make_a_hand_come_through_its_glove() -> None:
+    finger, glove, ring = tube(16, 40, 0.1, 2.0), tube(20, 24, 0.12, 1.2), torus(24, 12, 0.11, 0.03)
+    found, mesh = attachments_of(finger, glove, ring)
+    assert found.pairs_of_parts == [(0, 2), (1, 2)] and found.nested == {(0, 1)}
+    across = around_the_middle(found, mesh)
+    assert not found.modelled(across).any()
+    # All that is made of it knows so, too.
+    every = np.arange(len(mesh[1])), np.arange(len(mesh[0]))
+    for other in (
+        found.holding(np.ones(len(found.ties.vertices), dtype=bool)),
+        found.carrying(found.carried),
+        found.of_triangles(*every),
+    ):
+        assert other.nested == found.nested and not other.modelled(across).any()
+
+
+def test_two_limbs_at_one_ball_are_modelled_contacts() -> None:
+    limb = tube(16, 20, 0.1, 1.0)
+    upper, lower = limb[0] + (0.0, 0.0, 0.55), limb[0] - (0.0, 0.0, 0.55)
+    found, mesh = attachments_of((upper, limb[1]), (lower, limb[1]), icosphere(3, 0.14))
+    assert found.pairs_of_parts == [(0, 2), (1, 2)] and not found.nested
+    assert found.modelled(around_the_middle(found, mesh)).any()

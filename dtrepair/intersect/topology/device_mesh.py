@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from dtrepair.device import Device, start_warp
 from dtrepair.intersect.tree import Tree
@@ -23,19 +22,12 @@ class DeviceMesh:
         vertex_count: Number of vertices V.
         tree: The tree over the triangles; without one there are no arrays of it.
         device: Where the arrays are.
-        links: Positive (V, V) where vertices are neighbours besides those that share an edge.
     """
 
     def __init__(
-        self,
-        faces: IntArray,
-        vertex_count: int,
-        *,
-        tree: Tree | None = None,
-        device: Device,
-        links: sparse.csr_matrix | None = None,
+        self, faces: IntArray, vertex_count: int, *, tree: Tree | None = None, device: Device
     ) -> None:
-        self.triangles, self.vertex_count, self._links = faces, vertex_count, links
+        self.triangles, self.vertex_count = faces, vertex_count
         self.tree, self.device = tree, device
         self._warp = start_warp()
 
@@ -67,10 +59,6 @@ class DeviceMesh:
     def neighbours(self) -> tuple[Any, Any]:
         """Neighbours of the vertices, as compressed rows."""
         indptr, indices = adjacency(self.triangles, self.vertex_count)
-        if self._links is not None:
-            graph = sparse.csr_matrix((np.ones(len(indices)), indices, indptr), self._links.shape)
-            graph = (graph + self._links).tocsr()
-            indptr, indices = graph.indptr.astype(np.int32), graph.indices.astype(np.int32)
         kind = self._warp.int32
         return self.device.array(indptr, kind), self.device.array(indices, kind)
 

@@ -6,13 +6,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs, counted_between
 from dtrepair.intersect.proximity import close_pairs, face_each_other
 from dtrepair.intersect.queries import Queries
-from dtrepair.intersect.topology.device_mesh import DeviceMesh
 from dtrepair.intersect.topology.ring_distances import RingDistances
 from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import FloatArray, IntArray, pair_keys
@@ -40,8 +38,6 @@ class Contacts:
         leave_rest: Pairs and folds that the rest pose has as well do not count.
         neighbour_rings: Triangles at most so many edge rings apart need not keep a clearance.
         attachments: Contacts that were modelled do not count, nor folds in their zones.
-        links: Positive (V, V) where ties make vertices neighbours: a crease of a limb and of the
-            sleeve that is tied to it is one.
     """
 
     def __init__(
@@ -59,7 +55,6 @@ class Contacts:
         leave_rest: bool = False,
         neighbour_rings: int = 6,
         attachments: Attachments | None = None,
-        links: sparse.csr_matrix | None = None,
     ) -> None:
         self._detector, self._queries, self._size = detector, queries, size
         self._rest = self._written(rest)
@@ -73,10 +68,7 @@ class Contacts:
         self._whole = rigid[faces[:, 0]] if self._stiff.any() else None
         self._uncertain = UncertainPairs(detector, self._rest)
         self._close_at_rest: dict[float, NDArray[np.int64]] = {}
-        mesh = detector.mesh
-        if links is not None:
-            mesh = DeviceMesh(faces, len(rest), device=mesh.device, links=links)
-        self.ring_distance = RingDistances(mesh)
+        self.ring_distance = RingDistances(detector.mesh)
 
     def pairs(self, points: FloatArray, *, active: BoolArray | None = None) -> IntArray:
         """Return the intersecting pairs (K, 2); with `active` (F,) those with an active triangle.

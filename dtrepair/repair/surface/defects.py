@@ -60,19 +60,13 @@ def update_pairs(
 def near_contacts(surface: Surface, pairs: IntArray, near: int) -> BoolArray:
     """Return which pairs (K,) are the sides of a crease: at most `near` edge rings apart.
 
-    Rings go along ties, too: an elbow and the sleeve tied to it have one crease. But not far, or
-    all of an arm of few triangles would be a crease of its shoulder.
     ValueError where so many rings are not searched.
     """
     limit = surface.contacts.ring_distance.limit
     if near > limit:
         raise ValueError(f"near should be at most {limit}, the rings that are searched, got {near}")
-    cluster = surface.cluster_of_body[surface.body_of[pairs]]
-    near_by: BoolArray = cluster[:, 0] == cluster[:, 1]
-    shell = surface.shell_of_vertex[surface.faces[pairs[near_by], 0]]
-    wide = surface.options.crease / max(surface.edge_length, 1e-12)
-    most = np.where(shell[:, 0] == shell[:, 1], near, min(near, wide))
-    near_by[near_by] = surface.contacts.ring_distance(pairs[near_by]) <= most
+    near_by: BoolArray = surface.body_of[pairs[:, 0]] == surface.body_of[pairs[:, 1]]
+    near_by[near_by] = surface.contacts.ring_distance(pairs[near_by]) <= near
     return near_by
 
 

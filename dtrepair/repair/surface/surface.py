@@ -59,7 +59,6 @@ class SurfaceOptions:
         covered_within: A vertex covers what is nearer than this fraction of the size of its body.
         covered_slide: What lay farther from what it covers than this fraction of the smaller extent
             of the two bodies or parts is beside it.
-        crease: What parts that ties join have as one crease is at most so wide, units of the size.
         neighbour_rings: Triangles at most so many edge rings apart are the sides of a crease to a
             clearance, which they cannot keep.
         rigid: Of bodies that only move as a whole.
@@ -70,7 +69,6 @@ class SurfaceOptions:
     anchor: float = 0.01
     covered_within: float = 0.1
     covered_slide: float = 0.25
-    crease: float = 0.15
     neighbour_rings: int = 6
     rigid: RigidOptions = field(default_factory=RigidOptions)
     ties: TieOptions = field(default_factory=TieOptions)
@@ -197,7 +195,6 @@ class Surface(Topology):
             leave_rest=leave_rest,
             neighbour_rings=self.options.neighbour_rings,
             attachments=attachments,
-            links=self.ties and self.ties.links,
         )
 
     @cached_property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -145,30 +145,3 @@ def test_a_device_of_many_threads_searches_by_frontiers(
     pairs = np.array([[0, 100], [3, 200]], dtype=np.int32)
     assert np.array_equal(distance(pairs), distances(MESHES["torus"])(pairs))
     assert "grow_frontiers" in launched and "ring_distances" not in launched
-
-
-@pytest.mark.parametrize("search", [rings_in_turn, rings_at_once])
-def test_links_join_what_edges_do_not(search: Callable[..., NDArray[np.int32]]) -> None:
-    points, faces = joined(tube(6, 10), tube(6, 10))
-    count, half = len(points), len(faces) // 2
-    ends = [0], [count // 2]
-    links = sparse.csr_matrix(([1.0], ends), shape=(count, count))
-    linked = DeviceMesh(faces, count, device=Device(), links=(links + links.T).tocsr())
-    first = int(np.flatnonzero((faces == ends[0][0]).any(axis=1))[0])
-    others = np.arange(half, 2 * half)
-    pairs = np.stack([np.full(half, first), others], axis=1).astype(np.int32)
-    assert (search(DeviceMesh(faces, count, device=Device()), pairs, LIMIT) == LIMIT + 1).all()
-    # One ring to the other tube, where its first vertex is; then as there.
-    beyond = _rings_from(faces, count, ends[1][0])[faces[others]].min(axis=1)
-    assert beyond.max() > 5
-    assert np.array_equal(search(linked, pairs, LIMIT), np.minimum(beyond + 1, LIMIT + 1))
-
-
-def _rings_from(faces: NDArray[np.int32], count: int, vertex: int) -> NDArray[np.int64]:
-    """Edge rings of every vertex from a vertex."""
-    graph = sparse.coo_matrix(
-        (np.ones(3 * len(faces)), (faces.ravel(), np.roll(faces, 1, axis=1).ravel())),
-        shape=(count, count),
-    )
-    found = csgraph.shortest_path(graph, directed=False, unweighted=True, indices=vertex)
-    return np.where(np.isfinite(found), found, 10 * LIMIT).astype(np.int64)

@@ -33,6 +33,7 @@ from dtrepair.intersect.detector import Detector, find_intersections
 from dtrepair.intersect.queries import Queries
 from dtrepair.numerics.geometry import extent, shared_edges, triangle_normals, unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio, volume
+from dtrepair.numerics.operators import REGULARIZATION
 from dtrepair.repair.full import biharmonic_fill as crease
 
 # Jang et al. 2025, table 1: triangles left after 60 iterations of the published method.
@@ -125,7 +126,7 @@ def rest_shape_fill(rest: NDArray[np.float64]) -> Callable[..., NDArray[np.float
         system = laplacian[rows][:, inner]
         known = laplacian[rows] @ np.where(mask[:, None], 0.0, field)
         wanted = (laplacian @ rest)[rows] @ turn.T
-        normal = (system.T @ system + crease.REGULARIZATION * sparse.identity(len(inner))).tocsc()
+        normal = (system.T @ system + REGULARIZATION * sparse.identity(len(inner))).tocsc()
         result = field.copy()
         result[inner] = linalg.splu(normal).solve(system.T @ (wanted - known))
         return result

@@ -1,4 +1,4 @@
-"""Sparse operators of a triangle mesh and the one factorisation of the project (cholespy)."""
+"""Sparse operators of a triangle mesh and their factorisations: cholespy, and for patches SuperLU."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.sparse import linalg
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, unique_edges, vertex_areas
 from dtrepair.numerics.work import add_work
@@ -16,6 +17,8 @@ from dtrepair.numerics.work import add_work
 # many for a number of its solution.
 WORK_A_ROW = 3
 WORK_A_NUMBER = 0.025
+# Keeps the system of a patch definite where it has no fixed surroundings.
+REGULARIZATION = 1e-10
 
 
 def cotangent_laplacian(
@@ -169,3 +172,16 @@ class Factor:
         for frame, right in enumerate(frames):
             result[frame] = self(right)
         return result
+
+
+def patch_factor(matrix: sparse.spmatrix) -> Callable[[FloatArray], FloatArray]:
+    """Return what solves a sparse symmetric system of a patch, entries of about 1."""
+    add_work(WORK_A_ROW * matrix.shape[0])
+    # Patches come and go: a general factorisation each, with an ordering for symmetric matrices.
+    factor = linalg.splu(
+        sparse.csc_matrix(matrix + REGULARIZATION * sparse.identity(matrix.shape[0])),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    return lambda right: factor.solve(np.ascontiguousarray(right))

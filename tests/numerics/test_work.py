@@ -9,9 +9,8 @@ import pytest
 from scipy import sparse
 
 from dtrepair.intersect.detector import Detector
-from dtrepair.numerics.operators import Factor
+from dtrepair.numerics.operators import Factor, patch_factor
 from dtrepair.numerics.work import add_work, work_done
-from dtrepair.repair.full.biharmonic_fill import patch_factor
 from tests.meshes import icosphere
 
 

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse import linalg
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.numerics.operators import WORK_A_ROW
-from dtrepair.numerics.work import add_work
+from dtrepair.numerics.operators import patch_factor
+from dtrepair.repair.elastic.patch_shapes import PatchShapeOptions, patch_shapes
 from dtrepair.repair.surface.defects import Defects, find_defects, update_defects
 from dtrepair.repair.surface.surface import BoolArray, Surface
 from dtrepair.repair.surface.ties import KeptOffsets, TieSystem
 
 BILAPLACIAN, MEMBRANE = 0, 1
-# Keeps the system of a patch definite where it has no fixed surroundings; entries are about 1.
-REGULARIZATION = 1e-10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,11 +28,13 @@ class FillOptions:
         largest: Fraction of a part, what edges connect, that patches may cover at most: a whole
             limb replaced is lost, and a whole sleeve shrinks into its arm.
         restart_rings: Rings that a patch loses where it starts again, as a membrane needs fewer.
+        shapes: Of attached parts, which patches keep the shapes that they have at rest.
     """
 
     rounds: int = 8
     largest: float = 0.5
     restart_rings: int = 4
+    shapes: PatchShapeOptions = PatchShapeOptions()
 
 
 class Filled(NamedTuple):
@@ -116,10 +114,13 @@ def biharmonic_fill(
             break
         last = mask
         kinds = patches.settle(surface, mask)
-        filled = points
+        filled, shapes = points, None
+        if surface.ties is not None:
+            shapes = patch_shapes(surface, points, mask, options=options.shapes)
         for kind, replace in ((BILAPLACIAN, bilaplacian_fill), (MEMBRANE, membrane_fill)):
             if (kinds == kind).any():
-                filled = replace(surface.uniform, filled, kinds == kind, surface.ties)
+                own = kinds == kind
+                filled = replace(surface.uniform, filled, own, surface.ties, shapes)
         defects = update_defects(surface, base, filled, mask)
         if defects.rank < best.defects.rank:
             best = Filled(filled, defects)
@@ -143,15 +144,18 @@ def membrane_fill(
     field: FloatArray,
     mask: BoolArray,
     ties: TieSystem | None = None,
+    shapes: FloatArray | None = None,
 ) -> FloatArray:
     """Return a field (V, k) with the masked values replaced by the others' harmonic extension.
 
-    With ties it is a pose (V, 3).
+    With ties or shapes, which are differential coordinates (V, 3) to have, it is a pose (V, 3).
     """
     inner = np.flatnonzero(mask)
     rows = laplacian[inner]
     known = rows @ np.where(mask[:, None], 0.0, field)
-    system = rows[:, inner] + REGULARIZATION * sparse.identity(len(inner))
+    if shapes is not None:
+        known -= shapes[inner]
+    system = rows[:, inner]
     return _filled(field, inner, system, -known, ties)
 
 
@@ -160,13 +164,20 @@ def bilaplacian_fill(
     field: FloatArray,
     mask: BoolArray,
     ties: TieSystem | None = None,
+    shapes: FloatArray | None = None,
 ) -> FloatArray:
-    """Return a field (V, k) whose masked values make sum |L field|^2 least; with ties a pose."""
+    """Return a field (V, k) whose masked values make sum |L field|^2 least.
+
+    With ties or shapes, differential coordinates (V, 3) that L field is near to, it is a pose.
+    """
     inner = np.flatnonzero(mask)
-    rows = laplacian[np.flatnonzero(abs(laplacian) @ mask)]
+    near = np.flatnonzero(abs(laplacian) @ mask)
+    rows = laplacian[near]
     system = rows[:, inner]
     known = rows @ np.where(mask[:, None], 0.0, field)
-    normal = system.T @ system + REGULARIZATION * sparse.identity(len(inner))
+    if shapes is not None:
+        known -= shapes[near]
+    normal = system.T @ system
     right = -(system.T @ known)
     return _filled(field, inner, normal, right, ties)
 
@@ -187,19 +198,6 @@ def _filled(
     for _ in range(ties.options.turns):
         filled = _replaced(field, inner, solve(right + kept.right_hand_side(filled)))
     return filled
-
-
-def patch_factor(matrix: sparse.spmatrix) -> Callable[[FloatArray], FloatArray]:
-    """Return what solves a sparse symmetric system of a patch."""
-    add_work(WORK_A_ROW * matrix.shape[0])
-    # Patches come and go: a general factorisation each, with an ordering for symmetric matrices.
-    factor = linalg.splu(
-        sparse.csc_matrix(matrix),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    return lambda right: factor.solve(np.ascontiguousarray(right))
 
 
 def _replaced(field: FloatArray, inner: NDArray[np.intp], values: FloatArray) -> FloatArray:

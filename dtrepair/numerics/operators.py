@@ -1,4 +1,4 @@
-"""Sparse operators of a triangle mesh and their factorisations: cholespy, and for patches SuperLU."""
+"""Sparse operators of a triangle mesh, their factors (cholespy), and those of patches (SuperLU)."""
 
 from __future__ import annotations
 

@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.closest_point import NearestTriangles, barycentric
-from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_frames
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_frames
 
 BoolArray = NDArray[np.bool_]
 KeyArray = NDArray[np.int64]
+Parts = frozenset[tuple[int, int]]
 
 
 class Reference(NamedTuple):
@@ -140,6 +141,9 @@ def ties_to(
     place, closest = nearest.nearest(own)
     corners = nearest.corners[place]
     offsets = np.einsum("nji,nj->ni", triangle_frames(corners), own - closest)
+    # A triangle without area has no frame: the length is kept all the same.
+    flat = lengths(offsets) < 0.999 * lengths(own - closest)
+    offsets[flat, 0] = lengths(own - closest)[flat]
     weights = barycentric(closest, corners)
     return Ties(vertices.astype(np.int32), triangles[place].astype(np.int32), weights, offsets)
 
@@ -153,6 +157,7 @@ class Attachments:
         ties: What holds the parts together.
         carried: Ties of what need not touch to be carried along, see `hidden_ends`.
         nested: Pairs of parts, A < B, of which a third one tells nothing: one lies in the other.
+        sliding: Pairs of parts, A < B, that slide in each other, as a piston does.
     """
 
     def __init__(
@@ -161,27 +166,34 @@ class Attachments:
         zones: KeyArray,
         ties: Ties,
         carried: Ties = NO_TIES,
-        nested: frozenset[tuple[int, int]] = frozenset(),
+        nested: Parts = frozenset(),
+        sliding: Parts = frozenset(),
     ) -> None:
         self.part_of = part_of
         self.count = int(part_of.max(initial=-1)) + 1
         self.zones = zones
         self.ties = ties
-        self.carried, self.nested = carried, nested
+        self.carried, self.nested, self.sliding = carried, nested, sliding
 
     def same_zones(self, other: Attachments | None) -> bool:
         """Return whether others model the same contacts."""
-        return other is not None and np.array_equal(self.zones, other.zones)
+        if other is None or self.nested != other.nested:
+            return False
+        return np.array_equal(self.zones, other.zones)
 
     def holding(self, kept: BoolArray) -> Attachments:
         """Return the same with only those of the ties (N,) that are kept."""
         ties = self.ties.among(kept)
-        return Attachments(self.part_of, self.zones, ties, self.carried, self.nested)
+        return self._with(ties, self.carried)
 
     def carrying(self, more: Ties) -> Attachments:
         """Return the same with more that is carried along."""
         carried = joined_ties([self.carried, more])
-        return Attachments(self.part_of, self.zones, self.ties, carried, self.nested)
+        return self._with(self.ties, carried)
+
+    def _with(self, ties: Ties, carried: Ties) -> Attachments:
+        known = self.part_of, self.zones, ties, carried
+        return Attachments(*known, self.nested, self.sliding)
 
     @property
     def every_tie(self) -> Ties:
@@ -256,7 +268,8 @@ class Attachments:
         triangle = number[self.zones // max(self.count, 1)]
         zones = (triangle * self.count + self.zones % max(self.count, 1))[triangle >= 0]
         ties, carried = (own.of_triangles(number, place) for own in (self.ties, self.carried))
-        result = Attachments(self.part_of[kept], zones, ties, carried, self.nested)
+        found = self.part_of[kept], zones, ties, carried
+        result = Attachments(*found, self.nested, self.sliding)
         result.count = self.count
         return result
 

@@ -79,10 +79,12 @@ def triangle_frames(corners: FloatArray) -> FloatArray:
     """Return axes (N, 3, 3), as columns, that turn with triangles of corners (N, 3, 3).
 
     They lie along the first edge, across it in the plane, and along the normal; of a triangle
-    without area some are 0.
+    without area the last two are 0.
     """
-    along = unit_vectors(corners[:, 1] - corners[:, 0])
-    normal = unit_vectors(np.cross(along, corners[:, 2] - corners[:, 0]))
+    along, other = (unit_vectors(corners[:, k] - corners[:, 0]) for k in (1, 2))
+    normal = np.cross(along, other)
+    # The normal of three points on a line is rounding.
+    normal = unit_vectors(np.where(lengths(normal)[:, None] > 1e-7, normal, 0.0))
     return np.stack([along, np.cross(normal, along), normal], axis=2)
 
 

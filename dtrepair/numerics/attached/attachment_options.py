@@ -27,8 +27,9 @@ class AttachmentOptions:
         turned: Where rigid parts turn about each other, and in some pose more than this share of
             their contact has left the zone, it moves along; else small motions bring it back.
         nested: Of two parts that meet a third one where more than this share of what one has there
-            is in the other, as a finger in its glove beside a ring, the third tells nothing.
-        around: So many open parts, the largest, are asked what is in them.
+            is in the other, open one, as a finger in its glove beside a ring, the third tells
+            nothing.
+        garments: So many open parts, the largest, are asked what is in them.
         hems: What a garment does not hold that is attached by them only.
     """
 
@@ -40,5 +41,5 @@ class AttachmentOptions:
     larger: float = 1.001
     turned: float = 0.5
     nested: float = 0.25
-    around: int = 24
+    garments: int = 24
     hems: HemOptions = HemOptions()

@@ -45,6 +45,7 @@ from dtrepair.numerics.geometry import (
 
 BoolArray = NDArray[np.bool_]
 KeyArray = NDArray[np.int64]
+Both = tuple[int, int]
 
 
 def find_attachments(
@@ -70,12 +71,12 @@ def find_attachments(
     part_of_vertex[known] = place[known]
     part_of = part_of_vertex[faces[:, 0]] if len(faces) else np.zeros(0, dtype=np.int32)
     keys: list[KeyArray] = [np.zeros(0, dtype=np.int64)]
-    ties, carried, nested = [NO_TIES], [NO_TIES], frozenset[tuple[int, int]]()
+    ties, carried, nested, sliding = [NO_TIES], [NO_TIES], set[Both](), set[Both]()
     for reference in references:
         if reference.slid:
             continue
         overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
-        towards: dict[tuple[int, int], IntArray] = {}
+        towards: dict[Both, IntArray] = {}
         for first, second in overlaps.attached():
             both = (first, second), (second, first)
             for own, (zone_keys, tie) in zip(both, overlaps.zones(first, second), strict=True):
@@ -89,11 +90,12 @@ def find_attachments(
         still = distinct_keys(keys)
         shown = shown_by_slides(slid, part_of, still, share=options.turned)
         for reference, parts in zip(slid, shown, strict=True):
+            sliding.update(parts)
             if parts:
                 overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
                 keys += [zone for both in parts for zone, _ in overlaps.zones(*both)]
-    zones = distinct_keys(keys)
-    return Attachments(part_of, zones, joined_ties(ties), joined_ties(carried), nested)
+    found = distinct_keys(keys), joined_ties(ties), joined_ties(carried)
+    return Attachments(part_of, *found, frozenset(nested), frozenset(sliding))
 
 
 class _Seeds(NamedTuple):
@@ -208,23 +210,22 @@ class _Overlaps:
             found.append((keys, self._ties(np.flatnonzero(of_part.own & ~of_part.loose), other)))
         return found
 
-    def nested(self, towards: dict[tuple[int, int], IntArray]) -> frozenset[tuple[int, int]]:
-        """Return the parts, A < B, that meet a third one where one of them lies in the other.
+    def nested(self, towards: dict[Both, IntArray]) -> set[Both]:
+        """Return the parts, A < B, that meet a third one and of which one lies in the other.
 
-        towards: the vertices of the zone of a part towards another one, by these two. Of open
-        parts the largest are asked what lies in them.
+        towards: the vertices of the zone of a part towards another one, by these two.
         """
-        wide = np.argsort(-np.where(self.open, self.areas, -1.0), kind="stable")
-        around = [part for part in wide[: self.options.around].tolist() if self.open[part]]
+        open_parts = np.flatnonzero(self.open)
+        largest = open_parts[np.argsort(-self.areas[open_parts], kind="stable")]
         found = set()
         for (inner, host), zone in towards.items():
-            for outer in around:
+            for outer in largest[: self.options.garments].tolist():
                 if (outer, host) not in towards or (inner, outer) in towards or inner == outer:
                     continue
-                behind = np.isin(zone, self._behind(inner, outer))
-                if np.count_nonzero(behind) > self.options.nested * len(zone):
+                share = np.isin(zone, self._behind(inner, outer)).mean()
+                if share > self.options.nested:
                     found.add((min(inner, outer), max(inner, outer)))
-        return frozenset(found)
+        return found
 
     def _seeds(self, part: int, other: int, pairs: IntArray) -> _Seeds:
         """Return the seeds of a part towards another one."""

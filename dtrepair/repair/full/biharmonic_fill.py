@@ -119,8 +119,8 @@ def biharmonic_fill(
             shapes = patch_shapes(surface, points, mask, options=options.shapes)
         for kind, replace in ((BILAPLACIAN, bilaplacian_fill), (MEMBRANE, membrane_fill)):
             if (kinds == kind).any():
-                own = kinds == kind
-                filled = replace(surface.uniform, filled, own, surface.ties, shapes)
+                own, wanted = kinds == kind, shapes if kind == BILAPLACIAN else None
+                filled = replace(surface.uniform, filled, own, surface.ties, wanted)
         defects = update_defects(surface, base, filled, mask)
         if defects.rank < best.defects.rank:
             best = Filled(filled, defects)
@@ -195,7 +195,7 @@ def _filled(
     kept = KeptOffsets(ties, inner, field)
     solve = patch_factor(system + kept.matrix)
     filled = _replaced(field, inner, solve(right + kept.right_hand_side(None)))
-    for _ in range(ties.options.turns):
+    for _ in range(ties.options.turns if kept.turn else 0):
         filled = _replaced(field, inner, solve(right + kept.right_hand_side(filled)))
     return filled
 

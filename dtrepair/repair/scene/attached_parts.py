@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dtrepair.numerics.attached.attachment_options import AttachmentOptions
 from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attached.riders import with_riders
 from dtrepair.numerics.attachments import Attachments, Reference
@@ -36,9 +37,18 @@ class AttachedParts:
         attachments: What was modelled; None where nothing was.
         faces: Triangles (F, 3), whose vertices at one position of the rest are one.
         part: The part (V,) of each vertex, -1 for those without a triangle.
+        options: What is attached as a whole.
     """
 
-    def __init__(self, attachments: Attachments | None, faces: IntArray, part: IntArray) -> None:
+    def __init__(
+        self,
+        attachments: Attachments | None,
+        faces: IntArray,
+        part: IntArray,
+        *,
+        options: AttachmentOptions = AttachmentOptions(),
+    ) -> None:
+        self._whole = options.whole
         self._known, self._faces, self._part = attachments, faces, part
         self._part_of_face = part[faces[:, 0]]
         self._pairs: set[tuple[int, int]] = set()
@@ -59,17 +69,29 @@ class AttachedParts:
     ) -> NDArray[np.bool_]:
         """Return which first parts of (K, 2) may be inside the second one in a pose (V, 3).
 
-        They are attached, and either most of the first was behind the second where that shows, as
-        an eye's, or it still comes out: a pouch that sat on a hip may not end wholly in it.
+        They are attached, and either slide in each other, or most of the first was behind the
+        second in the bind pose, as an eye is, or it still comes out: a pouch that sat on a hip may
+        not end wholly in it.
         """
         meant = self.attached(parts)
-        vertices, hosts = self._ties
-        for k in np.flatnonzero(meant):
+        if not meant.any():
+            return meant
+        for k in np.flatnonzero(meant & ~self._sliding(parts)):
             inner, outer = parts[k].tolist()
-            tied = np.unique(vertices[(hosts == outer) & (self._part[vertices] == inner)])
-            if 2 * len(tied) < self._sizes[inner]:
+            if self._tied(inner, outer) < self._whole * self._sizes[inner]:
                 meant[k] = not enclosures.wholly_inside(points, inner, outer)
         return meant
+
+    def _sliding(self, parts: IntArray) -> NDArray[np.bool_]:
+        """Return which two parts of (K, 2) slide in each other, as a rod in its cylinder."""
+        assert self._known is not None
+        names = self._name[parts].tolist()
+        return np.array([tuple(sorted(both)) in self._known.sliding for both in names], dtype=bool)
+
+    def _tied(self, inner: int, outer: int) -> int:
+        """Return how many vertices of a part are tied to another one."""
+        vertices, hosts = self._ties
+        return len(np.unique(vertices[(hosts == outer) & (self._part[vertices] == inner)]))
 
     def unmodelled(self, pairs: IntArray) -> IntArray:
         """Return those of the pairs (K, 2) of triangles that are no modelled contacts."""

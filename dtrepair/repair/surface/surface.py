@@ -137,7 +137,8 @@ class Surface(Topology):
         self.size = extent(rest) or 1.0
         self.ties: TieSystem | None = None
         if attachments is not None:
-            self.ties = tie_system(attachments, faces, len(rest), self.size, options=options.ties)
+            scaled = rest / self.size
+            self.ties = tie_system(attachments, faces, scaled, self.size, options=options.ties)
         super().__init__(
             faces, len(rest), links=self.ties and self.ties.links, device=Device(device)
         )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.numerics.attachments import Attachments, Ties
-from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_frames
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_frames, vector_areas
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,8 @@ class TieOptions:
             a contact hang on one host so strongly that corrections spread over the whole character.
         hold: Weight of a kept offset in fills and fairing, times `weight`.
         far: What is tied from farther than this fraction of the size, or slid by more, keeps in a
-            fill the offset that it has; all else gets that which was modelled.
+            fill the offset that it has, as does what is tied to triangles that stay; all else gets
+            that which was modelled.
         turns: So many times a fill turns the offsets with the triangles that it replaces.
     """
 
@@ -44,7 +45,8 @@ class TieSystem:
 
     laplacian: (V, V), added to the cotangent Laplacian; links: (V, V), positive where a tie joins
     two vertices; offsets: (V, V), T'T times the weight of kept offsets; rows: T (N, V); ties: what
-    they were made of, offsets in units of the size; corners: of their triangles (N, 3).
+    they were made of, offsets in units of the size; corners: of their triangles (N, 3), and the
+    areas (N,) of these at rest.
     """
 
     laplacian: sparse.csr_matrix
@@ -53,6 +55,7 @@ class TieSystem:
     rows: sparse.csr_matrix
     ties: Ties
     corners: IntArray
+    areas: FloatArray
     options: TieOptions
 
 
@@ -70,13 +73,19 @@ class KeptOffsets:
         mask = np.zeros(len(points), dtype=bool)
         mask[inner] = True
         own = mask[system.ties.vertices] | mask[system.corners].any(axis=1)
-        self._corners, self._modelled = system.corners[own], system.ties.offsets[own]
+        corners = system.corners[own]
         rows = system.rows[np.flatnonzero(own)]
-        frames, self._before = triangle_frames(points[self._corners]), rows @ points
-        slid = np.einsum("nji,nj->ni", frames, self._before) - self._modelled
-        far = np.maximum(lengths(slid), lengths(self._modelled)) > options.far
+        frames, self._before = triangle_frames(points[corners]), rows @ points
+        # What grew since then is as far off as it grew.
+        stretch = np.sqrt(lengths(vector_areas(points, corners)) / system.areas[own])
+        modelled = (np.median(stretch) if len(stretch) else 1.0) * system.ties.offsets[own]
+        slid = np.einsum("nji,nj->ni", frames, self._before) - modelled
+        far = np.maximum(lengths(slid), lengths(modelled)) > options.far
         flat = (frames == 0.0).all(axis=1).any(axis=1)
-        self._as_before = far | flat
+        self._turned = ~far & ~flat & mask[corners].any(axis=1)
+        self._corners, self._modelled = corners[self._turned], modelled[self._turned]
+        # Whether any offset turns with what is replaced.
+        self.turn = bool(self._turned.any())
         self._fixed = rows @ np.where(mask[:, None], 0.0, points)
         self._pull = options.hold * options.weight * rows[:, inner].T
         # What is added to the system (M, M).
@@ -86,24 +95,24 @@ class KeptOffsets:
         """Return what is added (M, 3) for offsets that turn with a pose (V, 3); None: as before."""
         wanted = self._before
         if points is not None:
-            frames = triangle_frames(points[self._corners])
-            turned = np.einsum("nij,nj->ni", frames, self._modelled)
-            wanted = np.where(self._as_before[:, None], wanted, turned)
+            frames, wanted = triangle_frames(points[self._corners]), wanted.copy()
+            wanted[self._turned] = np.einsum("nij,nj->ni", frames, self._modelled)
         return np.asarray(self._pull @ (wanted - self._fixed))
 
 
 def tie_system(
     attachments: Attachments,
     faces: IntArray,
-    count: int,
+    rest: FloatArray,
     size: float,
     *,
     options: TieOptions = TieOptions(),
 ) -> TieSystem | None:
-    """The ties of attachments on a mesh with triangles (F, 3) and `count` vertices, if any.
+    """The ties of attachments on a mesh with triangles (F, 3) and a rest (V, 3), if any.
 
-    size: the unit of length of the surface, in that of the ties.
+    rest: in units of the size, which is that of the surface in the unit of the ties.
     """
+    count = len(rest)
     ties = attachments.every_tie
     vertices, triangles, weights, _ = ties
     number = len(vertices)
@@ -125,4 +134,6 @@ def tie_system(
     )
     offsets = (options.hold * options.weight * (offset.T @ offset)).tocsr()
     scaled = ties._replace(offsets=ties.offsets / size)
-    return TieSystem(laplacian, links, offsets, offset, scaled, faces[triangles], options)
+    corners = faces[triangles]
+    areas = np.maximum(lengths(vector_areas(rest, corners)), 1e-30)
+    return TieSystem(laplacian, links, offsets, offset, scaled, corners, areas, options)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Reference
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene.attached_parts import AttachedParts
-from dtrepair.repair.surface.containment import Enclosures
+from dtrepair.repair.scene.bodies import Body
+from dtrepair.repair.scene.make_scene import make_scene
+from dtrepair.repair.scene.scene import Scene
 from tests.meshes import icosphere, joined, tube
 
 COAT = tube(24, 30, 0.3, 2.0)
@@ -45,17 +50,32 @@ def test_a_part_is_held_where_others_hold_it_but_for_its_riders() -> None:
     assert everything is not None and len(everything) == own[1].stop - own[1].start
 
 
-def test_a_sunken_button_may_end_inside_its_coat_and_an_arm_may_not() -> None:
-    found, own = parts()
-    points, faces = joined(COAT, BUTTON, ARM)
-    enclosures = Enclosures(points, faces)
-    inside = np.array([[1, 0], [2, 0], [1, 2]])
-    assert found.meant_inside(inside, points, enclosures).tolist() == [True, True, False]
-    # Small in the middle of the coat, which has no lids: but for these it is around everything.
+def pouch_on_a_hip(*, rod: bool) -> tuple[Scene, FloatArray]:
+    """A closed body and a ball that sits on it, and a pose with the ball wholly in it."""
+    hip, pouch = icosphere(3, 1.0), icosphere(1, 0.2)
+    on_it = pouch[0] + (1.1, 0.0, 0.0)
+    points, faces = joined(hip, (on_it, pouch[1]))
     sunk = points.copy()
-    sunk[own[1]] = 0.1 * sunk[own[1]]
-    sunk[own[2]] = 0.1 * sunk[own[2]]
-    assert found.meant_inside(inside, sunk, enclosures).tolist() == [True, False, False]
+    sunk[len(hip[0]) :] -= (0.7, 0.0, 0.0)
+    pairs = Detector(points, faces)(points)
+    shown = [Reference(points, pairs)]
+    if rod:
+        half = points.copy()
+        half[len(hip[0]) :] -= (0.05, 0.0, 0.0)
+        shown.append(Reference(half, Detector(points, faces)(half), slid=True))
+    return make_scene([Body(points, faces)], RepairOptions(), references=shown), sunk
+
+
+@pytest.mark.parametrize("rod", [False, True])
+def test_a_pouch_may_not_end_in_its_hip_but_a_rod_in_its_cylinder(rod: bool) -> None:
+    scene, sunk = pouch_on_a_hip(rod=rod)
+    assert scene.attached_parts.attached(np.array([[0, 1]])).all()
+    none = np.zeros((0, 2), dtype=np.int32)
+    inside = scene.enclosed_parts(sunk - sunk.mean(axis=0), none)
+    assert inside.tolist() == ([] if rod else [[1, 0]])
+    # As long as it comes out it only sits there.
+    out = sunk + np.where(np.arange(len(sunk))[:, None] >= len(sunk) - 42, (0.5, 0.0, 0.0), 0.0)
+    assert len(scene.enclosed_parts(out - out.mean(axis=0), none)) == 0
 
 
 def test_without_attachments_nothing_is_held() -> None:

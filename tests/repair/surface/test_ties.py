@@ -11,7 +11,7 @@ from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, triangle_frames
 from dtrepair.repair.full.biharmonic_fill import bilaplacian_fill
 from dtrepair.repair.surface.surface import BodyRange, Surface, SurfaceOptions
-from dtrepair.repair.surface.ties import TieOptions
+from dtrepair.repair.surface.ties import KeptOffsets, TieOptions
 from tests.meshes import Mesh, joined, tube
 
 
@@ -168,9 +168,43 @@ def test_a_filled_elbow_lies_in_its_sleeve_as_modelled() -> None:
 
 
 def test_what_slid_far_keeps_the_offset_that_it_has() -> None:
-    surface, near = sleeved(), sleeved(far=1e-9)
+    surface, near = sleeved(), sleeved(far=0.03)
     pose, patch = bent(surface.rest, 2.2), np.abs(surface.rest[:, 2]) < 0.08
+    pose[surface.bodies[1].start :, 1] += 0.04
     before = bilaplacian_fill(surface.uniform, pose, patch, sleeved(turns=0).ties)
     assert np.allclose(bilaplacian_fill(surface.uniform, pose, patch, near.ties), before, atol=1e-9)
     turned = bilaplacian_fill(surface.uniform, pose, patch, surface.ties)
     assert np.abs(turned - before).max() > 1e-3
+
+
+def test_a_sleeve_that_stays_keeps_its_arm_where_it_is() -> None:
+    surface = sleeved()
+    wide = surface.rest.copy()
+    wide[surface.bodies[1].start :, :2] *= 1.3
+    patch = np.abs(surface.rest[:, 2]) < 0.08
+    patch[surface.bodies[1].start :] = False
+    filled = bilaplacian_fill(surface.uniform, wide, patch, surface.ties)
+    before = bilaplacian_fill(surface.uniform, wide, patch, sleeved(turns=0).ties)
+    assert np.array_equal(filled, before)
+
+
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_what_grew_is_as_far_off_as_it_grew(scale: float) -> None:
+    surface = sleeved()
+    patch = np.abs(surface.rest[:, 2]) < 0.08
+    filled = bilaplacian_fill(surface.uniform, bent(surface.rest, 2.0), patch, surface.ties)
+    grown = bilaplacian_fill(surface.uniform, scale * bent(surface.rest, 2.0), patch, surface.ties)
+    assert np.abs(grown - scale * filled).max() < 1e-6
+
+
+def test_triangles_without_area_turn_nothing() -> None:
+    surface = sleeved()
+    assert surface.ties is not None
+    pose, patch = bent(surface.rest, 2.2), np.abs(surface.rest[:, 2]) < 0.08
+    # The sleeve is a line there.
+    flat = patch & (surface.body_of_vertex == 1)
+    pose[flat] = pose[flat].mean(axis=0) + [[0.0, 0.0, 1.0]] * surface.rest[flat, 2:]
+    kept = KeptOffsets(surface.ties, np.flatnonzero(patch), pose)
+    assert np.isfinite(kept.right_hand_side(pose)).all()
+    thin = triangle_frames(np.array([[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [3.0, 3.0, 3.0 + 1e-12]]]))
+    assert not thin[0, :, 1:].any() and thin[0, :, 0].any()

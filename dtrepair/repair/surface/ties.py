@@ -28,14 +28,16 @@ class TieOptions:
             a contact hang on one host so strongly that corrections spread over the whole character.
         hold: Weight of a kept offset in fills and fairing, times `weight`.
         far: What is tied from farther than this fraction of the size, or slid by more, keeps in a
-            fill the offset that it has, as does what is tied to triangles that stay; all else gets
-            that which was modelled.
+            fill the offset that it has; all else gets that which was modelled.
+        grown: Where triangles are larger or smaller than at rest by more than this fraction, in the
+            median, what was modelled grew with them.
         turns: So many times a fill turns the offsets with the triangles that it replaces.
     """
 
     weight: float = 0.1
     hold: float = 20.0
     far: float = 0.1
+    grown: float = 0.25
     turns: int = 2
 
 
@@ -76,13 +78,14 @@ class KeptOffsets:
         corners = system.corners[own]
         rows = system.rows[np.flatnonzero(own)]
         frames, self._before = triangle_frames(points[corners]), rows @ points
-        # What grew since then is as far off as it grew.
-        stretch = np.sqrt(lengths(vector_areas(points, corners)) / system.areas[own])
-        modelled = (np.median(stretch) if len(stretch) else 1.0) * system.ties.offsets[own]
+        sizes = np.sqrt(lengths(vector_areas(points, corners)) / system.areas[own])
+        size = float(np.median(sizes)) if len(sizes) else 1.0
+        same = abs(np.log(max(size, 1e-30))) < np.log1p(options.grown)
+        modelled = (1.0 if same else size) * system.ties.offsets[own]
         slid = np.einsum("nji,nj->ni", frames, self._before) - modelled
         far = np.maximum(lengths(slid), lengths(modelled)) > options.far
         flat = (frames == 0.0).all(axis=1).any(axis=1)
-        self._turned = ~far & ~flat & mask[corners].any(axis=1)
+        self._turned = ~far & ~flat
         self._corners, self._modelled = corners[self._turned], modelled[self._turned]
         # Whether any offset turns with what is replaced.
         self.turn = bool(self._turned.any())

@@ -177,17 +177,6 @@ def test_what_slid_far_keeps_the_offset_that_it_has() -> None:
     assert np.abs(turned - before).max() > 1e-3
 
 
-def test_a_sleeve_that_stays_keeps_its_arm_where_it_is() -> None:
-    surface = sleeved()
-    wide = surface.rest.copy()
-    wide[surface.bodies[1].start :, :2] *= 1.3
-    patch = np.abs(surface.rest[:, 2]) < 0.08
-    patch[surface.bodies[1].start :] = False
-    filled = bilaplacian_fill(surface.uniform, wide, patch, surface.ties)
-    before = bilaplacian_fill(surface.uniform, wide, patch, sleeved(turns=0).ties)
-    assert np.array_equal(filled, before)
-
-
 @pytest.mark.parametrize("scale", [0.5, 2.0])
 def test_what_grew_is_as_far_off_as_it_grew(scale: float) -> None:
     surface = sleeved()

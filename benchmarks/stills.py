@@ -115,7 +115,10 @@ def rest_shape_fill(rest: NDArray[np.float64]) -> Callable[..., NDArray[np.float
     """A fill whose patches keep the turned differential coordinates of the rest pose."""
 
     def fill(
-        laplacian: sparse.csr_matrix, field: NDArray[np.float64], mask: NDArray[np.bool_]
+        laplacian: sparse.csr_matrix,
+        field: NDArray[np.float64],
+        mask: NDArray[np.bool_],
+        *_: object,
     ) -> NDArray[np.float64]:
         inner = np.flatnonzero(mask)
         rows = np.flatnonzero(abs(laplacian) @ mask)

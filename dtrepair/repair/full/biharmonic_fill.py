@@ -114,13 +114,14 @@ def biharmonic_fill(
             break
         last = mask
         kinds = patches.settle(surface, mask)
-        filled, shapes = points, None
-        if surface.ties is not None:
-            shapes = patch_shapes(surface, points, mask, options=options.shapes)
-        for kind, replace in ((BILAPLACIAN, bilaplacian_fill), (MEMBRANE, membrane_fill)):
-            if (kinds == kind).any():
-                own, wanted = kinds == kind, shapes if kind == BILAPLACIAN else None
-                filled = replace(surface.uniform, filled, own, surface.ties, wanted)
+        filled = points
+        if (own := kinds == BILAPLACIAN).any():
+            shapes = None
+            if surface.ties is not None:
+                shapes = patch_shapes(surface, points, mask, options=options.shapes)
+            filled = bilaplacian_fill(surface.uniform, filled, own, surface.ties, shapes)
+        if (own := kinds == MEMBRANE).any():
+            filled = membrane_fill(surface.uniform, filled, own, surface.ties)
         defects = update_defects(surface, base, filled, mask)
         if defects.rank < best.defects.rank:
             best = Filled(filled, defects)
@@ -144,17 +145,14 @@ def membrane_fill(
     field: FloatArray,
     mask: BoolArray,
     ties: TieSystem | None = None,
-    shapes: FloatArray | None = None,
 ) -> FloatArray:
     """Return a field (V, k) with the masked values replaced by the others' harmonic extension.
 
-    With ties or shapes, which are differential coordinates (V, 3) to have, it is a pose (V, 3).
+    With ties it is a pose (V, 3).
     """
     inner = np.flatnonzero(mask)
     rows = laplacian[inner]
     known = rows @ np.where(mask[:, None], 0.0, field)
-    if shapes is not None:
-        known -= shapes[inner]
     system = rows[:, inner]
     return _filled(field, inner, system, -known, ties)
 

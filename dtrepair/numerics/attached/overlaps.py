@@ -222,8 +222,8 @@ class _Overlaps:
             for outer in largest[: self.options.garments].tolist():
                 if (outer, host) not in towards or (inner, outer) in towards or inner == outer:
                     continue
-                share = np.isin(zone, self._behind(inner, outer)).mean()
-                if share > self.options.nested:
+                here = np.count_nonzero(np.isin(zone, self._behind(inner, outer)))
+                if here > self.options.nested * len(zone):
                     found.add((min(inner, outer), max(inner, outer)))
         return found
 

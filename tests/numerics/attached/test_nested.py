@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dtrepair.intersect.detector import Detector
-from dtrepair.numerics.attached.overlaps import find_attachments
+from dtrepair.numerics.attached.attachment_options import AttachmentOptions
+from dtrepair.numerics.attached.overlaps import _Overlaps, find_attachments
 from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import IntArray
 from tests.meshes import Mesh, icosphere, joined, torus, tube
@@ -49,3 +50,16 @@ def test_two_limbs_at_one_ball_are_modelled_contacts() -> None:
     found, mesh = attachments_of((upper, limb[1]), (lower, limb[1]), icosphere(3, 0.14))
     assert found.pairs_of_parts == [(0, 2), (1, 2)] and not found.nested
     assert found.modelled(around_the_middle(found, mesh)).any()
+
+
+def test_a_zone_without_vertices_lies_in_nothing() -> None:
+    points, faces = joined(
+        tube(16, 40, 0.1, 2.0), tube(20, 24, 0.12, 1.2), torus(24, 12, 0.11, 0.03)
+    )
+    pairs = Detector(points, faces)(points)
+    part = np.repeat([0, 1, 2], [41 * 16, 25 * 20, 24 * 12]).astype(np.int32)
+    shown = Reference(points, pairs)
+    overlaps = _Overlaps(faces, part, part[faces[:, 0]], shown, AttachmentOptions())
+    ring = np.flatnonzero(part == 2)
+    none = np.zeros(0, dtype=np.int32)
+    assert overlaps.nested({(0, 2): none, (1, 2): none, (2, 0): ring, (2, 1): ring}) == set()

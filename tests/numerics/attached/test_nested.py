@@ -60,6 +60,6 @@ def test_a_zone_without_vertices_lies_in_nothing() -> None:
     part = np.repeat([0, 1, 2], [41 * 16, 25 * 20, 24 * 12]).astype(np.int32)
     shown = Reference(points, pairs)
     overlaps = _Overlaps(faces, part, part[faces[:, 0]], shown, AttachmentOptions())
-    ring = np.flatnonzero(part == 2)
+    ring = np.flatnonzero(part == 2).astype(np.int32)
     none = np.zeros(0, dtype=np.int32)
     assert overlaps.nested({(0, 2): none, (1, 2): none, (2, 0): ring, (2, 1): ring}) == set()

@@ -1,7 +1,7 @@
 """Rings and the limbs that go through them: a belt, a strap, a sleeve, and whether it is still on.
 
 What goes round something in the rest has a loop, the middle of it in each of several directions,
-and what it goes round a core, the middles of slices. As long as the core passes through the loop
+and what it goes round a core, its middle line. As long as the core passes through the loop
 the ring is worn. Both are means of vertices, so that any pose has them. A garment has a ring at
 each of its hems: an arm may come out of a sleeve while the jacket stays on.
 """
@@ -25,6 +25,7 @@ from dtrepair.numerics.geometry import (
     components,
     lengths,
     triangle_areas,
+    vertex_areas,
 )
 from dtrepair.numerics.worn.measure import Solid, WornOptions, worn_measure
 from dtrepair.numerics.worn.parts import Parts
@@ -33,6 +34,8 @@ BoolArray = NDArray[np.bool_]
 
 # How far the tip of what fills a loop is off its middle and its plane, about as a share of it.
 UNEVEN = 0.15
+# So many times its last two steps a middle line goes on at most: those may be very short.
+FARTHEST = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +49,9 @@ class LoopOptions:
         corners: Fewer directions with vertices are no ring.
         around: The core is of what is nearer to the axis than the farthest of the ring, times this.
         beyond: The core goes on so many radii beyond the ring.
-        slices: Of the core, to a radius.
+        slices: Points of the core, to a radius: each is the middle of what is within a radius.
+        ends: Beyond the ends of a limb the core goes on so many radii: a strap that tilts there is
+            still on.
         through: A hem goes round only what reaches farther than so many radii out of it on one
             side: not round the ball of a joint that lies in it.
         near: Of both what is so many radii from the ring belongs to it.
@@ -61,6 +66,7 @@ class LoopOptions:
     around: float = 1.2
     beyond: float = 4.0
     slices: int = 2
+    ends: float = 0.5
     through: float = 3.0
     near: float = 2.0
     moved: float = 0.25
@@ -206,9 +212,12 @@ def _ring(
     start = near & (np.abs(height) <= max(half, radius / options.slices))
     local = np.searchsorted(limb, parts.triangles[both[1]]).astype(np.int32)
     near = _reached(local, near, start)
-    core = _means(limb[near], np.floor(height[near] * options.slices / radius), len(rest))
+    if not near.any() or loop.shape[0] < options.corners:
+        return []
+    areas = vertex_areas(rest[limb], local)
+    core = _core(limb[near], height[near] / radius, areas[near], len(rest), options)
     passes = _crossings(loop @ rest, core @ rest)
-    if loop.shape[0] < options.corners or abs(passes) != 1:
+    if abs(passes) != 1:
         return []
     concerned = [parts.vertices[part][within(part, options.near)[1]] for part in both]
     return [Ring(*both, loop, core, passes, np.concatenate([own, *concerned]), 2.0 * radius)]
@@ -218,6 +227,34 @@ def _reached(faces: IntArray, near: BoolArray, start: BoolArray) -> BoolArray:
     """Return which vertices (n,) triangles (F, 3) of those near by connect to a start."""
     label = components(faces[near[faces].all(axis=1)], len(near))
     return np.asarray(near & np.isin(label, label[start]))
+
+
+def _core(
+    vertices: IntArray, height: FloatArray, areas: FloatArray, count: int, options: LoopOptions
+) -> sparse.csr_matrix:
+    """Return the matrix (M, V) that takes a pose to the middle line of some vertices (N,).
+
+    height: where these are along the line (N,), in radii; areas: how much they count (N,).
+    """
+    low, high = float(height.min()), float(height.max())
+    levels = np.linspace(low, high, 2 + int((high - low) * options.slices))
+    rows = np.maximum(1.0 - np.abs(levels[:, None] - height), 0.0) * areas
+    rows = rows[rows.any(axis=1)]
+    rows /= rows.sum(axis=1, keepdims=True)
+    if len(rows) > 2:
+        first = _ahead(rows[2], rows[0], height, low - options.ends)
+        last = _ahead(rows[-3], rows[-1], height, high + options.ends)
+        rows = np.stack([first, *rows, last])
+    matrix = sparse.coo_matrix(rows)
+    column = vertices[matrix.col]
+    return sparse.csr_matrix((matrix.data, (matrix.row, column)), shape=(len(rows), count))
+
+
+def _ahead(start: FloatArray, end: FloatArray, height: FloatArray, to: float) -> FloatArray:
+    """Return the weights (N,) of the point straight on from two others (N,) `to` a height."""
+    along = float((end - start) @ height)
+    share = (to - end @ height) / along if along else 0.0
+    return np.asarray(end + np.clip(share, 0.0, FARTHEST) * (end - start))
 
 
 def _means(vertices: IntArray, group: FloatArray, count: int) -> sparse.csr_matrix:

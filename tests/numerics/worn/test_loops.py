@@ -56,6 +56,33 @@ def test_a_band_that_slid_or_cut_in_is_on(offset: tuple[float, float, float]) ->
     assert taken(rings, with_ring_moved(rings, 1, offset)) == []
 
 
+def test_a_strap_that_tilts_at_the_end_of_its_limb_is_on() -> None:
+    # One side of it lies beyond the end, as where a knee lifts the strap of a boot.
+    arm, strap = ARM, moved(BAND, (0.0, 0.0, 1.9))
+    rings = rings_of(arm, strap)
+    pose = rings.parts.poses[0].copy()
+    own = rings.parts.vertices[1]
+    pose[own, 2] += np.maximum(pose[own, 0], -0.1)
+    assert len(rings.of(1)) == 1 and taken(rings, pose) == []
+    assert taken(rings_of(arm, strap, ends=0.0), pose) == [(1, 0)]
+    # Beyond the end as a whole it is off.
+    assert taken(rings, with_ring_moved(rings, 1, (0.0, 0.0, 0.6))) == [(1, 0)]
+
+
+def test_a_coarse_limb_of_uneven_triangles_has_a_straight_middle() -> None:
+    # Many vertices on one side of it, few on the other: their means would be off, and swing about.
+    points, faces = ARM
+    fine = np.flatnonzero((points[faces, 0] > 0.15).all(axis=1))
+    tips = np.column_stack([faces[fine], len(points) + np.arange(len(fine))])
+    split = np.concatenate([tips[:, own] for own in ([0, 1, 3], [1, 2, 3], [2, 0, 3])])
+    triangles = np.concatenate([np.delete(faces, fine, axis=0), split]).astype(np.int32)
+    uneven = np.concatenate([points, points[faces[fine]].mean(axis=1)]), triangles
+    for mesh in (ARM, uneven):
+        (ring,) = rings_of(mesh, BAND).of(1)
+        core = ring.core @ np.concatenate([mesh[0], BAND[0]])
+        assert np.abs(core[:, :2]).max() < 0.02
+
+
 def test_what_was_off_before_did_not_come_off() -> None:
     rings = rings_of(ARM, BAND)
     off, farther = (with_ring_moved(rings, 1, (x, 0.0, 0.0)) for x in (0.8, 1.6))

@@ -60,13 +60,20 @@ def update_pairs(
 def near_contacts(surface: Surface, pairs: IntArray, near: int) -> BoolArray:
     """Return which pairs (K,) are the sides of a crease: at most `near` edge rings apart.
 
-    ValueError where so many rings are not searched.
+    So are an arm and the sleeve that it is tied to where the arm has a crease with itself, or the
+    sleeve. ValueError where so many rings are not searched.
     """
     limit = surface.contacts.ring_distance.limit
     if near > limit:
         raise ValueError(f"near should be at most {limit}, the rings that are searched, got {near}")
     near_by: BoolArray = surface.body_of[pairs[:, 0]] == surface.body_of[pairs[:, 1]]
     near_by[near_by] = surface.contacts.ring_distance(pairs[near_by]) <= near
+    if surface.ties is not None and near > 0:
+        for one, other in (pairs.T, pairs.T[::-1]):
+            partner = surface.ties.partners.of(one, other)
+            own = np.flatnonzero(~near_by & (partner >= 0))
+            sides = np.sort(np.stack([partner[own], other[own]], axis=1), axis=1)
+            near_by[own] = surface.contacts.ring_distance(sides) <= near
     return near_by
 
 

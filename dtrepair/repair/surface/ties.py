@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.numerics.attachments import Attachments, Ties
-from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_frames, vector_areas
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    components,
+    extents,
+    lengths,
+    triangle_frames,
+    vector_areas,
+)
+from dtrepair.repair.surface.topology import vertex_triangles
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +41,8 @@ class TieOptions:
         grown: Where triangles are larger or smaller than at rest by more than this fraction, in the
             median, what was modelled grew with them.
         turns: So many times a fill turns the offsets with the triangles that it replaces.
+        creased: What edges connect shares creases with what it is tied to where both are at least
+            this large, units of the size: no fill has room for a whole pouch.
     """
 
     weight: float = 0.1
@@ -39,6 +50,50 @@ class TieOptions:
     far: float = 0.1
     grown: float = 0.25
     turns: int = 2
+    creased: float = 0.15
+
+
+class Partners:
+    """Which triangle of another shell a triangle is tied to: an arm's in the sleeve around it.
+
+    A crease of the one is the other's as well: pushed apart, an elbow would leave its sleeve.
+
+    Args:
+        ties: The ties.
+        faces: The triangles (F, 3) of the mesh.
+        rest: Its rest (V, 3).
+        least: Of smaller shells, what edges connect, nothing is told; unit of the rest.
+    """
+
+    def __init__(self, ties: Ties, faces: IntArray, rest: FloatArray, least: float) -> None:
+        shell = components(faces, len(rest))
+        self._shell = shell[faces[:, 0]].astype(np.int64)
+        large = extents(rest, shell)[self._shell] >= least
+        around = vertex_triangles(faces, len(rest))
+        # Of a tie both sides know each other: each triangle at its vertex, and its triangle.
+        at = around[ties.vertices].tocoo()
+        first, second = at.col.astype(np.int64), ties.triangles[at.row].astype(np.int64)
+        own = large[first] & large[second] & (self._shell[first] != self._shell[second])
+        sides = np.stack([first[own], second[own]])
+        known, self._triangles = np.concatenate([sides, sides[::-1]], axis=1)
+        keys = self._key(known, self._triangles)
+        self._keys, place = np.unique(keys, return_index=True)
+        self._triangles = self._triangles[place]
+
+    def of(self, triangles: IntArray, others: IntArray) -> IntArray:
+        """Return what triangles (K,) are tied to on the shells of others (K,), -1 for nothing."""
+        if len(self._keys) == 0:
+            return np.full(len(triangles), -1, dtype=np.int32)
+        keys = self._key(triangles, others)
+        place = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
+        found = np.where(self._keys[place] == keys, self._triangles[place], -1)
+        return found.astype(np.int32)
+
+    def _key(
+        self, triangles: NDArray[np.integer], others: NDArray[np.integer]
+    ) -> NDArray[np.int64]:
+        """Return one number (K,) for each triangle and the shell of another one."""
+        return np.asarray(triangles.astype(np.int64) * len(self._shell) + self._shell[others])
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +103,7 @@ class TieSystem:
     laplacian: (V, V), added to the cotangent Laplacian; links: (V, V), positive where a tie joins
     two vertices; offsets: (V, V), T'T times the weight of kept offsets; rows: T (N, V); ties: what
     they were made of, offsets in units of the size; corners: of their triangles (N, 3), and the
-    areas (N,) of these at rest.
+    areas (N,) of these at rest; partners: which triangles they join.
     """
 
     laplacian: sparse.csr_matrix
@@ -58,6 +113,7 @@ class TieSystem:
     ties: Ties
     corners: IntArray
     areas: FloatArray
+    partners: Partners
     options: TieOptions
 
 
@@ -139,4 +195,5 @@ def tie_system(
     scaled = ties._replace(offsets=ties.offsets / size)
     corners = faces[triangles]
     areas = np.maximum(lengths(vector_areas(rest, corners)), 1e-30)
-    return TieSystem(laplacian, links, offsets, offset, scaled, corners, areas, options)
+    partners = Partners(ties, faces, rest, options.creased)
+    return TieSystem(laplacian, links, offsets, offset, scaled, corners, areas, partners, options)

@@ -79,9 +79,7 @@ class Topology:
     @cached_property
     def incidence(self) -> sparse.csr_matrix:
         """(V, F) with 1 where a triangle has a vertex."""
-        columns = np.repeat(np.arange(len(self.faces)), 3)
-        entries = (np.ones(3 * len(self.faces)), (self.faces.ravel(), columns))
-        return sparse.csr_matrix(entries, shape=(self.count, len(self.faces)))
+        return vertex_triangles(self.faces, self.count)
 
     @cached_property
     def sheets(self) -> BoolArray:
@@ -122,3 +120,10 @@ class Topology:
         """Return the component (V,) that each vertex of a mask is in; others stand alone."""
         kept = self.edges[mask[self.edges].all(axis=1)]
         return link_labels(kept, self.count, device=self.device)
+
+
+def vertex_triangles(faces: IntArray, count: int) -> sparse.csr_matrix:
+    """Return the matrix (V, F) with 1 where a triangle (F, 3) has a vertex."""
+    columns = np.repeat(np.arange(len(faces)), 3)
+    entries = (np.ones(3 * len(faces)), (faces.ravel(), columns))
+    return sparse.csr_matrix(entries, shape=(count, len(faces)))

@@ -8,8 +8,9 @@ import pytest
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Attachments, Reference
-from dtrepair.numerics.geometry import FloatArray, triangle_frames
+from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_frames
 from dtrepair.repair.full.biharmonic_fill import bilaplacian_fill
+from dtrepair.repair.surface.defects import near_contacts
 from dtrepair.repair.surface.surface import BodyRange, Surface, SurfaceOptions
 from dtrepair.repair.surface.ties import KeptOffsets, TieOptions
 from tests.meshes import Mesh, joined, tube
@@ -197,3 +198,54 @@ def test_triangles_without_area_turn_nothing() -> None:
     assert np.isfinite(kept.right_hand_side(pose)).all()
     thin = triangle_frames(np.array([[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [3.0, 3.0, 3.0 + 1e-12]]]))
     assert not thin[0, :, 1:].any() and thin[0, :, 0].any()
+
+
+def arm_in_its_sleeve(creased: float = TieOptions.creased) -> tuple[Surface, FloatArray]:
+    """An arm and a sleeve that cuts it all along, of .6 of the size; heights of triangles."""
+    arm = tube(12, 40, 0.2, 2.0)
+    mesh = joined(arm, (arm[0] * (1.1, 0.95, 0.6), arm[1]))
+    bodies = [BodyRange(k * len(arm[0]), (k + 1) * len(arm[0]), 99.0) for k in range(2)]
+    options = SurfaceOptions(ties=TieOptions(creased=creased))
+    surface = Surface(*mesh, bodies=bodies, attachments=attachments_of(mesh), options=options)
+    return surface, surface.rest[surface.faces].mean(axis=1)
+
+
+def across(surface: Surface, where: FloatArray, height: float) -> IntArray:
+    """A pair of a triangle of the arm in its middle, and one of the sleeve at some height."""
+    half = len(surface.faces) // 2
+    middle = np.abs(where - where[half // 2]).sum(axis=1)[:half].argmin()
+    wanted = where[middle] + (0.0, 0.0, height - where[middle, 2])
+    beside = half + np.abs(where[half:] - wanted).sum(axis=1).argmin()
+    return np.array([[middle, beside]], dtype=np.int32)
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_an_arm_shares_the_creases_of_its_sleeve(order: tuple[int, int]) -> None:
+    surface, where = arm_in_its_sleeve()
+    beside, far = (across(surface, where, height)[:, order] for height in (0.03, 0.2))
+    assert near_contacts(surface, beside, 6).all() and not near_contacts(surface, far, 6).any()
+    assert near_contacts(surface, far, 20).all()
+    # Where none is left to the fill, none is a crease.
+    assert not near_contacts(surface, beside, 0).any()
+
+
+def test_what_is_small_shares_no_creases() -> None:
+    for creased, shared in ((0.5, True), (0.7, False)):
+        surface, where = arm_in_its_sleeve(creased)
+        assert near_contacts(surface, across(surface, where, 0.0), 6).all() == shared
+
+
+def test_partners_are_told_from_both_sides() -> None:
+    surface, _ = arm_in_its_sleeve()
+    assert surface.ties is not None
+    shell = surface.shell_of_vertex[surface.faces[:, 0]]
+    every = np.arange(len(surface.faces), dtype=np.int32)
+    other = every[::-1].copy()  # of the other shell
+    partner = surface.ties.partners.of(every, other)
+    known = partner >= 0
+    assert known[shell == shell[0]].any() and known[shell != shell[0]].any()
+    assert (shell[partner[known]] == shell[other[known]]).all()
+    middles = surface.rest[surface.faces].mean(axis=1)
+    assert np.linalg.norm(middles[partner[known]] - middles[known], axis=1).max() < 0.1
+    # Nothing is tied to its own shell.
+    assert (surface.ties.partners.of(every, every) == -1).all()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, vector_areas
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_areas, vector_areas
 from dtrepair.numerics.operators import patch_factor
 from dtrepair.repair.elastic.arap import ArapSystem
 from dtrepair.repair.surface.surface import BoolArray, Surface
@@ -23,27 +23,30 @@ class PatchShapeOptions:
 
     Args:
         flat: Those whose vector area at rest is below this fraction of their area: a flat one has
-            1, half of a tube .64, all of it 0.
+            1, half of a tube .64, all of it 0; ...
+        shrunk: ... and whose area a film has shrunk below this fraction.
     """
 
     flat: float = 0.3
+    shrunk: float = 0.5
 
 
 def patch_shapes(
     surface: Surface,
     points: FloatArray,
+    film: FloatArray,
     mask: BoolArray,
     *,
     options: PatchShapeOptions = PatchShapeOptions(),
 ) -> FloatArray | None:
     """Return differential coordinates (V, 3) that patches (V,) of a pose (V, 3) are to have.
 
-    They are 0 but for patches that go round something; None where none does. How these are turned
-    and stretched is taken from the second ring around them, whose neighbours no patch replaces, and
-    interpolated between.
+    They are 0 but for patches that go round something and are threads in a film (V, 3); None where
+    none is. How these are turned and stretched is taken from the second ring around them, whose
+    neighbours no patch replaces, and interpolated between.
     """
     beside = abs(surface.uniform)
-    own = beside @ (mask & _going_round(surface, mask, options.flat)) > 0.0
+    own = beside @ (mask & _threads(surface, points, film, mask, options)) > 0.0
     rim = (beside @ own > 0.0) & ~own & ~(beside @ mask > 0.0)
     if not rim.any():
         return None
@@ -60,8 +63,14 @@ def patch_shapes(
     return result
 
 
-def _going_round(surface: Surface, mask: BoolArray, flat: float) -> BoolArray:
-    """Return which vertices (V,) are of patches that go round something at rest."""
+def _threads(
+    surface: Surface,
+    points: FloatArray,
+    film: FloatArray,
+    mask: BoolArray,
+    options: PatchShapeOptions,
+) -> BoolArray:
+    """Return which vertices (V,) are of patches that go round something, and shrank in a film."""
     label = surface.components(mask)
     corners: IntArray = surface.faces[surface.triangles_at(mask)]
     first = mask[corners].argmax(axis=1)
@@ -69,8 +78,12 @@ def _going_round(surface: Surface, mask: BoolArray, flat: float) -> BoolArray:
     areas = vector_areas(surface.rest, corners)
     total = np.bincount(patch, lengths(areas), surface.count)
     summed = [np.bincount(patch, areas[:, k], surface.count) for k in range(3)]
-    around: BoolArray = lengths(np.stack(summed, axis=1)) < flat * total
-    return around[label]
+    filled = np.bincount(patch, lengths(vector_areas(film, corners)), surface.count)
+    around = lengths(np.stack(summed, axis=1)) < options.flat * total
+    # A pose of another size has areas of another one.
+    now, rest = (triangle_areas(pose, surface.faces).sum() for pose in (points, surface.rest))
+    threads: BoolArray = around & (filled < options.shrunk * total * now / rest)
+    return threads[label]
 
 
 def _stretches(surface: Surface, points: FloatArray, mask: BoolArray) -> FloatArray:

@@ -116,10 +116,12 @@ def biharmonic_fill(
         kinds = patches.settle(surface, mask)
         filled = points
         if (own := kinds == BILAPLACIAN).any():
+            filled = bilaplacian_fill(surface.uniform, points, own, surface.ties)
             shapes = None
             if surface.ties is not None:
-                shapes = patch_shapes(surface, points, mask, options=options.shapes)
-            filled = bilaplacian_fill(surface.uniform, filled, own, surface.ties, shapes)
+                shapes = patch_shapes(surface, points, filled, mask, options=options.shapes)
+            if shapes is not None:
+                filled = bilaplacian_fill(surface.uniform, points, own, surface.ties, shapes)
         if (own := kinds == MEMBRANE).any():
             filled = membrane_fill(surface.uniform, filled, own, surface.ties)
         defects = update_defects(surface, base, filled, mask)

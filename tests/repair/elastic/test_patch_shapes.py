@@ -30,6 +30,11 @@ def crumpled(pose: FloatArray, mask: BoolArray) -> FloatArray:
     return result
 
 
+def shapes_of(surface: Surface, pose: FloatArray, mask: BoolArray) -> FloatArray | None:
+    """The shapes of patches that go round something, whatever a film makes of them."""
+    return patch_shapes(surface, pose, pose, mask, options=PatchShapeOptions(shrunk=99.0))
+
+
 def width(surface: Surface, points: FloatArray) -> float:
     """The least extent along x of a ring of vertices."""
     rings = points[:, 0].reshape(-1, 16)
@@ -41,7 +46,7 @@ def test_a_patch_is_as_at_rest_where_all_only_turned_and_grew(scale: float) -> N
     surface = ribbon()
     mask, pose = middle(surface), scale * surface.rest @ TURN.T + (1.0, 2.0, 3.0)
     before = crumpled(pose, mask)
-    shapes = patch_shapes(surface, before, mask)
+    shapes = shapes_of(surface, before, mask)
     assert shapes is not None
     filled = bilaplacian_fill(surface.uniform, before, mask, None, shapes)
     assert np.abs(filled - pose).max() < 1e-6  # what keeps patches definite
@@ -54,7 +59,7 @@ def test_a_ribbon_is_not_wrung_to_a_thread() -> None:
     share = surface.rest[:, 2:] / 2.0
     bent = surface.rest + np.hstack([np.zeros_like(share), share**2, np.zeros_like(share)])
     before = crumpled(bent, mask)
-    shapes = patch_shapes(surface, before, mask)
+    shapes = shapes_of(surface, before, mask)
     kept = bilaplacian_fill(surface.uniform, before, mask, None, shapes)
     film = membrane_fill(surface.uniform, before, mask)
     assert width(surface, kept) > 0.95 * width(surface, bent) > 1.5 * width(surface, film)
@@ -66,10 +71,10 @@ def test_a_ribbon_is_not_wrung_to_a_thread() -> None:
 def test_half_of_a_tube_is_left_to_the_smoothest_continuation() -> None:
     surface = ribbon()
     half = middle(surface) & (surface.rest[:, 1] > 0.001)
-    assert patch_shapes(surface, surface.rest, half) is None
-    assert (
-        patch_shapes(surface, surface.rest, half, options=PatchShapeOptions(flat=2.0)) is not None
-    )
+    assert shapes_of(surface, surface.rest, half) is None
+    options = PatchShapeOptions(flat=2.0, shrunk=99.0)
+    rest = surface.rest
+    assert patch_shapes(surface, rest, rest, half, options=options) is not None
 
 
 def test_only_patches_that_go_round_something_have_shapes() -> None:
@@ -77,7 +82,7 @@ def test_only_patches_that_go_round_something_have_shapes() -> None:
     away = surface.rest[:, 2] - 0.3
     half = (np.abs(away) < 0.05) & (surface.rest[:, 1] > 0.001)
     ring = middle(surface, 0.08)
-    shapes = patch_shapes(surface, surface.rest, half | ring)
+    shapes = shapes_of(surface, surface.rest, half | ring)
     assert shapes is not None and not shapes[half].any()
     assert np.allclose(shapes[ring], (surface.uniform @ surface.rest)[ring], atol=1e-9)
 
@@ -85,5 +90,17 @@ def test_only_patches_that_go_round_something_have_shapes() -> None:
 def test_without_surroundings_there_are_no_shapes() -> None:
     surface = ribbon()
     everything = np.ones(surface.count, dtype=bool)
-    assert patch_shapes(surface, surface.rest, everything) is None
-    assert patch_shapes(surface, surface.rest, np.zeros_like(everything)) is None
+    assert shapes_of(surface, surface.rest, everything) is None
+    assert shapes_of(surface, surface.rest, np.zeros_like(everything)) is None
+
+
+@pytest.mark.parametrize("scale", [1.0, 3.0])
+def test_only_what_a_film_makes_a_thread_has_a_shape(scale: float) -> None:
+    surface = ribbon()
+    pose = scale * surface.rest
+    for height, thread in ((0.02, False), (0.35, True)):
+        mask = middle(surface, height)
+        film = membrane_fill(surface.uniform, pose, mask)
+        assert (patch_shapes(surface, pose, film, mask) is not None) == thread
+        # What keeps its area is none.
+        assert patch_shapes(surface, pose, pose, mask) is None

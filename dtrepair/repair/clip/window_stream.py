@@ -109,10 +109,9 @@ class WindowStream:
             judged = tail
         elif self.scene.options.clearance > 0.0 or any(frame.wrong for frame in frames):
             judged = self._judged(self.meshes, frames)
-            if any(found.lowered for found in judged):
-                ways = self.options.ways
-                judged, meshes = on_other_ways(meshes, frames, judged, self._judged, options=ways)
-                judged = with_turns(meshes, frames, judged, self._judged, options=ways)
+            ways = self.options.ways
+            judged, meshes = on_other_ways(meshes, frames, judged, self._judged, options=ways)
+            judged = with_turns(meshes, frames, judged, self._judged, options=ways)
         # Clean windows need none.
         mesh = cache(partial(meshes, [frame.sewn for frame in frames]))
         if len(tail) < len(frames):

@@ -1,16 +1,17 @@
-"""Other ways through strained frames of a clip: props rigid, joints that turned left alone."""
+"""Other ways through frames of a clip that are not clean: props rigid, other creases shared."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import diagonal, lengths
 from dtrepair.numerics.temporal import runs_of
-from dtrepair.repair.scene.bounds import Judged
+from dtrepair.repair.scene.bounds import Judged, pairs_and_enclosed
 from dtrepair.repair.scene.opened_pose import OpenedPose, Pose, detected
 from dtrepair.repair.scene.props import bent_bodies
 from dtrepair.repair.scene.scene import Scene
@@ -29,14 +30,19 @@ class OtherWayOptions:
             first, and this fraction of the diagonal.
         few, share: Of attached parts, whose frames are solved each for itself, at most so many
             frames of a window, or this share of it, are solved again: those with least left.
-        large: Scenes of more triangles get fewer frames by that ratio, but one at least.
+        nearly: Frames of attached parts with at most so many pairs, or parts inside others, go ways
+            on which other creases are shared.
+        large: Scenes of more triangles get fewer frames by that ratio, but one at least; ...
+        more: ... those of fewer get more, up to this factor.
     """
 
     farther: float = 2.0
     near: float = 0.01
     few: int = 3
     share: float = 0.25
+    nearly: int = 60
     large: int = 20_000
+    more: float = 2.0
 
     def again(
         self,
@@ -49,10 +55,10 @@ class OtherWayOptions:
         """Return the runs of the chosen frames (T,) that are solved again.
 
         left: how many pairs each frame has left; triangles: how many the scene has; most: so many
-        frames of a scene that is not large; default: those of the options.
+        frames of a scene of `large` triangles; default: those of the options.
         """
         usual = max(self.few, int(self.share * len(chosen))) if most is None else most
-        number = max(1, round(usual * min(1.0, self.large / max(triangles, 1))))
+        number = max(1, round(usual * min(self.more, self.large / max(triangles, 1))))
         order = np.lexsort((np.asarray(left), ~chosen))[:number]
         return runs_of(chosen & np.isin(np.arange(len(chosen)), order))
 
@@ -67,24 +73,54 @@ def on_other_ways(
 ) -> tuple[list[Judged], WeldedMeshes]:
     """Return better poses of a window where another way strains less, and the meshes of its way.
 
-    Strained frames of attached parts, which are solved each for itself, go another way alone: a
-    prop that bends within the bounds elsewhere is left at that.
+    Frames of attached parts, which are solved each for itself, go another way alone, and also where
+    something is left in them: a prop that bends within the bounds elsewhere is left at that.
     """
     scene, taken, result = meshes.scene, meshes, list(judged)
-    runs = [slice(0, len(frames))]
-    if tied := scene.strain_meter.parts.ties is not None:
-        lowered = np.array([found.lowered for found in judged])
-        runs = options.again(lowered, _left(scene, frames, judged), len(scene.faces))
+    lowered = np.array([found.lowered for found in judged])
+    if scene.strain_meter.parts.ties is not None:
+        return _each_on_its_way(meshes, frames, result, judge, options), meshes
+    if not lowered.any():
+        return result, meshes
     bent = [bent_bodies(scene, found) for found in judged]
     for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
-        for run in runs:
-            own, first = list(frames[run]), result[run]
-            other = judge(way, own)
-            fewer = sum(_left(scene, own, other)) < sum(_left(scene, own, first))
-            if fewer and not _much_farther(own, other, first, options):
-                result[run] = other
-                taken = taken if tied else way
+        other = judge(way, list(frames))
+        fewer = sum(_left(scene, frames, other)) < sum(_left(scene, frames, result))
+        if fewer and not _much_farther(frames, other, result, options):
+            result, taken = other, way
     return result, taken
+
+
+def _each_on_its_way(
+    meshes: WeldedMeshes,
+    frames: Sequence[Pose],
+    judged: list[Judged],
+    judge: Judge[Pose],
+    options: OtherWayOptions,
+) -> list[Judged]:
+    """Return poses of attached parts, each on the way that leaves least of what is wrong."""
+    scene, result = meshes.scene, list(judged)
+    wrong, lowered = _wrong(scene, frames, judged), np.array([found.lowered for found in judged])
+    bent = [bent_bodies(scene, found) for found in judged]
+    strained = meshes.otherwise(bent, [frame.centred for frame in frames]) if lowered.any() else ()
+    left = np.array(wrong)
+    nearly = (left > 0) & (left <= options.nearly)
+    for chosen, ways in ((lowered, strained), (nearly, meshes.creased if nearly.any() else ())):
+        runs = options.again(chosen, wrong, len(scene.faces))
+        for way, run in product(ways, runs):
+            if not any(wrong[run]):
+                continue
+            own = frames[run]
+            other = judge(way, list(own))
+            for place, found, less in zip(
+                range(run.start, run.stop), other, _wrong(scene, own, other), strict=True
+            ):
+                both = frames[place : place + 1], [found], [result[place]]
+                # What is as mobile as before may have to go far: the first way may have left it.
+                allowed = way.scene is scene or not _much_farther(*both, options)
+                if less < wrong[place] and allowed:
+                    result[place], wrong[place] = found, less
+    return result
 
 
 def with_turns(
@@ -120,6 +156,12 @@ def with_turns(
             if gains and (less, found.lowered) < (more, first[index].lowered):
                 result[run.start + index] = first[index]._replace(points=found.points, turned=True)
     return result
+
+
+def _wrong(scene: Scene, frames: Sequence[OpenedPose], judged: Sequence[Judged]) -> list[int]:
+    """Return how many pairs, and parts wholly inside others, are left in each pose."""
+    both = zip(frames, judged, strict=True)
+    return [sum(pairs_and_enclosed(scene, frame, found.points)) for frame, found in both]
 
 
 def _left(scene: Scene, frames: Sequence[OpenedPose], judged: Sequence[Judged]) -> list[int]:

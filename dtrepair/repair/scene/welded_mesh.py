@@ -18,7 +18,7 @@ from dtrepair.repair.result import Solved
 from dtrepair.repair.scene.inner_parts import InnerParts, inner_parts
 from dtrepair.repair.scene.props import props_among, with_rigid
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.surface.surface import BodyRange, Surface
+from dtrepair.repair.surface.surface import BodyRange, Surface, SurfaceOptions
 
 if TYPE_CHECKING:
     # PyTorch is loaded for the published method only.
@@ -34,6 +34,7 @@ class WeldedMesh:
         queue: Where work on a GPU is queued; None on the CPU.
         full: Numbers of the full method.
         paper: Numbers of the published method; default: `PaperOptions()`.
+        surface: Numbers of the surface.
     """
 
     def __init__(
@@ -44,9 +45,10 @@ class WeldedMesh:
         *,
         full: FullOptions = FullOptions(),
         paper: PaperOptions | None = None,
+        surface: SurfaceOptions = SurfaceOptions(),
     ) -> None:
         self.kept, self.place = np.unique(together, return_inverse=True)
-        self.surface = _surface(scene, self.kept, self.place)
+        self.surface = _surface(scene, self.kept, self.place, surface)
         # In units of the surface's size.
         limit = scene.options.maximum_displacement
         self.farthest = None if limit is None else limit / self.surface.size
@@ -99,7 +101,12 @@ class WeldedMesh:
         return np.where(stayed[:, None], points, (after * self.surface.size)[self.place])
 
 
-def _surface(scene: Scene, kept: NDArray[np.integer], place: NDArray[np.integer]) -> Surface:
+def _surface(
+    scene: Scene,
+    kept: NDArray[np.integer],
+    place: NDArray[np.integer],
+    numbers: SurfaceOptions,
+) -> Surface:
     """Return the surface of the vertices that are kept; each of the scene is at its place there."""
     faces = place[scene.faces].astype(np.int32)
     # A triangle between two vertices that became one has no area and takes no part.
@@ -127,6 +134,7 @@ def _surface(scene: Scene, kept: NDArray[np.integer], place: NDArray[np.integer]
         leave_rest=options.rest_contacts == "leave",
         ignored=scene.ignored,
         direction=scene.direction[kept] if scene.direction.any() else None,
+        options=numbers,
         attachments=attachments and attachments.of_triangles(triangles, place),
         covering=covering,
     )
@@ -148,6 +156,7 @@ class WeldedMeshes:
             gives them out again. None on the CPU.
         full: Numbers of the full method.
         paper: Numbers of the published method; default: `PaperOptions()`.
+        surface: Numbers of the surfaces.
     """
 
     def __init__(
@@ -157,9 +166,10 @@ class WeldedMeshes:
         *,
         full: FullOptions = FullOptions(),
         paper: PaperOptions | None = None,
+        surface: SurfaceOptions = SurfaceOptions(),
     ) -> None:
         self.scene, self._queue = scene, queue
-        self._full, self._paper = full, paper
+        self._full, self._paper, self._surface = full, paper, surface
         self._known: dict[bytes, WeldedMesh] = {}
         self._less_mobile: dict[float, WeldedMeshes] = {}
         self._stiffer: dict[tuple[int, ...], WeldedMeshes] = {}
@@ -174,6 +184,21 @@ class WeldedMeshes:
             return None
         scene = replace(self.scene, direction=np.zeros_like(self.scene.direction))
         return WeldedMeshes(scene, full=self._full)
+
+    @cached_property
+    def creased(self) -> tuple[WeldedMeshes, ...]:
+        """Other ways: attached parts share no creases, or all do, see `Partners`."""
+        if self.scene.held is None or self.scene.options.method == "paper":
+            return ()
+        numbers = self._surface
+        return tuple(
+            WeldedMeshes(
+                self.scene,
+                full=self._full,
+                surface=replace(numbers, ties=replace(numbers.ties, creased=least)),
+            )
+            for least in (np.inf, 0.0)
+        )
 
     @cached_property
     def turning(self) -> WeldedMeshes | None:
@@ -226,6 +251,11 @@ class WeldedMeshes:
         key = together.tobytes()
         if key not in self._known:
             self._known[key] = WeldedMesh(
-                self.scene, together, self._queue, full=self._full, paper=self._paper
+                self.scene,
+                together,
+                self._queue,
+                full=self._full,
+                paper=self._paper,
+                surface=self._surface,
             )
         return self._known[key]

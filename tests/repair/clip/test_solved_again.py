@@ -13,12 +13,14 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.clip.layout import CutOptions
-from dtrepair.repair.clip.window_method import WindowSolver
+from dtrepair.repair.clip.window_method import MakeMethod, WindowSolver
 from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.relief.other_ways import OtherWayOptions
+from dtrepair.repair.result import RepairResult
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.separation.starts import Starts
+from dtrepair.repair.surface.ties import TieOptions
 from tests.repair.relief.test_relief import winged
 
 
@@ -54,12 +56,8 @@ def test_few_dirty_frames_are_solved_again(
         return self.led
 
     monkeypatch.setattr(Starts, "otherwise", otherwise)
-    frames = [winged(angle) for angle in angles]
-    scene, cuts = frames[0][0], CutOptions(ratio=np.inf, always=np.inf)
-    poses = [np.split(frame.centred, [scene.vertex_starts[1]]) for _, frame, _ in frames]
-    options = ClipOptions(cuts=cuts, ways=OtherWayOptions(few=few))
-    clips = ClipRepairer(scene, WeldedMeshes(scene), options=options, make_method=method)
-    results = [frame.results for frame in clips.stream(enumerate(poses), jobs=1)]
+    monkeypatch.setattr(WeldedMeshes, "creased", ())
+    results = results_of(angles, method, OtherWayOptions(few=few, more=1.0))
     assert asked == solved
     if len(solved) == 2:
         again = 1 if angles[0] > angles[1] else 3
@@ -67,9 +65,44 @@ def test_few_dirty_frames_are_solved_again(
         assert all(result.status is Status.CLEAN for result in results[again])
 
 
+@pytest.mark.parametrize("way", [np.inf, 0.0])
+def test_what_stays_dirty_goes_the_way_that_shares_other_creases(way: float) -> None:
+    asked: list[tuple[float, int]] = []
+
+    def method(mesh: WeldedMesh) -> WindowSolver:
+        creased = mesh.surface.options.ties.creased
+
+        def solve(
+            original: FloatArray, frames: FloatArray, pool: WorkerPool, *, unless: Any = None
+        ) -> FloatArray:
+            asked.append((creased, len(original)))
+            # On other ways than this one the last frame is not solved.
+            last = [solve_alone(mesh.surface, original[-1], rounds=2)]
+            return np.concatenate([original[:-1], last if creased == way else original[-1:]])
+
+        return solve
+
+    results = results_of((0.75, 0.8, 1.3), method, OtherWayOptions())
+    assert all(result.status is Status.CLEAN for frame in results for result in frame)
+    first = [(TieOptions.creased, 3), (np.inf, 1)]
+    assert asked == (first if way else [*first, (0.0, 1)])
+
+
+def results_of(
+    angles: Sequence[float], method: MakeMethod, ways: OtherWayOptions
+) -> list[list[RepairResult]]:
+    """The results of a window of frames whose wing turns by these angles."""
+    frames = [winged(angle) for angle in angles]
+    scene, cuts = frames[0][0], CutOptions(ratio=np.inf, always=np.inf)
+    poses = [np.split(frame.centred, [scene.vertex_starts[1]]) for _, frame, _ in frames]
+    options = ClipOptions(cuts=cuts, ways=ways)
+    clips = ClipRepairer(scene, WeldedMeshes(scene), options=options, make_method=method)
+    return [frame.results for frame in clips.stream(enumerate(poses), jobs=1)]
+
+
 @pytest.mark.parametrize(
     ("triangles", "usual", "most"),
-    [(0, 4, 12), (20_000, 4, 12), (30_000, 3, 8), (80_000, 1, 3), (10_000_000, 1, 1)],
+    [(0, 8, 16), (15_000, 5, 16), (20_000, 4, 12), (30_000, 3, 8), (10_000_000, 1, 1)],
 )
 def test_fewer_frames_of_large_scenes_are_solved_again(
     triangles: int, usual: int, most: int

@@ -2,7 +2,7 @@
 
 What goes round something in the rest has a loop, the middle of it in each of several directions,
 and what it goes round a core, its middle line. As long as the core passes through the loop
-the ring is worn. Both are means of vertices, so that any pose has them. A garment has a ring at
+the ring is worn. Both are sums of vertices, so that any pose has them. A garment has a ring at
 each of its hems: an arm may come out of a sleeve while the jacket stays on.
 """
 
@@ -49,7 +49,8 @@ class LoopOptions:
         corners: Fewer directions with vertices are no ring.
         around: The core is of what is nearer to the axis than the farthest of the ring, times this.
         beyond: The core goes on so many radii beyond the ring.
-        slices: Points of the core, to a radius: each is the middle of what is within a radius.
+        slices: Points of the core, to a radius: each is the mean of what is within a radius, by
+            areas, and less the farther it is.
         ends: Beyond the ends of a limb the core goes on so many radii: a strap that tilts there is
             still on.
         through: A hem goes round only what reaches farther than so many radii out of it on one
@@ -238,23 +239,30 @@ def _core(
     """
     low, high = float(height.min()), float(height.max())
     levels = np.linspace(low, high, 2 + int((high - low) * options.slices))
-    rows = np.maximum(1.0 - np.abs(levels[:, None] - height), 0.0) * areas
-    rows = rows[rows.any(axis=1)]
-    rows /= rows.sum(axis=1, keepdims=True)
+    rows = []
+    for level in levels:
+        own = np.flatnonzero(np.abs(height - level) < 1.0)
+        weights = areas[own] * (1.0 - np.abs(height[own] - level))
+        if weights.any():
+            place = np.zeros(len(own), dtype=np.int32), own
+            shares = weights / weights.sum()
+            rows.append(sparse.csr_matrix((shares, place), shape=(1, len(height))))
     if len(rows) > 2:
         first = _ahead(rows[2], rows[0], height, low - options.ends)
         last = _ahead(rows[-3], rows[-1], height, high + options.ends)
-        rows = np.stack([first, *rows, last])
-    matrix = sparse.coo_matrix(rows)
+        rows = [first, *rows, last]
+    matrix = sparse.vstack(rows).tocoo()
     column = vertices[matrix.col]
     return sparse.csr_matrix((matrix.data, (matrix.row, column)), shape=(len(rows), count))
 
 
-def _ahead(start: FloatArray, end: FloatArray, height: FloatArray, to: float) -> FloatArray:
-    """Return the weights (N,) of the point straight on from two others (N,) `to` a height."""
-    along = float((end - start) @ height)
-    share = (to - end @ height) / along if along else 0.0
-    return np.asarray(end + np.clip(share, 0.0, FARTHEST) * (end - start))
+def _ahead(
+    start: sparse.csr_matrix, end: sparse.csr_matrix, height: FloatArray, to: float
+) -> sparse.csr_matrix:
+    """Return the weights (1, N) of the point straight on from two others (1, N) `to` a height."""
+    at, before = float((end @ height)[0]), float((start @ height)[0])
+    share = (to - at) / (at - before) if at != before else 0.0
+    return end + float(np.clip(share, 0.0, FARTHEST)) * (end - start)
 
 
 def _means(vertices: IntArray, group: FloatArray, count: int) -> sparse.csr_matrix:

@@ -41,9 +41,9 @@ def patch_shapes(
 ) -> FloatArray | None:
     """Return differential coordinates (V, 3) that patches (V,) of a pose (V, 3) are to have.
 
-    They are 0 but for patches that go round something and are threads in a film (V, 3); None where
-    none is. How these are turned and stretched is taken from the second ring around them, whose
-    neighbours no patch replaces, and interpolated between.
+    They are 0 but for patches that go round something and are threads in `film` (V, 3), their
+    smoothest continuation; None where none is. How these are turned and stretched is taken from the
+    second ring around them, whose neighbours no patch replaces, and interpolated between.
     """
     beside = abs(surface.uniform)
     own = beside @ (mask & _threads(surface, points, film, mask, options)) > 0.0

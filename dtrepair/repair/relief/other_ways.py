@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +29,8 @@ class OtherWayOptions:
             first, and this fraction of the diagonal.
         few, share: Of attached parts, whose frames are solved each for itself, at most so many
             frames of a window, or this share of it, are solved again: those with least left.
-        nearly: Frames of attached parts with at most so many pairs, or parts inside others, go ways
-            on which other creases are shared.
+        nearly: Frames of attached parts with at most so many pairs and parts inside others, both
+            together, go ways on which other creases are shared.
         large: Scenes of more triangles get fewer frames by that ratio, but one at least; ...
         more: ... those of fewer get more, up to this factor.
     """
@@ -71,17 +70,16 @@ def on_other_ways(
     *,
     options: OtherWayOptions = OtherWayOptions(),
 ) -> tuple[list[Judged], WeldedMeshes]:
-    """Return better poses of a window where another way strains less, and the meshes of its way.
+    """Return better poses of a window where another way leaves less, and the meshes of its way.
 
     Frames of attached parts, which are solved each for itself, go another way alone, and also where
     something is left in them: a prop that bends within the bounds elsewhere is left at that.
     """
-    scene, taken, result = meshes.scene, meshes, list(judged)
-    lowered = np.array([found.lowered for found in judged])
-    if scene.strain_meter.parts.ties is not None:
-        return _each_on_its_way(meshes, frames, result, judge, options), meshes
-    if not lowered.any():
-        return result, meshes
+    scene, taken, result = meshes.scene, meshes, judged
+    if scene.held is not None and len(scene.held.ties.vertices) and scene.options.method == "full":
+        return _each_on_its_way(meshes, frames, judged, judge, options), meshes
+    if not any(found.lowered for found in judged):
+        return judged, meshes
     bent = [bent_bodies(scene, found) for found in judged]
     for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
         other = judge(way, list(frames))
@@ -100,26 +98,29 @@ def _each_on_its_way(
 ) -> list[Judged]:
     """Return poses of attached parts, each on the way that leaves least of what is wrong."""
     scene, result = meshes.scene, list(judged)
-    wrong, lowered = _wrong(scene, frames, judged), np.array([found.lowered for found in judged])
-    bent = [bent_bodies(scene, found) for found in judged]
-    strained = meshes.otherwise(bent, [frame.centred for frame in frames]) if lowered.any() else ()
-    left = np.array(wrong)
-    nearly = (left > 0) & (left <= options.nearly)
-    for chosen, ways in ((lowered, strained), (nearly, meshes.creased if nearly.any() else ())):
-        runs = options.again(chosen, wrong, len(scene.faces))
-        for way, run in product(ways, runs):
-            if not any(wrong[run]):
-                continue
+    wrong = np.array(_wrong(scene, frames, judged))
+
+    def take(way: WeldedMeshes, chosen: NDArray[np.bool_]) -> None:
+        """Solve the chosen frames (T,) that are not clean, as many as may be."""
+        for run in options.again(chosen & (wrong > 0), wrong.tolist(), len(scene.faces)):
             own = frames[run]
             other = judge(way, list(own))
-            for place, found, less in zip(
-                range(run.start, run.stop), other, _wrong(scene, own, other), strict=True
-            ):
-                both = frames[place : place + 1], [found], [result[place]]
+            left = _wrong(scene, own, other)
+            for place, pose, less in zip(range(run.start, run.stop), other, left, strict=True):
+                both = frames[place : place + 1], [pose], [result[place]]
                 # What is as mobile as before may have to go far: the first way may have left it.
                 allowed = way.scene is scene or not _much_farther(*both, options)
                 if less < wrong[place] and allowed:
-                    result[place], wrong[place] = found, less
+                    result[place], wrong[place] = pose, less
+
+    lowered = np.array([found.lowered for found in judged])
+    if (lowered & (wrong > 0)).any():
+        bent = [bent_bodies(scene, found) for found in judged]
+        for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
+            take(way, lowered)
+    if ((wrong > 0) & (wrong <= options.nearly)).any():
+        for way in meshes.creased:
+            take(way, wrong <= options.nearly)
     return result
 
 
@@ -136,9 +137,9 @@ def with_turns(
     What such joints have in contact counts all the same in what is handed back, and what strained
     the frame stays told. In large scenes those with least left are tried (see `again`).
     """
-    turning = meshes.turning
     lowered = np.array([found.lowered for found in judged])
-    if turning is None or not lowered.any():
+    turning = meshes.turning if lowered.any() else None
+    if turning is None:
         return judged
     scene, result = turning.scene, list(judged)
     known = [detected(scene, replace(frame, detected=False)) for frame in frames]

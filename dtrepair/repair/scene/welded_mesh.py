@@ -174,6 +174,10 @@ class WeldedMeshes:
         self._less_mobile: dict[float, WeldedMeshes] = {}
         self._stiffer: dict[tuple[int, ...], WeldedMeshes] = {}
 
+    def _of(self, scene: Scene, surface: SurfaceOptions | None = None) -> WeldedMeshes:
+        """Return the meshes of another scene, by the full method on the CPU."""
+        return WeldedMeshes(scene, full=self._full, surface=surface or self._surface)
+
     @cached_property
     def undirected(self) -> WeldedMeshes | None:
         """The meshes without preferred directions; None where there are none to be left out.
@@ -183,28 +187,20 @@ class WeldedMeshes:
         if self.scene.options.method == "paper" or not self.scene.direction.any():
             return None
         scene = replace(self.scene, direction=np.zeros_like(self.scene.direction))
-        return WeldedMeshes(scene, full=self._full)
+        return self._of(scene)
 
     @cached_property
     def creased(self) -> tuple[WeldedMeshes, ...]:
         """Other ways: attached parts share no creases, or all do, see `Partners`."""
-        if self.scene.held is None or self.scene.options.method == "paper":
-            return ()
         numbers = self._surface
-        return tuple(
-            WeldedMeshes(
-                self.scene,
-                full=self._full,
-                surface=replace(numbers, ties=replace(numbers.ties, creased=least)),
-            )
-            for least in (np.inf, 0.0)
-        )
+        ways = (replace(numbers.ties, creased=least) for least in (np.inf, 0.0))
+        return tuple(self._of(self.scene, replace(numbers, ties=ties)) for ties in ways)
 
     @cached_property
     def turning(self) -> WeldedMeshes | None:
         """The meshes with joints that turned left alone; None where no joint turns so far."""
         scene = self.scene.turning
-        return None if scene is None else WeldedMeshes(scene, full=self._full)
+        return None if scene is None else self._of(scene)
 
     @cached_property
     def inner(self) -> InnerMeshes | None:
@@ -212,7 +208,7 @@ class WeldedMeshes:
         parts = None if self.scene.options.method == "paper" else inner_parts(self.scene)
         if parts is None:
             return None
-        return InnerMeshes(parts, WeldedMeshes(parts.scene, full=self._full))
+        return InnerMeshes(parts, self._of(parts.scene))
 
     def with_inner_mobility(self, mobility: float) -> WeldedMeshes:
         """Return the meshes in which open layers lie over what moves at most so freely."""
@@ -221,7 +217,7 @@ class WeldedMeshes:
             return self
         if mobility not in self._less_mobile:
             scene = self.scene.changed(options=replace(chosen, inner_mobility=mobility))
-            self._less_mobile[mobility] = WeldedMeshes(scene, full=self._full)
+            self._less_mobile[mobility] = self._of(scene)
         return self._less_mobile[mobility]
 
     def otherwise(
@@ -238,7 +234,7 @@ class WeldedMeshes:
         if any(own and set(own) <= set(props) for own in bent):
             if props not in self._stiffer:
                 scene = with_rigid(self.scene, props)
-                self._stiffer[props] = WeldedMeshes(scene, full=self._full)
+                self._stiffer[props] = self._of(scene)
             yield self._stiffer[props]
 
     def __call__(self, welds: Sequence[IntArray]) -> WeldedMesh:

@@ -69,10 +69,12 @@ def near_contacts(surface: Surface, pairs: IntArray, near: int) -> BoolArray:
     near_by: BoolArray = surface.body_of[pairs[:, 0]] == surface.body_of[pairs[:, 1]]
     near_by[near_by] = surface.contacts.ring_distance(pairs[near_by]) <= near
     if surface.ties is not None and near > 0:
+        # What is stiff no fill replaces.
+        soft = ~surface.stiff[surface.faces[pairs]].any(axis=(1, 2))
         for one, other in (pairs.T, pairs.T[::-1]):
             partner = surface.ties.partners.of(one, other)
-            own = np.flatnonzero(~near_by & (partner >= 0))
-            sides = np.sort(np.stack([partner[own], other[own]], axis=1), axis=1)
+            own = np.flatnonzero(soft & ~near_by & (partner >= 0))
+            sides = np.stack([partner[own], other[own]], axis=1)
             near_by[own] = surface.contacts.ring_distance(sides) <= near
     return near_by
 

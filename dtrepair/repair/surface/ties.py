@@ -20,6 +20,7 @@ from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
     components,
+    extent,
     extents,
     lengths,
     triangle_frames,
@@ -42,7 +43,8 @@ class TieOptions:
             median, what was modelled grew with them.
         turns: So many times a fill turns the offsets with the triangles that it replaces.
         creased: What edges connect shares creases with what it is tied to where both are at least
-            this large, units of the size: no fill has room for a whole pouch.
+            this fraction of all that is tied: no fill has room for a whole pouch. With 0 all parts
+            share them, with infinity none.
     """
 
     weight: float = 0.1
@@ -56,29 +58,34 @@ class TieOptions:
 class Partners:
     """Which triangle of another shell a triangle is tied to: an arm's in the sleeve around it.
 
-    A crease of the one is the other's as well: pushed apart, an elbow would leave its sleeve.
+    A crease of the one is the other's as well: pushed apart, an elbow would leave its sleeve. Where
+    a triangle has several ties to a shell, the shortest tells.
 
     Args:
         ties: The ties.
         faces: The triangles (F, 3) of the mesh.
         rest: Its rest (V, 3).
-        least: Of smaller shells, what edges connect, nothing is told; unit of the rest.
+        least: Of shells, what edges connect, smaller than this fraction of all that is tied
+            nothing is told.
     """
 
     def __init__(self, ties: Ties, faces: IntArray, rest: FloatArray, least: float) -> None:
-        shell = components(faces, len(rest))
-        self._shell = shell[faces[:, 0]].astype(np.int64)
-        large = extents(rest, shell)[self._shell] >= least
-        around = vertex_triangles(faces, len(rest))
+        shell_of_vertex = components(faces, len(rest))
+        self._shell = shell_of_vertex[faces[:, 0]].astype(np.int64)
+        self._shells = int(shell_of_vertex.max(initial=-1)) + 1
         # Of a tie both sides know each other: each triangle at its vertex, and its triangle.
-        at = around[ties.vertices].tocoo()
+        at = vertex_triangles(faces, len(rest))[ties.vertices].tocoo()
         first, second = at.col.astype(np.int64), ties.triangles[at.row].astype(np.int64)
-        own = large[first] & large[second] & (self._shell[first] != self._shell[second])
-        sides = np.stack([first[own], second[own]])
-        known, self._triangles = np.concatenate([sides, sides[::-1]], axis=1)
-        keys = self._key(known, self._triangles)
-        self._keys, place = np.unique(keys, return_index=True)
-        self._triangles = self._triangles[place]
+        sides = np.stack([self._shell[first], self._shell[second]], axis=1)
+        tied = extent(rest[np.isin(shell_of_vertex, sides)])
+        large = extents(rest, shell_of_vertex) >= least * max(tied, np.finfo(float).tiny)
+        own = large[sides].all(axis=1) & (sides[:, 0] != sides[:, 1])
+        both = np.stack([first[own], second[own]])
+        known, other = np.concatenate([both, both[::-1]], axis=1)
+        keys = self._key(known, other)
+        order = np.lexsort((np.tile(lengths(ties.offsets)[at.row[own]], 2), keys))
+        self._keys, place = np.unique(keys[order], return_index=True)
+        self._triangles = other[order[place]]
 
     def of(self, triangles: IntArray, others: IntArray) -> IntArray:
         """Return what triangles (K,) are tied to on the shells of others (K,), -1 for nothing."""
@@ -93,7 +100,7 @@ class Partners:
         self, triangles: NDArray[np.integer], others: NDArray[np.integer]
     ) -> NDArray[np.int64]:
         """Return one number (K,) for each triangle and the shell of another one."""
-        return np.asarray(triangles.astype(np.int64) * len(self._shell) + self._shell[others])
+        return np.asarray(triangles.astype(np.int64) * self._shells + self._shell[others])
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,17 +56,20 @@ def test_a_band_that_slid_or_cut_in_is_on(offset: tuple[float, float, float]) ->
     assert taken(rings, with_ring_moved(rings, 1, offset)) == []
 
 
-def test_a_strap_that_tilts_at_the_end_of_its_limb_is_on() -> None:
+@pytest.mark.parametrize(("end", "tilt", "off"), [(-1.0, 2.5, 0.1), (1.0, 1.0, 0.0)])
+def test_a_strap_that_tilts_at_the_end_of_its_limb_is_on(
+    end: float, tilt: float, off: float
+) -> None:
     # One side of it lies beyond the end, as where a knee lifts the strap of a boot.
-    arm, strap = ARM, moved(BAND, (0.0, 0.0, 1.9))
+    arm, strap = ARM, moved(BAND, (0.0, 0.0, 1.9 * end))
     rings = rings_of(arm, strap)
     pose = rings.parts.poses[0].copy()
     own = rings.parts.vertices[1]
-    pose[own, 2] += np.maximum(pose[own, 0], -0.1)
+    pose[own, 2] += end * (off + tilt * np.maximum(pose[own, 0], -0.1))
     assert len(rings.of(1)) == 1 and taken(rings, pose) == []
     assert taken(rings_of(arm, strap, ends=0.0), pose) == [(1, 0)]
     # Beyond the end as a whole it is off.
-    assert taken(rings, with_ring_moved(rings, 1, (0.0, 0.0, 0.6))) == [(1, 0)]
+    assert taken(rings, with_ring_moved(rings, 1, (0.0, 0.0, 0.6 * end))) == [(1, 0)]
 
 
 def test_a_coarse_limb_of_uneven_triangles_has_a_straight_middle() -> None:

@@ -100,7 +100,7 @@ def test_only_what_a_film_makes_a_thread_has_a_shape(scale: float) -> None:
     pose = scale * surface.rest
     for height, thread in ((0.02, False), (0.35, True)):
         mask = middle(surface, height)
-        film = membrane_fill(surface.uniform, pose, mask)
+        film = bilaplacian_fill(surface.uniform, pose, mask)
         assert (patch_shapes(surface, pose, film, mask) is not None) == thread
         # What keeps its area is none.
         assert patch_shapes(surface, pose, pose, mask) is None

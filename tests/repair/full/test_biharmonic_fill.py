@@ -21,6 +21,7 @@ from dtrepair.repair.full.biharmonic_fill import (
 from dtrepair.repair.surface.defects import Defects, find_defects, update_defects
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import Mesh, elbow, grid, icosphere, joined, tube
+from tests.repair.surface.test_ties import attachments_of
 
 FILLS = [membrane_fill, bilaplacian_fill]
 
@@ -173,6 +174,22 @@ def test_a_small_part_that_a_patch_would_cover_does_not_shrink_to_a_point(
     monkeypatch.setattr("dtrepair.repair.full.biharmonic_fill.update_defects", looked_at)
     biharmonic_fill(surface, surface.rest)
     assert min(sizes) > 0.5 * extent(surface.rest[own])
+
+
+@pytest.mark.parametrize("attached", [True, False])
+def test_a_crumpled_ribbon_of_attached_parts_is_no_thread(attached: bool) -> None:
+    # A tie, 2 long and .1 wide, that a knot holds at one end.
+    points, faces = tube(16, 60, 1.0, 2.0)
+    ribbon, knot = points * (0.05, 0.01, 1.0), 0.04 * icosphere(2)[0] + (0.0, 0.0, 0.95)
+    mesh = joined((ribbon, faces), (knot, icosphere(2)[1]))
+    surface = Surface(*mesh, attachments=attachments_of(mesh) if attached else None)
+    middle, pose = np.abs(surface.rest[:, 2]) < 0.2, surface.rest.copy()
+    pose[middle] += np.random.default_rng(1).normal(size=(middle.sum(), 3)) * 0.02
+    known = update_defects(surface, find_defects(surface, surface.rest), pose, middle)
+    filled = biharmonic_fill(surface, pose, known=known).points
+    rows = filled[: len(ribbon), 0].reshape(-1, 16)
+    width = np.ptp(rows, axis=1).min() / np.ptp(surface.rest[: len(ribbon), 0])
+    assert width > 0.8 if attached else width < 0.4
 
 
 def test_at_most_half_of_a_part_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -55,7 +55,7 @@ class ReliefOptions:
     gain: float = 0.99
     hold: tuple[tuple[float, ...], ...] = ((2.0, 0.5), (8.0, 2.0, 0.5))
     work: float = 8e5
-    work_a_triangle: float = 16.0
+    work_a_triangle: float = 24.0
     wholes: int = 8
     farther: float = 1.1
     small_parts: SmallPartOptions = SmallPartOptions()

@@ -16,7 +16,17 @@ BRAKE_MASKS = ("component", "vertex")
 # Energies with two exponents.
 TANGENT_POINT = ("signed-tpe", "tpe")
 # Stages of the full method that can be left out.
-STAGES = ("volume", "fill", "insist", "pull-back", "relax", "edges", "unbend", "approach")
+STAGES = (
+    "volume",
+    "sections",
+    "fill",
+    "insist",
+    "pull-back",
+    "relax",
+    "edges",
+    "unbend",
+    "approach",
+)
 REST_CONTACTS = ("auto", "repair", "leave")
 
 

@@ -12,6 +12,7 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion
 from dtrepair.numerics.work import work_done
 from dtrepair.repair.elastic.parting import PartingOptions, parted
+from dtrepair.repair.elastic.sections import SectionOptions, sections_apart
 from dtrepair.repair.full.biharmonic_fill import FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import Pushed, PushOptions, push
 from dtrepair.repair.full.steering import Steering, SteeringOptions
@@ -44,6 +45,7 @@ class PhaseOptions:
             triangle of the mesh, times the effort, no other attempt begins: some three seconds of
             a processor for a pose of 1,000 triangles, five for 20,000.
         push: Numbers of the push.
+        sections: How limbs that lie in each other are led apart where pushing does not suffice.
         steering: Numbers of preferred directions.
         parting: Numbers of the least motion.
         fill: Numbers of the fill.
@@ -63,6 +65,7 @@ class PhaseOptions:
     work: float = 1.5e6
     work_a_triangle: float = 50.0
     push: PushOptions = field(default_factory=PushOptions)
+    sections: SectionOptions = field(default_factory=SectionOptions)
     steering: SteeringOptions = field(default_factory=SteeringOptions)
     parting: PartingOptions = field(default_factory=PartingOptions)
     fill: FillOptions = field(default_factory=FillOptions)
@@ -148,15 +151,40 @@ class Phases:
         best: Candidate | None = self._parted()
         if best is not None and best.distortion < self.options.parted:
             return best
+        apart: Candidate | None = None
         for step in self.options.first_steps:
             candidate = self.run(step)
+            good = candidate.clean and candidate.distortion < self.good_enough
+            if best is None and not good:
+                apart = self._sections_apart()
+                if apart is not None and apart.clean and apart.rank < candidate.rank:
+                    candidate = apart
             best = candidate if best is None or candidate.rank < best.rank else best
             if not best.clean and self._concerns_few(best):
                 best = self.insist(best)
             if (best.clean and best.distortion < self.good_enough) or self.worked_enough:
-                return best
+                break
         assert best is not None
-        return best if best.clean else self.insist(best)
+        if not (best.clean or self.worked_enough):
+            best = self.insist(best)
+        return best if apart is None or best.rank <= apart.rank else apart
+
+    def _sections_apart(self) -> Candidate | None:
+        """Return what pushing makes of limbs that were led apart; None where they were not.
+
+        It takes no work from the other attempts, and nothing that it leaves is insisted on.
+        """
+        if self.steering or "sections" in self.skip or self.worked_enough:
+            return None
+        start, begun, tried = time.perf_counter(), work_done(), len(self.candidates)
+        points = sections_apart(self.surface, self.original, options=self.options.sections)
+        if points is None or np.any(self.limited(points) != points):
+            return None
+        self.log.add("sections", points, start)
+        found = self.run(self.options.first_steps[-1], points)
+        del self.candidates[tried:]
+        self._begun += work_done() - begun
+        return found
 
     def _parted(self) -> Candidate | None:
         """Return the pose whose few crossings are led apart by the least motion, if they can be."""
@@ -177,10 +205,13 @@ class Phases:
         within = found is not None and np.array_equal(self.limited(found[0]), found[0])
         return found if within else None
 
-    def run(self, step: float) -> Candidate:
-        """Return the best result of pushing with ever fewer contacts left to the fill."""
+    def run(self, step: float, points: FloatArray | None = None) -> Candidate:
+        """Return the best result of pushing with ever fewer contacts left to the fill.
+
+        points: the pose (V, 3) it begins with; default: the original.
+        """
         best: Candidate | None = None
-        points, options = self.original, self.options
+        options, points = self.options, self.original if points is None else points
         for index, near in enumerate(options.near):
             start = points
             pushed = self._pushed(points, near, self.scale * step * options.step_decay**index)

@@ -36,7 +36,11 @@ class SectionOptions:
             with the mean of their vector areas, by their areas: a fingertip is drawn out of a
             belly, not pushed on.
         column: Width of the columns in which overlaps are measured, mean edge lengths.
-        step: Longest way in a round, units of the size.
+        step: Longest way of two sections in a round, units of the size.
+        farthest: No vertex goes farther in a round, units of the size.
+        columns: Sections are at most so many columns wide, which are wider beyond, ...
+        points: ... and about so many of the points of each are looked at.
+        numbers: At most so many numbers are kept: of large meshes only what most pairs connect.
         beyond: Sections go so much farther than their overlap, units of the size.
         soft: How far ways that hinder each other give way, next to what each would cost alone.
     """
@@ -51,6 +55,10 @@ class SectionOptions:
     against: float = 0.15
     column: float = 1.5
     step: float = 0.02
+    farthest: float = 0.1
+    columns: int = 100
+    points: int = 4000
+    numbers: int = 2 * 10**7
     beyond: float = 0.002
     soft: float = 0.03
 
@@ -91,12 +99,12 @@ def sections_apart(
             best = points
         counts.append(len(between))
         stalled = len(counts) - 1 - int(np.argmin(counts))
-        if len(counts) > options.rounds or stalled >= options.patience:
+        if len(between) == 0 or len(counts) > options.rounds or stalled >= options.patience:
             break
         meetings = _meetings(surface, points, pairs, between, options)
         if not meetings:
             break
-        points = surface.rigid.fitted(start, points + _displacement(surface, meetings, options))
+        points = points + _displacement(surface, meetings, options)
     return best if min(counts) <= options.left * counts[0] and best is not start else None
 
 
@@ -130,8 +138,11 @@ def _meetings(
         return _Section(np.flatnonzero(own), points[surface.dilate(own, options.rings)], facing)
 
     width = options.column * surface.edge_length
-    several = met[counts >= options.least].tolist()
-    found = [_meeting(section(one), section(two), width, options) for one, two in several]
+    most = max(1, options.numbers // surface.count)
+    several = np.flatnonzero(counts >= options.least)
+    if len(several) > most:
+        several = np.sort(several[np.argsort(-counts[several], kind="stable")[:most]])
+    found = [_meeting(section(a), section(b), width, options) for a, b in met[several].tolist()]
     return [meeting for meeting in found if meeting is not None]
 
 
@@ -141,7 +152,9 @@ def _meeting(
     """Return two sections that meet and their shortest way; None where no column holds both."""
     ways = _directions(first.reached, second.reached, options.ways)
     ways = ways[ways @ (second.facing - first.facing) >= -2.0 * options.against]
-    overlaps = overlaps_along(first.reached, second.reached, ways, width)
+    one, other = (own.reached[:: 1 + len(own.reached) // options.points] for own in (first, second))
+    span = float(np.ptp(np.concatenate([one, other]), axis=0).max())
+    overlaps = overlaps_along(one, other, ways, max(width, span / options.columns))
     if not np.isfinite(overlaps).any():
         return None
     best = int(overlaps.argmin())
@@ -217,4 +230,5 @@ def _displacement(
     root = np.linalg.cholesky(gains + np.diag(options.soft * alone))
     forces, _ = nnls(root.T, np.linalg.solve(root, wanted))
     result: FloatArray = mobility * ((moved * forces) @ ways)
-    return result
+    # What hardly may move where it is in contact would throw what is around it.
+    return result * min(1.0, options.farthest / (float(lengths(result).max()) + 1e-300))

@@ -178,11 +178,11 @@ class Phases:
             return None
         start, begun, tried = time.perf_counter(), work_done(), len(self.candidates)
         points = sections_apart(self.surface, self.original, options=self.options.sections)
-        if points is None or np.any(self.limited(points) != points):
-            return None
-        self.log.add("sections", points, start)
-        found = self.run(self.options.first_steps[-1], points)
-        del self.candidates[tried:]
+        found = None
+        if points is not None and np.array_equal(self.limited(points), points):
+            self.log.add("sections", points, start)
+            found = self.run(self.options.first_steps[-1], points)
+            del self.candidates[tried:]
         self._begun += work_done() - begun
         return found
 

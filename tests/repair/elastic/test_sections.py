@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 
 from dtrepair.numerics.geometry import FloatArray, lengths, unit_vectors
 from dtrepair.numerics.work import work_done
-from dtrepair.repair.elastic.sections import SectionOptions, overlaps_along, sections_apart
+from dtrepair.repair.elastic.sections import (
+    SectionOptions,
+    _displacement,
+    _Meeting,
+    _meetings,
+    overlaps_along,
+    sections_apart,
+)
 from dtrepair.repair.full import phases as phases_module
 from dtrepair.repair.full.phases import PhaseOptions, Phases
 from dtrepair.repair.full.push import PushOptions
@@ -31,6 +38,11 @@ def beast(across: float, forward: float) -> Mesh:
     """Four legs, of which those of either pair cross, and the pairs swing into each other."""
     pair = crossed_legs(across, 0.0, along=36, around=10)
     return joined(tilted(pair, forward, -0.4), tilted(pair, -forward, 0.4))
+
+
+def _meetings_at_rest(surface: Surface, options: SectionOptions) -> list[_Meeting]:
+    pairs = surface.contacts.pairs(surface.rest)
+    return _meetings(surface, surface.rest, pairs, pairs, options)
 
 
 def posed(rest: Mesh, pose: Mesh) -> tuple[Surface, FloatArray]:
@@ -104,6 +116,39 @@ def test_four_legs_in_each_other_are_bent_less(across: float, forward: float) ->
     )
     assert new.clean and not surface.contacts.pairs(new.points).size
     assert new.distortion < 0.85 * old.distortion
+
+
+def test_what_hardly_moves_in_contact_is_not_thrown() -> None:
+    points, faces = crossing_tubes(24, 32, 0.0)
+    near = lengths(points) < 0.5
+    surface = Surface(points, faces, mobility=np.where(near, 1e-3, 1.0))
+    farthest = {}
+    for most in (0.1, np.inf):
+        options = SectionOptions(rounds=1, left=np.inf, farthest=most)
+        meetings = _meetings_at_rest(surface, options)
+        farthest[most] = lengths(_displacement(surface, meetings, options)).max()
+    assert farthest[np.inf] > 0.2 and farthest[0.1] == pytest.approx(0.1)
+
+
+def test_an_attempt_that_leads_nowhere_takes_no_work() -> None:
+    surface, pose = posed(beast(0.0, 0.0), beast(0.4, 0.18))
+    for options, farthest in ((SectionOptions(left=0.0), None), (SectionOptions(), 0.01)):
+        phases = Phases(surface, pose, farthest=farthest, options=PhaseOptions(sections=options))
+        room, before = phases.enough() - work_done(), work_done()
+        assert phases._sections_apart() is None
+        assert work_done() > before
+        assert phases.enough() - work_done() == pytest.approx(room)
+
+
+def test_of_large_sections_some_points_are_looked_at_and_few_meet() -> None:
+    surface, pose = posed(beast(0.0, 0.0), beast(0.4, 0.18))
+    pairs = surface.contacts.pairs(pose)
+    every = _meetings(surface, pose, pairs, pairs, SectionOptions())
+    (one,) = _meetings(surface, pose, pairs, pairs, SectionOptions(numbers=1))
+    assert len(every) > 1 and any(np.array_equal(one.first, each.first) for each in every)
+    fewer = _meetings(surface, pose, pairs, pairs, SectionOptions(points=40, columns=4))
+    assert len(fewer) == len(every)
+    assert [each.length for each in fewer] != [each.length for each in every]
 
 
 def test_what_does_not_come_clean_changes_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:

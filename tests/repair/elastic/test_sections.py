@@ -93,7 +93,8 @@ def test_a_crease_and_two_bodies_have_no_sections() -> None:
     half = len(points) // 2
     free = [BodyRange(0, half, 99.0), BodyRange(half, len(points), 99.0)]
     bodies = Surface(points, faces, bodies=free)
-    assert len(bodies.contacts.pairs(bodies.rest)) and sections_apart(bodies, bodies.rest) is None
+    assert len(bodies.contacts.pairs(bodies.rest))
+    assert sections_apart(bodies, bodies.rest, options=LONG) is None
     one = Surface(points, faces)
     assert sections_apart(one, one.rest, options=LONG) is not None
 
@@ -116,6 +117,21 @@ def test_four_legs_in_each_other_are_bent_less(across: float, forward: float) ->
     )
     assert new.clean and not surface.contacts.pairs(new.points).size
     assert new.distortion < 0.85 * old.distortion
+
+
+def test_the_means_of_two_sections_come_apart_by_their_way() -> None:
+    points, faces = crossing_tubes(24, 32, 0.0)
+    surface, options = Surface(points, faces), SectionOptions(soft=0.0)
+    (one,) = _meetings_at_rest(surface, options)
+    moved = _displacement(surface, [one], options)
+    first, second = (
+        np.average(moved[own], axis=0, weights=surface.mass[own]) for own in (one.first, one.second)
+    )
+    assert one.length > options.step
+    assert (first - second) @ one.way == pytest.approx(options.step, rel=1e-6)
+    # The other way round it is asked for what it does already: nothing moves on.
+    passed = one._replace(length=-1.0)
+    assert lengths(_displacement(surface, [passed], options)).max() == 0.0
 
 
 def test_what_hardly_moves_in_contact_is_not_thrown() -> None:

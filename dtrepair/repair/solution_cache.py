@@ -56,6 +56,7 @@ def _remembering(solve: WindowSolver, surface: Surface, memory: Memory) -> Windo
         original: FloatArray,
         frames: FloatArray,
         pool: WorkerPool,
+        inputs: FloatArray | None = None,
         *,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
@@ -63,13 +64,15 @@ def _remembering(solve: WindowSolver, surface: Surface, memory: Memory) -> Windo
         ways = [] if surface.direction is None else [surface.direction]
         if surface.rigid.slices:
             ways.append(surface.rigid.mask)
+        if inputs is not None:
+            ways.append(inputs)
         key = hash_of(original, frames, surface.faces, surface.rest, *ways)
         kept = memory.recall(key)
         if kept is not None:
             found = original.copy()
             found[:, kept["vertices"]] = kept["points"]
             return found
-        solved = solve(original, frames, pool, unless=unless)
+        solved = solve(original, frames, pool, inputs, unless=unless)
         if solved is not None:
             vertices = np.flatnonzero((solved != original).any(axis=(0, 2)))
             memory.keep(key, {"vertices": vertices, "points": solved[:, vertices]})

@@ -79,6 +79,25 @@ def test_windows_with_something_rigid_are_solved_for_themselves() -> None:
     assert solved == [False, True]
 
 
+def test_windows_that_were_led_from_other_inputs_are_solved_for_themselves() -> None:
+    memory, solved = Kept(), list[bool]()
+    led, times = np.stack(POSES), np.arange(float(len(POSES)))
+
+    def make_method(mesh: WeldedMesh) -> WindowSolver:
+        def solve(original: FloatArray, *rest: object, **more: object) -> FloatArray:
+            solved.append(rest[-1] is not None)
+            return original
+
+        return solve
+
+    scene = SceneRepairer([Body(REST, FACES)]).scene
+    mesh = WeldedMeshes(scene)([scene.rest_weld])
+    solver = remembering(make_method, memory)(mesh)
+    for inputs in (None, led + 0.1, None, led + 0.1, led + 0.2):
+        solver(led, times, WorkerPool(), inputs)
+    assert solved == [False, True, True]
+
+
 def test_results_of_single_poses_come_back_whole() -> None:
     points, faces = overlapping_spheres()
     scene = SceneRepairer([Body(points, faces, rigid=True)], options=RepairOptions(tighten=0))

@@ -130,6 +130,8 @@ class RelaxFramesOptions:
             where their neighbours ask them to be: little first, as it holds them back, then more.
         attached: The same where parts are attached, whose frames were solved each for itself: they
             have farther to go.
+        lifted: The same where layers were lifted that pushing alone kept clean: their lifts were
+            smooth in time, and what is left of them has to be.
         attached_work: Fractions of the usual work on such a window that are done before and after,
             for the progress that is told.
         still: Relaxing ends when no vertex moves farther in a cycle, units of the size.
@@ -146,6 +148,7 @@ class RelaxFramesOptions:
 
     agreement: tuple[float, ...] = (0.5,) * 6 + (3.0,) * 4
     attached: tuple[float, ...] = (0.1,) * 8 + (1.0,) * 4
+    lifted: tuple[float, ...] = (3.0,) * 6 + (10.0,) * 6
     attached_work: tuple[float, float] = (0.35, 0.95)
     still: float = 2e-4
     width: float = 1.5
@@ -162,16 +165,18 @@ def relax_frames(
     state: WindowState,
     *,
     alone: bool = False,
+    lifted: bool = False,
     options: RelaxFramesOptions = RelaxFramesOptions(),
 ) -> None:
     """Relax the clean frames of a window wherever they were displaced.
 
     A frame that still intersects stays as it is, but for `left_attached`. Bodies that move freely
-    lean on each other: of them only what collapsed is relaxed, unless each frame was solved alone.
+    lean on each other: of them only what collapsed is relaxed, unless each frame was solved alone,
+    or layers were lifted, some of them farther than their frames need.
     """
     surface = state.surface
     poses = zip(state.original, state.poses, strict=True)
-    reached = _near_collapsed if surface.clusters > 1 and not alone else _displaced
+    reached = _near_collapsed if surface.clusters > 1 and not (alone or lifted) else _displaced
     reach = np.stack([reached(surface, before, after, options) for before, after in poses])
     if not reach.any():
         return
@@ -179,10 +184,13 @@ def relax_frames(
     reach[(reach < options.faint) | surface.stiff] = 0.0
     frames = [frame for frame in _nearly_clean(state, options) if reach[frame].any()]
     tied = surface.ties is not None
+    agreement = options.attached if tied else options.agreement
+    if lifted and not (alone or tied):
+        agreement = options.lifted
     state.relax(
         frames,
         reach,
-        options.attached if tied else options.agreement,
+        agreement,
         still=options.still,
         spread=options.spread,
         # Other windows have been tightened before, which tells as much.

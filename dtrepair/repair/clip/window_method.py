@@ -48,10 +48,14 @@ class WindowSolver(Protocol):
         original: FloatArray,
         frames: FloatArray,
         pool: WorkerPool,
+        inputs: FloatArray | None = None,
         *,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
-        """Return repaired poses (T, V, 3) at times in frame units, or None if `unless` holds."""
+        """Return repaired poses (T, V, 3) at times in frame units, or None if `unless` holds.
+
+        inputs: what `original` was before layers were lifted (T, V, 3); None: the same.
+        """
 
 
 # Makes the solver of the windows of a mesh.
@@ -175,11 +179,14 @@ class WindowMethod:
         original: FloatArray,
         frames: FloatArray,
         pool: WorkerPool,
+        inputs: FloatArray | None = None,
         *,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
         """Return the poses (T, V, 3) at times in frame units, repaired; some may stay dirty.
 
+        inputs: what `original` was before layers were lifted (T, V, 3): lifts are smooth in time,
+        so that frames beside deep ones have more of them than they need; that goes back.
         unless: asked with the pairs that pushing leaves; None is returned if it says so.
         """
         options = self.options
@@ -193,7 +200,7 @@ class WindowMethod:
             clearance=self.clearance,
             options=options.frames,
         )
-        if not state.dirty:
+        if not state.dirty and inputs is None:
             return original
         tied = self.surface.ties is not None
         if tied:
@@ -215,12 +222,16 @@ class WindowMethod:
         elif not tied:
             mend_frames(state, effort=self.effort, options=options.mend)
         state.given_up = frozenset(state.dirty)
+        # A push needs its layers on their sides; what relaxes keeps them there.
+        lifted = inputs is not None
+        if inputs is not None:
+            state.count_from(inputs)
         # Tightening would close a clearance again.
         if self.clearance == 0.0:
-            if not (tied or stuck):
+            if not (tied or stuck or lifted):
                 tighten_frames(state, self.tighten, options=options.tighten)
             settle_frames(state, options=options.settle)
-            relax_frames(state, alone=stuck, options=options.relax)
+            relax_frames(state, alone=stuck, lifted=lifted, options=options.relax)
         # Frames that were solved each for itself stand out where they take another way: no less so
         # after as much work again.
         if not (tied or stuck):

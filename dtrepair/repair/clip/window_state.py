@@ -55,7 +55,7 @@ class WindowState:
         alone: the solver of single frames; farthest: no vertex moves farther; clearance: closer
         pairs count, as long as it is set.
         """
-        self.surface, self.original, self.frames, self.pool = surface, original, frames, pool
+        self.surface, self.frames, self.pool = surface, frames, pool
         self.work = WindowFrames(
             surface,
             original,
@@ -74,6 +74,11 @@ class WindowState:
         # Those of the input.
         self.found = self.pairs
         self.scale = contact_scale(surface, np.concatenate(self.pairs))
+
+    @property
+    def original(self) -> FloatArray:
+        """The poses (T, V, 3) that displacements are counted from."""
+        return self.work.original
 
     @property
     def _every(self) -> range:
@@ -118,6 +123,14 @@ class WindowState:
         """Start from poses (T, V, 3), before anything else was done."""
         self.work.extra[:] = poses - self.original
         self.evaluate()
+
+    def count_from(self, original: FloatArray) -> None:
+        """Count displacements from other inputs (T, V, 3) from now on; the poses stay."""
+        self.found = self.pairs_of(original, list(self._every))
+        self.work.extra[:] = self.poses - original
+        self.work.smooth[:], self.work.original[:] = 0.0, original
+        self.work.folds.hits[:] = self.work.closes.hits[:] = 0
+        self._update()
 
     def evaluate(self) -> None:
         """Make the poses from the unknowns, and find their pairs."""

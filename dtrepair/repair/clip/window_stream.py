@@ -199,9 +199,11 @@ class WindowStream:
             otherwise.extend([] if poses is None else [poses])
             return poses is not None
 
-        found = self._solve_from(mesh, starts.led, times, unless=unless)
+        found = self._solve_from(
+            mesh, starts.led, times, starts.unlifted(starts.led), unless=unless
+        )
         if found is None:
-            found = self._solve_from(mesh, otherwise[0], times)
+            found = self._solve_from(mesh, otherwise[0], times, starts.unlifted(otherwise[0]))
         assert found is not None
         return found
 
@@ -210,7 +212,7 @@ class WindowStream:
 
         Each frame is solved for itself, so that the others need not be solved along.
         """
-        found = self._solve_from(mesh, starts.led, starts.times)
+        found = self._solve_from(mesh, starts.led, starts.times, starts.unlifted(starts.led))
         assert found is not None
         left = self._left_of(mesh, found)
         numbers = list(map(len, left))
@@ -219,8 +221,10 @@ class WindowStream:
         otherwise = starts.otherwise(left) if runs else None
         if otherwise is None:
             return found
+        unlifted = starts.unlifted(otherwise)
         for run in runs:
-            again = self._solve_from(mesh, otherwise[run], starts.times[run])
+            own = starts.times[run], unlifted[run]
+            again = self._solve_from(mesh, otherwise[run], *own)
             assert again is not None
             both = zip(again, self._left_of(mesh, again), strict=True)
             for index, (pose, other) in enumerate(both, start=run.start):
@@ -237,20 +241,26 @@ class WindowStream:
         mesh: WeldedMesh,
         starts: FloatArray,
         times: FloatArray,
+        inputs: FloatArray,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> list[FloatArray] | None:
-        """Return repaired poses (V, 3) of starts (T, V, 3); None where `unless` ended it."""
-        unit = np.stack([mesh.reduced(start) for start in starts])
+        """Return repaired poses (V, 3) of starts (T, V, 3); None where `unless` ended it.
+
+        inputs: the starts (T, V, 3) without the lifts of layers.
+        """
+        led = base = np.stack(list(map(mesh.reduced, starts)))
+        if moved := not np.array_equal(starts, inputs):
+            base = np.stack(list(map(mesh.reduced, inputs)))
         jobs = worthwhile_jobs(self.jobs, len(starts), len(mesh.surface.faces))
 
         def solved(pool: WorkerPool) -> FloatArray | None:
             pool.progress = lambda done: self._tell(self.options.solving, done)
-            return self.make_method(mesh)(unit, times, pool, unless=unless)
+            return self.make_method(mesh)(led, times, pool, base if moved else None, unless=unless)
 
         found = with_workers(mesh.surface, jobs, solved)
         if found is None:
             return None
-        return [mesh.expanded(*each) for each in zip(starts, unit, found, strict=True)]
+        return [mesh.expanded(*each) for each in zip(inputs, base, found, strict=True)]
 
     def _finish(
         self,

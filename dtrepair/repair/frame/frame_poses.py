@@ -41,15 +41,15 @@ class FramePoses:
         options: FrameOptions = FrameOptions(),
     ) -> None:
         """Take poses (T, V, 3) in units of the surface's size at times `frames` (T,)."""
-        self.surface, self.original, self.options = surface, original, options
+        self.surface, self.options = surface, options
         self.alone, self.farthest, self.clearance = alone, farthest, clearance
         self.squared = (surface.uniform.T @ surface.uniform).tocsr()
         self.folds = AdaptiveFairing(surface, self.squared, frames, pool, options=options.folds)
         self.closes = AdaptiveFairing(surface, self.squared, frames, pool, options=options.closes)
-        self.smooth, self.extra, self.poses, self.added = (
-            pool.array(original.shape) for _ in range(4)
+        self.original, self.smooth, self.extra, self.poses, self.added = (
+            pool.array(original.shape) for _ in range(5)
         )
-        self.poses[:] = original
+        self.original[:] = self.poses[:] = original
         # Poses of frames that were solved alone, where frames begin so.
         self.cold = pool.array(original.shape if surface.ties is not None else (0,))
         self._detected: dict[int, FloatArray] = {}

@@ -40,7 +40,12 @@ def test_few_dirty_frames_are_solved_again(
 
     def method(mesh: WeldedMesh) -> WindowSolver:
         def solve(
-            original: FloatArray, frames: FloatArray, pool: WorkerPool, *, unless: Any = None
+            original: FloatArray,
+            frames: FloatArray,
+            pool: WorkerPool,
+            inputs: Any = None,
+            *,
+            unless: Any = None,
         ) -> FloatArray:
             assert unless is None
             asked.append(len(original))
@@ -73,7 +78,12 @@ def test_what_stays_dirty_goes_the_way_that_shares_other_creases(way: float) -> 
         creased = mesh.surface.options.ties.creased
 
         def solve(
-            original: FloatArray, frames: FloatArray, pool: WorkerPool, *, unless: Any = None
+            original: FloatArray,
+            frames: FloatArray,
+            pool: WorkerPool,
+            inputs: Any = None,
+            *,
+            unless: Any = None,
         ) -> FloatArray:
             asked.append((creased, len(original)))
             # On other ways than this one the last frame is not solved.

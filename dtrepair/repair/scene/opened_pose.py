@@ -79,11 +79,14 @@ def detected(scene: Scene, pose: Pose) -> Pose:
         return pose
     start = time.perf_counter()
     first = pairs = scene.pairs(pose.centred, pose.weld)
-    if len(pairs) and not np.array_equal(pose.sewn, pose.weld):
-        # What is solved as one point cannot be led apart.
+    if not np.array_equal(pose.sewn, pose.weld):
+        # What is solved as one point cannot be led apart, nor be counted as two in a clean pose
+        # that eases in.
         centred = _closed(scene, pose)
-        pose = replace(pose, centred=centred, weld=scene.weld(centred))
-        pairs = scene.pairs(centred, pose.weld)
+        closed = replace(pose, centred=centred, weld=scene.weld(centred))
+        left = scene.pairs(centred, closed.weld)
+        if len(pairs) or not len(left):
+            pose, pairs = closed, left
     enclosed = scene.enclosed_parts(pose.centred, pairs)
     seconds = time.perf_counter() - start
     return replace(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -152,3 +154,34 @@ def test_a_pose_without_contacts_keeps_the_bits_of_its_splits() -> None:
     rest, faces = split(REST)
     repairer = SceneRepairer([Body(rest, faces)])
     assert np.array_equal(repairer([rest])[0].points, rest)
+
+
+def test_clean_frames_ease_in_with_their_splits_closed() -> None:
+    rest, faces = split(REST)
+    curls = [2.4, 2.7, 3.0, 3.3, 3.6, 3.9]
+    poses = [split(armed_body(curl)[0], off=4e-7)[0] for curl in curls]
+    repairer = SceneRepairer([Body(rest, faces)])
+    stream = repairer.animator.stream([(float(k), [own]) for k, own in enumerate(poses)], jobs=1)
+    found = [frame.results[0] for frame in stream]
+    clean = [result.before.pairs == 0 for result in found]
+    assert clean[0] and not clean[-1]
+    for result in found:
+        assert len(Detector(rest, faces)(result.points, weld=weld_map(result.points))) == 0
+    moved = [result.displacement_max for result in found]
+    # Those that are clean as they are come after the others, and none stays out of step.
+    last = clean.index(False)
+    assert all(0.0 < a < b for a, b in pairwise(moved[: last + 1]))
+
+
+@pytest.mark.parametrize("crosses", [False, True])
+def test_a_clean_pose_stays_open_where_closing_it_would_cross(
+    crosses: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rest, faces = split(REST)
+    scene = make_scene([Body(rest, faces)], RepairOptions())
+    opened = gathered(scene, [split(REST, off=4e-7)[0]])
+    counts = iter([0, int(crosses)])
+    monkeypatch.setattr(type(scene), "pairs", lambda *_: np.zeros((next(counts), 2), dtype=int))
+    pose = detected(scene, opened)
+    assert len(pose.pairs) == 0
+    assert np.array_equal(pose.centred, opened.centred) == crosses

@@ -202,45 +202,59 @@ class WindowMethod:
         )
         if not state.dirty and inputs is None:
             return original
-        tied = self.surface.ties is not None
-        if tied:
-            kernel = gaussian_kernel(state.frames, options.attached.width)
-            state.solve_alone(kernel, options.attached.step, work=options.attached.work)
-        else:
-            # What pushing leaves of several bodies tells whether there is another way altogether.
-            single = self.surface.clusters == 1 and self.clearance == 0.0
-            lend = options.lend if single else None
-            push_frames(state, lend=lend, options=options.push)
+        self._push(state)
         if state.dirty and unless is not None and unless(state.pairs):
             return None
         state.forget_clearance()
-        stuck = self.clearance == 0.0 and is_stuck(state, options=options.lend)
-        if stuck:
-            lend_frames(state, options=options.lend)
-        elif self.clearance == 0.0 and lend_nearer(state, options=options.lend):
-            stuck = True
-        elif not tied:
-            mend_frames(state, effort=self.effort, options=options.mend)
+        stuck = self._mend(state)
         state.given_up = frozenset(state.dirty)
         # A push needs its layers on their sides; what relaxes keeps them there.
-        lifted = inputs is not None
         if inputs is not None:
             state.count_from(inputs)
+        self._bring_back(state, stuck=stuck, lifted=inputs is not None)
+        return eased(state, options=options.ease)
+
+    def _push(self, state: WindowState) -> None:
+        """Push all frames together, or solve those of attached parts each for itself."""
+        options = self.options
+        if self.surface.ties is not None:
+            kernel = gaussian_kernel(state.frames, options.attached.width)
+            state.solve_alone(kernel, options.attached.step, work=options.attached.work)
+            return
+        # What pushing leaves of several bodies tells whether there is another way altogether.
+        single = self.surface.clusters == 1 and self.clearance == 0.0
+        push_frames(state, lend=options.lend if single else None, options=options.push)
+
+    def _mend(self, state: WindowState) -> bool:
+        """Solve frames from their neighbours or mend them; whether each was solved for itself."""
+        options = self.options
+        if self.clearance == 0.0:
+            if is_stuck(state, options=options.lend):
+                lend_frames(state, options=options.lend)
+                return True
+            if lend_nearer(state, options=options.lend):
+                return True
+        if self.surface.ties is None:
+            mend_frames(state, effort=self.effort, options=options.mend)
+        return False
+
+    def _bring_back(self, state: WindowState, *, stuck: bool, lifted: bool) -> None:
+        """Take back what the frames do not need; stuck: each was solved for itself."""
+        options, alone = self.options, stuck or self.surface.ties is not None
         # Tightening would close a clearance again.
         if self.clearance == 0.0:
-            if not (tied or stuck or lifted):
+            if not (alone or lifted):
                 tighten_frames(state, self.tighten, options=options.tighten)
             settle_frames(state, options=options.settle)
             relax_frames(state, alone=stuck, lifted=lifted, options=options.relax)
         # Frames that were solved each for itself stand out where they take another way: no less so
         # after as much work again.
-        if not (tied or stuck):
+        if not alone:
             steady_frames(state, options=options.steady)
         if self.clearance == 0.0:
             cure_frames(state, options=options.relax)
             if not stuck:
                 restore_shapes(state, options=options.restore)
-        return eased(state, options=options.ease)
 
 
 def push_frames(

@@ -52,13 +52,15 @@ class Starts:
         starts = raised_frames(scene, starts, self.pairs, times, options=sunken)
         met = [parts_that_meet(scene, frame.pairs, frame.enclosed) for frame in frames]
         self.lifted = lifted_frames(scene, starts, met, times, options=lift)
-        self._lift = self.lifted - starts
+        self._unlifted = starts
         # Poses (T, V, 3).
         self.led = self._separated()
 
     def unlifted(self, poses: FloatArray) -> FloatArray:
         """Return poses (T, V, 3) that were led from here, without the lifts of layers."""
-        return poses - self._lift
+        if np.array_equal(self.lifted, self._unlifted):
+            return poses
+        return poses - (self.lifted - self._unlifted)
 
     def otherwise(self, left: Sequence[IntArray]) -> FloatArray | None:
         """Return poses (T, V, 3) with sheets, and what solving left as it was, led apart as well.

@@ -123,6 +123,8 @@ def lend_nearer(state: WindowState, *, options: LendFramesOptions = LendFramesOp
     if not (clothes and _lends(surface, options)) or surface.direction is not None:
         return False
     pushed, moved = state.snapshot(), _moved(state)
+    if moved == 0.0:
+        return False
     lend_frames(state, options=options)
     if state.dirty or _moved(state) > options.nearer * moved:
         state.restore(pushed)

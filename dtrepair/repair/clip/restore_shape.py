@@ -130,7 +130,7 @@ class RelaxFramesOptions:
             where their neighbours ask them to be: little first, as it holds them back, then more.
         attached: The same where parts are attached, whose frames were solved each for itself: they
             have farther to go.
-        lifted: The same where layers were lifted that pushing alone kept clean: their lifts were
+        lifted: The same where layers were lifted and no frame was solved for itself: lifts were
             smooth in time, and what is left of them has to be.
         attached_work: Fractions of the usual work on such a window that are done before and after,
             for the progress that is told.
@@ -184,9 +184,10 @@ def relax_frames(
     reach[(reach < options.faint) | surface.stiff] = 0.0
     frames = [frame for frame in _nearly_clean(state, options) if reach[frame].any()]
     tied = surface.ties is not None
-    agreement = options.attached if tied else options.agreement
-    if lifted and not (alone or tied):
-        agreement = options.lifted
+    if tied:
+        agreement = options.attached
+    else:
+        agreement = options.lifted if lifted and not alone else options.agreement
     state.relax(
         frames,
         reach,

@@ -186,7 +186,8 @@ class WindowMethod:
         """Return the poses (T, V, 3) at times in frame units, repaired; some may stay dirty.
 
         inputs: what `original` was before layers were lifted (T, V, 3): lifts are smooth in time,
-        so that frames beside deep ones have more of them than they need; that goes back.
+        so that frames beside deep ones have more of them than they need; that goes back, unless a
+        clearance is kept.
         unless: asked with the pairs that pushing leaves; None is returned if it says so.
         """
         options = self.options
@@ -209,9 +210,10 @@ class WindowMethod:
         stuck = self._mend(state)
         state.given_up = frozenset(state.dirty)
         # A push needs its layers on their sides; what relaxes keeps them there.
-        if inputs is not None:
+        lifted = inputs is not None and self.clearance == 0.0
+        if inputs is not None and lifted:
             state.count_from(inputs)
-        self._bring_back(state, stuck=stuck, lifted=inputs is not None)
+        self._bring_back(state, stuck=stuck, lifted=lifted)
         return eased(state, options=options.ease)
 
     def _push(self, state: WindowState) -> None:

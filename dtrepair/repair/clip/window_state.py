@@ -71,7 +71,7 @@ class WindowState:
         self.springs: Springs = np.zeros(0, dtype=np.int64)
         pool.start(self.work)
         self.pairs: list[IntArray] = pool.map("pairs", self._every)
-        # Those of the input.
+        # Those of what displacements are counted from.
         self.found = self.pairs
         self.scale = contact_scale(surface, np.concatenate(self.pairs))
 
@@ -125,8 +125,10 @@ class WindowState:
         self.evaluate()
 
     def count_from(self, original: FloatArray) -> None:
-        """Count displacements from other inputs (T, V, 3) from now on; the poses stay."""
+        """Count displacements from other poses (T, V, 3) from now on; those that are found stay."""
         self.found = self.pairs_of(original, list(self._every))
+        # Longer steps than contacts of the inputs allow would lead through what is thin.
+        self.scale = min(self.scale, contact_scale(self.surface, np.concatenate(self.found)))
         self.work.extra[:] = self.poses - original
         self.work.smooth[:], self.work.original[:] = 0.0, original
         self.work.folds.hits[:] = self.work.closes.hits[:] = 0

@@ -58,9 +58,9 @@ class Starts:
 
     def unlifted(self, poses: FloatArray) -> FloatArray:
         """Return poses (T, V, 3) that were led from here, without the lifts of layers."""
-        if np.array_equal(self.lifted, self._unlifted):
-            return poses
-        return poses - (self.lifted - self._unlifted)
+        lift = self.lifted - self._unlifted
+        # What was led no farther is what it was before, to the bit.
+        return np.where(poses == self.lifted, self._unlifted, poses - lift)
 
     def otherwise(self, left: Sequence[IntArray]) -> FloatArray | None:
         """Return poses (T, V, 3) with sheets, and what solving left as it was, led apart as well.

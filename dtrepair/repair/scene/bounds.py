@@ -14,7 +14,7 @@ from dtrepair.repair.scene.holding import Holding
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.strain.meter import Excess
-from dtrepair.repair.strain.shares import ShareOptions, ShareSearch, eased_shares
+from dtrepair.repair.strain.shares import ShareOptions, ShareSearch, eased_shares, followed_shares
 
 # Finds the intersecting pairs (K, 2) of a pose (V, 3).
 PairsOf = Callable[[FloatArray], IntArray]
@@ -139,6 +139,7 @@ def _lowered(
     motions = np.stack(
         [lengths(points - own.centred) / (diagonal(own.centred) or 1.0) for own, points in both]
     )
+    units, faulty = frame_units(times), np.array([frame.wrong > 0 for frame in frames])
     failing: list[int] = np.flatnonzero(strained).tolist()
     firm: list[int] = []
     needed = np.ones((len(frames), len(scene.rest)))
@@ -147,7 +148,8 @@ def _lowered(
         for index in failing:
             share = _share(scene, frames[index], bounded[index], attempt, options)
             needed[index] = eased[index] * share
-        eased = eased_shares(needed, frame_units(times), motions, options=options)
+        eased = eased_shares(needed, units, motions, options=options)
+        eased = followed_shares(eased, units, motions, faulty, options=options)
         eased[firm] = 1.0
         failing = []
         for index in np.flatnonzero((eased < 1.0).any(axis=1)).tolist():

@@ -35,6 +35,8 @@ class ShareOptions:
             most: else it stays as it is, and what its neighbours give up jumps.
         time: Frames over which shares of neighbouring frames go over into each other, the standard
             deviation of a Gaussian: nothing may pop.
+        follow: Frames without a fault move for those around them, weighted by a Gaussian of this
+            standard deviation, in frames: of what these give up, they give up as much.
     """
 
     step: float = 0.25
@@ -45,6 +47,7 @@ class ShareOptions:
     unseen: float = 0.015
     spoilt: int = 4
     time: float = 0.75
+    follow: float = 2.0
 
 
 class ShareSearch:
@@ -172,3 +175,38 @@ def eased_shares(
     seen = np.clip(1.0 - options.unseen / np.maximum(motions[:, lowered], 1e-300), 0.0, 1.0)
     result[:, lowered] = np.minimum(1.0 - seen * spread, shares[:, lowered])
     return np.clip(result, 0.0, 1.0)
+
+
+def followed_shares(
+    shares: FloatArray,
+    frames: FloatArray,
+    motions: FloatArray,
+    faulty: NDArray[np.bool_],
+    *,
+    options: ShareOptions = ShareOptions(),
+) -> FloatArray:
+    """Return shares (T, V) with which frames without a fault still ease into those around them.
+
+    They need nothing themselves: of what their neighbours give up they give up as much, as far as
+    they would move more than these let expect.
+
+    frames: times (T,) in frame units; motions: how far corrections move vertices (T, V); faulty:
+    the frames (T,) that have something to correct. What moves in none of these keeps its share.
+    """
+    result = shares.copy()
+    if not faulty.any():
+        return result
+    away = (frames[~faulty, None] - frames[None, faulty]) / options.follow
+    bell, own = np.exp(-0.5 * away**2), motions[~faulty]
+    moved, kept = motions[faulty], motions[faulty] * shares[faulty]
+    # Only ratios count: the nearest weighs 1, or far ones would all vanish.
+    weights = np.exp(-0.5 * (away**2 - (away**2).min(axis=1, keepdims=True)))
+    alike = _over(weights @ kept, weights @ moved)
+    expected = np.stack([(row[:, None] * kept).max(axis=0) for row in bell]) if len(own) else own
+    result[~faulty] = np.minimum(shares[~faulty], np.maximum(alike, _over(expected, own)))
+    return result
+
+
+def _over(part: FloatArray, whole: FloatArray) -> FloatArray:
+    """Return part / whole, at most 1, and 1 where there is no whole."""
+    return np.minimum(np.divide(part, whole, out=np.ones_like(whole), where=whole > 0.0), 1.0)

@@ -223,6 +223,21 @@ def test_shares_of_a_clip_are_within_the_bounds_smooth_and_not_worse() -> None:
     assert all(found.points is pose for found, pose in zip(calm, poses, strict=False))
 
 
+def test_frames_without_a_fault_do_not_move_for_what_is_given_up() -> None:
+    frames = [detected(PLAIN, gathered(PLAIN, [BALL, BALL + AWAY])) for _ in range(9)]
+    frames[4] = CROSSING
+    poses = [frame.centred.copy() for frame in frames]
+    for index, points in enumerate(poses):
+        points[len(BALL) :, 0] += 0.5 * np.exp(-0.5 * (index - 4.0) ** 2)
+    poses[4] = flattened()
+    assert strain_of(PLAIN, CROSSING.centred, poses[4])
+    judged = bounded_frames(PLAIN, frames, poses, np.arange(9.0))
+    moved = motion(frames, [found.points for found in judged])
+    assert moved[4] < 0.25 * motion(frames, poses)[4]
+    beside = np.array([0, 1, 2, 3, 5, 6, 7, 8])
+    assert (moved[beside] <= moved[4]).all() and not judged[3].excess
+
+
 TIGHT = ClipOptions(
     independent=IndependentOptions(strain=StrainOptions(factor=1.02, edges=0, edges_share=0.0))
 )

@@ -16,7 +16,7 @@ from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, diagonal
 from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
 from dtrepair.repair.strain.parts import ConnectedParts
-from dtrepair.repair.strain.shares import ShareOptions, ShareSearch, eased_shares
+from dtrepair.repair.strain.shares import ShareOptions, ShareSearch, eased_shares, followed_shares
 from tests.meshes import icosphere, joined, tube
 
 POINTS, FACES = tube(12, 60, 0.2, 6.0)
@@ -156,3 +156,55 @@ def test_frames_beside_keep_motions_that_are_not_seen() -> None:
     assert eased[15] == 0.0 and (np.delete(eased, 15) == 1.0).all()
     # What is given up beside the frame grows from nothing with the motion.
     assert eased_frame(1.01 * unseen)[14] > 0.98 > eased_frame(3.0 * unseen)[14]
+
+
+def bump(*peaks: int) -> FloatArray:
+    """Motions (30, 1) that ease into peaks."""
+    away = (FRAMES[:, None] - np.array(peaks)) / 4.0
+    peaked: FloatArray = np.exp(-0.5 * away**2).sum(axis=1, keepdims=True)
+    return peaked
+
+
+def followed(shares: FloatArray, motions: FloatArray, *faulty: int) -> FloatArray:
+    mask = np.isin(FRAMES, faulty)
+    return followed_shares(shares, FRAMES, motions, mask)
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.25])
+def test_frames_without_a_fault_give_up_what_the_faulty_one_does(kept: float) -> None:
+    shares = np.ones((30, 2))
+    shares[15, 0] = kept
+    motions = np.repeat(bump(15), 2, axis=1)
+    found = followed(shares, motions, 15)
+    assert found[15, 0] == kept and (found[:, 1] == 1.0).all()
+    # They need not move less than what is kept lets expect.
+    moved = found[:, 0] * motions[:, 0]
+    expected = kept * np.exp(-0.5 * ((FRAMES - 15.0) / ShareOptions().follow) ** 2)
+    assert moved == pytest.approx(np.maximum(kept * motions[:, 0], expected))
+
+
+def test_frames_between_follow_the_nearer_one() -> None:
+    shares = np.ones((30, 1))
+    shares[8] = 0.0
+    found = followed(shares, bump(8, 22), 8, 22)[:, 0]
+    assert found[8] == 0.0 and found[:6].max() < 1e-6 and found[23:] == pytest.approx(1.0)
+    assert (np.diff(found[8:23]) >= 0.0).all() and np.diff(found[8:22]).max() < 0.5
+
+
+def test_frames_with_faults_or_without_such_neighbours_keep_their_shares() -> None:
+    shares = np.linspace(0.2, 1.0, 30)[:, None]
+    assert np.array_equal(followed(shares, bump(15)), shares)
+    assert np.array_equal(followed(shares, bump(15), *range(30)), shares)
+    motions = bump(15)
+    motions[15] = 0.0  # what does not move there is nothing that could be given up
+    assert np.array_equal(followed(shares, motions, 15), shares)
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=30, max_size=30), st.sets(st.integers(0, 29)))
+def test_followed_shares_are_never_above_those_that_are_given(
+    values: list[float], faulty: set[int]
+) -> None:
+    shares = np.array(values)[:, None]
+    found = followed(shares, bump(3, 20), *faulty)
+    assert (found <= shares).all() and (found >= 0.0).all()
+    assert np.array_equal(found[sorted(faulty)], shares[sorted(faulty)])

@@ -88,8 +88,8 @@ def command(
     """Repair the self-intersections of a USD stage or a mesh file.
 
     A stage gives a layer over it that holds new points only. Frames are repaired together, so that
-    the correction is steady in time and eases in before a contact; frames away from contacts stay
-    bit for bit as they are. Several meshes are repaired together in world space. A mesh file gives
+    the correction is steady in time: it eases in over some frames before a contact, and out after
+    it; frames farther off stay bit for bit as they are. Several meshes are repaired together in world space. A mesh file gives
     a mesh file with the same vertices and faces. Lengths are in stage units, with per cent of the
     size, the diagonal of the bounding box, in brackets.
 

@@ -94,14 +94,10 @@ def _print_contacts(
         console.table(["pairs before", "after", "of", "and"], rows)
     rows = []
     for path, motions in motions_of(records).items():
-        largest = max(motions, key=lambda own: own[0].displacement_max)
-        rigid = max(motions, key=lambda own: own[0].rigid_rms)
+        largest = max(((own.displacement_max, size) for own, size in motions), key=_span)
+        rigid = max(((own.rigid_rms, size) for own, size in motions), key=_span)
         change = max(motion.edge_change for motion, _ in motions)
-        lengths = (
-            length(largest[0].displacement_max, largest[1]),
-            length(rigid[0].rigid_rms, rigid[1]),
-        )
-        rows.append([*lengths, f"{change:.4f}", path])
+        rows.append([length(*largest), length(*rigid), f"{change:.4f}", path])
     if rows:
         console.table(["largest move", "as a whole", "edges changed", "mesh"], rows)
 
@@ -119,13 +115,24 @@ def motions_of(
 
 def largest_move(record: FrameRecord) -> str:
     """The largest move of a frame, with its share of the size of the mesh that moved so far."""
-    if record.displacement_max == 0.0:
-        return "0"
-    moved = [(prim.motion, prim.size) for prim in record.prims if prim.motion is not None]
+    return "0" if record.displacement_max == 0.0 else length(*_farthest(record))
+
+
+def _farthest(record: FrameRecord) -> tuple[float, float | None]:
+    """How far a frame moved what moved farthest, as a fraction of its size, and that size."""
+    moved = [
+        (prim.motion.displacement_max, prim.size)
+        for prim in record.prims
+        if prim.motion is not None
+    ]
     if not moved:
-        return length(record.displacement_max, record.prims[0].size)
-    motion, size = max(moved, key=lambda own: own[0].displacement_max * (own[1] or 1.0))
-    return length(motion.displacement_max, size)
+        return record.displacement_max, record.prims[0].size
+    return max(moved, key=_span)
+
+
+def _span(own: tuple[float, float | None]) -> float:
+    """A fraction of a size in stage units, where the size is known."""
+    return own[0] * (own[1] or 1.0)
 
 
 def print_table(console: Console, records: tuple[FrameRecord, ...], output: str) -> None:
@@ -140,6 +147,8 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
             rows.append([label, *numbers, largest_move(record), record.status])
     if rows:
         console.table(["frame", "before", "after", "largest move", "status"], rows)
+    if eased := eased_line(records):
+        console.result(eased)
     totals = summarize(records)
     _print_contacts(console, records, totals["contacts"])
     modelled = totals["modelled_pairs_after"]
@@ -154,7 +163,7 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
             "of different parts that overlap on purpose"
         )
     if totals["strained"]:
-        console.result(f"{counted(totals['strained'], 'frame')} strained: see the lines below")
+        console.result(strained_line(records))
     close = [record for record in records if record.left.too_close]
     if close:
         where = in_frames(close)
@@ -162,6 +171,27 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
     for line in (*strain_lines(records), *advice_lines(records)):
         console.result(line)
     console.result(f"written: {output}")
+
+
+def eased_line(records: Sequence[FrameRecord]) -> str:
+    """Which frames of a clip move though nothing intersects in them; empty if none does."""
+    eased = [
+        own
+        for own in records
+        if own.before is not None and own.before.pairs == 0 and own.displacement_max > 0.0
+    ]
+    if not (where := frames_of(eased)):
+        return ""
+    farthest = length(*max(map(_farthest, eased), key=_span))
+    return f"eased, though nothing intersects there: {where}, by up to {farthest}"
+
+
+def strained_line(records: Sequence[FrameRecord]) -> str:
+    """How many frames are strained, and how many of them are left as they came."""
+    strained = [own for own in records if own.status == Status.STRAINED]
+    still = sum(own.displacement_max == 0.0 for own in strained)
+    left = f", of which {still} {'is' if still == 1 else 'are'} left as before" if still else ""
+    return f"{counted(len(strained), 'frame')} strained{left}: see the lines below"
 
 
 def in_frames(records: Sequence[FrameRecord]) -> str:

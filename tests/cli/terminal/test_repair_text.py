@@ -12,7 +12,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from dtrepair.cli.terminal.repair_text import advice_lines, largest_move
+from dtrepair.cli.terminal.repair_text import (
+    advice_lines,
+    eased_line,
+    largest_move,
+    strained_line,
+)
 from dtrepair.diagnosis import (
     EASE,
     Advice,
@@ -62,6 +67,36 @@ def test_a_move_is_told_in_stage_units_and_per_cent() -> None:
     # What moved farther counts, not what moved more for its size.
     less = replace(moved, motion=replace(far, displacement_max=0.04), size=20.0)
     assert largest_move(replace(frame, prims=(moved, less))) == "0.8 (4 %)"
+
+
+def test_frames_that_move_without_an_intersection_are_told() -> None:
+    none, some = CountRecord(), CountRecord(triangles=2, pairs=1)
+    prims = (FramePrimRecord("/A", none, none, size=8.0),)
+    values = [(none, 0.0), (none, 0.01), (none, 0.02), (some, 0.3), (none, 0.01), (None, 0.2)]
+    found = [
+        FrameRecord(
+            time=float(t), status="clean", before=count, displacement_max=moved, prims=prims
+        )
+        for t, (count, moved) in enumerate(values)
+    ]
+    assert eased_line(found) == (
+        "eased, though nothing intersects there: frames 1, 2, 4, by up to 0.16 (2 %)"
+    )
+    assert eased_line([found[0], found[3]]) == eased_line([replace(found[1], time=None)]) == ""
+
+
+def test_strained_frames_that_are_left_as_they_came_are_told() -> None:
+    found = [
+        FrameRecord(time=float(t), status=status, displacement_max=moved)
+        for t, (status, moved) in enumerate(
+            [("strained", 0.0), ("strained", 0.1), ("strained", 0.0), ("unchanged", 0.0)]
+        )
+    ]
+    assert strained_line(found) == (
+        "3 frames strained, of which 2 are left as before: see the lines below"
+    )
+    assert "of which 1 is left as before" in strained_line(found[:2])
+    assert strained_line(found[1:2]) == "1 frame strained: see the lines below"
 
 
 def test_units_are_those_of_the_stage(tmp_path: Path) -> None:

@@ -89,9 +89,9 @@ def command(
 
     A stage gives a layer over it that holds new points only. Frames are repaired together, so that
     the correction is steady in time: it eases in over some frames before a contact, and out after
-    it; frames farther off stay bit for bit as they are. Several meshes are repaired together in world space. A mesh file gives
-    a mesh file with the same vertices and faces. Lengths are in stage units, with per cent of the
-    size, the diagonal of the bounding box, in brackets.
+    it; frames farther off stay bit for bit as they are. Several meshes are repaired together in
+    world space. A mesh file gives a mesh file with the same vertices and faces. Lengths are in
+    stage units, with per cent of the size, the diagonal of the bounding box, in brackets.
 
     Single objects may have settings of their own: tables [[prim]] in the file of --config with a
     path and any of diffusion, mobility (0 to 1), rigid, pin, direction, attach and layer, or

@@ -17,14 +17,12 @@ from dtrepair.numerics.geometry import (
     FloatArray,
     dots,
     extent,
-    extents,
     lengths,
     triangle_normals,
     unique_edges,
     vertex_areas,
 )
 from dtrepair.numerics.operators import Factor, cotangent_laplacian
-from dtrepair.numerics.temporal import gaussian_kernel, undamped
 from dtrepair.numerics.worn.parts import vertex_normals
 from dtrepair.numerics.worn.sides import WornLayer
 from dtrepair.repair.scene.scene import Scene
@@ -80,11 +78,19 @@ class LiftOptions:
 
 
 class Inner(NamedTuple):
-    """The inner part in a pose: corners (F, 3, 3), normals (F, 3), and both in a search tree."""
+    """A pose (V, 3), the inner part there: corners (F, 3, 3), normals (F, 3), a tree of both."""
 
+    pose: FloatArray
     corners: FloatArray
     normals: FloatArray
     tree: cKDTree
+
+
+class Sunken(NamedTuple):
+    """Which vertices (n,) of a layer went under the inner part, and their ways back (n, 3)."""
+
+    under: NDArray[np.bool_]
+    needed: FloatArray
 
 
 class LayerLift:
@@ -136,48 +142,24 @@ class LayerLift:
         if not self.near.all():
             self.led &= self.shown_distance < options.reach * smaller
 
-    def __call__(self, pose: FloatArray, wide: NDArray[np.bool_]) -> FloatArray:
+    def __call__(
+        self, pose: FloatArray, wide: NDArray[np.bool_], sunken: Sunken | None = None
+    ) -> FloatArray:
         """Return displacements (n, 3) that lead what went under of a pose (V, 3) back.
 
-        wide: vertices (n,); regions without any of them stay where they are, see `_wide`.
+        wide: vertices (n,); regions without any of them stay where they are. sunken: what went
+        under, where that is known.
         """
-        options, own = self.options, pose[self.own]
-        shift, target = np.zeros_like(own), np.zeros_like(own)
-        held, inner = np.zeros(len(own), dtype=bool), self._inner(pose)
-        for _ in range(options.rounds):
-            under, needed = self._under(own + shift, pose, inner)
-            if not (under := self._among(under, wide)).any():
+        shift, target = np.zeros((2, len(self.own), 3))
+        held, inner = np.zeros(len(self.own), dtype=bool), self.inner(pose)
+        for _ in range(self.options.rounds):
+            found = self.sunken(inner, shift) if sunken is None else sunken
+            if not (under := self.among(found.under, wide)).any():
                 break
-            target[under] = shift[under] + needed[under]
+            target[under] = shift[under] + found.needed[under]
             held |= under
-            shift = self._smooth(held, target)
+            shift, sunken = self._smooth(held, target), None
         return shift
-
-    def steadily(
-        self, poses: FloatArray, frames: FloatArray, meets: NDArray[np.bool_]
-    ) -> FloatArray:
-        """Return poses (T, V, 3) at `frames` (T,) with the layer lifted, smoothly in time.
-
-        meets: in which frames (T,) it meets what it lies over; before the first of them and after
-        the last nothing of it is taken to be under that.
-        """
-        through = np.logical_or.accumulate(meets) & np.logical_or.accumulate(meets[::-1])[::-1]
-        wide = np.zeros(len(self.own), dtype=bool)
-        for index in np.flatnonzero(through):
-            wide |= self._wide(poses[index])
-        wide &= self._led_back(poses[through], wide)
-        before, last = np.inf, 0.0
-        for width in self.options.widths if len(frames) > 1 else (0.0,):
-            shifts = np.zeros((len(poses), len(self.own), 3))
-            for index in np.flatnonzero(through):
-                shifts[index] = self(poses[index], wide)
-            longest = float(lengths(shifts.reshape(-1, 3)).max())
-            if longest == 0.0 or (width < last and longest > self.options.less * before):
-                break
-            before, last = longest, width
-            shifts = undamped(gaussian_kernel(frames, width), shifts)
-            poses = np.stack([self.moved(*both) for both in zip(poses, shifts, strict=True)])
-        return poses
 
     def moved(self, pose: FloatArray, shift: FloatArray) -> FloatArray:
         """Return the pose (V, 3) with the vertices of the layer displaced by (n, 3)."""
@@ -197,19 +179,18 @@ class LayerLift:
         smooth[self.fixed] = 0.0
         return smooth
 
-    def _inner(self, pose: FloatArray) -> Inner:
+    def inner(self, pose: FloatArray) -> Inner:
         """Return the inner part in a pose (V, 3)."""
         corners, normals = pose[self.other_faces], triangle_normals(pose, self.other_faces)
-        return Inner(
-            corners, normals, cKDTree(np.hstack([corners.mean(axis=1), self.turn * normals]))
-        )
+        places = np.hstack([corners.mean(axis=1), self.turn * normals])
+        # Of leaves this large fewer are searched, in the same order.
+        return Inner(pose, corners, normals, cKDTree(places, leafsize=64))
 
-    def _under(
-        self, points: FloatArray, pose: FloatArray, inner: Inner
-    ) -> tuple[NDArray[np.bool_], FloatArray]:
-        """Return which vertices (n,) went under the inner part, and the way back (n, 3)."""
+    def sunken(self, inner: Inner, shift: FloatArray | float = 0.0) -> Sunken:
+        """Return what went under the inner part, the layer displaced by (n, 3)."""
+        points = inner.pose[self.own] + shift
         led, corners = np.flatnonzero(self.led), inner.corners
-        known, triangles, closest = self._aligned(points, pose, inner, led)
+        known, triangles, closest = self._aligned(points, inner, led)
         normal = inner.normals[triangles]
         own, low = points[led], known & self.covered[triangles]
         low &= (dots(own - closest, normal) < 0.0) & self._covers(led, triangles, known)
@@ -222,50 +203,18 @@ class LayerLift:
         under[led[low]] = True
         needed = np.zeros_like(points)
         needed[led] = closest + self.gap[led][:, None] * normal - own
-        return under, needed
+        return Sunken(under, needed)
 
-    def _wide(self, pose: FloatArray) -> NDArray[np.bool_]:
-        """Return which vertices (n,) of a pose (V, 3) are in regions as wide as their way back.
-
-        What came through a layer did so over its own width. A few vertices of a crease whose
-        normals are turned would be led to the far side of a limb: of an armpit over the shoulder.
-        """
-        points = pose[self.own]
-        under, needed = self._under(points, pose, self._inner(pose))
-        vertices, region = self._regions(under)
-        width = extents(points[vertices], region)
-        longest = np.zeros(len(width))
-        np.maximum.at(longest, region, lengths(needed[vertices]))
-        under[vertices] = (longest <= self.options.wide * (width + self.edge))[region]
-        return under
-
-    def _led_back(self, poses: FloatArray, wide: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return which vertices (n,) of poses (T, V, 3) are in regions that a lift leads back."""
-        ways, led = np.zeros((2, len(self.own))), np.zeros(len(self.own), dtype=bool)
-        for pose in poses if wide.any() else ():
-            inner = self._inner(pose)
-            under, needed = self._under(pose[self.own], pose, inner)
-            among = self._among(under, wide)
-            ways[0, among] += lengths(needed[among])
-            stray, lifted = under & ~among, self.moved(pose, self(pose, wide))
-            under, needed = self._under(lifted[self.own], lifted, inner)
-            under &= ~stray  # what no lift touches
-            ways[1, under] += lengths(needed[under])
-        vertices, region = self._regions(ways.sum(axis=0) > 0.0)
-        before, after = (np.bincount(region, way[vertices]) for way in ways)
-        led[vertices] = (after <= self.options.left * before)[region]
-        return led
-
-    def _among(self, under: NDArray[np.bool_], wide: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def among(self, under: NDArray[np.bool_], wide: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return which vertices (n,) that went under are in regions with some that are wide."""
-        vertices, region = self._regions(under)
+        vertices, region = self.regions(under)
         among = np.zeros(len(vertices), dtype=bool)
         among[region[wide[vertices]]] = True
         result = np.zeros_like(under)
         result[vertices] = among[region]
         return result
 
-    def _regions(self, under: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def regions(self, under: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return the vertices (N,) that went under, and the connected region (N,) of each."""
         vertices = np.flatnonzero(under)
         ends = self.edges[under[self.edges].all(axis=1)]
@@ -273,24 +222,24 @@ class LayerLift:
         return vertices, np.unique(label, return_inverse=True)[1].reshape(-1)
 
     def _aligned(
-        self, points: FloatArray, pose: FloatArray, inner: Inner, led: NDArray[np.integer]
+        self, points: FloatArray, inner: Inner, led: NDArray[np.integer]
     ) -> tuple[NDArray[np.bool_], NDArray[np.integer], FloatArray]:
         """Return the nearest triangle (N,) turned as each led vertex, and the place there (N, 3).
 
         First, of which vertices (N,) there is any.
         """
-        options, moved = self.options, pose.copy()
+        options, moved = self.options, inner.pose.copy()
         moved[self.own] = points
         outward = self.sides[:, None] * vertex_normals(moved, self.faces, self.own)
-        corners, normals, tree = inner
-        count = min(options.neighbours, len(corners))
+        count = min(options.neighbours, len(inner.corners))
         query = np.hstack([points[led], self.turn * outward[led]])
-        near = tree.query(query, np.arange(1, count + 1))[1]
-        starts = np.repeat(points[led], count, axis=0)
-        closest = closest_on_triangles(starts, corners[near.ravel()]).reshape(len(led), count, 3)
-        distance = np.linalg.norm(closest - points[led][:, None], axis=2)
-        cosine = np.einsum("ij,ikj->ik", outward[led], normals[near])
-        distance[cosine < options.aligned] = np.inf
+        near = inner.tree.query(query, np.arange(1, count + 1))[1]
+        cosine = np.einsum("ij,ikj->ik", outward[led], inner.normals[near])
+        turned = cosine >= options.aligned
+        closest, distance = np.zeros((*near.shape, 3)), np.full(near.shape, np.inf)
+        starts = np.broadcast_to(points[led][:, None], closest.shape)[turned]
+        closest[turned] = closest_on_triangles(starts, inner.corners[near[turned]])
+        distance[turned] = np.linalg.norm(closest[turned] - starts, axis=1)
         rows, best = np.arange(len(led)), distance.argmin(axis=1)
         return np.isfinite(distance[rows, best]), near[rows, best], closest[rows, best]
 

@@ -15,6 +15,7 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.worn.sides import WornLayer
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.separation.layer_lift import LayerLift, LiftOptions
+from dtrepair.repair.separation.steady_lift import lifted_steadily
 
 
 def lifted_frames(
@@ -48,7 +49,7 @@ def lifted_frames(
     for layer in _from_inside(layers):
         both = tuple(sorted((layer.top, layer.under)))
         meets = np.array([both in own for own in keys])
-        result = LayerLift(scene, layer, options).steadily(result, frames, meets)
+        result = lifted_steadily(LayerLift(scene, layer, options), result, frames, meets)
     return result
 
 

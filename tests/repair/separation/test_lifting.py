@@ -16,7 +16,7 @@ from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.separation.layer_lift import LayerLift, LiftOptions
+from dtrepair.repair.separation.layer_lift import LayerLift, LiftOptions, Sunken
 from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_that_meet
 from tests.meshes import icosphere, joined, torus, tube
 
@@ -157,15 +157,32 @@ def test_narrow_lifts_follow_only_where_less_is_left(
     halves: bool, gone: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What is needed halves with each lift, or stays the same however often it is lifted."""
-    start, along = np.concatenate([ARM[0], SLEEVE[0]]), np.array([0.0, 0.0, 1.0])
+    start = np.concatenate([swollen(ARM[0], 0.4), SLEEVE[0]])
+    along = np.array([0.0, 0.0, 1.0])
 
-    def needed(lift: LayerLift, pose: FloatArray, wide: NDArray[np.bool_]) -> FloatArray:
+    def needed(
+        lift: LayerLift, pose: FloatArray, wide: NDArray[np.bool_], sunken: Sunken | None = None
+    ) -> FloatArray:
         lifted_by = pose[lift.own] - start[lift.own]
         return 0.5 * (along - lifted_by) if halves else np.broadcast_to(along, lifted_by.shape)
 
     monkeypatch.setattr(LayerLift, "__call__", needed)
-    moved = lifted(scene_of(SLEEVE), *[start] * 7)[:, len(ARM[0]) :, 2] - SLEEVE[0][:, 2]
+    poses, scene, options = np.stack([start] * 7), scene_of(SLEEVE), LiftOptions(left=1e9)
+    found = lifted_frames(scene, poses, [BOTH] * 7, np.arange(7.0), options=options)
+    moved = found[:, len(ARM[0]) :, 2] - SLEEVE[0][:, 2]
     assert np.allclose(moved, gone, atol=1e-9)
+
+
+def test_what_is_known_to_be_under_need_not_be_found_again() -> None:
+    pose, scene = np.concatenate([swollen(ARM[0], 0.4), SLEEVE[0]]), scene_of(SLEEVE)
+    layer = scene.layers.between(0, 1)
+    assert layer is not None
+    lift = LayerLift(scene, layer, LiftOptions())
+    sunken = lift.sunken(lift.inner(pose))
+    shift = lift(pose, sunken.under)
+    assert shift.any() and np.array_equal(lift(pose, sunken.under, sunken), shift)
+    nothing = sunken._replace(under=np.zeros_like(sunken.under))
+    assert not lift(pose, sunken.under, nothing).any()
 
 
 def test_a_few_vertices_are_not_led_far_unless_more_go_there_in_another_frame() -> None:

@@ -16,7 +16,7 @@ from dtrepair.intersect.tree import build_tree, leaf_neighbors
 from dtrepair.numerics.geometry import as_mesh, as_numpy, weld_map
 from dtrepair.numerics.work import add_work
 
-# Levels of the tree that one launch fits.
+# Levels of the tree that one launch on a GPU fits.
 LEVELS = 3
 
 # Of poses (B, V, 3) and rows of their candidates (K, 4), which ones (K,) to keep.
@@ -207,8 +207,10 @@ class Detector:
         frames = positions.shape[0]
         leaves = [positions, self.mesh.ordered, self.mesh.leaves[0], *boxes]
         launch(self._kernels.fit_leaves, (frames, self.tree.leaf_count), leaves)
-        for bottom in range(self.tree.depth, 0, -LEVELS):
-            top = max(0, bottom - LEVELS)
+        # Threads that run one after the other need no launches in between.
+        levels = max(self.tree.depth, 1) if self._there.serial else LEVELS
+        for bottom in range(self.tree.depth, 0, -levels):
+            top = max(0, bottom - levels)
             inputs = [(1 << top) - 1, bottom - top, *boxes[2:4]]
             launch(self._kernels.fit_levels, (frames, 1 << top), inputs)
 

@@ -85,7 +85,7 @@ def contact_regions(surface: Surface, pairs: IntArray, buried: BoolArray) -> tup
     A region is connected through pairs and through edges between touched or buried vertices.
     """
     touched = buried | surface.vertices_of(pairs)
-    edges = surface.edges[touched[surface.edges].all(axis=1)]
+    edges = surface.edges_within(touched)
     across = np.stack([surface.faces[pairs[:, 0], 0], surface.faces[pairs[:, 1], 0]], axis=1)
     links = np.concatenate([edges, across])
     labels = link_labels(links, surface.count, device=surface.device)

@@ -1,14 +1,68 @@
-"""How corrections go in time: their jitter, and frames in which they jump."""
+"""How corrections go in time: their jitter, frames in which they jump, props that they bend."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from dtrepair.numerics.geometry import FloatArray, diagonal, lengths
 from dtrepair.numerics.metrics import JitterMeter, JumpMeter
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.wording import frame_list, listed
+
+
+@dataclass(frozen=True, kw_only=True)
+class BendOptions:
+    """When a mesh that moves as a whole in the input is told to be bent.
+
+    Args:
+        rounding: Its points are at most so far from a rigid motion of the first frame, diagonals.
+        farther: It is bent where a point is farther than this from where the best rigid motion of
+            the input leads it, diagonals.
+    """
+
+    rounding: float = 1e-3
+    farther: float = 0.03
+
+
+class BendMeter:
+    """Measures by how much a repair bends a mesh that moves as a whole in the input."""
+
+    def __init__(self, *, options: BendOptions = BendOptions()) -> None:
+        self.options = options
+        self._first: FloatArray | None = None
+        self._moves, self._whole = False, True
+        self._bends: dict[float, float] = {}
+
+    def add(self, time: float, before: ArrayLike, after: ArrayLike) -> None:
+        """Take the next frame: its time, points (V, 3) of the input and of the result."""
+        original, result = np.asarray(before, np.float64), np.asarray(after, np.float64)
+        size = diagonal(original) if len(original) else 0.0
+        if not (self._whole and size):
+            return
+        first = self._first = original if self._first is None else self._first
+        off = self.options.rounding * size
+        self._moves |= float(lengths(original - first).max()) > off
+        self._whole = _unbent(first, original) <= off
+        bend = _unbent(original, result) / size
+        if bend > self.options.farther:
+            self._bends[time] = bend
+
+    @property
+    def bends(self) -> Mapping[float, float]:
+        """By how much frames bend it, by their times; nothing if it deforms or rests anyway."""
+        return self._bends if self._whole and self._moves else {}
+
+
+def _unbent(reference: FloatArray, points: FloatArray) -> float:
+    """Return how far points (V, 3) are at most from the best rigid motion of others."""
+    from dtrepair.repair.surface.rigid_bodies import RigidBodies
+
+    whole = RigidBodies([(0, len(points))], np.ones(len(points))).fitted(reference, points)
+    return float(lengths(whole - points).max())
 
 
 class Motion:
@@ -18,15 +72,17 @@ class Motion:
         self._paths = [mesh.path for mesh in source.meshes]
         self._jitter = [JitterMeter() for _ in self._paths]
         self._jumps = [JumpMeter() for _ in self._paths]
+        self._bends = [BendMeter() for _ in self._paths]
         self._frames = 0
 
     def add(self, time: float, before: Sequence[ArrayLike], after: Sequence[ArrayLike]) -> None:
         """Take the next frame: points (V, 3) of the meshes, before and after; none if it failed."""
         self._frames += 1
-        meters = zip(self._jitter, self._jumps, before, after, strict=False)
-        for jitter, jumps, own, repaired in meters:
+        meters = zip(self._jitter, self._jumps, self._bends, before, after, strict=False)
+        for jitter, jumps, bends, own, repaired in meters:
             jitter.add(own, repaired)
             jumps.add(time, own, repaired)
+            bends.add(time, own, repaired)
 
     @property
     def jitter(self) -> float | None:
@@ -34,17 +90,35 @@ class Motion:
         return max(meter.value for meter in self._jitter) if self._frames > 2 else None
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def jumping(self) -> tuple[str, ...]:
         """One line on the meshes whose corrections jump, those that jump farthest first."""
-        found = zip(self._paths, (meter.jumps for meter in self._jumps), strict=True)
-        jumping = [(max(jumps.values()), path, list(jumps)) for path, jumps in found if jumps]
-        if not jumping:
+        names = self._names([meter.jumps for meter in self._jumps])
+        if not names:
             return ()
-        names = [
-            f"{path} in frame {frame_list(times)} (by up to {100.0 * farthest:.2g} % of its size)"
-            for farthest, path, times in sorted(jumping, key=lambda each: -each[0])
-        ]
         return (
             f"corrections that jump: {listed(names)}; what moves there stands out from the frames "
             "before and after, perhaps on the other side of something: look at these frames",
         )
+
+    @property
+    def bending(self) -> tuple[str, ...]:
+        """One line on the meshes that move as wholes among others, and were bent."""
+        names = self._names([meter.bends for meter in self._bends])
+        if not names or len(self._paths) == 1:
+            return ()
+        return (
+            f"bent, though moved as a whole in the input: {listed(names)}; --rigid keeps the shape "
+            "of meshes that it names",
+        )
+
+    def _names(self, found: Sequence[Mapping[float, float]]) -> list[str]:
+        """Name the meshes of which anything was found, with their frames, the worst first."""
+        told = [
+            (max(own.values()), path, list(own))
+            for path, own in zip(self._paths, found, strict=True)
+            if own
+        ]
+        return [
+            f"{path} in frame {frame_list(times)} (by up to {100.0 * farthest:.2g} % of its size)"
+            for farthest, path, times in sorted(told, key=lambda each: -each[0])
+        ]

@@ -134,8 +134,9 @@ def repair_here(
     if isinstance(sink, CorrectionSink):
         sink.tell(observer)
     warnings = (*repairer.warnings, *hidden.warnings, *among.warnings, *told, *written)
+    warnings = (*warnings, *outcome.motion.bending)
     if not run.alone:  # who asks for frames by themselves does not ask for steady ones
-        warnings = (*warnings, *outcome.motion.warnings)
+        warnings = (*warnings, *outcome.motion.jumping)
     if journal is not None:
         warnings = (*warnings, *journal.failures)
         journal.remove()

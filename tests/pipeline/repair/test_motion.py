@@ -1,4 +1,4 @@
-"""Frames in which corrections jump are told once, with their meshes."""
+"""Frames in which corrections jump, or bend props, are told once, with their meshes."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import JumpMeter, JumpOptions
 from dtrepair.pipeline import ObjectOptions, Selection, repair_stage
 from dtrepair.pipeline.repair import motion
-from dtrepair.pipeline.repair.motion import Motion
+from dtrepair.pipeline.repair.motion import BendMeter, BendOptions, Motion
 from dtrepair.pipeline.stages.sources import open_source
 from tests.meshes import icosphere
 from usd_io import AuthoredMesh, write_animation
 
-WALL = "/Set/Wall"
+# A transform is that of the parent.
+MOVED, WALL = "/Set/Ball/Mesh", "/Set/Wall/Mesh"
 
 
 def stage_of(folder: Path, places: list[float]) -> Path:
@@ -25,7 +27,7 @@ def stage_of(folder: Path, places: list[float]) -> Path:
     moves = np.tile(np.eye(4), (len(places), 1, 1))
     moves[:, 3, 0] = places
     meshes = [
-        AuthoredMesh("/Set/Ball", faces, rest=ball, transforms=moves),
+        AuthoredMesh(MOVED, faces, rest=ball, transforms=moves),
         AuthoredMesh(WALL, faces, rest=ball, transforms=np.tile(np.eye(4), (len(places), 1, 1))),
     ]
     path = folder / "a.usda"
@@ -43,12 +45,12 @@ def told(stage: Path, *, alone: bool = False) -> list[str]:
 def test_what_jumps_is_told_but_not_where_frames_are_solved_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stage = stage_of(tmp_path, [1.3, 1.2, 0.8, 1.2, 1.3])
+    stage = stage_of(tmp_path, [1.1, 1.0, 0.95, 0.92, 0.95, 1.0, 1.1])
     assert told(stage) == []
     sharp = partial(JumpMeter, options=JumpOptions(farther=-1.0))
     monkeypatch.setattr(motion, "JumpMeter", sharp)
     (text,) = told(stage)
-    assert text.startswith("corrections that jump: /Set/Ball in frame 2:4 (by up to ")
+    assert text.startswith(f"corrections that jump: {MOVED} in frame 2:6 (by up to ")
     assert told(stage, alone=True) == []
 
 
@@ -59,7 +61,49 @@ def test_the_meshes_that_jump_farthest_come_first(tmp_path: Path) -> None:
     for time, far in enumerate([0.0, 0.0, 0.1, 0.0, 0.0, 0.2, 0.0]):
         found.add(float(time), [ball, ball], [ball + 0.5 * far, ball + far])
     found.add(7.0, [], [])  # a frame that failed
-    (text,) = found.warnings
+    (text,) = found.jumping
     assert text.startswith(f"corrections that jump: {WALL} in frame 2, 5 (by up to 20 %")
-    assert "; " in text and "/Set/Ball in frame 2, 5 (by up to 10 %" in text
+    assert "; " in text and f"{MOVED} in frame 2, 5 (by up to 10 %" in text
     assert found.jitter is not None and found.jitter > 0.01
+
+
+BALL = icosphere(2, radius=0.5)[0]
+DENTED = BALL * np.where(BALL[:, :1] > 0.0, [0.6, 1.0, 1.0], 1.0)
+
+
+def turned(points: FloatArray, angle: float) -> FloatArray:
+    across = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return np.hstack([points[:, :2] @ across.T, points[:, 2:]])
+
+
+@pytest.mark.parametrize(
+    ("poses", "told"),
+    [
+        ([BALL, turned(BALL, 0.5), BALL + 1.0], True),
+        ([BALL, BALL, BALL], False),  # a scene that does not move tells nothing
+        ([BALL, turned(BALL, 0.5), BALL * [1.0, 1.0, 0.9]], False),  # it deforms by itself
+    ],
+)
+def test_what_moves_as_a_whole_and_is_bent_is_found(poses: list[FloatArray], told: bool) -> None:
+    meter = BendMeter()
+    for time, pose in enumerate(poses):
+        dented = pose - BALL + DENTED if time == 2 else turned(pose, 0.1) + 0.2
+        meter.add(float(time), pose, dented)
+    assert list(meter.bends) == ([2.0] if told else [])
+    whole = BendMeter(options=BendOptions(farther=1e-6))
+    for time, pose in enumerate(poses):
+        whole.add(float(time), pose, turned(pose, 0.3) + 1.0)
+    assert not whole.bends
+
+
+def test_bent_props_are_told_with_what_keeps_them(tmp_path: Path) -> None:
+    stage = stage_of(tmp_path, [1.3, 1.2, 0.8, 1.2, 1.3])
+
+    def bent(rigid: str | None) -> list[str]:
+        objects = ObjectOptions(collider=WALL, rigid=rigid)
+        report = repair_stage(stage, tmp_path / f"{rigid is None}.usda", objects=objects)
+        return [text for text in report.warnings if text.startswith("bent")]
+
+    (text,) = bent(None)
+    assert f"{MOVED} in frame " in text and WALL not in text and "--rigid" in text
+    assert bent(MOVED) == []

@@ -26,6 +26,7 @@ class ClipOptions(LayoutOptions):
         mend_step: Step, in units of the size, of a frame whose correction misses by rounding only.
         mend_share: A frame that keeps only a share of its correction is mended by motions up to
             this, units of the size: it must not stand out from its neighbours.
+        longest_hold: Frames that hold a pose are solved as one; without a fault, so many at most.
         solving: Share of a window's work that solving is taken to be, for the progress that is
             told; judging and what goes again are the rest.
         ways: Which other ways through strained frames are taken.
@@ -43,6 +44,7 @@ class ClipOptions(LayoutOptions):
     tighten: int = 3
     mend_step: float = 0.002
     mend_share: float = 0.005
+    longest_hold: int = 4
     solving: float = 0.7
     windows: WindowOptions = field(default_factory=WindowOptions)
     mend: MendOptions = field(default_factory=MendOptions)

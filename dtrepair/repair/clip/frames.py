@@ -1,10 +1,13 @@
-"""Frames of a clip as they come in: gathered, and marked where they start after a cut."""
+"""Frames of a clip as they come in: gathered, marked where they start after a cut, holds as one."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
+
+import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, extent
 from dtrepair.repair.clip.layout import CutOptions, is_cut, motion_between
@@ -61,6 +64,57 @@ def _gathered(scene: Scene, frames: Iterable[tuple[float, Sequence[Any]]]) -> It
         yield Frame(time=time, **vars(gathered(scene, poses)))
 
 
+def holds_of(frames: Sequence[Frame]) -> list[slice]:
+    """Return the runs of frames that hold one pose, to the bit; most are of one frame."""
+    moves = [
+        not np.array_equal(before.original, after.original) for before, after in pairwise(frames)
+    ]
+    starts = [0, *(index for index, move in enumerate(moves, start=1) if move)]
+    return [slice(*ends) for ends in pairwise([*starts, len(frames)])]
+
+
+def without_holds(frames: Sequence[Frame], *, longest: int) -> tuple[list[Frame], list[int]]:
+    """Return frames of which those that hold a pose are one, and the place (T,) of each in them.
+
+    What is corrected in a hold must not swim; the frames after it move up in time.
+
+    longest: A pose without a fault is one frame for at most so many: corrections only ease into a
+        hold, and shall not move all of a long one.
+    """
+    kept: list[Frame] = []
+    place: list[int] = []
+    gone = 0.0
+    for hold in holds_of(frames):
+        own = frames[hold]
+        one = own[0].wrong > 0 or len(own) <= longest
+        for index, frame in enumerate(own):
+            if index and one:
+                gone += frame.time - own[index - 1].time
+            else:
+                kept.append(replace(frame, time=frame.time - gone))
+            place.append(len(kept) - 1)
+    return kept, place
+
+
+def fade_weights(frames: Sequence[Frame], count: int) -> FloatArray:
+    """Return the weights (count,) of a window in its first frames, which the one before has, too.
+
+    They go from 0 to 1 smoothly in time, and are the same throughout a hold; one that goes on in
+    later frames has 1, one that the window before began 0.
+    """
+    times = np.array([frame.time for frame in frames[: count + 1]])
+    part = (times - times[0]) / (times[count] - times[0])
+    weights: FloatArray = part * part * (3.0 - 2.0 * part)
+    for hold in holds_of(frames[: count + 1]):
+        if hold.stop > count and hold.start > 0:
+            weights[hold] = 1.0
+        elif hold.start > 0:
+            weights[hold] = weights[hold].mean()
+        elif hold.stop <= count:
+            weights[hold] = 0.0
+    return weights[:count]
+
+
 def cross_fade(
     frames: list[Frame], tail: list[FloatArray], poses: list[FloatArray], rigid: RigidBodies
 ) -> None:
@@ -68,9 +122,8 @@ def cross_fade(
 
     What both leave alone keeps every bit.
     """
-    for index, before in enumerate(tail):
-        part = (frames[index].time - frames[0].time) / (frames[len(tail)].time - frames[0].time)
-        weight = part * part * (3.0 - 2.0 * part)
+    weights = fade_weights(frames, len(tail)).tolist() if tail else []
+    for index, (before, weight) in enumerate(zip(tail, weights, strict=True)):
         original = frames[index].centred
         moved = (1.0 - weight) * (before - original) + weight * (poses[index] - original)
         poses[index] = rigid.fitted(original, original + moved)

@@ -15,7 +15,7 @@ from dtrepair.numerics.temporal import frame_units
 from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.clip.borrow_frames import started_again
 from dtrepair.repair.clip.clip_options import ClipOptions
-from dtrepair.repair.clip.frames import Frame, faded, read_frames
+from dtrepair.repair.clip.frames import Frame, faded, read_frames, without_holds
 from dtrepair.repair.clip.inside_out import inside_out
 from dtrepair.repair.clip.steady_frames import agreed
 from dtrepair.repair.clip.window_method import MakeMethod
@@ -74,6 +74,8 @@ class WindowStream:
     ) -> None:
         self.scene, self.meshes, self.options = scene, meshes, options
         self.make_method, self.jobs, self.progress = make_method, jobs, progress
+        # Frames that one of the present window stands for, in the mean.
+        self._worth = 1.0
 
     def run(self, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Repaired]:
         """Yield results in order; windows end at cuts and overlap elsewhere."""
@@ -108,10 +110,12 @@ class WindowStream:
         if len(tail) == len(frames):
             judged = tail
         elif self.scene.options.clearance > 0.0 or any(frame.wrong for frame in frames):
-            judged = self._judged(self.meshes, frames)
-            ways = self.options.ways
-            judged, meshes = on_other_ways(meshes, frames, judged, self._judged, options=ways)
-            judged = with_turns(meshes, frames, judged, self._judged, options=ways)
+            solved, place = without_holds(frames, longest=self.options.longest_hold)
+            self._worth = len(frames) / len(solved)
+            judged, ways = self._judged(self.meshes, solved), self.options.ways
+            judged, meshes = on_other_ways(meshes, solved, judged, self._judged, options=ways)
+            judged = with_turns(meshes, solved, judged, self._judged, options=ways)
+            judged = [judged[index] for index in place]
         # Clean windows need none.
         mesh = cache(partial(meshes, [frame.sewn for frame in frames]))
         if len(tail) < len(frames):
@@ -156,7 +160,7 @@ class WindowStream:
     def _tell(self, share: float, frames: float) -> None:
         """Tell that this share of the work on so many frames is done."""
         if self.progress is not None:
-            self.progress(share * frames)
+            self.progress(share * frames * self._worth)
 
     def _verified(self, frames: list[Frame], poses: list[FloatArray]) -> list[IntArray]:
         """Return the pairs of the poses, exactly, on the float32 coordinates of the results."""

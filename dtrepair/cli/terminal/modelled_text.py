@@ -51,7 +51,9 @@ def print_worn(console: Console, report: Report) -> None:
     for record in report.worn:
         console.result(f"worn: {record.over} over {record.under}")
     if not report.worn:
-        console.result("nothing would be taken as worn")
+        console.result(
+            "nothing thin would be taken as worn; rings and other thick things are led without being named"
+        )
 
 
 def modelled_line(attached: AttachedList) -> str:

@@ -115,22 +115,21 @@ def motions_of(
 
 def largest_move(record: FrameRecord) -> str:
     """The largest move of a frame, with its share of the size of the mesh that moved so far."""
-    return "0" if record.displacement_max == 0.0 else length(*_farthest(record))
+    return "0" if record.displacement_max == 0.0 else length(*_farthest(record)[:2])
 
 
-def _farthest(record: FrameRecord) -> tuple[float, float | None]:
-    """How far a frame moved what moved farthest, as a fraction of its size, and that size."""
+def _farthest(record: FrameRecord) -> tuple[float, float | None, str]:
+    """How far a frame moved what moved farthest, as a fraction of its size, that size, its path."""
     moved = [
-        (prim.motion.displacement_max, prim.size)
+        (prim.motion.displacement_max, prim.size, prim.path)
         for prim in record.prims
         if prim.motion is not None
     ]
-    if not moved:
-        return record.displacement_max, record.prims[0].size
-    return max(moved, key=_span)
+    only = record.prims[0]
+    return max(moved, key=_span, default=(record.displacement_max, only.size, only.path))
 
 
-def _span(own: tuple[float, float | None]) -> float:
+def _span(own: tuple[float, float | None] | tuple[float, float | None, str]) -> float:
     """A fraction of a size in stage units, where the size is known."""
     return own[0] * (own[1] or 1.0)
 
@@ -182,8 +181,10 @@ def eased_line(records: Sequence[FrameRecord]) -> str:
     ]
     if not (where := frames_of(eased)):
         return ""
-    farthest = length(*max(map(_farthest, eased), key=_span))
-    return f"eased, though nothing intersects there: {where}, by up to {farthest}"
+    worst = max(eased, key=lambda own: _span(_farthest(own)))
+    share, size, path = _farthest(worst)
+    farthest = f"{length(share, size)} in {frames_of([worst])}, {path}"
+    return f"eased, though nothing intersects there: {where}; by up to {farthest}"
 
 
 def strained_line(records: Sequence[FrameRecord]) -> str:

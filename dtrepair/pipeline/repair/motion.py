@@ -21,11 +21,15 @@ class BendOptions:
     Args:
         rounding: Its points are at most so far from a rigid motion of the first frame, diagonals.
         farther: It is bent where a point is farther than this from where the best rigid motion of
-            the input leads it, diagonals.
+            the input leads it, diagonals; ...
+        slender, little: ... where it is at least so many times as long as it is wide, than this: a
+            sword is seen to be bent before a shield is.
     """
 
     rounding: float = 1e-3
     farther: float = 0.03
+    slender: float = 5.0
+    little: float = 0.01
 
 
 class BendMeter:
@@ -34,6 +38,7 @@ class BendMeter:
     def __init__(self, *, options: BendOptions = BendOptions()) -> None:
         self.options = options
         self._first: FloatArray | None = None
+        self._farthest = 0.0
         self._moves, self._whole = False, True
         self._bends: dict[float, float] = {}
 
@@ -43,18 +48,26 @@ class BendMeter:
         size = diagonal(original) if len(original) else 0.0
         if not (self._whole and size):
             return
-        first = self._first = original if self._first is None else self._first
+        if self._first is None:
+            self._first, self._farthest = original, self._limit(original)
         off = self.options.rounding * size
-        self._moves |= float(lengths(original - first).max()) > off
-        self._whole = _unbent(first, original) <= off
+        self._moves |= float(lengths(original - self._first).max()) > off
+        self._whole = _unbent(self._first, original) <= off
         bend = _unbent(original, result) / size
-        if bend > self.options.farther:
+        if bend > self._farthest:
             self._bends[time] = bend
 
     @property
     def bends(self) -> Mapping[float, float]:
         """By how much frames bend it, by their times; nothing if it deforms or rests anyway."""
         return self._bends if self._whole and self._moves else {}
+
+    def _limit(self, points: FloatArray) -> float:
+        """Return how far points (V, 3) may be off unsaid, diagonals."""
+        axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+        long, wide, _ = np.ptp(points @ axes.T, axis=0)
+        slender = long >= self.options.slender * wide
+        return self.options.little if slender else self.options.farther
 
 
 def _unbent(reference: FloatArray, points: FloatArray) -> float:
@@ -107,8 +120,8 @@ class Motion:
         if not names or len(self._paths) == 1:
             return ()
         return (
-            f"bent, though moved as a whole in the input: {listed(names)}; --rigid keeps the shape "
-            "of meshes that it names",
+            f"bent, though moved as a whole in the input: {listed(names)}; where that must not be, "
+            "--rigid keeps the shape of what it names, and what it touches gives way instead",
         )
 
     def _names(self, found: Sequence[Mapping[float, float]]) -> list[str]:

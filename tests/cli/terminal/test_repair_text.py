@@ -80,7 +80,7 @@ def test_frames_that_move_without_an_intersection_are_told() -> None:
         for t, (count, moved) in enumerate(values)
     ]
     assert eased_line(found) == (
-        "eased, though nothing intersects there: frames 1, 2, 4, by up to 0.16 (2 %)"
+        "eased, though nothing intersects there: frames 1, 2, 4; by up to 0.16 (2 %) in frame 2, /A"
     )
     assert eased_line([found[0], found[3]]) == eased_line([replace(found[1], time=None)]) == ""
 

@@ -96,6 +96,17 @@ def test_what_moves_as_a_whole_and_is_bent_is_found(poses: list[FloatArray], tol
     assert not whole.bends
 
 
+@pytest.mark.parametrize(("wide", "told"), [(0.1, True), (0.5, False)])
+def test_of_a_long_prop_less_is_seen(wide: float, told: bool) -> None:
+    sword = BALL * [wide, 0.1, 2.0]
+    meter = BendMeter()
+    for time in range(3):
+        pose = sword + np.array([0.3 * time, 0.0, 0.0])
+        bow = 0.05 * np.cos(2.0 * pose[:, 2:]) * [1.0, 0.0, 0.0]
+        meter.add(float(time), pose, pose + bow)
+    assert bool(meter.bends) == told
+
+
 def test_bent_props_are_told_with_what_keeps_them(tmp_path: Path) -> None:
     stage = stage_of(tmp_path, [1.3, 1.2, 0.8, 1.2, 1.3])
 

@@ -52,7 +52,7 @@ def print_worn(console: Console, report: Report) -> None:
         console.result(f"worn: {record.over} over {record.under}")
     if not report.worn:
         console.result(
-            "nothing thin would be taken as worn; rings and other thick things are led without being named"
+            "nothing thin would be taken as worn; thick things, as rings, are led unnamed"
         )
 
 

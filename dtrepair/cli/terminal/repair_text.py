@@ -146,8 +146,8 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
             rows.append([label, *numbers, largest_move(record), record.status])
     if rows:
         console.table(["frame", "before", "after", "largest move", "status"], rows)
-    if eased := eased_line(records):
-        console.result(eased)
+    if moved := moved_line(records):
+        console.result(moved)
     totals = summarize(records)
     _print_contacts(console, records, totals["contacts"])
     modelled = totals["modelled_pairs_after"]
@@ -172,7 +172,7 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
     console.result(f"written: {output}")
 
 
-def eased_line(records: Sequence[FrameRecord]) -> str:
+def moved_line(records: Sequence[FrameRecord]) -> str:
     """Which frames of a clip move though nothing intersects in them; empty if none does."""
     eased = [
         own
@@ -184,7 +184,7 @@ def eased_line(records: Sequence[FrameRecord]) -> str:
     worst = max(eased, key=lambda own: _span(_farthest(own)))
     share, size, path = _farthest(worst)
     farthest = f"{length(share, size)} in {frames_of([worst])}, {path}"
-    return f"eased, though nothing intersects there: {where}; by up to {farthest}"
+    return f"moved, though nothing intersects there: {where}; by up to {farthest}"
 
 
 def strained_line(records: Sequence[FrameRecord]) -> str:

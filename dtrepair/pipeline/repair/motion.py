@@ -79,22 +79,24 @@ def _unbent(reference: FloatArray, points: FloatArray) -> float:
 
 
 class Motion:
-    """The corrections of all meshes, frame by frame, in memory for three frames."""
+    """The corrections of all meshes, frame by frame, in memory for three frames and the first."""
 
     def __init__(self, source: Source) -> None:
         self._paths = [mesh.path for mesh in source.meshes]
         self._jitter = [JitterMeter() for _ in self._paths]
         self._jumps = [JumpMeter() for _ in self._paths]
-        self._bends = [BendMeter() for _ in self._paths]
+        # Of a single mesh nothing else moves.
+        self._bends = [BendMeter() for _ in self._paths] if len(self._paths) > 1 else []
         self._frames = 0
 
     def add(self, time: float, before: Sequence[ArrayLike], after: Sequence[ArrayLike]) -> None:
         """Take the next frame: points (V, 3) of the meshes, before and after; none if it failed."""
         self._frames += 1
-        meters = zip(self._jitter, self._jumps, self._bends, before, after, strict=False)
-        for jitter, jumps, bends, own, repaired in meters:
+        meters = zip(self._jitter, self._jumps, before, after, strict=False)
+        for jitter, jumps, own, repaired in meters:
             jitter.add(own, repaired)
             jumps.add(time, own, repaired)
+        for bends, own, repaired in zip(self._bends, before, after, strict=False):
             bends.add(time, own, repaired)
 
     @property
@@ -117,7 +119,7 @@ class Motion:
     def bending(self) -> tuple[str, ...]:
         """One line on the meshes that move as wholes among others, and were bent."""
         names = self._names([meter.bends for meter in self._bends])
-        if not names or len(self._paths) == 1:
+        if not names:
             return ()
         return (
             f"bent, though moved as a whole in the input: {listed(names)}; where that must not be, "
@@ -128,7 +130,7 @@ class Motion:
         """Name the meshes of which anything was found, with their frames, the worst first."""
         told = [
             (max(own.values()), path, list(own))
-            for path, own in zip(self._paths, found, strict=True)
+            for path, own in zip(self._paths, found, strict=False)
             if own
         ]
         return [

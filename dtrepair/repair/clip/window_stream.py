@@ -110,7 +110,9 @@ class WindowStream:
         if len(tail) == len(frames):
             judged = tail
         elif self.scene.options.clearance > 0.0 or any(frame.wrong for frame in frames):
-            solved, place = without_holds(frames, longest=self.options.longest_hold)
+            # With a clearance a pose without pairs may have to move as well.
+            longest = len(frames) if self.scene.options.clearance else self.options.longest_hold
+            solved, place = without_holds(frames, longest=longest)
             self._worth = len(frames) / len(solved)
             judged, ways = self._judged(self.meshes, solved), self.options.ways
             judged, meshes = on_other_ways(meshes, solved, judged, self._judged, options=ways)

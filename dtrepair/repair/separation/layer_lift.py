@@ -183,7 +183,7 @@ class LayerLift:
         """Return the inner part in a pose (V, 3)."""
         corners, normals = pose[self.other_faces], triangle_normals(pose, self.other_faces)
         places = np.hstack([corners.mean(axis=1), self.turn * normals])
-        # Of leaves this large fewer are searched, in the same order.
+        # Fewer leaves are searched where they are large; of what is as near any may be found.
         return Inner(pose, corners, normals, cKDTree(places, leafsize=64))
 
     def sunken(self, inner: Inner, shift: FloatArray | float = 0.0) -> Sunken:

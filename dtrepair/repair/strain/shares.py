@@ -14,6 +14,8 @@ from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.temporal import eased_in_time
 from dtrepair.repair.strain.meter import Excess, StrainMeter
 
+# Motions up to this, units of the diagonal, are none.
+ROUNDING = 1e-9
 # Makes the pose (V, 3) of a share (V,) of the correction.
 Blend = Callable[[FloatArray], FloatArray]
 
@@ -194,19 +196,23 @@ def followed_shares(
     the frames (T,) that have something to correct. What moves in none of these keeps its share.
     """
     result = shares.copy()
-    if not faulty.any():
+    lowered = np.flatnonzero((shares[faulty] < 1.0).any(axis=0))
+    if not len(lowered) or faulty.all():
         return result
     away = (frames[~faulty, None] - frames[None, faulty]) / options.follow
-    bell, own = np.exp(-0.5 * away**2), motions[~faulty]
-    moved, kept = motions[faulty], motions[faulty] * shares[faulty]
+    moved, own = motions[np.ix_(faulty, lowered)], motions[np.ix_(~faulty, lowered)]
+    kept = moved * shares[np.ix_(faulty, lowered)]
     # Only ratios count: the nearest weighs 1, or far ones would all vanish.
     weights = np.exp(-0.5 * (away**2 - (away**2).min(axis=1, keepdims=True)))
     alike = _over(weights @ kept, weights @ moved)
-    expected = np.stack([(row[:, None] * kept).max(axis=0) for row in bell]) if len(own) else own
-    result[~faulty] = np.minimum(shares[~faulty], np.maximum(alike, _over(expected, own)))
+    bell = np.exp(-0.5 * away**2)
+    expected = np.stack([(row[:, None] * kept).max(axis=0) for row in bell])
+    most = np.maximum(alike, _over(expected, own))
+    result[np.ix_(~faulty, lowered)] = np.minimum(shares[np.ix_(~faulty, lowered)], most)
     return result
 
 
 def _over(part: FloatArray, whole: FloatArray) -> FloatArray:
-    """Return part / whole, at most 1, and 1 where there is no whole."""
-    return np.minimum(np.divide(part, whole, out=np.ones_like(whole), where=whole > 0.0), 1.0)
+    """Return part / whole, at most 1, and 1 where the whole is nothing but rounding."""
+    some = whole > ROUNDING
+    return np.minimum(np.divide(part, whole, out=np.ones_like(whole), where=some), 1.0)

@@ -14,8 +14,8 @@ import trimesh
 
 from dtrepair.cli.terminal.repair_text import (
     advice_lines,
-    eased_line,
     largest_move,
+    moved_line,
     strained_line,
 )
 from dtrepair.diagnosis import (
@@ -79,10 +79,10 @@ def test_frames_that_move_without_an_intersection_are_told() -> None:
         )
         for t, (count, moved) in enumerate(values)
     ]
-    assert eased_line(found) == (
-        "eased, though nothing intersects there: frames 1, 2, 4; by up to 0.16 (2 %) in frame 2, /A"
+    assert moved_line(found) == (
+        "moved, though nothing intersects there: frames 1, 2, 4; by up to 0.16 (2 %) in frame 2, /A"
     )
-    assert eased_line([found[0], found[3]]) == eased_line([replace(found[1], time=None)]) == ""
+    assert moved_line([found[0], found[3]]) == moved_line([replace(found[1], time=None)]) == ""
 
 
 def test_strained_frames_that_are_left_as_they_came_are_told() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dtrepair import Body, RepairOptions, RepairResult, SceneRepairer
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.frames import Frame, fade_weights, holds_of, read_frames, without_holds
 from dtrepair.repair.clip.layout import LayoutOptions
 from dtrepair.repair.scene.make_scene import make_scene
@@ -33,8 +35,11 @@ def frames_of(places: list[float]) -> list[Frame]:
     return [detected(SCENE, frame) for frame in read_frames(SCENE, clip(places))]
 
 
-def points_of(poses: list[tuple[float, list[FloatArray]]]) -> list[FloatArray]:
-    stream = SceneRepairer(BODIES).animator.stream(poses, jobs=1)
+def points_of(
+    poses: list[tuple[float, list[FloatArray]]], *, clearance: float = 0.0
+) -> list[FloatArray]:
+    repairer = SceneRepairer(BODIES, options=RepairOptions(clearance=clearance))
+    stream = repairer.animator.stream(poses, jobs=1)
     found: list[list[RepairResult]] = [list(frame.results) for frame in stream]
     assert all(own.status == "clean" for frame in found for own in frame)
     return [np.concatenate([own.points for own in frame]) for frame in found]
@@ -55,8 +60,9 @@ def test_holds_are_runs_of_one_pose() -> None:
 
 def test_a_hold_is_one_frame_and_later_ones_move_up() -> None:
     frames = frames_of([0.0, 0.6, 0.6, 0.6, 0.1, 0.1])
+    frames = [replace(frame, time=2.5 * frame.time) for frame in frames]
     kept, place = without_holds(frames, longest=2)
-    assert [frame.time for frame in kept] == [0.0, 1.0, 2.0] and place == [0, 1, 1, 1, 2, 2]
+    assert [frame.time for frame in kept] == [0.0, 2.5, 5.0] and place == [0, 1, 1, 1, 2, 2]
     assert all(
         np.array_equal(kept[index].original, frame.original)
         for index, frame in zip(place, frames, strict=True)
@@ -81,6 +87,18 @@ def test_a_pose_that_is_held_does_not_swim() -> None:
     once = points_of(clip([*COMES, *GOES]))
     for ours, theirs in zip([*found[: len(COMES)], *found[-len(GOES) :]], once, strict=True):
         assert np.array_equal(ours, theirs)
+
+
+def test_a_pose_that_is_held_too_close_does_not_swim() -> None:
+    places = [0.0, 0.15, *[0.3] * 7, 0.15, 0.0]
+    assert all(frame.wrong == 0 for frame in frames_of(places))
+    found = points_of(clip(places), clearance=0.2)
+    assert not np.array_equal(found[2], np.concatenate(clip(places)[2][1]))
+    assert all(np.array_equal(found[2], own) for own in found[2:9])
+
+
+def test_of_a_pose_without_a_fault_four_frames_are_one() -> None:
+    assert ClipOptions().longest_hold == 4
 
 
 @pytest.mark.parametrize("frames", [2, 3])

@@ -198,6 +198,9 @@ def test_frames_with_faults_or_without_such_neighbours_keep_their_shares() -> No
     motions = bump(15)
     motions[15] = 0.0  # what does not move there is nothing that could be given up
     assert np.array_equal(followed(shares, motions, 15), shares)
+    motions[15] = 1e-17  # nor is what rounding moves
+    lowered = np.where(FRAMES == 15, 0.0, 1.0)[:, None]
+    assert np.array_equal(followed(lowered, motions, 15), lowered)
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=30, max_size=30), st.sets(st.integers(0, 29)))

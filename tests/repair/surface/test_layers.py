@@ -144,17 +144,19 @@ def test_a_finger_through_a_sleeve_is_led_back_and_the_sleeve_stays() -> None:
         assert results[1].displacement_max < 0.1 * depth
 
 
-def test_in_a_clip_the_sleeve_gives_way_around_a_finger() -> None:
+@pytest.mark.parametrize("count", [7, 8, 12])
+def test_in_a_clip_the_sleeve_gives_way_around_a_finger(count: int) -> None:
     (rest, faces), sleeve = limb(0.5), open_sleeve()
-    depth = 0.05 * np.sin(np.linspace(0.0, np.pi, 8))
-    poses = np.repeat(rest[None], 8, axis=0)
+    depth = 0.05 * np.sin(np.linspace(0.0, np.pi, count))
+    poses = np.repeat(rest[None], count, axis=0)
     poses[:, len(arm()[0]) :, 0] -= 0.26 + depth[:, None]
     repairer = SceneRepairer([Body(rest, faces), Body(*sleeve)])
     frames = [(float(time), [pose, sleeve[0]]) for time, pose in enumerate(poses)]
     for frame in repairer.animator.stream(frames, jobs=1):
         own, other = frame.results
         assert own.after.pairs == 0
-        assert own.displacement_max < 0.3 * depth.max()
+        # The finger gives way by a sixth or a third of the depth, the sleeve by the rest.
+        assert own.displacement_max < 0.45 * depth.max()
         assert other.displacement_max < depth.max()
         assert other.displacement_mean < 0.05 * depth.max()
 

@@ -133,8 +133,8 @@ def repair_here(
     written = sink.commit({"counts": summarize(records)})
     if isinstance(sink, CorrectionSink):
         sink.tell(observer)
-    warnings = (*repairer.warnings, *hidden.warnings, *among.warnings, *told, *written)
-    warnings = (*warnings, *outcome.motion.bending)
+    bent = outcome.motion.bending
+    warnings = (*repairer.warnings, *hidden.warnings, *among.warnings, *told, *written, *bent)
     if not run.alone:  # who asks for frames by themselves does not ask for steady ones
         warnings = (*warnings, *outcome.motion.jumping)
     if journal is not None:

@@ -17,7 +17,7 @@ from dtrepair.pipeline.stages.sources import open_source
 from tests.meshes import icosphere
 from usd_io import AuthoredMesh, write_animation
 
-# A transform is that of the parent.
+# Transforms are written to the parents: each mesh has one of its own.
 MOVED, WALL = "/Set/Ball/Mesh", "/Set/Wall/Mesh"
 
 
@@ -94,6 +94,17 @@ def test_what_moves_as_a_whole_and_is_bent_is_found(poses: list[FloatArray], tol
     for time, pose in enumerate(poses):
         whole.add(float(time), pose, turned(pose, 0.3) + 1.0)
     assert not whole.bends
+
+
+@pytest.mark.parametrize(("bend", "told"), [(0.02, False), (0.04, True)])
+def test_a_bend_is_told_from_three_per_cent_of_the_size_on(bend: float, told: bool) -> None:
+    meter, size = BendMeter(), float(np.linalg.norm(np.ptp(BALL, axis=0)))
+    for time in range(3):
+        after = BALL + np.array([0.3 * time, 0.0, 0.0])
+        before = after.copy()
+        after[np.argmax(BALL[:, 2]), 2] += bend * size
+        meter.add(float(time), before, after)
+    assert bool(meter.bends) == told
 
 
 @pytest.mark.parametrize(("wide", "told"), [(0.1, True), (0.5, False)])

@@ -53,3 +53,12 @@ def test_links_make_neighbours_of_vertices_that_share_no_edge() -> None:
     assert not plain.dilate(seed, count)[half:].any() and mesh.dilate(seed, count).all()
     assert mesh.rings_from(seed, 9)[half] == 1
     assert np.array_equal(mesh.edges, plain.edges)
+
+
+def test_edges_within_a_mask_have_both_ends_there() -> None:
+    points, faces = torus(20, 8)
+    mesh = Topology(faces, len(points))
+    mask = points[:, 0] > 0.3
+    within = {tuple(edge) for edge in mesh.edges.tolist() if mask[edge].all()}
+    assert 0 < len(within) < len(mesh.edges)
+    assert {tuple(edge) for edge in mesh.edges_within(mask).tolist()} == within

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -10,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, extent
-from dtrepair.repair.clip.layout import CutOptions, is_cut, motion_between
+from dtrepair.repair.clip.layout import CutOptions, cuts_along, motion_between
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import OpenedPose, gathered
 from dtrepair.repair.scene.scene import Scene
@@ -37,21 +39,23 @@ def read_frames(
     cuts: CutOptions = CutOptions(),
 ) -> Iterator[Frame]:
     """Yield frames in order, those after a cut marked; ValueError where times do not increase."""
+    waiting: deque[Frame] = deque()
+    steps = _steps(_gathered(scene, frames), waiting)
+    for cut in cuts_along(steps, options=cuts):
+        yield replace(waiting.popleft(), starts=cut)
+
+
+def _steps(frames: Iterable[Frame], waiting: deque[Frame]) -> Iterator[tuple[float, float]]:
+    """Yield how fast and far each frame is from the last one, the first endlessly; keep it."""
     last: Frame | None = None
-    before = jump = motion = 0.0
-    starts = True
-    for frame in _gathered(scene, frames):
-        if last is not None:
-            size = extent(last.original) or 1.0
-            following = motion_between(last.original, frame.original, size)
-            speed = following / (frame.time - last.time)
-            # Whether `last` follows a cut is known once the motion after it is.
-            starts = starts or is_cut(before, jump, speed, motion, options=cuts)
-            yield replace(last, starts=starts)
-            before, jump, motion, starts = jump, speed, following, False
+    for frame in frames:
+        waiting.append(frame)
+        if last is None:
+            yield 0.0, math.inf
+        else:
+            motion = motion_between(last.original, frame.original, extent(last.original) or 1.0)
+            yield motion / (frame.time - last.time), motion
         last = frame
-    if last is not None:
-        yield replace(last, starts=starts or is_cut(before, jump, 0.0, motion, options=cuts))
 
 
 def _gathered(scene: Scene, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Frame]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,11 +23,14 @@ class CutOptions:
         least: ... unless the root mean square motion is below this, sizes of the mesh: a start from
             rest is no cut.
         always: Motion above which it always is one, sizes of the mesh: nothing is smooth over that.
+        held: Frames that a pose may be held for before a jump counts as a start from rest: on twos
+            and threes each step is one among others.
     """
 
     ratio: float = 5.0
     least: float = 0.05
     always: float = 0.5
+    held: int = 4
 
 
 def is_cut(
@@ -43,6 +48,27 @@ def is_cut(
     """
     alone = motion > options.least and jump > options.ratio * max(before, after)
     return alone or motion > options.always
+
+
+def cuts_along(
+    steps: Iterable[tuple[float, float]], *, options: CutOptions = CutOptions()
+) -> Iterator[bool]:
+    """Yield for each step of a clip, its speed (size / time) and motion (sizes), if it is a cut.
+
+    It is compared with the last step before and the next one after it that move at all: reads
+    `options.held` steps ahead.
+    """
+    left = iter(steps)
+    coming = deque(islice(left, options.held))
+    before, rested = 0.0, 0
+    while coming:
+        jump, motion = coming.popleft()
+        coming.extend(islice(left, 1))
+        after = next((speed for speed, _ in coming if speed > 0.0), 0.0)
+        yield is_cut(before, jump, after, motion, options=options)
+        before, rested = (jump, 0) if jump > 0.0 else (before, rested + 1)
+        if rested >= options.held:
+            before = 0.0
 
 
 def motion_between(first: FloatArray, second: FloatArray, size: float) -> float:
@@ -133,13 +159,15 @@ def frames_to_solve(
 ) -> tuple[int, int]:
     """Return frames start..stop that give chosen windows (first, stop) the results of the whole.
 
-    That is one window more before them, whose last frames fade into theirs, and one frame after
-    them, which tells whether a cut follows.
+    That is one window more before them, whose last frames fade into theirs, and the frames after
+    them that tell whether a cut follows.
     """
     layout = window_layout(times, motions, options=options)
     first, stop = chosen
     needed = layout[first - layout[first].follows : stop]
-    last = min(needed[-1].stop + 1, len(times))
+    end = needed[-1].stop
+    moving = np.flatnonzero(motions[end - 1 : end - 1 + options.cuts.held])
+    last = min(end + (int(moving[0]) + 1 if len(moving) else options.cuts.held), len(times))
     for item in reversed(layout[: first + 1 - layout[first].follows]):
         own = window_layout(
             times[item.start : last], motions[item.start : last - 1], options=options
@@ -152,11 +180,5 @@ def frames_to_solve(
 
 def _starts(times: FloatArray, motions: FloatArray, cuts: CutOptions) -> list[int]:
     """Return the indices of the first frame and of those after a cut, as `read_frames` marks."""
-    count = len(times)
-    speeds = np.concatenate([[0.0], motions / np.diff(times), [0.0]])
-    jumps = np.concatenate([[0.0], motions])
-    return [
-        k
-        for k in range(count)
-        if k == 0 or is_cut(speeds[k - 1], speeds[k], speeds[k + 1], jumps[k], options=cuts)
-    ]
+    steps = zip((motions / np.diff(times)).tolist(), motions.tolist(), strict=True)
+    return [0, *(k for k, cut in enumerate(cuts_along(steps, options=cuts), start=1) if cut)]

@@ -31,11 +31,15 @@ def walk(count: int, cuts: Sequence[int] = (), seed: int = 0) -> list[NDArray[np
     return poses
 
 
-@pytest.mark.parametrize("cuts", [(), (17,), (1, 30, 31)])
+@pytest.mark.parametrize(
+    ("cuts", "held"),
+    [((), 1), ((17,), 1), ((1, 30, 31), 1), ((), 2), ((18,), 2), ((2, 30, 32), 2)],
+)
 def test_windows_are_those_of_the_stream(
-    monkeypatch: pytest.MonkeyPatch, cuts: Sequence[int]
+    monkeypatch: pytest.MonkeyPatch, cuts: Sequence[int], held: int
 ) -> None:
-    poses, (points, faces) = walk(75, cuts), icosphere(1)
+    (points, faces), moving = icosphere(1), walk(75, cuts)
+    poses = [moving[k - k % held] for k in range(75)]
     repairer = SceneRepairer([Body(points, faces)], clip=SIZES)
     seen = []
 
@@ -68,11 +72,15 @@ def test_layout_of_one_shot() -> None:
     assert exact == [Window(0, 20, 14, False), Window(14, 20, 20, True)]
 
 
-def test_a_chunk_needs_one_window_before_and_a_frame_after() -> None:
+def test_a_chunk_needs_one_window_before_and_what_tells_a_cut_after() -> None:
     times, motions = np.arange(100.0).tolist(), np.full(99, 0.01)
     assert frames_to_solve(times, motions, (0, 1), options=SIZES) == (0, 21)
     assert frames_to_solve(times, motions, (3, 4), options=SIZES) == (28, 63)
     assert frames_to_solve(times, motions, (5, 7), options=SIZES) == (56, 100)
+    motions[19:21] = 0.0  # a hold: what moves next tells
+    assert frames_to_solve(times, motions, (0, 1), options=SIZES) == (0, 23)
+    motions[19:40] = 0.0
+    assert frames_to_solve(times, motions, (0, 1), options=SIZES) == (0, 24)
 
 
 def test_a_start_that_looks_like_a_cut_is_avoided() -> None:
@@ -81,3 +89,29 @@ def test_a_start_that_looks_like_a_cut_is_avoided() -> None:
     motions[27:30] = (0.1, 0.1, 0.01)
     assert len(window_layout(times, motions, options=SIZES)) == 7  # no cut
     assert frames_to_solve(times, motions, (3, 4), options=SIZES) == (14, 63)
+
+
+def cuts_of(motions: Sequence[float]) -> list[int]:
+    """Indices of frames after a cut, one frame a unit of time."""
+    times = np.arange(len(motions) + 1.0).tolist()
+    layout = window_layout(times, np.array(motions), options=ClipOptions())
+    return [window.start for window in layout if not window.follows]
+
+
+@pytest.mark.parametrize("held", [2, 3, 4])
+def test_big_steps_of_held_poses_are_no_cuts(held: int) -> None:
+    steps = [*[0.0] * (held - 1), 0.08]
+    assert cuts_of(steps * 6) == [0]
+    # One that is much bigger than those before and after it still is.
+    assert cuts_of([*steps * 3, *[0.0] * (held - 1), 0.45, *steps * 3]) == [0, 4 * held]
+
+
+def test_a_big_step_between_long_holds_is_a_cut() -> None:
+    steps = [0.08, *[0.0] * 4]
+    assert cuts_of([0.0, *steps * 3]) == [0, 2, 7, 12]
+    assert cuts_of([0.01, *[0.0] * 9, 0.08, *[0.0] * 9, 0.01]) == [0, 11]
+
+
+def test_a_start_from_rest_is_a_cut_only_if_it_stops_at_once() -> None:
+    assert cuts_of([*[0.0] * 9, 0.08, 0.08, 0.08]) == [0]
+    assert cuts_of([*[0.0] * 9, 0.08, 0.01, 0.01]) == [0, 10]

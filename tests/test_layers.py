@@ -142,6 +142,7 @@ WALLS = {
         "geodesics": "geometry",
         "metrics": "geometry",
         "operators": "geometry work",
+        "scale": "geometry",
         "temporal": "geometry",
         "low_rank": "",
         "geometry": "",

@@ -189,7 +189,7 @@ def _binding(mesh: SourceMesh, rest: Rest) -> str:
     """What binds the rest of a mesh: the path of a skeleton, POINTS for its own points, or ""."""
     if mesh.handle is None:
         return ""
-    if rest.named and not is_animated(mesh):
+    if rest.named and not mesh.animated:
         return STILL
     if not (mesh.has_rest or rest.named):
         return ""
@@ -208,15 +208,6 @@ def _posed_once(mesh: SourceMesh) -> bool:
     except usd_io.FrameError:
         return False
     return bool((points != mesh.rest.astype(np.float32)).any())
-
-
-def is_animated(mesh: SourceMesh) -> bool:
-    """Whether a mesh changes over time, or is moved."""
-    if mesh.handle is None:
-        return False
-    import usd_io
-
-    return len(mesh.handle.times) > 1 or len(usd_io.transform_times(mesh.handle)) > 1
 
 
 def _placed(source: Source, time: float, poses: Sequence[NDArray[np.floating]]) -> FloatArray:

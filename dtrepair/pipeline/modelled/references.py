@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.pipeline.modelled.meshes import BIND_POSE, STILL, Look, PlacedMeshes, is_animated
+from dtrepair.pipeline.modelled.meshes import BIND_POSE, STILL, Look, PlacedMeshes
 from dtrepair.pipeline.modelled.parts import ModelledParts
 from dtrepair.pipeline.modelled.slides import slid_references
 from dtrepair.pipeline.modelled.unrepaired import unrepaired
@@ -91,7 +91,7 @@ def _references(
     if meshes.one_part:
         return []
     if told_by_rest:
-        still = [not is_animated(mesh) for mesh in source.meshes]
+        still = [not mesh.animated for mesh in source.meshes]
         meshes.binding[still] = STILL
     rest = meshes.look(meshes.rest, BIND_POSE)
     known = [rest.of(meshes.tell_by_rests(rest.pairs))._replace(bound=meshes.bound)]

@@ -42,6 +42,15 @@ class SourceMesh:
     handle: Any = None
     collider: bool = False
 
+    @property
+    def animated(self) -> bool:
+        """Whether it changes over time, or is moved."""
+        if self.handle is None:
+            return False
+        import usd_io
+
+        return len(self.handle.times) > 1 or len(usd_io.transform_times(self.handle)) > 1
+
 
 class Source(Protocol):
     """An opened input; `times` are those of the selected frames, `all_times` of all frames.

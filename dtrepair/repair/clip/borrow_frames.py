@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, extent, lengths
+from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.metrics import distortion
 from dtrepair.repair.frame.lending import LendingOptions, carried, solved_from
 from dtrepair.repair.full.steering import Steering
@@ -228,7 +228,7 @@ class _Frames:
             squares = np.maximum(farther, 0.0)[own] ** 2
             sums = np.bincount(parts.of_vertex[own], squares, parts.count)
             result[index] = np.sqrt((sums / np.maximum(sizes, 1)).max())
-        return result / extent(self.frames[0].centred)
+        return result / self.scene.scale.extent(self.frames[0].centred)
 
     def take_in_step(self, index: int, points: FloatArray) -> None:
         """Take a pose (V, 3) of a frame if it is no worse and stands out clearly less."""

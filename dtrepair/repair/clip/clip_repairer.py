@@ -9,7 +9,8 @@ from typing import Any
 
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.window_method import MakeMethod, WindowMethod, WindowSolver
-from dtrepair.repair.clip.window_stream import Progress, Repaired, WindowStream
+from dtrepair.repair.clip.window_repairer import Progress
+from dtrepair.repair.clip.window_stream import Repaired, WindowStream
 from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.independent import repair_poses
 from dtrepair.repair.options import RepairOptions

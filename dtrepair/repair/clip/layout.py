@@ -55,16 +55,19 @@ def cuts_along(
 ) -> Iterator[bool]:
     """Yield for each step of a clip, its speed (size / time) and motion (sizes), if it is a cut.
 
-    It is compared with the last step before and the next one after it that move at all: reads
-    `options.held` steps ahead.
+    It is compared with the last step before and the next one after it that move at all: reads on
+    to that, at most `options.held` steps.
     """
     left = iter(steps)
-    coming = deque(islice(left, options.held))
+    coming = deque(islice(left, 1))
     before, rested = 0.0, 0
     while coming:
         jump, motion = coming.popleft()
-        coming.extend(islice(left, 1))
-        after = next((speed for speed, _ in coming if speed > 0.0), 0.0)
+        while len(coming) < options.held and not (coming and coming[-1][0] > 0.0):
+            if (step := next(left, None)) is None:
+                break
+            coming.append(step)
+        after = coming[-1][0] if coming else 0.0
         yield is_cut(before, jump, after, motion, options=options)
         before, rested = (jump, 0) if jump > 0.0 else (before, rested + 1)
         if rested >= options.held:

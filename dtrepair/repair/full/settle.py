@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
 from dtrepair.repair.full.acceptance import (
     acceptable,
     changed_defects,
@@ -49,7 +49,7 @@ class Settling:
     ) -> None:
         """Take a pose (V, 3) and its triangles that cross others, at least one."""
         self.surface, self.original, self.options = surface, original, options
-        size = diagonal(original)
+        size = surface.scale.diagonal(original)
         self._bands = [(near * size, far * size) for near, far in options.bands]
         # Ties are as good as edges: what is attached goes with its host.
         links = surface.neighbours.tocoo()

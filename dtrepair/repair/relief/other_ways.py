@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import diagonal, lengths
+from dtrepair.numerics.geometry import lengths
 from dtrepair.numerics.temporal import runs_of
 from dtrepair.repair.scene.bounds import Judged, pairs_and_enclosed
 from dtrepair.repair.scene.opened_pose import OpenedPose, Pose, detected
@@ -84,7 +84,7 @@ def on_other_ways(
     for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
         other = judge(way, list(frames))
         fewer = sum(_left(scene, frames, other)) < sum(_left(scene, frames, result))
-        if fewer and not _much_farther(frames, other, result, options):
+        if fewer and not _much_farther(scene, frames, other, result, options):
             result, taken = other, way
     return result, taken
 
@@ -109,7 +109,7 @@ def _each_on_its_way(
             for place, pose, less in zip(range(run.start, run.stop), other, left, strict=True):
                 both = frames[place : place + 1], [pose], [result[place]]
                 # What is as mobile as before may have to go far: the first way may have left it.
-                allowed = way.scene is scene or not _much_farther(*both, options)
+                allowed = way.scene is scene or not _much_farther(scene, *both, options)
                 if less < wrong[place] and allowed:
                     result[place], wrong[place] = pose, less
 
@@ -172,6 +172,7 @@ def _left(scene: Scene, frames: Sequence[OpenedPose], judged: Sequence[Judged]) 
 
 
 def _much_farther(
+    scene: Scene,
     frames: Sequence[OpenedPose],
     other: Sequence[Judged],
     than: Sequence[Judged],
@@ -185,4 +186,5 @@ def _much_farther(
         )
         for judged in (other, than)
     )
-    return most > options.farther * usual + options.near * diagonal(frames[0].centred)
+    near = options.near * scene.scale.diagonal(frames[0].centred)
+    return most > options.farther * usual + near

@@ -137,7 +137,9 @@ def _small_parts(scene: Scene, options: SmallPartOptions) -> Iterator[_Part]:
     beside = sparse.csr_matrix(
         (np.ones(len(ends), dtype=bool), ends.T), shape=(len(of_vertex),) * 2
     )
-    small = np.flatnonzero((sizes <= options.small * extent(scene.rest)) & (sizes > 0.0))
+    small = np.flatnonzero(
+        (sizes <= options.small * scene.scale.extent(scene.rest)) & (sizes > 0.0)
+    )
     for number in small[np.argsort(-sizes[small], kind="stable")].tolist():
         larger = options.smaller * sizes >= sizes[number]
         rows = corners[(of_top == number) & larger[of_host]].ravel()

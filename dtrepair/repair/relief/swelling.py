@@ -15,7 +15,6 @@ from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
-    diagonal,
     lengths,
     pair_keys,
     vector_areas,
@@ -124,7 +123,7 @@ def _raised(
         if not (area * free).any():
             break
         height = more / float((area * free).sum())
-        if abs(height) > options.farthest * diagonal(pose.centred):
+        if abs(height) > options.farthest * scene.scale.diagonal(pose.centred):
             break
         trial: FloatArray = points + (height * free[:, None] * outwards)[weld]
         beyond = free[weld] & too_far(scene, pose, trial)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dtrepair.diagnosis import StrainKind
-from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
 from dtrepair.numerics.temporal import eased_in_time, frame_units
 from dtrepair.repair.scene.holding import Holding
 from dtrepair.repair.scene.opened_pose import OpenedPose
@@ -137,7 +137,10 @@ def _lowered(
     strained = [bool(strain_of(scene, frame.centred, points)) for frame, points in both]
     most = _most(scene, frames, poses, strained, options)
     motions = np.stack(
-        [lengths(points - own.centred) / (diagonal(own.centred) or 1.0) for own, points in both]
+        [
+            lengths(points - own.centred) / (scene.scale.diagonal(own.centred) or 1.0)
+            for own, points in both
+        ]
     )
     units, faulty = frame_units(times), np.array([frame.wrong > 0 for frame in frames])
     failing: list[int] = np.flatnonzero(strained).tolist()

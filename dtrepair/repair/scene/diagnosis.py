@@ -15,7 +15,7 @@ from dtrepair.diagnosis import (
     RemainingEnclosure,
     Strain,
 )
-from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths, vector_areas
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, vector_areas
 from dtrepair.numerics.metrics import edge_log_ratio, volume
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.strain.meter import Excess
@@ -135,7 +135,7 @@ def strains_of(
     scene: Scene, body: int, original: FloatArray, excess: Sequence[Excess]
 ) -> tuple[Strain, ...]:
     """Return what is beyond its bound in a body, in the pose (V, 3) of the input."""
-    parts, size = scene.strain_meter.parts, diagonal(original) if excess else 0.0
+    parts, size = scene.strain_meter.parts, scene.scale.diagonal(original) if excess else 0.0
     found = []
     for kind, part, value, bound, worst, _ in excess:
         if parts.body[part] != body:

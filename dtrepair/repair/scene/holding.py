@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from dtrepair.numerics.geometry import FloatArray, diagonal, lengths, vertex_areas
+from dtrepair.numerics.geometry import FloatArray, lengths, vertex_areas
 from dtrepair.numerics.operators import Factor, cotangent_laplacian
 from dtrepair.repair.scene.scene import Scene
 
@@ -42,7 +42,7 @@ class Holding:
         self.scene, self.options = scene, options
         faces, count = scene.rest_weld[scene.faces], len(scene.rest)
         rest = scene.centred_rest
-        self.size = size = diagonal(rest) or 1.0
+        self.size = size = scene.scale.diagonal(rest) or 1.0
         mass = np.maximum(vertex_areas(rest, faces), 1e-12 * size**2)
         laplacian = cotangent_laplacian(rest, faces, clamp=(1e-3, 1e3))
         smooth = laplacian @ sparse.diags(1.0 / mass) @ laplacian

@@ -120,7 +120,7 @@ def _left(scene: Scene, index: int, found: Kept) -> Diagnosis:
     concerned = (scene.body_of_part[found.enclosed] == index).any(axis=1)
     enclosures = enclosures_left(scene, found.enclosed[concerned])
     if len(found.pairs) and scene.options.rest_contacts == "leave":
-        at_rest = int(np.isin(pair_keys(found.pairs), scene.rest_keys).sum())
+        at_rest = int(np.isin(pair_keys(found.pairs), pair_keys(scene.rest_pairs)).sum())
         if at_rest == len(found.pairs):
             return Diagnosis(enclosures=enclosures, rest_pairs=at_rest)
     own = found.pairs[(scene.body_of[found.pairs] == index).any(axis=1)]

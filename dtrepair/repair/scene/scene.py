@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any
 
@@ -20,10 +20,10 @@ from dtrepair.numerics.geometry import (
     IntArray,
     as_numpy,
     as_points,
-    pair_keys,
     unique_edges,
     weld_maps,
 )
+from dtrepair.numerics.scale import Scale, scale_of
 from dtrepair.numerics.worn.covering import Covering, learnt_layers, open_layers
 from dtrepair.numerics.worn.layers import Layers, median_of_parts
 from dtrepair.numerics.worn.loops import Rings
@@ -95,6 +95,17 @@ class Scene:
     def centred_rest(self) -> FloatArray:
         """The rest (V, 3), about its centre where it is far from the origin."""
         return about_centre(self.rest)[0]
+
+    @cached_property
+    def scale(self) -> Scale:
+        """What lengths are measured in."""
+        return scale_of(self.rest, self.vertex_starts, self.never_moves)
+
+    @cached_property
+    def never_moves(self) -> NDArray[np.bool_]:
+        """Which bodies (B,) have no vertex that moves."""
+        free = np.bincount(self.body_of_vertex, self.mobility, len(self.bodies))
+        return np.asarray(free == 0.0)
 
     @cached_property
     def detector(self) -> Detector:
@@ -194,11 +205,12 @@ class Scene:
         faces = self.rest_weld[self.faces]
         parts = ConnectedParts(faces, self.body_of_vertex, self.attachments)
         shown = [reference.points for reference in self.references if not reference.slid]
-        rest, rings = self.centred_rest, None
+        rings = None
         if self.enclosures.count > 1:
             stiff = np.array([self.is_stiff(body) for body in range(len(self.bodies))])
             rings = Rings(self.layers.parts, np.flatnonzero(stiff[self.body_of_part]).tolist())
-        return StrainMeter(parts, references=shown, rest=rest, rings=rings, options=self.strain)
+        known = partial(StrainMeter, rest=self.centred_rest, scale=self.scale, options=self.strain)
+        return known(parts, references=shown, rings=rings)
 
     def attachments_of(self, body: int) -> Attachments | None:
         """Return what was modelled within one body, by its own triangles and vertices."""
@@ -259,11 +271,6 @@ class Scene:
         return self.pairs(self.centred_rest, self.rest_weld)
 
     @cached_property
-    def rest_keys(self) -> NDArray[np.int64]:
-        """The intersecting pairs of the rest poses as numbers (K,), as `pair_keys`."""
-        return pair_keys(self.rest_pairs)
-
-    @cached_property
     def rest_intersections(self) -> int:
         """Number of intersecting triangles of the rest poses themselves."""
         return triangle_count(self.rest_pairs)
@@ -285,13 +292,8 @@ class Scene:
         """Return poses (V, 3) of each body as one; ValueError for wrong shapes or numbers."""
         if len(points) != len(self.bodies):
             raise ValueError(f"points should hold {len(self.bodies)} poses, got {len(points)}")
-        counts = np.diff(self.vertex_starts)
-        return np.concatenate(
-            [
-                as_points(as_numpy(pose), int(count))
-                for pose, count in zip(points, counts, strict=True)
-            ]
-        )
+        both = zip(points, np.diff(self.vertex_starts).tolist(), strict=True)
+        return np.concatenate([as_points(as_numpy(pose), count) for pose, count in both])
 
     def weld(self, points: FloatArray) -> IntArray:
         """Return the vertex (V,) that stands for each: one where those of a body coincide."""

@@ -15,9 +15,9 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, differing
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import Solved
-from dtrepair.repair.scene.inner_parts import InnerParts, inner_parts
 from dtrepair.repair.scene.props import props_among, with_rigid
 from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.sub_scene import SubScene, inner_parts, sub_scene
 from dtrepair.repair.surface.surface import BodyRange, Surface, SurfaceOptions
 
 if TYPE_CHECKING:
@@ -137,13 +137,14 @@ def _surface(
         options=numbers,
         attachments=attachments and attachments.of_triangles(triangles, place),
         covering=covering,
+        scale=scene.scale.among(kept),
     )
 
 
-class InnerMeshes(NamedTuple):
-    """What open layers lie over, and the welded meshes of it."""
+class PartMeshes(NamedTuple):
+    """Parts of a scene, and the welded meshes of them."""
 
-    parts: InnerParts
+    parts: SubScene
     meshes: WeldedMeshes
 
 
@@ -173,6 +174,7 @@ class WeldedMeshes:
         self._known: dict[bytes, WeldedMesh] = {}
         self._less_mobile: dict[float, WeldedMeshes] = {}
         self._stiffer: dict[tuple[int, ...], WeldedMeshes] = {}
+        self._groups: dict[tuple[int, ...], PartMeshes] = {}
 
     def _of(self, scene: Scene, surface: SurfaceOptions | None = None) -> WeldedMeshes:
         """Return the meshes of another scene, by the full method on the CPU."""
@@ -203,12 +205,19 @@ class WeldedMeshes:
         return None if scene is None else self._of(scene)
 
     @cached_property
-    def inner(self) -> InnerMeshes | None:
+    def inner(self) -> PartMeshes | None:
         """The meshes of what open layers lie over; None where there are none."""
         parts = None if self.scene.options.method == "paper" else inner_parts(self.scene)
         if parts is None:
             return None
-        return InnerMeshes(parts, self._of(parts.scene))
+        return PartMeshes(parts, self._of(parts.scene))
+
+    def of_bodies(self, bodies: tuple[int, ...]) -> PartMeshes:
+        """Return the meshes of some of the bodies, as if there were no others."""
+        if bodies not in self._groups:
+            parts = sub_scene(self.scene, bodies)
+            self._groups[bodies] = PartMeshes(parts, self._of(parts.scene))
+        return self._groups[bodies]
 
     def with_inner_mobility(self, mobility: float) -> WeldedMeshes:
         """Return the meshes in which open layers lie over what moves at most so freely."""
@@ -232,10 +241,16 @@ class WeldedMeshes:
             yield self.undirected
         props = props_among(self.scene, set().union(*bent), poses)
         if any(own and set(own) <= set(props) for own in bent):
-            if props not in self._stiffer:
-                scene = with_rigid(self.scene, props)
-                self._stiffer[props] = self._of(scene)
-            yield self._stiffer[props]
+            yield self.with_rigid(props)
+
+    def with_rigid(self, bodies: Collection[int]) -> WeldedMeshes:
+        """Return the meshes in which some bodies are rigid, besides those that are."""
+        props = tuple(k for k in sorted(bodies) if not self.scene.bodies[k].rigid)
+        if not props:
+            return self
+        if props not in self._stiffer:
+            self._stiffer[props] = self._of(with_rigid(self.scene, props))
+        return self._stiffer[props]
 
     def __call__(self, welds: Sequence[IntArray]) -> WeldedMesh:
         """Return the mesh of poses with welds (V,): what coincides there and at rest is one."""

@@ -18,11 +18,11 @@ from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
-    diagonal,
     dots,
     lengths,
     vector_areas,
 )
+from dtrepair.numerics.scale import WHOLE, Scale
 from dtrepair.numerics.worn.loops import Rings
 from dtrepair.repair.strain.parts import ConnectedParts, changes
 from dtrepair.repair.strain.turning import folded_more, turned_over
@@ -103,6 +103,7 @@ class StrainMeter:
         references: Poses (V, 3) that show how attached parts were modelled; none: each input.
         rest: The pose (V, 3) by which parts are cut into limbs; None: limbs are not judged.
         rings: What is worn and must not come off; None: that is not judged.
+        scale: What lengths are measured in.
         options: The bounds.
     """
 
@@ -113,10 +114,11 @@ class StrainMeter:
         references: Sequence[FloatArray] = (),
         rest: FloatArray | None = None,
         rings: Rings | None = None,
+        scale: Scale = WHOLE,
         options: StrainOptions = StrainOptions(),
     ) -> None:
         self.parts, self.references, self.rest, self.options = parts, references, rest, options
-        self.rings = rings
+        self.rings, self.scale = rings, scale
 
     def __call__(
         self, before: FloatArray, after: FloatArray, *, strict: bool = False
@@ -128,7 +130,7 @@ class StrainMeter:
         """
         if np.array_equal(before, after):
             return []
-        size = diagonal(before) or 1.0
+        size = self.scale.diagonal(before) or 1.0
         old, new = (vector_areas(points, self.parts.faces) for points in (before, after))
         return [
             *self._spoilt_edges(before, after, size),
@@ -220,13 +222,14 @@ class StrainMeter:
         """Return which ties (N,) a pose (V, 3) of the input has led off their place at rest."""
         if not self.references:
             return np.zeros(len(self.parts.joint), dtype=bool)
-        offsets = self.parts.tie_offsets(pose) / (diagonal(pose) or 1.0)
+        offsets = self.parts.tie_offsets(pose) / (self.scale.diagonal(pose) or 1.0)
         return changes(self._modelled, offsets) > bound
 
     @cached_property
     def _modelled(self) -> FloatArray:
         """The offsets (N, 2, 3) of ties, in diagonals, in the reference where each is shortest."""
-        shown = np.stack([self.parts.tie_offsets(p) / diagonal(p) for p in self.references])
+        size = self.scale.diagonal
+        shown = np.stack([self.parts.tie_offsets(p) / size(p) for p in self.references])
         shortest = np.argmin(np.linalg.norm(shown[:, :, 0], axis=2), axis=0)
         return np.asarray(shown[shortest, np.arange(shown.shape[1])])
 
@@ -268,7 +271,7 @@ class StrainMeter:
         thicker = np.where(parts.lumps[: pieces.count], -1.0, options.thicker)
         result = [(StrainKind.VOLUME, pieces, thicker, options.volume)]
         if self.rest is not None:
-            pieces = limbs(parts, self.rest)
+            pieces = limbs(parts, self.rest, scale=self.scale)
             thicker = np.full(pieces.count, options.thicker)
             result.append((StrainKind.LIMB, pieces, thicker, options.limb))
         return result

@@ -13,12 +13,12 @@ from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
-    diagonal,
     dots,
     lengths,
     shared_edges,
     vector_areas,
 )
+from dtrepair.numerics.scale import WHOLE, Scale
 from dtrepair.repair.strain.parts import ConnectedParts
 
 Places = NDArray[np.integer]
@@ -115,14 +115,18 @@ class Pieces:
 
 
 def limbs(
-    parts: ConnectedParts, rest: FloatArray, *, options: LimbOptions = LimbOptions()
+    parts: ConnectedParts,
+    rest: FloatArray,
+    *,
+    scale: Scale = WHOLE,
+    options: LimbOptions = LimbOptions(),
 ) -> Pieces:
     """Return the pieces of limbs of all skins: slices by the distance from one end.
 
     Distances run along the edges of the rest (V, 3), from that vertex of each part that is farthest
     from its middle; a slice of them has a piece for each limb that it cuts.
     """
-    size = diagonal(rest) or 1.0
+    size = scale.diagonal(rest) or 1.0
     first, second = parts.edges.T
     length = lengths(rest[first] - rest[second]) + np.finfo(np.float32).tiny
     graph = sparse.csr_matrix((length, (first, second)), shape=(len(rest), len(rest)))

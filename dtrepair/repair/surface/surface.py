@@ -18,7 +18,6 @@ from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
-    extent,
     extents,
     lengths,
     unit_vectors,
@@ -31,6 +30,7 @@ from dtrepair.numerics.operators import (
     lumped_mass,
     uniform_laplacian,
 )
+from dtrepair.numerics.scale import WHOLE, Scale
 from dtrepair.numerics.worn.covering import Covering
 from dtrepair.repair.surface.contacts import Contacts
 from dtrepair.repair.surface.layers import (
@@ -87,9 +87,9 @@ class BodyRange:
 class Surface(Topology):
     """One mesh, or several bodies in one mesh, ready to be repaired in any pose.
 
-    Lengths are in units of `size`, the largest coordinate range of the rest pose, so that step
-    sizes mean the same for every mesh. Everything comes from the rest pose once and is never
-    changed; what is remembered from pose to pose has an owner of its own, `contacts`. Several
+    Lengths are in units of `size`, the largest coordinate range of the rest pose, by `scale`, so
+    that step sizes mean the same for every mesh. Everything comes from the rest pose once and is
+    never changed; what is remembered from pose to pose has an owner of its own, `contacts`. Several
     bodies share a triangle only along closed seams, so every operator is block diagonal but for
     clusters; each has its own diffusion factor (Jang et al. 2025, section 7.5.2).
 
@@ -109,6 +109,7 @@ class Surface(Topology):
         options: Numbers of the operators.
         attachments: Contacts that were modelled; they do not count, and their ties hold.
         covering: What open layers cover, by vertices; None: nothing is known.
+        scale: What lengths are measured in.
     """
 
     def __init__(
@@ -128,13 +129,14 @@ class Surface(Topology):
         options: SurfaceOptions = SurfaceOptions(),
         attachments: Attachments | None = None,
         covering: Covering | None = None,
+        scale: Scale = WHOLE,
     ) -> None:
         self.options, self.covering, self.factor = options, covering, factor
         self._arap_factors: dict[float, Solver] = {}
         self.bodies = tuple(bodies or (BodyRange(0, len(rest), 99.0),))
         sizes = [body.stop - body.start for body in self.bodies]
         self.body_of_vertex = np.repeat(np.arange(len(self.bodies)), sizes)
-        self.size = extent(rest) or 1.0
+        self.scale, self.size = scale, scale.extent(rest) or 1.0
         self.ties: TieSystem | None = None
         if attachments is not None:
             scaled = rest / self.size

@@ -13,7 +13,7 @@ from dtrepair.pipeline.modelled.references import modelled_references
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import open_source
-from dtrepair.repair.clip import window_stream
+from dtrepair.repair.clip import window_repairer
 from tests.meshes import icosphere, joined, swept
 from usd_io import AuthoredMesh, write_animation
 
@@ -93,7 +93,7 @@ def test_a_strained_joint_that_turned_is_left_alone_and_told(
         assert "--attach" in frame.message and "--at-any-cost" in frame.message
     # Else the joint gives way.
     monkeypatch.setattr(
-        window_stream, "with_turns", lambda meshes, frames, judged, judge, *, options: judged
+        window_repairer, "with_turns", lambda meshes, frames, judged, judge, *, options: judged
     )
     frames = repair_stage(path, tmp_path / "c.usda", selection=last).frames
     times = [frame.time for frame in left]

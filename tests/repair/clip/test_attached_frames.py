@@ -16,7 +16,7 @@ from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import gaussian_kernel
 from dtrepair.pipeline import Cancelled, repair_stage
-from dtrepair.repair.clip import window_stream
+from dtrepair.repair.clip import window_repairer, window_stream
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.clip.window_state import WindowState
@@ -161,7 +161,7 @@ def test_frames_that_stay_dirty_are_not_solved_alone_again(
         return list(given[3])
 
     monkeypatch.setattr(window_stream, "mended", not_mended)
-    monkeypatch.setattr(window_stream, "started_again", not_again)
+    monkeypatch.setattr(window_repairer, "started_again", not_again)
     (trunk, faces), ball = tube(12, 20, 0.2, 2.0), icosphere(2, 0.15)
     lower = 1.1 * trunk * (1.0, 1.0, 1.0 / 1.1) + (0.04, 0.01, 1.7)
     bodies = [Body(trunk, faces), Body(lower, faces), Body(*ball)]

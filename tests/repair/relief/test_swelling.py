@@ -40,7 +40,7 @@ def shrunk(pose: OpenedPose, scale: float) -> FloatArray:
 
 @pytest.mark.parametrize("scale", [0.91, 1.09])
 def test_the_volume_comes_within_its_bound(scale: float) -> None:
-    scene, pose = scene_of(BALL + 2.0 * BESIDE)
+    scene, pose = scene_of(BALL + 1.9 * BESIDE)
     points = shrunk(pose, scale)
     assert [own.kind for own in strain_of(scene, pose.centred, points)] == [StrainKind.VOLUME]
     found = with_volume(scene, pose, points)
@@ -51,7 +51,7 @@ def test_the_volume_comes_within_its_bound(scale: float) -> None:
 
 
 def test_it_swells_where_nothing_is_in_the_way() -> None:
-    scene, pose = scene_of(BALL + 2.0 * BESIDE)
+    scene, pose = scene_of(BALL + 1.9 * BESIDE)
     points = shrunk(pose, 0.91)
     # A wall just beside it on one side.
     middle = points[: len(BALL)].mean(axis=0)
@@ -67,7 +67,7 @@ def test_it_swells_where_nothing_is_in_the_way() -> None:
 
 
 def test_what_lost_half_and_what_is_not_strained_stays() -> None:
-    scene, pose = scene_of(BALL + 2.0 * BESIDE)
+    scene, pose = scene_of(BALL + 1.9 * BESIDE)
     for scale in (0.7, 0.97):
         points = shrunk(pose, scale)
         assert with_volume(scene, pose, points) is points
@@ -75,7 +75,7 @@ def test_what_lost_half_and_what_is_not_strained_stays() -> None:
 
 def test_what_is_fixed_does_not_swell() -> None:
     pin = (BALL[:, 0] > 0.5).astype(np.float64)
-    scene, pose = scene_of(BALL + 2.0 * BESIDE, pin)
+    scene, pose = scene_of(BALL + 1.9 * BESIDE, pin)
     fixed = np.flatnonzero(pin)
     points = shrunk(pose, 0.89)
     points[fixed] = pose.centred[fixed]
@@ -86,7 +86,7 @@ def test_what_is_fixed_does_not_swell() -> None:
 
 
 def test_nothing_swells_beyond_the_limit_of_displacements() -> None:
-    scene, pose = scene_of(BALL + 2.0 * BESIDE, limit=0.2)
+    scene, pose = scene_of(BALL + 1.9 * BESIDE, limit=0.2)
     points = pose.centred.copy()
     points[: len(BALL)] = BALL * [1.195, 0.805, 0.805]
     limit = 0.2 * (1.0 - 1e-6)

@@ -13,7 +13,7 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.clip.frames import Frame
-from dtrepair.repair.clip.window_stream import WindowStream
+from dtrepair.repair.clip.window_repairer import WindowRepairer
 from dtrepair.repair.independent import IndependentOptions
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene
@@ -139,13 +139,13 @@ def test_strained_frames_of_attached_parts_go_another_way_alone(
         scene, frame, _ = winged(angle)
         poses.append(np.split(frame.centred, [scene.vertex_starts[1]]))
     assert scene is not None
-    scene, known, asked = replace(scene, strain=strain), WindowStream._judged, []
+    scene, known, asked = replace(scene, strain=strain), WindowRepairer._judged, []
 
-    def judged(self: WindowStream, way: WeldedMeshes, frames: list[Frame]) -> list[Judged]:
+    def judged(self: WindowRepairer, way: WeldedMeshes, frames: list[Frame]) -> list[Judged]:
         asked.append(len(frames))
         return known(self, way, frames)
 
-    monkeypatch.setattr(WindowStream, "_judged", judged)
+    monkeypatch.setattr(WindowRepairer, "_judged", judged)
     clips = ClipRepairer(scene, WeldedMeshes(scene), options=clip)
     results = [frame.results for frame in clips.stream(enumerate(poses), jobs=1)]
     assert asked == expected

@@ -1,7 +1,8 @@
-"""What open layers lie over, as a scene of its own: bodies are repaired before their clothes."""
+"""Some parts of a scene as one of their own: what lies under clothes, or meets no others."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,10 +13,11 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.opened_pose import Pose, detected
 from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.strain.meter import Excess
 
 
-class InnerParts:
-    """The parts of a scene that are no open layer over anything.
+class SubScene:
+    """Whole connected parts of a scene, without the rest of it.
 
     Args:
         outer: The whole scene.
@@ -53,9 +55,26 @@ class InnerParts:
 
     def closed(self, frame: Pose, points: FloatArray) -> Pose:
         """Return a frame of the whole scene in which these parts are at points (N, 3)."""
-        centred = frame.centred.copy()
-        centred[self.vertices] = points
+        centred = self.placed(frame.centred, points)
         return detected(self.outer, replace(frame, centred=centred, detected=False))
+
+    def placed(self, whole: FloatArray, points: FloatArray) -> FloatArray:
+        """Return a pose (V, 3) of the whole in which these parts are at points (N, 3)."""
+        result = whole.copy()
+        result[self.vertices] = points
+        return result
+
+    def outer_excess(self, excess: Sequence[Excess]) -> tuple[Excess, ...]:
+        """Return what is strained in these parts by the numbers of the whole."""
+        part_of = self.outer.strain_meter.parts.of_vertex if excess else self.vertices
+        return tuple(
+            own._replace(
+                part=int(part_of[self.vertices[own.worst]]),
+                worst=int(self.vertices[own.worst]),
+                vertices=self.vertices[own.vertices],
+            )
+            for own in excess
+        )
 
     def _scene(self) -> Scene:
         """Return the scene of these parts alone; bodies of which nothing is left are left out."""
@@ -107,7 +126,13 @@ class InnerParts:
         )
 
 
-def inner_parts(scene: Scene) -> InnerParts | None:
+def sub_scene(scene: Scene, bodies: Sequence[int]) -> SubScene:
+    """Return some of the bodies of a scene."""
+    own = np.isin(scene.body_of_vertex, bodies)
+    return SubScene(scene, np.flatnonzero(own).astype(np.int32))
+
+
+def inner_parts(scene: Scene) -> SubScene | None:
     """Return the parts of a scene that are no open layer; None where none lies over them.
 
     None, too, where displacements are limited, which holds from the input on, and where parts are
@@ -120,4 +145,4 @@ def inner_parts(scene: Scene) -> InnerParts | None:
     used = np.zeros(len(outer), dtype=bool)
     used[scene.faces] = True
     vertices = np.flatnonzero(used & ~outer).astype(np.int32)
-    return InnerParts(scene, vertices) if len(vertices) else None
+    return SubScene(scene, vertices) if len(vertices) else None

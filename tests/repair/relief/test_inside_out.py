@@ -14,11 +14,11 @@ from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.clip.frames import Frame
-from dtrepair.repair.clip.inside_out import InsideOutOptions, inside_out
-from dtrepair.repair.scene.inner_parts import InnerParts, inner_parts
+from dtrepair.repair.relief.inside_out import InsideOutOptions, inside_out
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import detected, gathered
 from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.sub_scene import SubScene, inner_parts
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from tests.meshes import Mesh, elbow, grid
 
@@ -60,7 +60,7 @@ def opened(scene: Scene, radius: float) -> list[Frame]:
     return [detected(scene, frame) for frame in frames]
 
 
-def inner_of(scene: Scene) -> InnerParts:
+def inner_of(scene: Scene) -> SubScene:
     inner = inner_parts(scene)
     assert inner is not None
     return inner

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.clip.frames import Frame
+from dtrepair.repair.scene.opened_pose import Pose
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 
 # Returns repaired poses (V, 3) of the frames of a scene.
-Solve = Callable[[Scene, WeldedMesh, list[Frame]], list[FloatArray]]
+Solve = Callable[[Scene, WeldedMesh, list[Pose]], list[FloatArray]]
 # Returns the answers of a function for some items, in order.
 SideBySide = Callable[[Callable[[Any], Any], list[Any]], list[Any]]
 
@@ -39,12 +39,12 @@ class InsideOutOptions:
 
 def inside_out(
     meshes: WeldedMeshes,
-    frames: list[Frame],
-    solve: Solve,
+    frames: list[Pose],
+    solve: Solve[Pose],
     side_by_side: SideBySide,
     *,
     options: InsideOutOptions = InsideOutOptions(),
-) -> tuple[WeldedMeshes, list[Frame]]:
+) -> tuple[WeldedMeshes, list[Pose]]:
     """Return the meshes and the frames that are left to be solved.
 
     Where clothes are in the way these are frames in which what they lie over is repaired as if they

@@ -1,0 +1,135 @@
+"""What lengths of a scene are measured in: the size of what moves in it, not of the set around.
+
+A character is repaired the same on a floor of a hundred metres, and beside another one far away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, extent
+
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScaleOptions:
+    """What the size of a scene is taken from.
+
+    Args:
+        larger: What stands still is a set, by which nothing is measured, where its extent is more
+            than so many times that of all that moves, ...
+        apart: ... of which that is measured each for itself that lies apart by more than so many
+            times the extent of the larger one.
+    """
+
+    larger: float = 4.0
+    apart: float = 1.0
+
+
+class Scale(NamedTuple):
+    """The vertices (N,) of each group of bodies that is measured for itself; none: all are one.
+
+    The largest group counts.
+    """
+
+    groups: tuple[IntArray, ...] = ()
+
+    def extent(self, points: FloatArray) -> float:
+        """Return the longest side of the box of the largest group of points (V, 3)."""
+        return self._largest(extent, points)
+
+    def diagonal(self, points: FloatArray) -> float:
+        """Return the diagonal of the box of the largest group of points (V, 3)."""
+        return self._largest(diagonal, points)
+
+    def among(self, kept: NDArray[np.integer]) -> Scale:
+        """Return the same for some of the vertices (N,), ascending, numbered anew."""
+        groups = (np.flatnonzero(np.isin(kept, group)) for group in self.groups)
+        return Scale(tuple(group.astype(np.int32) for group in groups if len(group)))
+
+    def _largest(self, size: Callable[[FloatArray], float], points: FloatArray) -> float:
+        if not self.groups:
+            return size(points)
+        return max(size(points[group]) for group in self.groups)
+
+
+# All vertices are one group.
+WHOLE = Scale()
+
+
+def scale_of(
+    rest: FloatArray,
+    starts: NDArray[np.integer],
+    still: BoolArray,
+    *,
+    options: ScaleOptions = ScaleOptions(),
+) -> Scale:
+    """Return what lengths of a scene are measured in.
+
+    rest: rest positions (V, 3) of all bodies, each of which has some; starts: the first vertex of
+    each, and V (B + 1,); still: which bodies (B,) never move.
+    """
+    count = len(still)
+    if count < 2 or still.all():
+        return WHOLE
+    boxes = boxes_of(rest, starts)
+    counted = ~sets_among(boxes, still, options=options)
+    group_of = np.full(count, -1)
+    group_of[counted] = _merged(boxes[counted], options.apart)[1]
+    if counted.all() and group_of.max() == 0:
+        return WHOLE
+    label = np.repeat(group_of, np.diff(starts))
+    return Scale(
+        tuple(np.flatnonzero(label == own).astype(np.int32) for own in range(group_of.max() + 1))
+    )
+
+
+def boxes_of(points: FloatArray, starts: NDArray[np.integer]) -> FloatArray:
+    """Return the lowest and the highest coordinates (B, 2, 3) of each of the bodies in points.
+
+    points: positions (V, 3); starts: the first vertex of each body, and V (B + 1,).
+    """
+    low, high = (each.reduceat(points, starts[:-1], axis=0) for each in (np.minimum, np.maximum))
+    return np.stack([low, high], axis=1)
+
+
+def sets_among(
+    boxes: FloatArray, still: BoolArray, *, options: ScaleOptions = ScaleOptions()
+) -> BoolArray:
+    """Return which bodies with boxes (B, 2, 3) are sets: still (B,), and much larger than others.
+
+    None are where nothing moves.
+    """
+    if still.all():
+        return np.zeros(len(still), dtype=bool)
+    largest = _longest(_merged(boxes[~still], options.apart)[0]).max()
+    return np.asarray(still & (_longest(boxes) > options.larger * largest))
+
+
+def _longest(boxes: FloatArray) -> FloatArray:
+    """Return the longest side (B,) of each box (B, 2, 3)."""
+    return np.asarray((boxes[:, 1] - boxes[:, 0]).max(axis=1))
+
+
+def _merged(boxes: FloatArray, apart: float) -> tuple[FloatArray, NDArray[np.integer]]:
+    """Return the boxes (G, 2, 3) of groups that lie apart, and the group (B,) of each box."""
+    group_of = np.arange(len(boxes))
+    while True:
+        low, high, size = boxes[:, 0], boxes[:, 1], _longest(boxes)
+        gaps = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).max(axis=2)
+        beside = gaps <= apart * np.maximum(size[:, None], size[None])
+        count, label = csgraph.connected_components(sparse.csr_matrix(beside), directed=False)
+        if count == len(boxes):
+            return boxes, group_of
+        low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+        np.minimum.at(low, label, boxes[:, 0])
+        np.maximum.at(high, label, boxes[:, 1])
+        boxes, group_of = np.stack([low, high], axis=1), label[group_of]

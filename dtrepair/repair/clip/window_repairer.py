@@ -1,0 +1,249 @@
+"""A window of frames repaired: holds as one frame, bodies that never meet each for themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.temporal import frame_units
+from dtrepair.repair.clip.borrow_frames import started_again
+from dtrepair.repair.clip.clip_options import ClipOptions
+from dtrepair.repair.clip.frames import Frame, without_holds
+from dtrepair.repair.clip.steady_frames import agreed
+from dtrepair.repair.clip.window_method import MakeMethod
+from dtrepair.repair.independent import solved_pose
+from dtrepair.repair.parallel.worker_pool import (
+    WorkerPool,
+    available_processors,
+    with_workers,
+    worthwhile_jobs,
+)
+from dtrepair.repair.relief.inside_out import inside_out
+from dtrepair.repair.relief.other_ways import on_other_ways, with_turns
+from dtrepair.repair.relief.relief import relieved_poses
+from dtrepair.repair.scene.bounds import Judged, bounded_frames
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
+from dtrepair.repair.separation.groups import groups_meet, groups_of_bodies
+from dtrepair.repair.separation.starts import Starts
+
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
+Progress = Callable[[float], None]
+
+
+def side_by_side(
+    function: Callable[[Item], Answer], items: list[Item], *, jobs: int | None
+) -> list[Answer]:
+    """Return the answers in order, on threads: detection releases the interpreter."""
+    if (jobs := jobs or available_processors()) == 1:
+        return [function(item) for item in items]
+    with ThreadPoolExecutor(jobs) as pool:
+        return list(pool.map(function, items))
+
+
+class WindowRepairer:
+    """Repairs windows of frames of a scene.
+
+    Args:
+        meshes: The welded meshes of the scene.
+        options: Numbers of this stage.
+        make_method: Makes the solver of windows of a mesh.
+        jobs: Workers; None: all processors.
+        progress: Called now and then with how many frames' worth of the present window is done.
+    """
+
+    def __init__(
+        self,
+        meshes: WeldedMeshes,
+        *,
+        options: ClipOptions,
+        make_method: MakeMethod,
+        jobs: int | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        self.meshes, self.options = meshes, options
+        self.make_method, self.jobs, self.progress = make_method, jobs, progress
+        # What of a window is done, and which share of it a present frame stands for.
+        self._done, self._worth = 0.0, 1.0
+
+    def __call__(self, frames: list[Frame]) -> tuple[list[Judged], WeldedMeshes]:
+        """Return the repaired poses of a window within the bounds, and the meshes they are of.
+
+        Those are of the whole scene, perhaps with props that are rigid.
+        """
+        scene = self.meshes.scene
+        groups = groups_of_bodies(scene, [frame.centred for frame in frames])
+        if groups != [tuple(range(len(scene.bodies)))]:
+            found = self._by_groups(frames, groups)
+            if not groups_meet(scene, groups, [own.points for own in found[0]]):
+                return found
+        self._done = 0.0
+        return self._repaired(self.meshes, frames, 1.0)
+
+    def _by_groups(
+        self, frames: list[Frame], groups: Sequence[tuple[int, ...]]
+    ) -> tuple[list[Judged], WeldedMeshes]:
+        """Return the poses of groups of bodies, each repaired as if there were no others."""
+        judged, rigid = [Judged(frame.centred) for frame in frames], set[int]()
+        for number, bodies in enumerate(groups):
+            parts, meshes = self.meshes.of_bodies(bodies)
+            opened = side_by_side(parts.opened, frames, jobs=self.jobs)
+            self._done = number / len(groups) * len(frames)
+            own, taken = self._repaired(meshes, opened, 1.0 / len(groups))
+            rigid |= {bodies[k] for k, body in enumerate(taken.scene.bodies) if body.rigid}
+            judged = [
+                Judged(
+                    parts.placed(before.points, found.points),
+                    (*before.excess, *parts.outer_excess(found.excess)),
+                    before.lowered or found.lowered,
+                    before.turned or found.turned,
+                )
+                for before, found in zip(judged, own, strict=True)
+            ]
+        return judged, self.meshes.with_rigid(rigid)
+
+    def _repaired(
+        self, meshes: WeldedMeshes, frames: list[Frame], share: float
+    ) -> tuple[list[Judged], WeldedMeshes]:
+        """Return the repaired poses of bodies, and the meshes they are of.
+
+        share: which one of all work on the window that is.
+        """
+        clearance, ways = meshes.scene.options.clearance, self.options.ways
+        # With a clearance a pose without pairs may have to move as well.
+        if clearance == 0.0 and not any(frame.wrong for frame in frames):
+            return [Judged(frame.centred) for frame in frames], meshes
+        longest = len(frames) if clearance else self.options.longest_hold
+        solved, place = without_holds(frames, longest=longest)
+        self._worth = share * len(frames) / len(solved)
+        judged = self._judged(meshes, solved)
+        judged, meshes = on_other_ways(meshes, solved, judged, self._judged, options=ways)
+        judged = with_turns(meshes, solved, judged, self._judged, options=ways)
+        return [judged[index] for index in place], meshes
+
+    def _judged(self, meshes: WeldedMeshes, frames: list[Frame]) -> list[Judged]:
+        """Return the repaired poses of a window within the bounds."""
+        scene, numbers = meshes.scene, self.options.independent
+        mesh = meshes([frame.sewn for frame in frames])
+        ways, spread = self.options.inside_out, partial(side_by_side, jobs=self.jobs)
+        own, opened = inside_out(meshes, frames, self._solve, spread, options=ways)
+        poses = self._solve(own.scene, own([frame.sewn for frame in frames]), opened)
+        solving, rest = self.options.solving, 1.0 - self.options.solving
+        self._tell(solving, len(frames))
+        poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
+        self._tell(solving + rest / 3, len(frames))
+        alone = partial(solved_pose, scene, meshes, options=numbers)
+        again = started_again(
+            scene,
+            mesh,
+            frames,
+            poses,
+            # Frames of attached parts were solved alone already.
+            alone=alone if mesh.surface.ties is None else None,
+            jobs=self.jobs,
+            options=self.options.borrow,
+        )
+        times = np.array([frame.time for frame in frames])
+        self._tell(solving + 2 * rest / 3, len(frames))
+        options = self.options.agree
+        again = agreed(scene, mesh, frames, poses, again, times, jobs=self.jobs, options=options)
+        return bounded_frames(scene, frames, again, times, options=numbers.share)
+
+    def _tell(self, share: float, frames: float) -> None:
+        """Tell that this share of the work on so many frames is done."""
+        if self.progress is not None:
+            self.progress(self._done + share * frames * self._worth)
+
+    def _solve(self, scene: Scene, mesh: WeldedMesh, frames: list[Frame]) -> list[FloatArray]:
+        """Return repaired poses (V, 3) of a window."""
+        options = self.options.independent
+        times = frame_units(np.array([frame.time for frame in frames]))
+        starts = Starts(
+            scene,
+            mesh,
+            frames,
+            times,
+            release=options.release,
+            lift=options.lift,
+            sunken=options.sunken,
+            separation=options.separation,
+        )
+        if mesh.surface.ties is not None:
+            return self._solve_tied(mesh, starts)
+        otherwise: list[FloatArray] = []
+
+        def unless(left: list[IntArray]) -> bool:
+            """Return whether sheets, and what pushing left as it was, can be led apart instead."""
+            poses = starts.otherwise(left)
+            otherwise.extend([] if poses is None else [poses])
+            return poses is not None
+
+        found = self._solve_from(
+            mesh, starts.led, times, starts.unlifted(starts.led), unless=unless
+        )
+        if found is None:
+            found = self._solve_from(mesh, otherwise[0], times, starts.unlifted(otherwise[0]))
+        assert found is not None
+        return found
+
+    def _solve_tied(self, mesh: WeldedMesh, starts: Starts) -> list[FloatArray]:
+        """Return repaired poses (V, 3) of attached parts, those that stay dirty solved again.
+
+        Each frame is solved for itself, so that the others need not be solved along.
+        """
+        found = self._solve_from(mesh, starts.led, starts.times, starts.unlifted(starts.led))
+        assert found is not None
+        left = self._left_of(mesh, found)
+        numbers = list(map(len, left))
+        dirty = np.array(numbers) > 0
+        runs = self.options.ways.again(dirty, numbers, len(mesh.surface.faces))
+        otherwise = starts.otherwise(left) if runs else None
+        if otherwise is None:
+            return found
+        unlifted = starts.unlifted(otherwise)
+        for run in runs:
+            own = starts.times[run], unlifted[run]
+            again = self._solve_from(mesh, otherwise[run], *own)
+            assert again is not None
+            both = zip(again, self._left_of(mesh, again), strict=True)
+            for index, (pose, other) in enumerate(both, start=run.start):
+                if len(other) < len(left[index]):
+                    found[index] = pose
+        return found
+
+    def _left_of(self, mesh: WeldedMesh, poses: list[FloatArray]) -> list[IntArray]:
+        """Return the pairs that solving left of poses (V, 3)."""
+        units = list(map(mesh.reduced, poses))
+        return side_by_side(mesh.surface.contacts.pairs, units, jobs=self.jobs)
+
+    def _solve_from(
+        self,
+        mesh: WeldedMesh,
+        starts: FloatArray,
+        times: FloatArray,
+        inputs: FloatArray,
+        unless: Callable[[list[IntArray]], bool] | None = None,
+    ) -> list[FloatArray] | None:
+        """Return repaired poses (V, 3) of starts (T, V, 3); None where `unless` ended it.
+
+        inputs: the starts (T, V, 3) without the lifts of layers.
+        """
+        led = base = np.stack(list(map(mesh.reduced, starts)))
+        if moved := not np.array_equal(starts, inputs):
+            base = np.stack(list(map(mesh.reduced, inputs)))
+        jobs = worthwhile_jobs(self.jobs, len(starts), len(mesh.surface.faces))
+
+        def solved(pool: WorkerPool) -> FloatArray | None:
+            pool.progress = lambda done: self._tell(self.options.solving, done)
+            return self.make_method(mesh)(led, times, pool, base if moved else None, unless=unless)
+
+        found = with_workers(mesh.surface, jobs, solved)
+        if found is None:
+            return None
+        return [mesh.expanded(*each) for each in zip(inputs, base, found, strict=True)]

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from dtrepair.pipeline.observer import Observer as Observer
     from dtrepair.pipeline.observer import PairsFound as PairsFound
     from dtrepair.pipeline.observer import ProgressKept as ProgressKept
+    from dtrepair.pipeline.observer import SetsFound as SetsFound
     from dtrepair.pipeline.observer import SpansDone as SpansDone
     from dtrepair.pipeline.observer import Trouble as Trouble
     from dtrepair.pipeline.observer import WornFound as WornFound
@@ -75,6 +76,7 @@ _HOMES = {
     "Trouble": "observer",
     "UsageError": "errors",
     "WorkersError": "errors",
+    "SetsFound": "observer",
     "WornFound": "observer",
     "check_stage": "check",
     "exit_code": "errors",
@@ -107,6 +109,7 @@ __all__ = [
     "ProgressKept",
     "RepairSettings",
     "Selection",
+    "SetsFound",
     "SpansDone",
     "TransferOptions",
     "TransferSettings",

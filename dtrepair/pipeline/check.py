@@ -44,7 +44,7 @@ from dtrepair.pipeline.stages.frames import (
     side_by_side,
     unusable,
 )
-from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs
+from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs, pairs_of_sets
 from dtrepair.pipeline.stages.object_settings import read_settings, recorded
 from dtrepair.pipeline.stages.outputs import FilePath
 from dtrepair.pipeline.stages.sources import Source, open_source
@@ -165,6 +165,8 @@ def _check(
     warn(observer, [*source.warnings, *mode_warnings(source, settings.mode)])
     watch.lap("read")
     ignored = ignored_pairs(source, settings.ignore)
+    if settings.counting == "auto":
+        ignored = tuple(sorted({*ignored, *pairs_of_sets(source)}))
     each, attached, modelled = _modelled(source, settings, ignored, observer)
     counter = make_counter(
         source,

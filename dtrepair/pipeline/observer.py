@@ -64,6 +64,13 @@ class WornFound:
 
 
 @dataclass(frozen=True)
+class SetsFound:
+    """The meshes that are taken as a set around, and so as colliders, once for a run."""
+
+    paths: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class CorrectionWritten:
     """A layer of corrections is written: "shapes" or "offsets", of so many vertices and bytes.
 
@@ -96,6 +103,7 @@ class PairsFound:
 Remark = (
     ModelledFound
     | WornFound
+    | SetsFound
     | FrameDone
     | PairsFound
     | SpansDone

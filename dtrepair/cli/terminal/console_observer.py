@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.interrupts import current_interrupts
-from dtrepair.cli.terminal.modelled_text import modelled_line, worn_line
+from dtrepair.cli.terminal.modelled_text import modelled_line, sets_line, worn_line
 from dtrepair.cli.terminal.progress import ProgressBar, heartbeat, wanted
 from dtrepair.cli.terminal.repair_text import correction_line
 from dtrepair.pipeline.observer import (
@@ -16,6 +16,7 @@ from dtrepair.pipeline.observer import (
     Observer,
     ProgressKept,
     Remark,
+    SetsFound,
     SpansDone,
     Trouble,
     WornFound,
@@ -72,6 +73,8 @@ class ConsoleObserver(Observer):
             self.console.tell(modelled_line(remark.attached))
         elif isinstance(remark, WornFound):
             self.console.tell(worn_line(remark.worn))
+        elif isinstance(remark, SetsFound):
+            self.console.tell(sets_line(remark.paths))
         elif isinstance(remark, SpansDone):
             self.console.remark(f"{remark.done} of {remark.total} spans done")
         elif isinstance(remark, CorrectionWritten):

@@ -76,6 +76,14 @@ def worn_line(worn: Sequence[WornRecord]) -> str:
     return f"taken as worn: {names}; another order with {ways}"
 
 
+def sets_line(paths: Sequence[str]) -> str:
+    """Say in one line what is taken as a set around, and what changes that."""
+    return (
+        f"taken as a set that does not move: {listed(paths)}; a mobility of its own, "
+        "[[prim]] of --config or primvars:dtrepair:mobility, lets it give way"
+    )
+
+
 def _names(record: ModelledRecord | AttachedRecord) -> str:
     return f"{record.first} with {record.second}"
 

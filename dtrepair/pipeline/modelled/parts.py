@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.pipeline.observer import ModelledFound, Observer, warn
+from dtrepair.pipeline.observer import ModelledFound, Observer, SetsFound, warn
 from dtrepair.pipeline.stages.bodies import unclear_sides
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time
 from dtrepair.report.modelled import (
@@ -238,7 +238,7 @@ def tell_modelled(
     asked: Sequence[tuple[int, int]],
     unclear: Sequence[tuple[int, int]] = (),
 ) -> None:
-    """Tell once what is taken as modelled, and of which meshes that leaves something open.
+    """Tell once what is taken as a set, what as modelled, and what that leaves open.
 
     Args:
         observer: Hears of it.
@@ -247,6 +247,8 @@ def tell_modelled(
         unclear: Pairs of meshes whose rest poses meet wherever they lie.
     """
     meshes = parts.source.meshes
+    if sets := tuple(mesh.path for mesh in meshes if mesh.of_set):
+        observer.remark(SetsFound(sets))
     for i, j in sorted(set(asked) - parts.meshes):
         first, second = meshes[i].path, meshes[j].path
         what = f"{first} and {second}" if i != j else f"different parts of {first}"

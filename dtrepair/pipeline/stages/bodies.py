@@ -74,7 +74,8 @@ def read_controls(
         if own.direction is not None:
             directions[index] = _read_directions(source, own.direction, only=index)[0]
     # What cannot move at all is not to be repaired: contacts of colliders among themselves.
-    colliders = [index for index, mesh in enumerate(source.meshes) if mesh.collider]
+    both = zip(source.meshes, found.each, strict=True)
+    colliders = [index for index, own in enumerate(both) if is_collider(*own)]
     among = {(i, j) for i in colliders for j in colliders if i <= j}
     told = set(ignored_pairs(source, objects.ignore))
     attached, warnings = attached_pairs(source, objects.attach, found.each)
@@ -88,6 +89,11 @@ def read_controls(
         layers=tuple(read_layers(source, found.each)),
         warnings=(*found.warnings, *warnings),
     )
+
+
+def is_collider(mesh: SourceMesh, own: ObjectSettings) -> bool:
+    """Return whether a mesh never moves: one of the set around does where it is told how freely."""
+    return mesh.collider and not (mesh.of_set and own.mobility is not None)
 
 
 def read_pins(source: Source, name: str, *, only: int | None = None) -> PerMesh:
@@ -188,7 +194,7 @@ def make_bodies(
                 points,
                 outward_faces(mesh, time) if several else mesh.faces,
                 diffusion=own.diffusion,
-                mobility=0.0 if mesh.collider else mobility,
+                mobility=0.0 if is_collider(mesh, own) else mobility,
                 pin=controls.pins[index],
                 direction=direction,
                 rigid=bool(own.rigid),

@@ -59,6 +59,12 @@ def ignored_pairs(source: Source, texts: Sequence[str]) -> tuple[tuple[int, int]
     return named_pairs(source, texts, "--ignore")
 
 
+def pairs_of_sets(source: Source) -> set[tuple[int, int]]:
+    """Pairs of meshes (i, j), i <= j, of the set around: what stands still is not repaired."""
+    sets = [index for index, mesh in enumerate(source.meshes) if mesh.of_set]
+    return {(i, j) for i in sets for j in sets if i <= j}
+
+
 def named_pairs(source: Source, texts: Sequence[str], name: str) -> tuple[tuple[int, int], ...]:
     """Pairs of meshes (i, j), i <= j, that texts "A,B" name; each side may match several.
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dtrepair.numerics.scale import sets_among
 from dtrepair.pipeline.errors import InputError, UsageError
 from dtrepair.pipeline.selection import Selection
 
@@ -32,7 +33,8 @@ class SourceMesh:
     """One mesh of an input: rest (V, 3) in local space, faces (F, 3), and the stage's own mesh.
 
     has_rest: the input says which pose is the rest pose (USD: by points at the default time).
-    collider: takes part in contact, but never moves.
+    collider: takes part in contact, but never moves. of_set: nobody called it a collider, but it
+    stands still and is much larger than all that moves, as a floor is.
     """
 
     path: str
@@ -41,6 +43,7 @@ class SourceMesh:
     has_rest: bool
     handle: Any = None
     collider: bool = False
+    of_set: bool = False
 
     @property
     def animated(self) -> bool:
@@ -195,6 +198,7 @@ class StageSource:
         self.origin, self._matrices = np.zeros(3), usd_io.WorldMatrices()
         if len(self.meshes) > 1:
             self._leave_coarse_coordinates()
+            self._find_sets()
 
     def like(self, path: str) -> StageSource:
         """Open another stage as this one was opened, with all its frames."""
@@ -225,16 +229,8 @@ class StageSource:
         """
         usable = usable_times(self, np.unique(self.all_times[[0, len(self.all_times) // 2, -1]]))
         times = usable or [placing_time(self, self.all_times)]
-        corner_of = np.array(list(np.ndindex(2, 2, 2)))
-        boxes = [np.stack([mesh.rest.min(axis=0), mesh.rest.max(axis=0)]) for mesh in self.meshes]
-        corners = np.concatenate(
-            [
-                self.to_world(mesh, time, box[corner_of, range(3)])
-                for mesh, box in zip(self.meshes, boxes, strict=True)
-                for time in times
-            ]
-        )
-        low, high = corners.min(axis=0), corners.max(axis=0)
+        boxes = np.concatenate([self._boxes(time) for time in times])
+        low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
         with np.errstate(over="ignore", invalid="ignore"):
             step = float(np.spacing(np.float32(np.abs([low, high]).max())))
         if not step > COARSE * float((high - low).max()):
@@ -245,6 +241,31 @@ class StageSource:
             f"{self.name}: far from the world's origin, where float32 steps are {step:.3g} units; "
             f"world coordinates are taken relative to ({where})",
         )
+
+    def _find_sets(self) -> None:
+        """Take meshes of the set around for colliders.
+
+        By where the rests lie at the start of the whole clip, so that the parts of a farm agree.
+        """
+        still = np.array([not mesh.animated or mesh.collider for mesh in self.meshes])
+        if not still.any() or still.all():
+            return
+        boxes = self._boxes(placing_time(self, self.all_times))
+        sets = sets_among(boxes, still)
+        self.meshes = tuple(
+            replace(mesh, collider=True, of_set=True) if own and not mesh.collider else mesh
+            for mesh, own in zip(self.meshes, sets.tolist(), strict=True)
+        )
+
+    def _boxes(self, time: float) -> NDArray[np.float64]:
+        """Return boxes (M, 2, 3) in the world that hold the rest of each mesh at a time."""
+        corner_of = np.array(list(np.ndindex(2, 2, 2)))
+        boxes = []
+        for mesh in self.meshes:
+            box = np.stack([mesh.rest.min(axis=0), mesh.rest.max(axis=0)])
+            corners = self.to_world(mesh, time, box[corner_of, range(3)])
+            boxes.append([corners.min(axis=0), corners.max(axis=0)])
+        return np.array(boxes)
 
     def check_unchanged(self) -> None:
         """Raise StageError if a file of the stage was changed while it was read."""

@@ -214,7 +214,8 @@ class Surface(Topology):
     @property
     def clusters(self) -> int:
         """How many there are of bodies, or groups of tied ones, that move freely."""
-        return len(np.unique(self.cluster_of_body))
+        free = np.bincount(self.body_of_vertex, self.mobility, len(self.bodies)) > 0.0
+        return len(np.unique(self.cluster_of_body[free]))
 
     @cached_property
     def diffusion_factors(self) -> list[tuple[slice | NDArray[np.intp], Solver]]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
 from dtrepair.pipeline.stages.frames import stretches
-from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs
+from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs, pairs_of_sets
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import (
@@ -84,7 +84,7 @@ def read_controls(
         pins,
         directions,
         tuple(sorted(told | among)),
-        tuple(sorted((i, j) for i, j in among - told if i < j)),
+        tuple(sorted((i, j) for i, j in among - told - pairs_of_sets(source) if i < j)),
         attached=attached,
         layers=tuple(read_layers(source, found.each)),
         warnings=(*found.warnings, *warnings),

@@ -1,0 +1,122 @@
+"""The set around a shot is found, never moves, and is told of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dtrepair.pipeline import ObjectOptions, RepairSettings, SetsFound, repair_stage
+from dtrepair.pipeline.observer import Observer, Remark
+from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.stages.bodies import make_bodies, read_controls
+from dtrepair.pipeline.stages.rest import choose_rests
+from dtrepair.pipeline.stages.sources import open_source
+from tests.command_line import read_samples, run
+from tests.meshes import icosphere
+
+BALL, FACES = icosphere(2)
+SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+HALVES = np.array([[0, 1, 2], [0, 2, 3]])
+TIMES = [1.0, 2.0, 3.0]
+ALONG, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
+class Heard(Observer):
+    """Remembers remarks."""
+
+    def __init__(self) -> None:
+        self.remarks: list[Remark] = []
+
+    def remark(self, remark: Remark) -> None:
+        self.remarks.append(remark)
+
+    @property
+    def sets(self) -> list[tuple[str, ...]]:
+        return [own.paths for own in self.remarks if isinstance(own, SetsFound)]
+
+
+def stage_of(path: Path, *, half: float = 50.0, depth: float = 0.05, moves: bool = True) -> Path:
+    """A ball that rolls on a square floor with half a side, so deep in it; a wall through that."""
+    from usd_io import AuthoredMesh, write_animation
+
+    ball = BALL + (1.0 - depth) * UP
+    steps = np.linspace(0.0, 0.5, 3) if moves else np.zeros(1)
+    poses = [(ball + x * ALONG).astype(np.float32) for x in steps]
+    floor = (half * SQUARE).astype(np.float32)
+    wall = floor[:, [0, 2, 1]] + 0.5 * half * UP[[0, 2, 1]].astype(np.float32)
+    meshes = [
+        AuthoredMesh(
+            path="/Ball/Mesh", faces=FACES, rest=poses[0], points=poses if moves else None
+        ),
+        AuthoredMesh(path="/Set/Floor", faces=HALVES, rest=floor),
+        AuthoredMesh(path="/Set/Wall", faces=HALVES, rest=wall),
+    ]
+    write_animation(path, meshes, times=TIMES if moves else ())
+    return path
+
+
+def sets_of(path: Path) -> list[str]:
+    source = open_source(str(path), Selection())
+    found = [mesh for mesh in source.meshes if mesh.of_set]
+    assert all(mesh.collider for mesh in found)
+    return [mesh.path for mesh in found]
+
+
+@pytest.mark.parametrize(
+    ("half", "moves", "expected"),
+    [(50.0, True, ["/Set/Floor", "/Set/Wall"]), (3.9, True, []), (50.0, False, [])],
+)
+def test_what_stands_still_and_is_large_is_of_the_set(
+    tmp_path: Path, half: float, moves: bool, expected: list[str]
+) -> None:
+    assert sets_of(stage_of(tmp_path / "a.usda", half=half, moves=moves)) == expected
+
+
+def test_a_set_keeps_its_bits_and_what_it_meets_gives_way(tmp_path: Path) -> None:
+    path, out, heard = stage_of(tmp_path / "a.usda"), tmp_path / "b.usdc", Heard()
+    report = repair_stage(str(path), str(out), RepairSettings(), observer=heard)
+    assert heard.sets == [("/Set/Floor", "/Set/Wall")]
+    assert [frame.status for frame in report.frames] == ["clean"] * 3
+    assert all(frame.before is not None and frame.before.pairs for frame in report.frames)
+    moved = [read_samples(name, "/Ball/Mesh") for name in (path, out)]
+    assert all((moved[1][time] != moved[0][time]).any() for time in TIMES)
+    from pxr import Sdf
+
+    layer = Sdf.Layer.FindOrOpen(str(out))
+    assert layer.GetPrimAtPath("/Ball/Mesh") and not layer.GetPrimAtPath("/Set/Floor")
+    assert not any("collider" in warning for warning in report.warnings)
+
+
+def test_a_mobility_of_its_own_lets_a_set_give_way(tmp_path: Path) -> None:
+    from pxr import Sdf, Usd, UsdGeom
+
+    path = stage_of(tmp_path / "a.usda")
+    opened = Usd.Stage.Open(str(path))
+    primvars = UsdGeom.PrimvarsAPI(opened.GetPrimAtPath("/Set/Floor"))
+    assert primvars.CreatePrimvar("dtrepair:mobility", Sdf.ValueTypeNames.Float).Set(0.5)
+    opened.Save()
+    source = open_source(str(path), Selection())
+    controls = read_controls(source, ObjectOptions())
+    bodies = make_bodies(source, choose_rests(source, None, device="cpu"), controls).bodies
+    assert [body.mobility for body in bodies] == [1.0, 0.5, 0.0]
+    assert controls.ignored == ((2, 2),)
+
+
+def test_contacts_within_a_set_are_told_by_a_strict_check_only(tmp_path: Path) -> None:
+    path = stage_of(tmp_path / "a.usda", depth=-0.05)
+    usual = run("check", path, "--json", "-")
+    assert usual.json["summary"]["pairs_before"] == 0 and "set that does not move" in usual.err
+    strict = run("check", path, "--strict", "--json", "-")
+    assert strict.json["summary"]["pairs_before"] > 0
+
+
+def test_a_collider_that_is_named_is_no_set(tmp_path: Path) -> None:
+    path = stage_of(tmp_path / "a.usda")
+    source = open_source(str(path), Selection(), collider="/Set/Floor")
+    assert [(mesh.collider, mesh.of_set) for mesh in source.meshes] == [
+        (False, False),
+        (True, False),
+        (True, True),
+    ]

@@ -1,0 +1,116 @@
+"""Bodies that never meet are repaired as if there were no others, whatever these do."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dtrepair import Body, RepairResult, SceneRepairer
+from dtrepair.diagnosis import StrainKind
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.clip import window_repairer
+from dtrepair.repair.scene.make_scene import make_scene
+from dtrepair.repair.scene.sub_scene import sub_scene
+from dtrepair.repair.strain.meter import Excess
+from tests.meshes import icosphere
+
+BALL, FACES = icosphere(2)
+APART = np.array([2.4, 0.1, 0.2])
+FAR = np.array([0.0, 40.0, 0.0])
+COMES = (0.0, 0.2, 0.5, 0.7, 0.5, 0.2, 0.0)
+FLOOR = np.array([[-90.0, -90.0, -1.2], [90.0, -90.0, -1.2], [0.0, 90.0, -1.2]])
+PAIR = [Body(BALL, FACES, name="one"), Body(BALL + APART, FACES, name="two")]
+
+
+def pair(place: float, at: FloatArray | float = 0.0) -> list[FloatArray]:
+    """Two balls, the second so far from where it touches nothing."""
+    return [BALL + at, BALL + APART - [place, 0.0, 0.0] + at]
+
+
+def repaired(bodies: list[Body], poses: list[list[FloatArray]]) -> list[list[RepairResult]]:
+    stream = SceneRepairer(bodies).animator.stream(
+        [(float(time), pose) for time, pose in enumerate(poses)], jobs=1
+    )
+    return [frame.results for frame in stream]
+
+
+def same(ours: list[RepairResult], theirs: list[RepairResult]) -> bool:
+    return all(np.array_equal(a.points, b.points) for a, b in zip(ours, theirs, strict=True))
+
+
+ALONE = repaired(PAIR, [pair(place) for place in COMES])
+
+
+def test_a_pair_far_away_changes_no_bit() -> None:
+    others = [Body(points, FACES) for points in pair(0.0, FAR)]
+    turned = [*COMES[3:], *COMES[:3]]
+    poses = [pair(a) + pair(b, FAR) for a, b in zip(COMES, turned, strict=True)]
+    found = repaired([*PAIR, *others], poses)
+    assert all(own.status == "clean" for frame in found for own in frame)
+    for frame, alone in zip(found, ALONE, strict=True):
+        assert same(frame[:2], alone)
+    assert not np.array_equal(found[0][2].points, poses[0][2])
+    assert [own.before.pairs for own in found[3][:2]] == [own.before.pairs for own in ALONE[3]]
+
+
+def test_a_floor_changes_no_bit_though_it_holds_nothing() -> None:
+    floor = Body(FLOOR, np.array([[0, 1, 2]]), mobility=0.0)
+    far = [*pair(0.0), FLOOR - [0.0, 0.0, 9.0]]
+    poses = [[*pair(place), far[2]] for place in COMES]
+    found = repaired([*PAIR, floor], poses)
+    assert all(same(frame[:2], alone) for frame, alone in zip(found, ALONE, strict=True))
+    assert all(np.array_equal(frame[2].points, far[2]) for frame in found)
+    # One that is near takes part, and measures nothing.
+    near = repaired([*PAIR, floor], [[*pair(place), FLOOR] for place in COMES])
+    assert all(own.status == "clean" for frame in near for own in frame)
+    moved = [np.abs(a.points - b.points).max() for a, b in zip(near[3], ALONE[3], strict=False)]
+    assert max(moved) < 0.08
+
+
+def test_a_hold_does_not_swim_beside_what_moves_elsewhere() -> None:
+    held = [*COMES[:4], *[COMES[3]] * 3, *COMES[4:]]
+    other = Body(BALL + FAR, FACES)
+    poses = [[*pair(place), BALL + FAR + [0.01 * k, 0.0, 0.0]] for k, place in enumerate(held)]
+    found = repaired([*PAIR, other], poses)
+    assert all(same(found[3][:2], found[k][:2]) for k in range(4, 7))
+    assert not np.array_equal(found[3][1].points, poses[3][1])
+    assert all(
+        np.array_equal(frame[2].points, pose[2]) for frame, pose in zip(found, poses, strict=True)
+    )
+
+
+def test_groups_that_would_meet_are_repaired_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    def each_alone(scene: Any, poses: Any) -> list[tuple[int, ...]]:
+        asked.append(len(poses))
+        return [(0,), (1,)]
+
+    monkeypatch.setattr(window_repairer, "groups_of_bodies", each_alone)
+    found = repaired(PAIR, [pair(place) for place in COMES])
+    assert asked == [len(COMES)]
+    assert all(same(frame, alone) for frame, alone in zip(found, ALONE, strict=True))
+
+
+def test_progress_of_groups_adds_up() -> None:
+    others = [Body(points, FACES) for points in pair(0.0, FAR)]
+    told: list[float] = []
+    frames = [(float(k), pair(place) + pair(place, FAR)) for k, place in enumerate(COMES)]
+    repairer = SceneRepairer([*PAIR, *others])
+    assert len(list(repairer.animator.stream(frames, jobs=1, progress=told.append))) == len(COMES)
+    half = [value for value in told if value <= len(COMES) / 2]
+    assert half and told[len(half)] > len(COMES) / 2 and max(told) <= len(COMES)
+    assert all(after >= before - 1e-9 for before, after in pairwise(told))
+
+
+def test_what_is_strained_is_told_by_the_numbers_of_the_whole() -> None:
+    bodies = [Body(BALL + at, FACES) for at in (0.0 * FAR, FAR, 2.0 * FAR)]
+    parts = sub_scene(make_scene(bodies, SceneRepairer(PAIR).options), (0, 2))
+    own = Excess(StrainKind.EDGES, 1, 9.0, 5.0, len(BALL) + 3, np.array([4, len(BALL) + 3]))
+    (found,) = parts.outer_excess([own])
+    assert found.part == parts.outer.strain_meter.parts.of_vertex[-1]
+    assert (found.worst, found.vertices.tolist()) == (2 * len(BALL) + 3, [4, 2 * len(BALL) + 3])
+    assert found._replace(part=1, worst=own.worst, vertices=own.vertices) == own

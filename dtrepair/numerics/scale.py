@@ -50,6 +50,13 @@ class Scale(NamedTuple):
         """Return the diagonal of the box of the largest group of points (V, 3)."""
         return self._largest(diagonal, points)
 
+    def counted(self, count: int) -> BoolArray:
+        """Return which of so many vertices (count,) are measured at all: none of the set around."""
+        mask = np.full(count, not self.groups)
+        for group in self.groups:
+            mask[group] = True
+        return mask
+
     def among(self, kept: NDArray[np.integer]) -> Scale:
         """Return the same for some of the vertices (N,), ascending, numbered anew."""
         groups = (np.flatnonzero(np.isin(kept, group)) for group in self.groups)

@@ -59,6 +59,8 @@ def test_the_largest_group_of_a_pose_counts() -> None:
     points, starts = bodies((1.0, 0.0), (3.0, 50.0), (99.0, 0.0))
     scale = scale_of(points, starts, np.array([False, False, True]))
     assert [group.tolist() for group in scale.groups] == [list(range(8)), list(range(8, 16))]
+    assert scale.counted(24).tolist() == [True] * 16 + [False] * 8
+    assert WHOLE.counted(2).all()
     assert scale.diagonal(points) == pytest.approx(3.0 * np.sqrt(3.0))
     points[:8] *= 7.0
     assert scale.extent(points) == 7.0

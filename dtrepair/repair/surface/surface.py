@@ -213,9 +213,9 @@ class Surface(Topology):
 
     @property
     def clusters(self) -> int:
-        """How many there are of bodies, or groups of tied ones, that move freely."""
-        free = np.bincount(self.body_of_vertex, self.mobility, len(self.bodies)) > 0.0
-        return len(np.unique(self.cluster_of_body[free]))
+        """How many there are of bodies, or groups of tied ones, apart from the set around."""
+        own = self.body_of_vertex[self.scale.counted(self.count)]
+        return len(np.unique(self.cluster_of_body[own]))
 
     @cached_property
     def diffusion_factors(self) -> list[tuple[slice | NDArray[np.intp], Solver]]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dtrepair.numerics.attachments import NO_TIES, Attachments, Ties, joined_ties, ties_to
 from dtrepair.numerics.closest_point import NearestTriangles
+from dtrepair.numerics.enclosure import enclosure
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_areas
 
 
@@ -24,7 +25,9 @@ class RiderOptions:
     Args:
         larger: The other part has so many times the area.
         near: At rest the other part is within this fraction of the small one's size, the root of
-            its area, at half of the vertices that are tied.
+            its area, at half of the vertices that are tied; or it encloses ...
+        enclosed: ... all of them, with at least this winding number, as a head does its teeth.
+        cells: Along the extent of what may enclose.
         follows: In no pose does this distance change by more than this fraction of the size ...
         share: ... at this share of the vertices at least: the others are not tied.
         hosts: So many parts, the largest, are asked what rides on them.
@@ -32,6 +35,8 @@ class RiderOptions:
 
     larger: float = 10.0
     near: float = 0.3
+    enclosed: float = 0.75
+    cells: int = 32
     follows: float = 0.1
     share: float = 0.5
     hosts: int = 8
@@ -94,7 +99,8 @@ def riders(
         if len(asked) == 0:
             continue
         feet = ties_to(NearestTriangles(corners), triangles, rest, asked)
-        tied, riding = _riding(poses, faces, feet, part_of_vertex[asked], size, options)
+        within = np.abs(enclosure(rest[asked], corners, options.cells)) >= options.enclosed
+        tied, riding = _riding(poses, faces, feet, part_of_vertex[asked], size, within, options)
         found.append(feet.among(tied))
         free = free & ~riding
         own = own[free[part_of_vertex[own]]]
@@ -113,16 +119,21 @@ def _riding(
     feet: Ties,
     part: IntArray,
     size: FloatArray,
+    within: NDArray[np.bool_],
     options: RiderOptions,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which vertices (N,) of the parts (N,) are tied, and which parts (P,) ride."""
+    """Return which vertices (N,) of the parts (N,) are tied, and which parts (P,) ride.
+
+    within: which vertices (N,) the other part encloses at rest.
+    """
     away = _distances(feet, poses[0], faces)
     off = [np.abs(_distances(feet, pose, faces) - away) for pose in poses[1:]]
     follows = np.max(off, axis=0, initial=0.0) <= options.follows * size[part]
     every, count = np.bincount(part, minlength=len(size)), len(size)
     near = np.bincount(part[follows & (away <= options.near * size[part])], minlength=count)
     kept = np.bincount(part[follows], minlength=count)
-    riding = (kept > options.share * every) & (2 * near >= kept) & (kept > 0)
+    inside = np.bincount(part[within], minlength=count) == every
+    riding = (kept > options.share * every) & ((2 * near >= kept) | inside) & (kept > 0)
     return follows & riding[part], riding
 
 

@@ -57,16 +57,16 @@ def released_frames(
     """Return poses (T, V, 3) at `frames` (T,) with what each of them encloses shifted out.
 
     All frames of a part leave along one way, that of the middle one, as far as each needs; before
-    and after, the shift comes and goes smoothly.
+    and after, the shift comes and goes smoothly. What another part carries comes out with that.
     """
     result = poses.copy()
     met: dict[tuple[int, int], list[int]] = {}
     for frame, found in enumerate(parts):
         for inner, outer in found.tolist():
             met.setdefault((inner, outer), []).append(frame)
-    enclosures = scene.enclosures
+    enclosures, carried = scene.enclosures, _carried(scene)
     for (inner, outer), where in met.items():
-        moved = _movable(scene, inner)
+        moved = None if inner in carried else _movable(scene, inner)
         if moved is None:
             continue
         way = enclosures.way_out(poses[where[len(where) // 2]], inner, outer)
@@ -80,6 +80,13 @@ def released_frames(
             needed[frame] = options.beyond * far
         result[:, moved] += eased_in_time(needed, frames, options.width)[:, None, None] * way
     return result
+
+
+def _carried(scene: Scene) -> set[int]:
+    """Return the parts that ride on others."""
+    if scene.attachments is None:
+        return set()
+    return set(scene.enclosures.part[scene.attachments.carried.vertices].tolist())
 
 
 def _movable(scene: Scene, part: int) -> NDArray[np.integer] | None:

@@ -51,6 +51,13 @@ def test_what_lies_far_off_does_not_ride() -> None:
     assert tied(TOOTH + 1.3 * AT) == 0
 
 
+def test_what_lies_within_something_large_rides_on_it_however_far_its_skin_is() -> None:
+    assert tied(TOOTH + 0.3 * AT) == len(TOOTH)
+    assert tied(TOOTH + 0.3 * AT, TOOTH + 0.2 * AT) == 0
+    long = TOOTH * (1.0, 1.0, 16.0)  # it comes out on both sides
+    assert 0.0 < np.ptp(long[:, 2]) / 2.0 - 0.75 < 0.1 and tied(long + 0.3 * AT) == 0
+
+
 def test_what_is_as_large_does_not_ride() -> None:
     assert tied(4.0 * TOOTH + 1.3 * AT) == 0
 

@@ -10,6 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair import Body, Repairer, RepairOptions, SceneRepairer, Status
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attachments import Reference
+from dtrepair.repair.separation.release import released
 from dtrepair.repair.surface.containment import Enclosures
 from tests.exact_reference import exact_pairs
 from tests.meshes import icosphere, joined
@@ -111,3 +114,21 @@ def test_both_held_end_unchanged_with_both_names() -> None:
         assert result.status is Status.UNCHANGED and result.displacement_max == 0.0
         assert "stone and sword still intersect" in result.message
         assert "all of them where nothing may move" in result.message
+
+
+@pytest.mark.parametrize("rides", [False, True])
+def test_what_rides_in_a_head_comes_out_with_it(rides: bool) -> None:
+    """A head with a knob and a pea in it, and another ball that is about the pea as well."""
+    rests = [BALL, 0.3 * BALL + [1.1, 0.0, 0.0], SMALL, BALL + AWAY]
+    faces = [BALL_FACES, BALL_FACES, SMALL_FACES, BALL_FACES]
+    points, every = joined(*zip(rests, faces, strict=True))
+    shown = Reference(points, Detector(points, every)(points))
+    # One pose tells nothing of what rides on what.
+    poses = [shown._replace(points=points + 0.5 * AWAY)] if rides else []
+    bodies = [Body(*mesh) for mesh in zip(rests, faces, strict=True)]
+    of = SceneRepairer(bodies, references=[shown], layer_poses=poses).scene
+    pose = points.copy()
+    pose[of.vertices_of(3)] -= 0.9 * AWAY
+    inner, outer = (int(of.enclosures.part[of.vertices_of(body).start]) for body in (2, 3))
+    found = released(of, pose, np.array([[inner, outer]]))
+    assert np.array_equal(found, pose) == rides

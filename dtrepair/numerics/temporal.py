@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray, lengths
 
 Floats = NDArray[np.floating]
 
@@ -145,3 +146,27 @@ def easing_weights(frames: FloatArray, needless: NDArray[np.bool_]) -> FloatArra
             weights[end] = 0.0
             weights[end, beside] = 0.5
     return weights
+
+
+def standing_out(
+    moved: Sequence[FloatArray], part_of: NDArray[np.integer], *, limb: int
+) -> FloatArray:
+    """Return how far (T,) the part that does most stands out of each frame; 0 at both ends.
+
+    Root mean squares over parts of how much farther vertices moved than if they came and went
+    evenly; of a part of more than `limb` vertices over so many of them, those that do most.
+
+    moved: displacements (V, 3) of each frame; part_of: the part (V,) of each vertex, -1 for none.
+    """
+    sizes = np.bincount(part_of[part_of >= 0])
+    parts = [np.flatnonzero(part_of == part) for part in np.flatnonzero(sizes)]
+    result = np.zeros(len(moved))
+    for index in range(1, len(moved) - 1):
+        left, middle, right = moved[index - 1 : index + 2]
+        farther = lengths(middle - 0.5 * (left + right)) - 0.5 * lengths(right - left)
+        squares = np.maximum(farther, 0.0) ** 2
+        for part in parts:
+            own = squares[part]
+            most = own if len(own) <= limb else np.partition(own, -limb)[-limb:]
+            result[index] = max(result[index], float(most.mean()))
+    return np.sqrt(result)

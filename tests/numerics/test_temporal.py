@@ -9,6 +9,7 @@ from dtrepair.numerics.temporal import (
     easing_weights,
     gaussian_kernel,
     runs_of,
+    standing_out,
     steady_weights,
     undamped,
 )
@@ -53,3 +54,16 @@ def test_needless_ends_ease_and_do_not_swing_to_the_other_side() -> None:
         for _ in range(20):
             values[:3] = 0.5 * (values + own @ values)[:3]
         assert (values[0] < -0.05) == swings
+
+
+def test_what_stands_out_is_a_part_or_a_limb_of_a_large_one() -> None:
+    part_of = np.repeat([0, 1, -1], [4, 2, 1])
+    moved = [np.zeros((7, 3)) for _ in range(4)]
+    moved[1][:, 0] = [3.0, 0.0, 0.0, 0.0, 1.0, 1.0, 9.0]
+    # Evenly coming and going does not stand out.
+    assert standing_out(moved, part_of, limb=9).tolist() == [0.0, 1.5, 0.0, 0.0]
+    assert standing_out(moved, part_of, limb=1).tolist() == [0.0, 3.0, 0.0, 0.0]
+    ramp = [moved[1] * k for k in range(4)]
+    assert not standing_out(ramp, part_of, limb=1).any()
+    moved[1][:4] = 0.0
+    assert standing_out(moved, part_of, limb=9).tolist() == [0.0, 1.0, 0.0, 0.0]

@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, lengths
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion
+from dtrepair.numerics.temporal import standing_out
 from dtrepair.repair.frame.lending import LendingOptions, carried, solved_from
 from dtrepair.repair.full.steering import Steering
 from dtrepair.repair.parallel.worker_pool import WorkerPool, with_workers, worthwhile_jobs
@@ -42,7 +43,9 @@ class BorrowingOptions:
         stands_out: Of attached parts frames in which one moves by this much, root mean square,
             units of the size, farther than between its neighbours start again, too, and take what
             stands out ...
-        less: ... by at most this share of that.
+        less, less_eased: ... by at most this share of that; the second if edges change less, too.
+        limb: Of a larger part so many vertices, those that stand out most, count: a leg is little
+            of a skin.
         triangles: Of attached parts loans are made for so many triangles to each frame of a window,
             one at least, and first to strained frames: a loan is about as much work as a frame.
             Twice as many go to frames that stand out.
@@ -58,6 +61,8 @@ class BorrowingOptions:
     hopeless: float = 30.0
     stands_out: float = 4e-3
     less: float = 0.6
+    less_eased: float = 0.8
+    limb: int = 1000
     triangles: int = 5000
     left_share: float = 0.1
     lending: LendingOptions = field(default_factory=LendingOptions)
@@ -215,20 +220,12 @@ class _Frames:
     def standing_out(self) -> FloatArray:
         """Return how far (T,) the part of each frame that does most stands out between two others.
 
-        Root mean squares over parts, of how much farther vertices moved than if they came and went
-        evenly.
+        In units of the size; of a large part a limb's share counts.
         """
-        parts, result = self.scene.strain_meter.parts, np.zeros(len(self.result))
-        own = parts.of_vertex >= 0
-        sizes = np.bincount(parts.of_vertex[own], minlength=parts.count)
+        parts = self.scene.strain_meter.parts
         moved = [pose - frame.centred for frame, pose in zip(self.frames, self.result, strict=True)]
-        for index in range(1, len(moved) - 1):
-            left, middle, right = moved[index - 1 : index + 2]
-            farther = lengths(middle - 0.5 * (left + right)) - 0.5 * lengths(right - left)
-            squares = np.maximum(farther, 0.0)[own] ** 2
-            sums = np.bincount(parts.of_vertex[own], squares, parts.count)
-            result[index] = np.sqrt((sums / np.maximum(sizes, 1)).max())
-        return result / self.scene.scale.extent(self.frames[0].centred)
+        found = standing_out(moved, parts.of_vertex, limb=self.options.limb)
+        return found / self.scene.scale.extent(self.frames[0].centred)
 
     def take_in_step(self, index: int, points: FloatArray) -> None:
         """Take a pose (V, 3) of a frame if it is no worse and stands out clearly less."""
@@ -237,7 +234,9 @@ class _Frames:
             return  # a neighbour that was solved along no longer does
         merit = self._merit(frame, points)
         self.result[index] = points
-        less = self.standing_out()[index] <= self.options.less * before
+        easier = merit.distortion < self.merits[index].distortion
+        most = self.options.less_eased if easier else self.options.less
+        less = self.standing_out()[index] <= most * before
         worse = merit.strained or merit.wrong > self.merits[index].wrong
         if less and not worse and not too_far(self.scene, frame, points).any():
             self.merits[index] = merit

@@ -243,11 +243,11 @@ class StageSource:
         )
 
     def _find_sets(self) -> None:
-        """Take meshes of the set around for colliders.
+        """Take meshes of the set around for colliders; a character that stands still is none.
 
         By where the rests lie at the start of the whole clip, so that the parts of a farm agree.
         """
-        still = np.array([not mesh.animated or mesh.collider for mesh in self.meshes])
+        still = np.array([m.collider or not (m.animated or m.handle.skinned) for m in self.meshes])
         if not still.any() or still.all():
             return
         boxes = self._boxes(placing_time(self, self.all_times))

@@ -15,6 +15,7 @@ from dtrepair.pipeline.stages.rest import choose_rests
 from dtrepair.pipeline.stages.sources import open_source
 from tests.command_line import read_samples, run
 from tests.meshes import icosphere
+from tests.rigged_tube import MESH, rigged_tube
 
 BALL, FACES = icosphere(2)
 SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
@@ -72,6 +73,24 @@ def test_what_stands_still_and_is_large_is_of_the_set(
     tmp_path: Path, half: float, moves: bool, expected: list[str]
 ) -> None:
     assert sets_of(stage_of(tmp_path / "a.usda", half=half, moves=moves)) == expected
+
+
+@pytest.mark.parametrize("skinned", [False, True])
+def test_a_character_that_stands_still_is_no_set(tmp_path: Path, skinned: bool) -> None:
+    from pxr import Usd, UsdGeom, UsdSkel, Vt
+
+    path = rigged_tube(tmp_path / "a.usda", (20.0,))
+    stage = Usd.Stage.Open(str(path))
+    if not skinned:
+        stage.GetPrimAtPath(MESH).RemoveAPI(UsdSkel.BindingAPI)
+    fly = UsdGeom.Mesh.Define(stage, "/Fly")
+    fly.CreateFaceVertexCountsAttr([3] * len(FACES))
+    fly.CreateFaceVertexIndicesAttr(FACES.ravel().tolist())
+    for time in TIMES:
+        points = (0.1 * BALL + time).astype(np.float32)
+        fly.CreatePointsAttr().Set(Vt.Vec3fArray.FromNumpy(points), time)
+    stage.Save()
+    assert sets_of(path) == ([] if skinned else [MESH])
 
 
 def test_a_set_keeps_its_bits_and_what_it_meets_gives_way(tmp_path: Path) -> None:

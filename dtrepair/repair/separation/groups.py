@@ -24,9 +24,11 @@ class GroupOptions:
     Args:
         near: Their boxes are no farther apart than this part of the size of the scene, and the
             clearance: what is led out of others may need room.
+        near_still: The same for a body that never moves: who stands above a floor does not need it.
     """
 
     near: float = 0.1
+    near_still: float = 0.01
 
 
 def groups_of_bodies(
@@ -41,7 +43,8 @@ def groups_of_bodies(
     moving = np.flatnonzero(~still)
     if len(moving) == 0:
         return [tuple(range(len(still)))]
-    room = options.near * scene.scale.extent(scene.rest) + scene.options.clearance
+    part = np.where(still[:, None] | still, options.near_still, options.near)
+    room = part * scene.scale.extent(scene.rest) + scene.options.clearance
     near = _attached(scene)
     for pose in poses:
         near |= _overlap(boxes_of(pose, scene.vertex_starts), room)
@@ -69,10 +72,11 @@ def groups_meet(
     )
 
 
-def _overlap(boxes: FloatArray, room: float) -> BoolArray:
-    """Return which boxes (B, 2, 3) are no farther apart than some room, (B, B)."""
-    low, high = boxes[:, 0], boxes[:, 1] + room
-    return np.asarray(((low[:, None] <= high) & (low <= high[:, None])).all(axis=2))
+def _overlap(boxes: FloatArray, room: FloatArray | float) -> BoolArray:
+    """Return which boxes (B, 2, 3) are no farther apart than some room, one or each (B, B)."""
+    low, high = boxes[:, 0], boxes[:, 1]
+    gaps = np.maximum(low[:, None] - high, low - high[:, None]).max(axis=2)
+    return np.asarray(gaps <= room)
 
 
 def _attached(scene: Scene) -> BoolArray:

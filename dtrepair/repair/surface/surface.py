@@ -158,9 +158,8 @@ class Surface(Topology):
         self.fixed = self.mobility == 0.0
         # Vertices that never move out of the shape of their surroundings.
         self.stiff = self.fixed | self.rigid.mask
-        self.edge_length = float(
-            lengths(self.rest[self.edges[:, 0]] - self.rest[self.edges[:, 1]]).mean()
-        )
+        ends = self.edges[scale.counted(self.count)[self.edges[:, 0]]]
+        self.edge_length = float(lengths(self.rest[ends[:, 0]] - self.rest[ends[:, 1]]).mean())
         self.detector = Detector(rest, faces, device=device)
         self.queries = Queries(self.detector)
         self.contacts = self._contacts(mode, ignored, attachments, leave_rest=leave_rest)

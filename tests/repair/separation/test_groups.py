@@ -46,8 +46,10 @@ def test_near_is_a_tenth_of_the_size_and_the_clearance() -> None:
 
 
 def test_a_collider_is_with_all_that_it_is_near_to_and_joins_none() -> None:
-    scene = scene_of(0.0, 2.1, 4.2, 30.0, still=(1, 3))
+    scene = scene_of(0.0, 2.01, 4.02, 30.0, still=(1, 3))
     assert groups_of_bodies(scene, [scene.rest]) == [(0, 1), (1, 2)]
+    # One that stands still has to be nearer than what moves.
+    assert groups_of_bodies(scene, [at(scene, 0.0, 2.09, 4.1, 30.0)]) == [(0,), (1, 2)]
     every = scene_of(0.0, 10.0, still=(0, 1))
     assert groups_of_bodies(every, [every.rest]) == [(0, 1)]
 

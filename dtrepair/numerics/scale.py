@@ -25,12 +25,12 @@ class ScaleOptions:
 
     Args:
         larger: What stands still is a set, by which nothing is measured, where its extent is more
-            than so many times that of all that moves, ...
-        apart: ... of which that is measured each for itself that lies apart by more than so many
+            than so many times that of the largest thing that moves: boxes that overlap are one.
+        apart: What counts is measured each for itself where it lies apart by more than so many
             times the extent of the larger one.
     """
 
-    larger: float = 4.0
+    larger: float = 2.0
     apart: float = 1.0
 
 
@@ -108,6 +108,18 @@ def boxes_of(points: FloatArray, starts: NDArray[np.integer]) -> FloatArray:
     return np.stack([low, high], axis=1)
 
 
+def gaps_between(boxes: FloatArray) -> FloatArray:
+    """Return how far apart boxes (B, 2, 3) are along the axis where that is most, (B, B).
+
+    Negative where they overlap.
+    """
+    gaps = np.full((len(boxes),) * 2, -np.inf)
+    for low, high in zip(boxes[:, 0].T, boxes[:, 1].T, strict=True):  # axis by axis: memory
+        np.maximum(gaps, low[:, None] - high, out=gaps)
+        np.maximum(gaps, low - high[:, None], out=gaps)
+    return gaps
+
+
 def sets_among(
     boxes: FloatArray, still: BoolArray, *, options: ScaleOptions = ScaleOptions()
 ) -> BoolArray:
@@ -117,7 +129,7 @@ def sets_among(
     """
     if still.all():
         return np.zeros(len(still), dtype=bool)
-    largest = _longest(_merged(boxes[~still], options.apart)[0]).max()
+    largest = _longest(_merged(boxes[~still], 0.0)[0]).max()
     return np.asarray(still & (_longest(boxes) > options.larger * largest))
 
 
@@ -130,9 +142,8 @@ def _merged(boxes: FloatArray, apart: float) -> tuple[FloatArray, NDArray[np.int
     """Return the boxes (G, 2, 3) of groups that lie apart, and the group (B,) of each box."""
     group_of = np.arange(len(boxes))
     while True:
-        low, high, size = boxes[:, 0], boxes[:, 1], _longest(boxes)
-        gaps = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).max(axis=2)
-        beside = gaps <= apart * np.maximum(size[:, None], size[None])
+        size = _longest(boxes)
+        beside = gaps_between(boxes) <= apart * np.maximum(size[:, None], size)
         count, label = csgraph.connected_components(sparse.csr_matrix(beside), directed=False)
         if count == len(boxes):
             return boxes, group_of

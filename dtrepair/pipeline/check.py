@@ -44,7 +44,12 @@ from dtrepair.pipeline.stages.frames import (
     side_by_side,
     unusable,
 )
-from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs, pairs_of_sets
+from dtrepair.pipeline.stages.matching import (
+    attached_pairs,
+    find_sets,
+    ignored_pairs,
+    pairs_of_sets,
+)
 from dtrepair.pipeline.stages.object_settings import read_settings, recorded
 from dtrepair.pipeline.stages.outputs import FilePath
 from dtrepair.pipeline.stages.sources import Source, open_source
@@ -164,9 +169,7 @@ def _check(
     source = open_source(stage, settings.selection)
     warn(observer, [*source.warnings, *mode_warnings(source, settings.mode)])
     watch.lap("read")
-    ignored = ignored_pairs(source, settings.ignore)
-    if settings.counting == "auto":
-        ignored = tuple(sorted({*ignored, *pairs_of_sets(source)}))
+    ignored = _ignored(source, settings)
     each, attached, modelled = _modelled(source, settings, ignored, observer)
     counter = make_counter(
         source,
@@ -207,6 +210,20 @@ def _check(
         attached=modelled.attached,
         worn=worn,
     )
+
+
+def _ignored(source: Source, settings: CheckSettings) -> MeshPairs:
+    """Pairs of meshes (i, j), i <= j, whose contacts do not count: as in a repair.
+
+    But the contacts of a mesh of the set with itself do: it may be no set after all.
+    """
+    ignored = set(ignored_pairs(source, settings.ignore))
+    if settings.counting == "auto":
+        tables = [table for table in settings.tables if table.settings.mobility is not None]
+        each = read_settings(source, tables=tables, keys=("mobility",)).each
+        find_sets(source, [k for k, own in enumerate(each) if own.mobility is not None])
+        ignored |= {(i, j) for i, j in pairs_of_sets(source) if i < j}
+    return tuple(sorted(ignored))
 
 
 def _modelled(

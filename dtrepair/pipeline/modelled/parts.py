@@ -231,6 +231,12 @@ class ModelledParts:
             return np.asarray(points, dtype=np.float64)
 
 
+def tell_sets(observer: Observer, source: Source) -> None:
+    """Tell what is taken as a set around, where anything is."""
+    if sets := tuple(mesh.path for mesh in source.meshes if mesh.of_set):
+        observer.remark(SetsFound(sets))
+
+
 def tell_modelled(
     observer: Observer,
     parts: ModelledParts,
@@ -247,8 +253,7 @@ def tell_modelled(
         unclear: Pairs of meshes whose rest poses meet wherever they lie.
     """
     meshes = parts.source.meshes
-    if sets := tuple(mesh.path for mesh in meshes if mesh.of_set):
-        observer.remark(SetsFound(sets))
+    tell_sets(observer, parts.source)
     for i, j in sorted(set(asked) - parts.meshes):
         first, second = meshes[i].path, meshes[j].path
         what = f"{first} and {second}" if i != j else f"different parts of {first}"

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Unpack
 
 from dtrepair.pipeline.errors import UsageError, plain_errors
+from dtrepair.pipeline.modelled.parts import tell_sets
 from dtrepair.pipeline.modelled.worn import tell_worn
 from dtrepair.pipeline.observer import SILENT, ModelledFound, Observer, stop_if_cancelled, warn
 from dtrepair.pipeline.repair.chunks import choose_chunk, empty_chunk_warnings
@@ -212,6 +213,7 @@ def _distributed(
     paths = [mesh.path for mesh in source.meshes]
     left = [(i, j) for i, j in placed.met if (paths[i], paths[j]) not in known]
     warn(observer, unclear_sides(source, left))
+    tell_sets(observer, source)
     if report.attached:
         observer.remark(ModelledFound(report.attached))
     tell_worn(observer, report.worn)

@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
 from dtrepair.pipeline.stages.frames import stretches
-from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs, pairs_of_sets
+from dtrepair.pipeline.stages.matching import (
+    attached_pairs,
+    find_sets,
+    ignored_pairs,
+    pairs_of_sets,
+)
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import (
@@ -57,14 +62,21 @@ class Controls:
 
 
 def read_controls(
-    source: Source, objects: ObjectOptions, tables: Sequence[PrimTable] = ()
+    source: Source,
+    objects: ObjectOptions,
+    tables: Sequence[PrimTable] = (),
+    *,
+    sets: bool = True,
 ) -> Controls:
     """Read what the options, the tables and the primvars of the stage ask for.
 
+    sets: what is of the set around, and not told how freely it moves, becomes a collider.
     It is a usage error if no mesh has anything of a name.
     """
     pin, direction = objects.pin, objects.direction
     found = read_settings(source, rigid=objects.rigid, layers=objects.layer, tables=tables)
+    if sets:
+        find_sets(source, [k for k, own in enumerate(found.each) if own.mobility is not None])
     nothing: PerMesh = [None] * len(source.meshes)
     pins = nothing.copy() if pin is None else read_pins(source, pin)
     directions = nothing if direction is None else _read_directions(source, direction)
@@ -74,8 +86,7 @@ def read_controls(
         if own.direction is not None:
             directions[index] = _read_directions(source, own.direction, only=index)[0]
     # What cannot move at all is not to be repaired: contacts of colliders among themselves.
-    both = zip(source.meshes, found.each, strict=True)
-    colliders = [index for index, own in enumerate(both) if is_collider(*own)]
+    colliders = [index for index, mesh in enumerate(source.meshes) if mesh.collider]
     among = {(i, j) for i in colliders for j in colliders if i <= j}
     told = set(ignored_pairs(source, objects.ignore))
     attached, warnings = attached_pairs(source, objects.attach, found.each)
@@ -89,11 +100,6 @@ def read_controls(
         layers=tuple(read_layers(source, found.each)),
         warnings=(*found.warnings, *warnings),
     )
-
-
-def is_collider(mesh: SourceMesh, own: ObjectSettings) -> bool:
-    """Return whether a mesh never moves: one of the set around does where it is told how freely."""
-    return mesh.collider and not (mesh.of_set and own.mobility is not None)
 
 
 def read_pins(source: Source, name: str, *, only: int | None = None) -> PerMesh:
@@ -194,7 +200,7 @@ def make_bodies(
                 points,
                 outward_faces(mesh, time) if several else mesh.faces,
                 diffusion=own.diffusion,
-                mobility=0.0 if is_collider(mesh, own) else mobility,
+                mobility=0.0 if mesh.collider else mobility,
                 pin=controls.pins[index],
                 direction=direction,
                 rigid=bool(own.rigid),

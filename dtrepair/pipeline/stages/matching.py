@@ -1,12 +1,23 @@
-"""Which meshes of an input an option or a table speaks of: a path expression, or a prim above."""
+"""Which meshes of an input an option speaks of, by a path expression; which are the set around."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from contextlib import suppress
+from dataclasses import replace
 
+import numpy as np
+
+from dtrepair.numerics.scale import sets_among
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectSettings
-from dtrepair.pipeline.stages.sources import Source, StageSource
+from dtrepair.pipeline.stages.sources import (
+    Points,
+    Source,
+    StageSource,
+    placing_time,
+    usable_times,
+)
 
 
 def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
@@ -57,6 +68,43 @@ def meshes_matched(source: Source, expression: str, option: str) -> list[int]:
 def ignored_pairs(source: Source, texts: Sequence[str]) -> tuple[tuple[int, int], ...]:
     """Pairs of meshes (i, j), i <= j, that texts "A,B" of --ignore name."""
     return named_pairs(source, texts, "--ignore")
+
+
+def find_sets(source: Source, movable: Collection[int] = ()) -> None:
+    """Take meshes of the set around for colliders; a character that stands still is none.
+
+    By what is seen at three times of the whole clip, so that the parts of a farm agree; none of
+    `movable`, indices of meshes.
+    """
+    if not isinstance(source, StageSource) or len(source.meshes) < 2:
+        return
+    meshes = source.meshes
+    still = np.array([own.collider or not (own.animated or own.handle.skinned) for own in meshes])
+    asked = np.setdiff1d(np.arange(len(meshes)), list(movable))
+    if not still[asked].any() or still[asked].all():
+        return
+    times = usable_times(source, np.unique(source.all_times[[0, len(source.all_times) // 2, -1]]))
+    sets = np.isin(np.arange(len(meshes)), asked)
+    for time in times or [placing_time(source, source.all_times)]:
+        poses = _poses(source, np.flatnonzero(~still).tolist(), time)
+        sets[asked] &= sets_among(source.boxes(time, poses)[asked], still[asked])
+    source.meshes = tuple(
+        replace(mesh, collider=True, of_set=True) if own and not mesh.collider else mesh
+        for mesh, own in zip(meshes, sets.tolist(), strict=True)
+    )
+
+
+def _poses(source: StageSource, chosen: Sequence[int], time: float) -> dict[int, Points]:
+    """Return the points (V, 3) of meshes at a time, by index, where they have any."""
+    from usd_io import FrameError
+
+    found = {}
+    for index in chosen:
+        with suppress(FrameError):
+            points = source.read(source.meshes[index], time)
+            if points is not None:
+                found[index] = points
+    return found
 
 
 def pairs_of_sets(source: Source) -> set[tuple[int, int]]:

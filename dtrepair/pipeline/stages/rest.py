@@ -77,9 +77,9 @@ def rest_warnings(
     for mesh, rest, count in zip(source.meshes, rests, counts, strict=True):
         # A mesh file, or points at the default time only, is its own rest pose: nothing to say.
         own = len(source.times) == 1 and mesh.has_rest
-        if count and mesh.collider and not mesh.of_set:
+        if count and mesh.collider:
             still.append(mesh.path)
-        elif count and not (own or mesh.of_set):
+        elif count and not own:
             faulty.append(f"{mesh.path} ({counted(count, 'triangle')}, {rest.origin})")
     if still:
         yield (

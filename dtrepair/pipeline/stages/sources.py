@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.scale import sets_among
 from dtrepair.pipeline.errors import InputError, UsageError
 from dtrepair.pipeline.selection import Selection
 
@@ -198,7 +198,6 @@ class StageSource:
         self.origin, self._matrices = np.zeros(3), usd_io.WorldMatrices()
         if len(self.meshes) > 1:
             self._leave_coarse_coordinates()
-            self._find_sets()
 
     def like(self, path: str) -> StageSource:
         """Open another stage as this one was opened, with all its frames."""
@@ -229,7 +228,7 @@ class StageSource:
         """
         usable = usable_times(self, np.unique(self.all_times[[0, len(self.all_times) // 2, -1]]))
         times = usable or [placing_time(self, self.all_times)]
-        boxes = np.concatenate([self._boxes(time) for time in times])
+        boxes = np.concatenate([self.boxes(time) for time in times])
         low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
         with np.errstate(over="ignore", invalid="ignore"):
             step = float(np.spacing(np.float32(np.abs([low, high]).max())))
@@ -242,27 +241,18 @@ class StageSource:
             f"world coordinates are taken relative to ({where})",
         )
 
-    def _find_sets(self) -> None:
-        """Take meshes of the set around for colliders; a character that stands still is none.
+    def boxes(
+        self, time: float, poses: Mapping[int, Points] = MappingProxyType({})
+    ) -> NDArray[np.float64]:
+        """Return boxes (M, 2, 3) in the world that hold each mesh at a time.
 
-        By where the rests lie at the start of the whole clip, so that the parts of a farm agree.
+        poses: points (V, 3) of some meshes, by index, in their local space; of others the rests.
         """
-        still = np.array([m.collider or not (m.animated or m.handle.skinned) for m in self.meshes])
-        if not still.any() or still.all():
-            return
-        boxes = self._boxes(placing_time(self, self.all_times))
-        sets = sets_among(boxes, still)
-        self.meshes = tuple(
-            replace(mesh, collider=True, of_set=True) if own and not mesh.collider else mesh
-            for mesh, own in zip(self.meshes, sets.tolist(), strict=True)
-        )
-
-    def _boxes(self, time: float) -> NDArray[np.float64]:
-        """Return boxes (M, 2, 3) in the world that hold the rest of each mesh at a time."""
         corner_of = np.array(list(np.ndindex(2, 2, 2)))
         boxes = []
-        for mesh in self.meshes:
-            box = np.stack([mesh.rest.min(axis=0), mesh.rest.max(axis=0)])
+        for index, mesh in enumerate(self.meshes):
+            points = poses.get(index, mesh.rest)
+            box = np.stack([points.min(axis=0), points.max(axis=0)])
             corners = self.to_world(mesh, time, box[corner_of, range(3)])
             boxes.append([corners.min(axis=0), corners.max(axis=0)])
         return np.array(boxes)

@@ -113,7 +113,7 @@ def _repaired(
     joined, settings = run.pair.to_meshes, run.settings
     target, options = joined.source, settings.repair
     assert options is not None
-    controls = read_controls(target, settings.objects, settings.tables)
+    controls = read_controls(target, settings.objects, settings.tables, sets=False)
     rests = list(joined.rests)
     thin = thin_warnings(target, rests, controls.settings, options.clearance)
     warn(run.observer, [*controls.warnings, *thin])

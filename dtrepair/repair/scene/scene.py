@@ -104,8 +104,7 @@ class Scene:
     @cached_property
     def never_moves(self) -> NDArray[np.bool_]:
         """Which bodies (B,) have no vertex that moves."""
-        free = np.bincount(self.body_of_vertex, self.mobility, len(self.bodies))
-        return np.asarray(free == 0.0)
+        return np.asarray(np.bincount(self.body_of_vertex, self.mobility, len(self.bodies)) == 0.0)
 
     @cached_property
     def detector(self) -> Detector:
@@ -207,8 +206,8 @@ class Scene:
         shown = [reference.points for reference in self.references if not reference.slid]
         rings = None
         if self.enclosures.count > 1:
-            stiff = np.array([self.is_stiff(body) for body in range(len(self.bodies))])
-            rings = Rings(self.layers.parts, np.flatnonzero(stiff[self.body_of_part]).tolist())
+            stiff = [part for part, body in enumerate(self.body_of_part) if self.is_stiff(body)]
+            rings = Rings(self.layers.parts, stiff)
         known = partial(StrainMeter, rest=self.centred_rest, scale=self.scale, options=self.strain)
         return known(parts, references=shown, rings=rings)
 

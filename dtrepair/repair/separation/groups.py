@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.numerics.scale import boxes_of
+from dtrepair.numerics.scale import boxes_of, gaps_between
 from dtrepair.repair.scene.scene import Scene
 
 BoolArray = NDArray[np.bool_]
@@ -66,17 +66,16 @@ def groups_meet(
     for group in groups:
         together[np.ix_(group, group)] = True
     together[np.ix_(scene.never_moves, scene.never_moves)] = True
+    room = scene.options.clearance
     return any(
-        bool((_overlap(boxes_of(pose, scene.vertex_starts), 0.0) & ~together).any())
+        bool((_overlap(boxes_of(pose, scene.vertex_starts), room) & ~together).any())
         for pose in poses
     )
 
 
 def _overlap(boxes: FloatArray, room: FloatArray | float) -> BoolArray:
     """Return which boxes (B, 2, 3) are no farther apart than some room, one or each (B, B)."""
-    low, high = boxes[:, 0], boxes[:, 1]
-    gaps = np.maximum(low[:, None] - high, low - high[:, None]).max(axis=2)
-    return np.asarray(gaps <= room)
+    return gaps_between(boxes) <= room
 
 
 def _attached(scene: Scene) -> BoolArray:

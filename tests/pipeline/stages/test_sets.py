@@ -11,6 +11,7 @@ from dtrepair.pipeline import ObjectOptions, RepairSettings, SetsFound, repair_s
 from dtrepair.pipeline.observer import Observer, Remark
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.bodies import make_bodies, read_controls
+from dtrepair.pipeline.stages.matching import find_sets
 from dtrepair.pipeline.stages.rest import choose_rests
 from dtrepair.pipeline.stages.sources import open_source
 from tests.command_line import read_samples, run
@@ -60,6 +61,7 @@ def stage_of(path: Path, *, half: float = 50.0, depth: float = 0.05, moves: bool
 
 def sets_of(path: Path) -> list[str]:
     source = open_source(str(path), Selection())
+    find_sets(source)
     found = [mesh for mesh in source.meshes if mesh.of_set]
     assert all(mesh.collider for mesh in found)
     return [mesh.path for mesh in found]
@@ -67,7 +69,7 @@ def sets_of(path: Path) -> list[str]:
 
 @pytest.mark.parametrize(
     ("half", "moves", "expected"),
-    [(50.0, True, ["/Set/Floor", "/Set/Wall"]), (3.9, True, []), (50.0, False, [])],
+    [(50.0, True, ["/Set/Floor", "/Set/Wall"]), (1.9, True, []), (50.0, False, [])],
 )
 def test_what_stands_still_and_is_large_is_of_the_set(
     tmp_path: Path, half: float, moves: bool, expected: list[str]
@@ -131,9 +133,44 @@ def test_contacts_within_a_set_are_told_by_a_strict_check_only(tmp_path: Path) -
     assert strict.json["summary"]["pairs_before"] > 0
 
 
+def test_a_mesh_that_meets_itself_is_told_by_a_check_though_it_stands_still(tmp_path: Path) -> None:
+    from pxr import Usd, UsdGeom
+
+    path = stage_of(tmp_path / "a.usda", depth=-0.05)
+    stage = Usd.Stage.Open(str(path))
+    floor = UsdGeom.Mesh(stage.GetPrimAtPath("/Set/Floor"))
+    points = np.concatenate([50.0 * SQUARE, 50.0 * SQUARE[:, [0, 2, 1]]]).astype(np.float32)
+    floor.GetPointsAttr().Set(points)
+    floor.GetFaceVertexCountsAttr().Set([3] * 4)
+    floor.GetFaceVertexIndicesAttr().Set(np.concatenate([HALVES, HALVES + 4]).ravel().tolist())
+    stage.Save()
+    found = run("check", path, "--json", "-")
+    assert found.code == 1 and found.json["summary"]["pairs_before"] > 0
+    assert (
+        "colliders that intersect themselves"
+        in run("repair", path, "-o", path.with_suffix(".usdc")).err
+    )
+
+
+@pytest.mark.parametrize("at", TIMES)
+def test_what_is_hidden_by_its_scale_for_a_time_makes_nothing_a_set(
+    tmp_path: Path, at: float
+) -> None:
+    from pxr import Gf, Usd, UsdGeom
+
+    path = stage_of(tmp_path / "a.usda", half=1.9)
+    stage = Usd.Stage.Open(str(path))
+    scale = UsdGeom.Xformable(stage.GetPrimAtPath("/Ball/Mesh")).AddScaleOp()
+    for time in TIMES:
+        scale.Set(Gf.Vec3f(1e-4 if time == at else 1.0), time)
+    stage.Save()
+    assert sets_of(path) == []
+
+
 def test_a_collider_that_is_named_is_no_set(tmp_path: Path) -> None:
     path = stage_of(tmp_path / "a.usda")
     source = open_source(str(path), Selection(), collider="/Set/Floor")
+    read_controls(source, ObjectOptions())
     assert [(mesh.collider, mesh.of_set) for mesh in source.meshes] == [
         (False, False),
         (True, False),

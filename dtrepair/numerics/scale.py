@@ -30,7 +30,7 @@ class ScaleOptions:
             times the extent of the larger one.
     """
 
-    larger: float = 2.0
+    larger: float = 4.0
     apart: float = 1.0
 
 

@@ -42,14 +42,14 @@ def test_what_lies_apart_is_measured_each_for_itself() -> None:
 
 
 def test_a_set_does_not_count() -> None:
-    assert extent_of((1.0, 0.0), (2.0, 0.0), still=[1]) == 2.0
-    assert extent_of((1.0, 0.0), (2.01, 0.0), still=[1]) == 1.0
+    assert extent_of((1.0, 0.0), (4.0, 0.0), still=[1]) == 4.0
+    assert extent_of((1.0, 0.0), (4.01, 0.0), still=[1]) == 1.0
     assert extent_of((1.0, 0.0), (40.0, 0.0)) == 40.0  # it moves
     assert extent_of((1.0, 0.0), (40.0, 0.0), (1.0, 20.0), still=[1]) == 1.0
 
 
 def test_sets_are_still_and_large() -> None:
-    points, starts = bodies((1.0, 0.0), (2.01, 0.0), (9.0, 0.0), (1.0, 0.0))
+    points, starts = bodies((1.0, 0.0), (4.01, 0.0), (9.0, 0.0), (1.0, 0.0))
     found = sets_among(boxes_of(points, starts), np.array([False, True, True, True]))
     assert found.tolist() == [False, True, True, False]
     assert not sets_among(boxes_of(points, starts), np.ones(4, dtype=bool)).any()
@@ -57,7 +57,7 @@ def test_sets_are_still_and_large() -> None:
 
 @pytest.mark.parametrize(("beside", "expected"), [(1.1, True), (0.6, False)])
 def test_two_that_move_are_one_only_where_they_overlap(beside: float, expected: bool) -> None:
-    points, starts = bodies((1.0, 0.0), (1.0, beside), (2.2, 0.0))
+    points, starts = bodies((1.0, 0.0), (1.0, beside), (4.2, 0.0))
     found = sets_among(boxes_of(points, starts), np.array([False, False, True]))
     assert found.tolist() == [False, False, expected]
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dtrepair.numerics.scale import sets_among
+from dtrepair.numerics.scale import ScaleOptions, sets_among
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectSettings
 from dtrepair.pipeline.stages.sources import (
@@ -18,6 +18,9 @@ from dtrepair.pipeline.stages.sources import (
     placing_time,
     usable_times,
 )
+
+# A house is of the set already; colliders that are named measure lengths up to twice that size.
+SETS = ScaleOptions(larger=2.0)
 
 
 def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
@@ -84,10 +87,12 @@ def find_sets(source: Source, movable: Collection[int] = ()) -> None:
     if not still[asked].any() or still[asked].all():
         return
     times = usable_times(source, np.unique(source.all_times[[0, len(source.all_times) // 2, -1]]))
-    sets = np.isin(np.arange(len(meshes)), asked)
-    for time in times or [placing_time(source, source.all_times)]:
+    times = times or [placing_time(source, source.all_times)]
+    sets = np.zeros(len(meshes), dtype=bool)
+    sets[asked] = sets_among(source.boxes(times[0])[asked], still[asked], options=SETS)
+    for time in times if sets.any() else ():
         poses = _poses(source, np.flatnonzero(~still).tolist(), time)
-        sets[asked] &= sets_among(source.boxes(time, poses)[asked], still[asked])
+        sets[asked] &= sets_among(source.boxes(time, poses)[asked], still[asked], options=SETS)
     source.meshes = tuple(
         replace(mesh, collider=True, of_set=True) if own and not mesh.collider else mesh
         for mesh, own in zip(meshes, sets.tolist(), strict=True)

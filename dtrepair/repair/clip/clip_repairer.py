@@ -9,7 +9,7 @@ from typing import Any
 
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.window_method import MakeMethod, WindowMethod, WindowSolver
-from dtrepair.repair.clip.window_repairer import Progress
+from dtrepair.repair.clip.window_repairer import Progress, WindowRepairer
 from dtrepair.repair.clip.window_stream import Repaired, WindowStream
 from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.independent import repair_poses
@@ -64,15 +64,14 @@ class ClipRepairer:
         if self.scene.options.method != "full":
             yield from self._each(frames, jobs)
             return
-        stream = WindowStream(
-            self.scene,
+        repairer = WindowRepairer(
             self.meshes,
             options=self.options,
             make_method=self.make_method,
             jobs=jobs,
             progress=progress,
         )
-        yield from stream.run(frames)
+        yield from WindowStream(repairer).run(frames)
 
     def _each(
         self, frames: Iterable[tuple[float, Sequence[Any]]], jobs: int | None

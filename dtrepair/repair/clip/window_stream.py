@@ -5,25 +5,19 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.threads import one_thread
-from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.frames import Frame, faded, read_frames
-from dtrepair.repair.clip.window_method import MakeMethod
-from dtrepair.repair.clip.window_repairer import Progress, WindowRepairer, side_by_side
+from dtrepair.repair.clip.window_repairer import WindowRepairer, side_by_side
 from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.bounds import Judged, bounded_pose, strain_of
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import detected
 from dtrepair.repair.scene.results import kept, results_of
-from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
-
-Item = TypeVar("Item")
-Answer = TypeVar("Answer")
+from dtrepair.repair.scene.welded_mesh import WeldedMesh
 
 
 class Repaired(NamedTuple):
@@ -37,28 +31,12 @@ class WindowStream:
     """Frames on their way through one stream of windows.
 
     Args:
-        scene: The bodies and options.
-        meshes: The welded meshes of the scene.
-        options: Numbers of this stage.
-        make_method: Makes the solver of windows of a mesh.
-        jobs: Workers; None: all processors.
-        progress: Called now and then with how many frames' worth of the present window is done.
+        repairer: Repairs each window; its meshes, options and workers are those of the stream.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        meshes: WeldedMeshes,
-        *,
-        options: ClipOptions,
-        make_method: MakeMethod,
-        jobs: int | None = None,
-        progress: Progress | None = None,
-    ) -> None:
-        self.scene, self.meshes, self.options, self.jobs = scene, meshes, options, jobs
-        self.repairer = WindowRepairer(
-            meshes, options=options, make_method=make_method, jobs=jobs, progress=progress
-        )
+    def __init__(self, repairer: WindowRepairer) -> None:
+        self.repairer, self.meshes, self.scene = repairer, repairer.meshes, repairer.meshes.scene
+        self.options, self.jobs = repairer.options, repairer.jobs
 
     def run(self, frames: Iterable[tuple[float, Sequence[Any]]]) -> Iterator[Repaired]:
         """Yield results in order; windows end at cuts and overlap elsewhere."""

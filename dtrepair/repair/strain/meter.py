@@ -15,13 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.diagnosis import StrainKind
-from dtrepair.numerics.geometry import (
-    FloatArray,
-    IntArray,
-    dots,
-    lengths,
-    vector_areas,
-)
+from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, vector_areas
 from dtrepair.numerics.scale import WHOLE, Scale
 from dtrepair.numerics.worn.loops import Rings
 from dtrepair.repair.strain.parts import ConnectedParts, changes

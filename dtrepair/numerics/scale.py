@@ -88,7 +88,7 @@ def scale_of(
     if count < 2 or still.all():
         return WHOLE
     boxes = boxes_of(rest, starts)
-    counted = ~sets_among(boxes, still, options=options)
+    counted = ~sets_among(boxes, still, options.larger)
     group_of = np.full(count, -1)
     group_of[counted] = _merged(boxes[counted], options.apart)[1]
     if counted.all() and group_of.max() == 0:
@@ -120,17 +120,15 @@ def gaps_between(boxes: FloatArray) -> FloatArray:
     return gaps
 
 
-def sets_among(
-    boxes: FloatArray, still: BoolArray, *, options: ScaleOptions = ScaleOptions()
-) -> BoolArray:
+def sets_among(boxes: FloatArray, still: BoolArray, larger: float) -> BoolArray:
     """Return which bodies with boxes (B, 2, 3) are sets: still (B,), and much larger than others.
 
-    None are where nothing moves.
+    larger: see `ScaleOptions`. None are where nothing moves.
     """
     if still.all():
         return np.zeros(len(still), dtype=bool)
     largest = _longest(_merged(boxes[~still], 0.0)[0]).max()
-    return np.asarray(still & (_longest(boxes) > options.larger * largest))
+    return np.asarray(still & (_longest(boxes) > larger * largest))
 
 
 def _longest(boxes: FloatArray) -> FloatArray:

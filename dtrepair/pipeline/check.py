@@ -48,6 +48,7 @@ from dtrepair.pipeline.stages.matching import (
     attached_pairs,
     find_sets,
     ignored_pairs,
+    meshes_matched,
     pairs_of_sets,
 )
 from dtrepair.pipeline.stages.object_settings import read_settings, recorded
@@ -220,8 +221,9 @@ def _ignored(source: Source, settings: CheckSettings) -> MeshPairs:
     ignored = set(ignored_pairs(source, settings.ignore))
     if settings.counting == "auto":
         tables = [table for table in settings.tables if table.settings.mobility is not None]
-        each = read_settings(source, tables=tables, keys=("mobility",)).each
-        find_sets(source, [k for k, own in enumerate(each) if own.mobility is not None])
+        # A repair has more meshes: what a table says of others is not asked here.
+        tables = [table for table in tables if meshes_matched(source, table.path, table.origin)]
+        find_sets(source, read_settings(source, tables=tables, keys=("mobility",)).each)
         ignored |= {(i, j) for i, j in pairs_of_sets(source) if i < j}
     return tuple(sorted(ignored))
 

@@ -50,15 +50,15 @@ def test_a_set_does_not_count() -> None:
 
 def test_sets_are_still_and_large() -> None:
     points, starts = bodies((1.0, 0.0), (4.01, 0.0), (9.0, 0.0), (1.0, 0.0))
-    found = sets_among(boxes_of(points, starts), np.array([False, True, True, True]))
+    found = sets_among(boxes_of(points, starts), np.array([False, True, True, True]), 4.0)
     assert found.tolist() == [False, True, True, False]
-    assert not sets_among(boxes_of(points, starts), np.ones(4, dtype=bool)).any()
+    assert not sets_among(boxes_of(points, starts), np.ones(4, dtype=bool), 4.0).any()
 
 
 @pytest.mark.parametrize(("beside", "expected"), [(1.1, True), (0.6, False)])
 def test_two_that_move_are_one_only_where_they_overlap(beside: float, expected: bool) -> None:
     points, starts = bodies((1.0, 0.0), (1.0, beside), (4.2, 0.0))
-    found = sets_among(boxes_of(points, starts), np.array([False, False, True]))
+    found = sets_among(boxes_of(points, starts), np.array([False, False, True]), 4.0)
     assert found.tolist() == [False, False, expected]
 
 

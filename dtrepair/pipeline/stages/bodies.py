@@ -76,7 +76,7 @@ def read_controls(
     pin, direction = objects.pin, objects.direction
     found = read_settings(source, rigid=objects.rigid, layers=objects.layer, tables=tables)
     if sets:
-        find_sets(source, [k for k, own in enumerate(found.each) if own.mobility is not None])
+        find_sets(source, found.each)
     nothing: PerMesh = [None] * len(source.meshes)
     pins = nothing.copy() if pin is None else read_pins(source, pin)
     directions = nothing if direction is None else _read_directions(source, direction)

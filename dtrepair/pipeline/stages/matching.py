@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from dtrepair.numerics.scale import ScaleOptions, sets_among
+from dtrepair.numerics.scale import sets_among
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectSettings
 from dtrepair.pipeline.stages.sources import (
     Points,
     Source,
     StageSource,
-    placing_time,
-    usable_times,
+    few_times,
 )
 
 # A house is of the set already; colliders that are named measure lengths up to twice that size.
-SETS = ScaleOptions(larger=2.0)
+LARGER = 2.0
 
 
 def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
@@ -73,29 +72,29 @@ def ignored_pairs(source: Source, texts: Sequence[str]) -> tuple[tuple[int, int]
     return named_pairs(source, texts, "--ignore")
 
 
-def find_sets(source: Source, movable: Collection[int] = ()) -> None:
+def find_sets(source: Source, each: Sequence[ObjectSettings]) -> None:
     """Take meshes of the set around for colliders; a character that stands still is none.
 
-    By what is seen at three times of the whole clip, so that the parts of a farm agree; none of
-    `movable`, indices of meshes.
+    By what is seen at three times of the whole clip. each: the settings of each mesh; what stands
+    still and has a mobility of its own is none, and measures nothing.
     """
     if not isinstance(source, StageSource) or len(source.meshes) < 2:
         return
     meshes = source.meshes
-    still = np.array([own.collider or not (own.animated or own.handle.skinned) for own in meshes])
-    asked = np.setdiff1d(np.arange(len(meshes)), list(movable))
+    named = np.array([own.collider for own in meshes])
+    still = named | ~np.array([own.animated or own.handle.skinned for own in meshes])
+    asked = np.flatnonzero(~still | [own.mobility is None for own in each])
     if not still[asked].any() or still[asked].all():
         return
-    times = usable_times(source, np.unique(source.all_times[[0, len(source.all_times) // 2, -1]]))
-    times = times or [placing_time(source, source.all_times)]
+    times = few_times(source)
     sets = np.zeros(len(meshes), dtype=bool)
-    sets[asked] = sets_among(source.boxes(times[0])[asked], still[asked], options=SETS)
-    for time in times if sets.any() else ():
-        poses = _poses(source, np.flatnonzero(~still).tolist(), time)
-        sets[asked] &= sets_among(source.boxes(time, poses)[asked], still[asked], options=SETS)
+    sets[asked] = sets_among(source.boxes(times[0])[asked], still[asked], LARGER)
+    for time in times if (sets & ~named).any() else ():
+        boxes = source.boxes(time, _poses(source, np.flatnonzero(~still).tolist(), time))
+        sets[asked] &= sets_among(boxes[asked], still[asked], LARGER)
     source.meshes = tuple(
-        replace(mesh, collider=True, of_set=True) if own and not mesh.collider else mesh
-        for mesh, own in zip(meshes, sets.tolist(), strict=True)
+        replace(mesh, collider=True, of_set=True) if own else mesh
+        for mesh, own in zip(meshes, (sets & ~named).tolist(), strict=True)
     )
 
 

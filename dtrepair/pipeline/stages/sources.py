@@ -99,6 +99,16 @@ def usable_times(source: Source, times: Iterable[float]) -> list[float]:
     return [float(time) for time in times if _misplaced(source, float(time)) is None]
 
 
+def few_times(source: Source) -> list[float]:
+    """Return the first, middle and last times of the whole clip that can be used, one at least.
+
+    The parts of a farm agree on them. Raises InputError where none can.
+    """
+    every = source.all_times
+    found = usable_times(source, np.unique(every[[0, len(every) // 2, -1]]))
+    return found or [placing_time(source, every)]
+
+
 def placing_time(source: Source, times: Iterable[float]) -> float:
     """Return the first of the times at which rests can be placed in the common space.
 
@@ -226,8 +236,7 @@ class StageSource:
 
         Looks at the whole clip, so that the parts of a farm agree.
         """
-        usable = usable_times(self, np.unique(self.all_times[[0, len(self.all_times) // 2, -1]]))
-        times = usable or [placing_time(self, self.all_times)]
+        times = few_times(self)
         boxes = np.concatenate([self.boxes(time) for time in times])
         low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
         with np.errstate(over="ignore", invalid="ignore"):

@@ -12,6 +12,7 @@ from dtrepair.pipeline.observer import Observer, Remark
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.bodies import make_bodies, read_controls
 from dtrepair.pipeline.stages.matching import find_sets
+from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import choose_rests
 from dtrepair.pipeline.stages.sources import open_source
 from tests.command_line import read_samples, run
@@ -61,7 +62,7 @@ def stage_of(path: Path, *, half: float = 50.0, depth: float = 0.05, moves: bool
 
 def sets_of(path: Path) -> list[str]:
     source = open_source(str(path), Selection())
-    find_sets(source)
+    find_sets(source, read_settings(source).each)
     found = [mesh for mesh in source.meshes if mesh.of_set]
     assert all(mesh.collider for mesh in found)
     return [mesh.path for mesh in found]
@@ -75,6 +76,23 @@ def test_what_stands_still_and_is_large_is_of_the_set(
     tmp_path: Path, half: float, moves: bool, expected: list[str]
 ) -> None:
     assert sets_of(stage_of(tmp_path / "a.usda", half=half, moves=moves)) == expected
+
+
+def test_how_freely_a_thing_moves_does_not_change_what_is_a_set(tmp_path: Path) -> None:
+    from pxr import Sdf, Usd, UsdGeom
+
+    path = stage_of(tmp_path / "a.usda")
+    stage = Usd.Stage.Open(str(path))
+    primvars = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/Ball/Mesh"))
+    assert primvars.CreatePrimvar("dtrepair:mobility", Sdf.ValueTypeNames.Float).Set(0.5)
+    stage.Save()
+    assert sets_of(path) == ["/Set/Floor", "/Set/Wall"]
+
+
+def test_a_check_of_some_meshes_takes_a_config_for_all(tmp_path: Path) -> None:
+    path, config = stage_of(tmp_path / "a.usda"), tmp_path / "a.toml"
+    config.write_text('[[prim]]\npath = "/Set/Floor"\nmobility = 1.0\n')
+    assert run("check", path, "--prim", "/Ball//", "--config", config).code == 0
 
 
 @pytest.mark.parametrize("skinned", [False, True])

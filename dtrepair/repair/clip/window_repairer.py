@@ -47,6 +47,13 @@ def side_by_side(
         return list(pool.map(function, items))
 
 
+def _faulty_bodies(scene: Scene, frames: Sequence[Frame]) -> set[int]:
+    """Return the bodies that have pairs, or lie inside others, in any of the frames."""
+    pairs = [scene.body_of[frame.pairs] for frame in frames]
+    enclosed = [scene.body_of_part[frame.enclosed] for frame in frames]
+    return set(np.concatenate([*pairs, *enclosed]).ravel().tolist())
+
+
 class WindowRepairer:
     """Repairs windows of frames of a scene.
 
@@ -91,7 +98,11 @@ class WindowRepairer:
     ) -> tuple[list[Judged], WeldedMeshes]:
         """Return the poses of groups of bodies, each repaired as if there were no others."""
         judged, rigid = [Judged(frame.centred) for frame in frames], set[int]()
+        faulty = _faulty_bodies(self.meshes.scene, frames)
         for number, bodies in enumerate(groups):
+            # With a clearance a pose without pairs may have to move as well.
+            if self.meshes.scene.options.clearance == 0.0 and faulty.isdisjoint(bodies):
+                continue
             parts, meshes = self.meshes.of_bodies(bodies)
             opened = side_by_side(parts.opened, frames, jobs=self.jobs)
             self._done = number / len(groups) * len(frames)
@@ -116,7 +127,6 @@ class WindowRepairer:
         share: which one of all work on the window that is.
         """
         clearance, ways = meshes.scene.options.clearance, self.options.ways
-        # With a clearance a pose without pairs may have to move as well.
         if clearance == 0.0 and not any(frame.wrong for frame in frames):
             return [Judged(frame.centred) for frame in frames], meshes
         longest = len(frames) if clearance else self.options.longest_hold

@@ -14,6 +14,7 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip import window_repairer
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.sub_scene import sub_scene
+from dtrepair.repair.scene.welded_mesh import PartMeshes, WeldedMeshes
 from dtrepair.repair.strain.meter import Excess
 from tests.meshes import icosphere
 
@@ -93,6 +94,21 @@ def test_groups_that_would_meet_are_repaired_together(monkeypatch: pytest.Monkey
     found = repaired(PAIR, [pair(place) for place in COMES])
     assert asked == [len(COMES)]
     assert all(same(frame, alone) for frame, alone in zip(found, ALONE, strict=True))
+
+
+def test_only_groups_with_faults_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[int, ...]] = []
+    known = WeldedMeshes.of_bodies
+
+    def of_bodies(self: WeldedMeshes, bodies: tuple[int, ...]) -> PartMeshes:
+        asked.append(bodies)
+        return known(self, bodies)
+
+    monkeypatch.setattr(WeldedMeshes, "of_bodies", of_bodies)
+    repaired([*PAIR, Body(BALL + FAR, FACES)], [[*pair(place), BALL + FAR] for place in COMES])
+    assert asked == [(0, 1)]
+    repaired([*PAIR, Body(BALL + FAR, FACES)], [[*pair(0.0), BALL + FAR]] * 2)
+    assert asked == [(0, 1)]
 
 
 def test_progress_of_groups_adds_up() -> None:

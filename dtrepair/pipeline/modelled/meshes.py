@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dtrepair.intersect.ignored import CollapsedPoseError
 from dtrepair.numerics.geometry import FloatArray, IntArray, components, vector_areas, weld_maps
+from dtrepair.pipeline.modelled.together import TogetherOptions, together
 from dtrepair.pipeline.modelled.unrepaired import unrepaired
 from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.frames import read_frame
@@ -61,7 +62,6 @@ class Look(NamedTuple):
 class PlacedMeshes:
     """All meshes of a source in one: rest (V, 3), faces (F, 3), weld (V,), mesh of triangles.
 
-    binding: what binds each mesh (M,), see `_binding`: of those of one the rests tell how they lie.
     Of a repaired layer the stage below it tells, and the frames are those of that stage.
     """
 
@@ -87,7 +87,8 @@ class PlacedMeshes:
         self.rest = _placed(source, self._time, [rest.points for rest in rests])
         self.weld = weld_maps([self.rest[a:b] for a, b in pairwise(starts)])
         both = zip(source.meshes, rests, strict=True)
-        self.binding = np.array([_binding(*each) for each in both], dtype=object)
+        self._bound_by = np.array([_binding(*each) for each in both], dtype=object)
+        self._starts = starts
 
     def faces_outwards(self) -> IntArray:
         """Return the triangles (F, 3), turned to face out of closed parts as for a repair."""
@@ -106,6 +107,31 @@ class PlacedMeshes:
         """The connected part of each triangle (F,)."""
         label = components(self.weld[self.faces], len(self.rest))
         return label[self.weld[self.faces[:, 0]]].astype(np.int64)
+
+    @cached_property
+    def binding(self) -> NDArray[np.object_]:
+        """What binds each mesh (M,), see `_binding`: of those of one the rests tell how they lie.
+
+        Caches whose own points lie on each other, and in no frame do so, are bound by points of
+        their own.
+        """
+        binding, own = self._bound_by.copy(), self._bound_by == POINTS
+        if own.sum() > 1:
+            with suppress(CollapsedPoseError):
+                pairs = self.bind_look.pairs
+                meshes = self.mesh_of[pairs]
+                told = own[meshes].all(axis=1) & (meshes[:, 0] != meshes[:, 1])
+                poses = (points for _, points in self.poses(TogetherOptions().samples))
+                triangles = self.faces[pairs[told]]
+                number = together(self.rest, poses, triangles, meshes[told], self._starts)
+                for mesh in np.flatnonzero(own & (number > 0)):
+                    binding[mesh] = f"{POINTS} {number[mesh]}"
+        return binding
+
+    @cached_property
+    def bind_look(self) -> Look:
+        """The rests, with their contacts."""
+        return self.look(self.rest, BIND_POSE)
 
     @property
     def bound(self) -> IntArray:

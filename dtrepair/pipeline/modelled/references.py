@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.pipeline.modelled.meshes import BIND_POSE, STILL, Look, PlacedMeshes
+from dtrepair.pipeline.modelled.meshes import STILL, Look, PlacedMeshes
 from dtrepair.pipeline.modelled.parts import ModelledParts
 from dtrepair.pipeline.modelled.slides import slid_references
 from dtrepair.pipeline.modelled.unrepaired import unrepaired
@@ -93,7 +93,7 @@ def _references(
     if told_by_rest:
         still = [not mesh.animated for mesh in source.meshes]
         meshes.binding[still] = STILL
-    rest = meshes.look(meshes.rest, BIND_POSE)
+    rest = meshes.bind_look
     known = [rest.of(meshes.tell_by_rests(rest.pairs))._replace(bound=meshes.bound)]
     enough = frames_tell(source, options)  # else nobody needs to look
     if enough and (not meshes.one_binding or (meshes.binding == "").any()):
@@ -132,7 +132,7 @@ def layer_poses(
     meshes = PlacedMeshes(source, rests)
     if meshes.one_part:
         return []
-    rest = meshes.look(meshes.rest, BIND_POSE)
+    rest = meshes.bind_look
     shared = (not any(rest.of_frame for rest in rests) and meshes.one_binding) or len(rests) == 1
     if shared and len(rest.pairs) == 0:
         return [rest.reference()]

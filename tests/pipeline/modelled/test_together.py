@@ -1,0 +1,133 @@
+"""Whether rests tell how meshes lie to each other: of caches at one origin they do not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.pipeline import check_stage, repair_stage
+from dtrepair.pipeline.modelled.references import layer_poses, modelled_parts
+from dtrepair.pipeline.modelled.together import together
+from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.stages.rest import choose_rests
+from dtrepair.pipeline.stages.sources import Source, open_source
+from tests.jointed_arm import FORE, UPPER, arm
+from tests.meshes import Mesh, icosphere, joined
+from usd_io import AuthoredMesh, write_animation
+
+Points = NDArray[np.float64]
+ALONG = np.array([1.0, 0.0, 0.0])
+# A head, its eye, which touches nothing, and the same of a second character at the same place.
+HEAD, EYE = icosphere(2), icosphere(1, 0.2)
+FRAMES = 6
+
+
+class Scene(NamedTuple):
+    """Points at rest, triangles, the mesh of each, and the first vertex of each mesh."""
+
+    rest: Points
+    faces: NDArray[np.int32]
+    mesh_of: NDArray[np.int64]
+    starts: NDArray[np.int64]
+
+    def numbers(self, *poses: Points) -> list[int]:
+        """The numbers of the meshes, where all triangles of two meshes meet that are the same."""
+        first, second = np.triu_indices(len(self.faces), 1)
+        middles = self.rest[self.faces].mean(axis=1)
+        meet = np.linalg.norm(middles[first] - middles[second], axis=1) < 0.05
+        meet &= self.mesh_of[first] != self.mesh_of[second]
+        pairs = np.stack([first[meet], second[meet]], axis=1)
+        faces, meshes = self.faces[pairs], self.mesh_of[pairs].astype(np.int32)
+        return together(self.rest, poses, faces, meshes, self.starts).tolist()
+
+
+def scene(*meshes: Mesh) -> Scene:
+    points, faces = joined(*meshes)
+    mesh_of = np.repeat(np.arange(len(meshes)), [len(own) for _, own in meshes])
+    return Scene(points, faces, mesh_of, np.cumsum([0, *(len(own) for own, _ in meshes)]))
+
+
+def moved(known: Scene, *shifts: float) -> Points:
+    """Each mesh moved along x."""
+    return known.rest + np.repeat(shifts, np.diff(known.starts))[:, None] * ALONG
+
+
+def test_what_meets_at_rest_only_is_told_apart() -> None:
+    both = scene(HEAD, HEAD)
+    assert both.numbers(moved(both, 0.0, 5.0)) == [0, 1]
+    assert both.numbers(moved(both, 3.0, 3.01)) == [0, 0]
+    # One pose in which they meet as at rest is enough, ...
+    assert both.numbers(moved(both, 0.0, 5.0), moved(both, 0.0, 0.01)) == [0, 0]
+    # ... and one in which other sides of theirs meet is not.
+    assert both.numbers(moved(both, 0.0, 5.0), moved(both, 0.0, 1.9)) == [0, 1]
+    assert both.numbers() == [0, 0]
+
+
+def test_what_is_scaled_in_all_poses_stays_together() -> None:
+    both = scene(HEAD, (HEAD[0] + 0.02, HEAD[1]))
+    assert both.numbers(100.0 * both.rest) == [0, 0]
+    assert both.numbers(100.0 * moved(both, 0.0, 5.0)) == [0, 1]
+
+
+def test_what_touches_nothing_goes_with_what_holds_it() -> None:
+    four = scene(EYE, HEAD, EYE, HEAD)
+    assert four.numbers(moved(four, 0.0, 0.0, 5.0, 5.0)) == [0, 0, 1, 1]
+    assert four.numbers(moved(four, 5.0, 0.0, 0.0, 5.0)) == [1, 0, 0, 1]
+
+
+def caches(path: Path, apart: float, *, beside: float) -> Path:
+    """An upper arm and its forearm that bend, and a ball: a cache each, with its default points.
+
+    The ball's points at the default time are `beside` the arm, in all frames it is `apart`.
+    """
+    poses = [arm(bend) for bend in np.linspace(0.1, 0.6, FRAMES)]
+    split = len(UPPER[0])
+    ball = icosphere(2, 0.3)
+    meshes = [
+        AuthoredMesh("/Hero/Upper", UPPER[1], [pose[:split] for pose in poses], arm(0.0)[:split]),
+        AuthoredMesh("/Hero/Fore", FORE[1], [pose[split:] for pose in poses], arm(0.0)[split:]),
+        AuthoredMesh(
+            "/Ball",
+            ball[1],
+            [ball[0] + (apart + 0.1 * frame) * ALONG for frame in range(FRAMES)],
+            ball[0] + beside * ALONG,
+        ),
+    ]
+    write_animation(path, meshes, times=1.0 + np.arange(FRAMES))
+    return path
+
+
+def opened(path: Path) -> Source:
+    return open_source(str(path), Selection())
+
+
+def test_default_points_at_one_origin_tie_nothing_together(tmp_path: Path) -> None:
+    source = opened(caches(tmp_path / "a.usda", 4.0, beside=0.0))
+    found = modelled_parts(source).attachments
+    assert found is not None
+    names = [mesh.path for mesh in source.meshes]
+    arm_only = [names.index("/Hero/Upper"), names.index("/Hero/Fore")]
+    assert [sorted(pair) for pair in found.pairs_of_parts] == [sorted(arm_only)]
+    # Which part lies over which is told by the frames then, not by the rests.
+    rests = choose_rests(source, None, device="cpu")
+    assert "bind pose" not in {pose.name for pose in layer_poses(source, rests)}
+
+
+def test_a_ball_that_stays_where_its_default_points_meet_is_modelled(tmp_path: Path) -> None:
+    source = opened(caches(tmp_path / "a.usda", 0.0, beside=0.0))
+    found = modelled_parts(source).attachments
+    assert found is not None and len(found.pairs_of_parts) > 1
+
+
+def test_caches_at_one_origin_come_out_as_those_that_lie_apart(tmp_path: Path) -> None:
+    done = []
+    for beside in (0.0, 4.0):
+        stage, out = tmp_path / f"{beside}.usda", tmp_path / f"{beside}_out.usda"
+        report = repair_stage(caches(stage, 4.0, beside=beside), out)
+        assert [frame.status for frame in report.frames] == ["clean"] * FRAMES
+        counts = [frame.before for frame in check_stage(str(stage)).frames]
+        done.append((counts, [frame.displacement_max for frame in report.frames]))
+    assert done[0] == done[1]

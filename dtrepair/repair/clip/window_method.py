@@ -31,6 +31,7 @@ from dtrepair.repair.clip.tighten_frames import (
     SettleFramesOptions,
     TightenOptions,
     settle_frames,
+    shift_frames_back,
     tighten_frames,
 )
 from dtrepair.repair.clip.window_state import WindowState
@@ -247,6 +248,7 @@ class WindowMethod:
         if self.clearance == 0.0:
             if not (alone or lifted):
                 tighten_frames(state, self.tighten, options=options.tighten)
+            shift_frames_back(state, options=options.settle)
             settle_frames(state, options=options.settle)
             relax_frames(state, alone=stuck, lifted=lifted, options=options.relax)
         # Frames that were solved each for itself stand out where they take another way: no less so

@@ -1,0 +1,156 @@
+"""What all that moves was shifted by goes back, as far as nothing that stands still is met."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.scale import Scale
+from dtrepair.repair.clip.tighten_frames import shift_frames_back
+from dtrepair.repair.clip.window_state import WindowState
+from dtrepair.repair.frame.common_shift import (
+    along_and_across,
+    carried_vertices,
+    common_shifts,
+)
+from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.surface.surface import BodyRange, Surface
+from tests.meshes import grid, icosphere, joined
+from tests.repair.clip.test_settle_frames import window
+
+FRAMES = 5
+BALL, FLOOR = icosphere(2, 0.5), grid(6, 6, 8.0)
+COUNT = len(BALL[0])
+UP, ASIDE = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.5, 0.0])
+# How deep the ball is in the floor, and how far it was led up and aside.
+SUNK, LIFTED, SLID = 0.1, 0.4, 0.2
+
+
+def ball_and_floor(mobility: float = 1.0, direction: FloatArray | None = None) -> Surface:
+    """A ball, and a floor of the set around that never moves."""
+    rest, faces = joined(BALL, (FLOOR[0] - FLOOR[0].mean(axis=0), FLOOR[1]))
+    free = np.zeros(len(rest))
+    free[:COUNT] = mobility
+    bodies = [BodyRange(0, COUNT, 99.0), BodyRange(COUNT, len(rest), 99.0)]
+    scale = Scale((np.arange(COUNT, dtype=np.int32),))
+    return Surface(rest, faces, bodies=bodies, mobility=free, scale=scale, direction=direction)
+
+
+def sunken(surface: Surface) -> FloatArray:
+    """The ball, sunk into the floor (V, 3), units of the surface."""
+    pose = surface.rest.copy()
+    pose[:COUNT] += (0.5 - SUNK) * UP / surface.size
+    return pose
+
+
+def state_of(
+    surface: Surface, original: FloatArray, moved: FloatArray, farthest: float | None = None
+) -> WindowState:
+    """Frames of one pose (V, 3), displaced by moved (T, V, 3)."""
+
+    def alone(surface: Surface, pose: FloatArray) -> FloatArray:
+        return pose
+
+    poses, times = np.repeat(original[None], len(moved), axis=0), np.arange(float(len(moved)))
+    state = WindowState(surface, poses, times, WorkerPool(), alone=alone, farthest=farthest)
+    state.work.extra[:] = moved
+    state.evaluate()
+    return state
+
+
+def led_up(surface: Surface, farthest: float | None = None) -> WindowState:
+    moved = np.zeros((FRAMES, surface.count, 3))
+    moved[:, :COUNT] = (LIFTED * UP + SLID * ASIDE) / surface.size
+    return state_of(surface, sunken(surface), moved, farthest)
+
+
+def test_a_shift_that_only_contacts_within_it_went_with_goes_back() -> None:
+    state, _ = window()
+    before, shift = state.poses.copy(), np.array([0.02, 0.03, -0.01])
+    state.work.extra += shift
+    state.evaluate()
+    shift_frames_back(state)
+    assert not state.dirty
+    # But for that, all is as it was: bending stays, and so does what is too little to be seen.
+    assert np.allclose(state.poses, before - [0.0, 2e-4, 0.0], atol=1e-12)
+    still = state.poses.copy()
+    shift_frames_back(state)
+    assert np.array_equal(state.poses, still)
+
+
+def test_on_a_floor_it_goes_back_along_it_and_down_as_far_as_it_can() -> None:
+    surface = ball_and_floor()
+    state = led_up(surface)
+    assert any(map(len, state.found)) and not state.dirty
+    shift_frames_back(state)
+    assert not state.dirty
+    left = surface.size * (state.poses - state.original)[:, :COUNT]
+    assert np.allclose(left[..., :2], 0.0, atol=1e-12)
+    # The faint part of a shift stays, and four halvings find a sixteenth of it.
+    assert (left[..., 2] > SUNK).all()
+    assert (left[..., 2] < SUNK + LIFTED / 16 + 1e-6).all()
+    assert np.array_equal(state.poses[:, COUNT:], state.original[:, COUNT:])
+
+
+def test_what_goes_back_less_in_one_frame_goes_back_smoothly() -> None:
+    surface = ball_and_floor()
+    moved = np.zeros((15, surface.count, 3))
+    moved[:, :COUNT] = LIFTED * UP / surface.size
+    state = state_of(surface, sunken(surface), moved)
+    state.work.original[:7, :COUNT] += UP / surface.size
+    state.work.original[8:, :COUNT] += UP / surface.size
+    state.evaluate()
+    shift_frames_back(state)
+    height = surface.size * (state.poses - state.original)[:, 0, 2]
+    assert not state.dirty and height.argmax() == 7
+    assert (height[[0, -1]] < 0.25 * height[7]).all()
+    assert np.abs(np.diff(height)).max() < 0.4 * height[7]
+
+
+def test_shifts_that_nothing_allows_for_are_left() -> None:
+    surface = ball_and_floor()
+    pinned = np.zeros((surface.count, 3))
+    pinned[:COUNT] = UP
+    # Held in part, led in a direction, or beside another body that is free.
+    assert carried_vertices(ball_and_floor(mobility=0.5)) is None
+    assert carried_vertices(ball_and_floor(direction=pinned)) is None
+    assert carried_vertices(ball_and_floor(mobility=0.0)) is None
+    both = joined(BALL, BALL)
+    bodies = [BodyRange(0, COUNT, 99.0), BodyRange(COUNT, 2 * COUNT, 99.0)]
+    assert carried_vertices(Surface(*both, bodies=bodies)) is None
+    # Nor where no vertex may go farther than it has: others would.
+    state = led_up(surface, farthest=1.0)
+    before = state.poses.copy()
+    shift_frames_back(state)
+    assert np.array_equal(state.poses, before)
+
+
+def test_half_of_the_area_tells_what_is_shifted() -> None:
+    surface = ball_and_floor()
+    carried = carried_vertices(surface)
+    assert carried is not None
+    assert carried[:COUNT].all() and not carried[COUNT:].any()
+    moved = np.zeros((3, surface.count, 3))
+    upper = np.flatnonzero(surface.rest[:COUNT, 2] > 0.1 / surface.size)
+    lower = np.setdiff1d(np.arange(COUNT), upper)
+    moved[0, upper], moved[1, lower], moved[2, :COUNT] = UP, UP, 1e-3 * UP
+    shifts = common_shifts(surface, moved, carried)
+    assert np.allclose(shifts, [np.zeros(3), UP, np.zeros(3)])
+
+
+def test_floors_and_walls_at_once_face_no_way() -> None:
+    surface = ball_and_floor()
+    pose, shifts = sunken(surface), np.array([[1.0, 2.0, 3.0]])
+    pairs = surface.contacts.pairs(pose)
+    assert np.allclose(
+        np.sum(along_and_across(surface, shifts, pose[None], [pairs]), axis=0), shifts
+    )
+    along, across = along_and_across(surface, shifts, pose[None], [pairs])
+    assert np.allclose(along, [[1.0, 2.0, 0.0]]) and np.allclose(across, [[0.0, 0.0, 3.0]])
+    wall = pose.copy()
+    wall[:, [0, 2]] = pose[:, [2, 0]]
+    both = along_and_across(
+        surface, np.repeat(shifts, 2, axis=0), np.stack([pose, wall]), [pairs] * 2
+    )
+    assert len(both) == 1
+    assert len(along_and_across(surface, shifts, pose[None], [pairs[:0]])) == 1

@@ -41,7 +41,8 @@ class Scene(NamedTuple):
         meet &= self.mesh_of[first] != self.mesh_of[second]
         pairs = np.stack([first[meet], second[meet]], axis=1)
         faces, meshes = self.faces[pairs], self.mesh_of[pairs].astype(np.int32)
-        return together(self.rest, poses, faces, meshes, self.starts).tolist()
+        found: list[int] = together(self.rest, poses, faces, meshes, self.starts).tolist()
+        return found
 
 
 def scene(*meshes: Mesh) -> Scene:
@@ -52,7 +53,8 @@ def scene(*meshes: Mesh) -> Scene:
 
 def moved(known: Scene, *shifts: float) -> Points:
     """Each mesh moved along x."""
-    return known.rest + np.repeat(shifts, np.diff(known.starts))[:, None] * ALONG
+    result: Points = known.rest + np.repeat(shifts, np.diff(known.starts))[:, None] * ALONG
+    return result
 
 
 def test_what_meets_at_rest_only_is_told_apart() -> None:

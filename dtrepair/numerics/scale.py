@@ -77,18 +77,21 @@ def scale_of(
     starts: NDArray[np.integer],
     still: BoolArray,
     *,
+    sets: BoolArray | None = None,
     options: ScaleOptions = ScaleOptions(),
 ) -> Scale:
     """Return what lengths of a scene are measured in.
 
     rest: rest positions (V, 3) of all bodies, each of which has some; starts: the first vertex of
-    each, and V (B + 1,); still: which bodies (B,) never move.
+    each, and V (B + 1,); still: which bodies (B,) never move; sets: which of them are sets anyway.
     """
     count = len(still)
     if count < 2 or still.all():
         return WHOLE
     boxes = boxes_of(rest, starts)
     counted = ~sets_among(boxes, still, options.larger)
+    if sets is not None:
+        counted &= ~(sets & still)
     group_of = np.full(count, -1)
     group_of[counted] = _merged(boxes[counted], options.apart)[1]
     if counted.all() and group_of.max() == 0:

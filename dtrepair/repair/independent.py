@@ -6,14 +6,11 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from dtrepair.intersect.proximity import close_pairs
-from dtrepair.numerics.geometry import FloatArray, IntArray, extent
-from dtrepair.numerics.metrics import displacements, edge_log_ratio
+from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.options import RepairOptions
@@ -25,17 +22,16 @@ from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
+from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from dtrepair.repair.separation.groups import faulty_bodies, groups_meet, groups_of_bodies
 from dtrepair.repair.separation.layer_lift import LiftOptions
 from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_that_meet
-from dtrepair.repair.separation.penetration import BodyShape, find_inside
 from dtrepair.repair.separation.release import ReleaseOptions, released
-from dtrepair.repair.separation.separation import SeparationOptions, separated_frames
+from dtrepair.repair.separation.separation import SeparationOptions
 from dtrepair.repair.separation.sunken import SunkenOptions, raised_frames
-from dtrepair.repair.separation.untangling import contact_counts, tangled_contacts
 from dtrepair.repair.strain.meter import StrainOptions
 from dtrepair.repair.strain.shares import ShareOptions
-from dtrepair.repair.surface.surface import BoolArray
+from dtrepair.repair.torn_poses import LedPose, TornOptions
 
 if TYPE_CHECKING:
     # PyTorch is loaded for the published method only.
@@ -47,10 +43,7 @@ class IndependentOptions:
     """How single poses are led apart, and which of them are solved once more.
 
     Args:
-        torn: A body is torn if its edges changed by more, the rms of the logarithms of their
-            ratios.
-        sides: What is pressed by so many other bodies has no way out, and is left as it is.
-        pressed: Distance of a body that presses, as a fraction of the size of the torn one.
+        torn: Which bodies are torn, and led apart otherwise.
         mend_step, mend: Largest motion, units of the size, and numbers of the mending of a share.
         strain: What a correction may do to a shape.
         relief: How what is strained is relaxed once more.
@@ -64,9 +57,7 @@ class IndependentOptions:
         paper: Numbers of the published method; None: `PaperOptions()`.
     """
 
-    torn: float = 0.1
-    sides: int = 3
-    pressed: float = 0.01
+    torn: TornOptions = field(default_factory=TornOptions)
     mend_step: float = 0.002
     mend: MendOptions = field(default_factory=MendOptions)
     strain: StrainOptions = field(default_factory=StrainOptions)
@@ -103,14 +94,78 @@ def repair_poses(
         ValueError: wrong shapes, numbers that are not finite.
     """
     opened = [detected(scene, gathered(scene, points)) for points in poses]
+    groups = [_groups(scene, pose) for pose in opened]
+    whole = [k for k, own in enumerate(groups) if not own]
+    known = _found(scene, meshes, [opened[k] for k in whole], options)
+    found = dict(zip(whole, known, strict=True))
+    for k in set(range(len(opened))) - set(whole):
+        found[k] = _found_by_groups(scene, meshes, opened[k], groups[k], options)
+    results = []
+    for k, pose in enumerate(opened):
+        judged, pairs, solved, seconds = found[k]
+        spent = {"detect": pose.seconds, "solve": seconds}
+        result = kept(scene, pose, judged.points, pairs)
+        results.append(results_of(scene, pose, result, solved, spent, judged))
+    return results
+
+
+class _Found(NamedTuple):
+    """What was found for a pose, its pairs (K, 2), and how and in what time it was found."""
+
+    judged: Judged
+    pairs: IntArray
+    solved: Solved
+    seconds: float
+
+
+def _groups(scene: Scene, pose: OpenedPose) -> list[tuple[int, ...]]:
+    """Return the groups of bodies that are repaired as if there were no others; none: all are one.
+
+    The published method knows none.
+    """
+    solved = pose.wrong or scene.options.clearance > 0.0
+    if not solved or scene.options.method == "paper" or len(scene.bodies) == 1:
+        return []
+    groups = groups_of_bodies(scene, [pose.centred])
+    return [] if groups == [tuple(range(len(scene.bodies)))] else groups
+
+
+def _found_by_groups(
+    scene: Scene,
+    meshes: WeldedMeshes,
+    pose: OpenedPose,
+    groups: Sequence[tuple[int, ...]],
+    options: IndependentOptions,
+) -> _Found:
+    """Return what is found for groups of bodies; for all at once, if they would meet."""
+    judged, solved, seconds = Judged(pose.centred), Solved(pose.centred), 0.0
+    faulty = faulty_bodies(scene, [pose])
+    for bodies in groups:
+        # With a clearance a pose without pairs may have to move as well.
+        if scene.options.clearance == 0.0 and faulty.isdisjoint(bodies):
+            continue
+        parts, own = meshes.of_bodies(bodies)
+        (found,) = _found(parts.scene, own, [parts.opened(pose)], options)
+        judged = parts.joined(judged, found.judged)
+        stages, left = [*solved.stages, *found.solved.stages], solved.left + found.solved.left
+        solved, seconds = Solved(pose.centred, stages, left), seconds + found.seconds
+    if groups_meet(scene, groups, [judged.points]):
+        return _found(scene, meshes, [pose], options)[0]
+    return _Found(judged, _pairs_of(scene, judged.points), solved, seconds)
+
+
+def _found(
+    scene: Scene, meshes: WeldedMeshes, opened: Sequence[OpenedPose], options: IndependentOptions
+) -> list[_Found]:
+    """Return what is found for poses: solved, and within the bounds."""
     start = time.perf_counter()
     wanted = [k for k, pose in enumerate(opened) if pose.wrong or scene.options.clearance > 0.0]
-    chosen = [opened[k] for k in wanted]
-    found = dict(zip(wanted, _solved(scene, meshes, chosen, options), strict=True))
+    solved = _solved(scene, meshes, [opened[k] for k in wanted], options)
+    found = dict(zip(wanted, solved, strict=True))
     seconds = (time.perf_counter() - start) / max(len(wanted), 1)
     unsolved = [(pose.centred, Solved(pose.centred)) for pose in opened]
     return [
-        _closed(
+        _bounded(
             scene, meshes, pose, *found.get(k, unsolved[k]), seconds if k in found else 0.0, options
         )
         for k, pose in enumerate(opened)
@@ -126,7 +181,8 @@ def _solved(
     found: dict[int, tuple[FloatArray, Solved]] = {}
     for mesh in {id(mesh): mesh for mesh in of_pose}.values():
         own = [k for k, other in enumerate(of_pose) if other is mesh]
-        poses = [_Pose(scene, mesh, opened[k], starts[k], options) for k in own]
+        numbers = options.separation, options.torn
+        poses = [LedPose(scene, mesh, opened[k], starts[k], *numbers) for k in own]
         separated = [pose.separated(pose.start, pose.opened.pairs) for pose in poses]
         for pose, k, led, solved in zip(poses, own, separated, mesh.solve(separated), strict=True):
             found[k] = solved if len(scene.bodies) == 1 else pose.improved(solved, led)
@@ -158,137 +214,15 @@ def _start(scene: Scene, pose: OpenedPose, options: IndependentOptions) -> Float
     return lifted
 
 
-class _Pose(NamedTuple):
-    """A pose on its way: as it came, and the start (V, 3) with its enclosed parts led out."""
+def _pairs_of(scene: Scene, points: FloatArray) -> IntArray:
+    """Return the pairs (K, 2) of a result (V, 3), in which each vertex stands for itself.
 
-    scene: Scene
-    mesh: WeldedMesh
-    opened: OpenedPose
-    start: FloatArray
-    options: IndependentOptions
-
-    def separated(
-        self,
-        points: FloatArray,
-        pairs: IntArray,
-        sheets: frozenset[int] = frozenset(),
-        tangled: frozenset[tuple[int, int]] = frozenset(),
-    ) -> FloatArray:
-        """Return a pose (V, 3) with `pairs` (K, 2) whose penetrating bodies are led apart."""
-        frames = separated_frames(
-            self.scene,
-            self.mesh,
-            points[None],
-            [pairs],
-            np.zeros(1),
-            sheets=sheets,
-            tangled=tangled,
-            options=self.options.separation,
-        )
-        pose: FloatArray = frames[0]
-        return pose
-
-    def improved(
-        self, found: tuple[FloatArray, Solved], separated: FloatArray
-    ) -> tuple[FloatArray, Solved]:
-        """Return what was found; where it is torn or has pairs, with sheets led apart if better.
-
-        Bodies that are not concerned, nor meet those that are, stay where they were found.
-        """
-        scene, pairs = self.scene, self.opened.pairs
-        judged = self._judged(found[0])
-        torn = judged.stretched >= self.options.torn
-        if torn.any():
-            torn &= ~squeezed(self.mesh, found[0], torn, options=self.options)
-        troubled = {*np.flatnonzero(torn).tolist(), *scene.body_of[judged.pairs].ravel().tolist()}
-        if not troubled:
-            return found
-        met, counts = contact_counts(scene.body_of, pairs)
-        concerned = np.isin(met, list(troubled)).any(axis=1)
-        fresh = [*troubled, *met[concerned].ravel()]
-        again = np.isin(scene.body_of_vertex, fresh)
-        other = self.separated(
-            np.where(again[:, None], self.start, found[0]),
-            pairs[np.isin(scene.body_of[pairs], fresh).any(axis=1)],
-            frozenset(troubled),
-            self._tangled((met[concerned], counts[concerned]), judged.pairs, torn=bool(torn.any())),
-        )
-        if np.array_equal(other[again], separated[again]):
-            return found
-        solved = self.mesh.solve([other])[0]
-        return solved if self._judged(solved[0]).rank < judged.rank else found
-
-    def _tangled(
-        self, met: tuple[IntArray, IntArray], left: IntArray, *, torn: bool
-    ) -> frozenset[tuple[int, int]]:
-        """Return which bodies that met are tangled, by the pairs (K, 2) that are left.
-
-        What was torn but came apart is tangled only where next to nothing is inside of the other.
-        """
-        options = self.options.separation.untangling
-        still = contact_counts(self.scene.body_of, self.opened.pairs if torn else left)
-        stuck = tangled_contacts([met], [still], options=options)
-        return frozenset(both for both in stuck if len(left) or self._passes_through(*both))
-
-    def _passes_through(self, first: int, second: int) -> bool:
-        """Return whether at most a small fraction of either body is inside of the other."""
-        options = self.options.separation
-        one, other = BodyShape(self.scene, first), BodyShape(self.scene, second)
-        inside = [
-            find_inside(self.start, *both, options=options.penetration)
-            for both in ((one, other), (other, one))
-        ]
-        return max(found.fraction for found in inside) < options.fraction
-
-    def _judged(self, points: FloatArray) -> _Judged:
-        """Return what a pose (V, 3) is worth beside the start."""
-        scene, mesh, start = self.scene, self.mesh, self.start
-        surface = mesh.surface
-        old, new = start[mesh.kept], points[mesh.kept]
-        body_of_edge = surface.body_of_vertex[surface.edges[:, 0]]
-        parts = np.split(surface.edges, np.searchsorted(body_of_edge, range(1, len(scene.bodies))))
-        own = [slice(*ends) for ends in pairwise(scene.vertex_starts)]
-        return _Judged(
-            scene.pairs(points, scene.weld(points)),
-            np.array([edge_log_ratio(old, new, edges) for edges in parts]),
-            np.array([displacements(start[part], points[part]).mean() for part in own]),
-        )
-
-
-class _Judged(NamedTuple):
-    """Pairs (K, 2) of a pose; change of the edges, and mean motion, of each body (B,)."""
-
-    pairs: IntArray
-    stretched: FloatArray
-    moved: FloatArray
-
-    @property
-    def rank(self) -> tuple[int, float]:
-        """Pairs first, then what the worst body changed and moved: smaller is better."""
-        return len(self.pairs), float((self.stretched + self.moved).max())
-
-
-def squeezed(
-    mesh: WeldedMesh,
-    points: FloatArray,
-    torn: BoolArray,
-    *,
-    options: IndependentOptions = IndependentOptions(),
-) -> BoolArray:
-    """Return which bodies (B,) are pressed from many sides in a pose (V, 3).
-
-    What is near is measured by the smallest of the `torn` (B,) bodies.
+    What only happened to coincide in the input are two in the result.
     """
-    surface = mesh.surface
-    bodies = [surface.bodies[body] for body in np.flatnonzero(torn)]
-    smallest = min(extent(points[mesh.kept[own.start : own.stop]]) for own in bodies)
-    written = points[mesh.kept].astype(np.float32)
-    close = close_pairs(surface.detector, written, options.pressed * smallest)
-    sides = contact_counts(surface.body_of, close)[0].ravel()
-    return np.bincount(sides, minlength=len(torn)) >= options.sides
+    return scene.pairs(points, scene.weld(points))
 
 
-def _closed(
+def _bounded(
     scene: Scene,
     meshes: WeldedMeshes,
     pose: OpenedPose,
@@ -296,23 +230,24 @@ def _closed(
     solved: Solved,
     seconds: float,
     options: IndependentOptions,
-) -> list[RepairResult]:
-    """Return the results of each body; what is no better than the input leaves it as it was."""
-    start = time.perf_counter()
+) -> _Found:
+    """Return what was found for a pose, `final` (V, 3), within the bounds.
 
-    def pairs_of(points: FloatArray) -> IntArray:
-        # Vertices that only happened to coincide in the input are two in the result.
-        return scene.pairs(points, scene.weld(points))
-
-    if final is not pose.centred:
+    seconds: what it took so far.
+    """
+    start, pairs_of = time.perf_counter(), partial(_pairs_of, scene)
+    if final is pose.centred:
+        judged, pairs = bounded_pose(
+            scene, pose, Judged(final), pose.pairs, pairs_of, options=options.share
+        )
+    else:
         mesh = meshes([pose.sewn])
         (final,) = relieved_poses(scene, mesh, [pose], [final], options=options.relief)
-    pairs = pose.pairs if final is pose.centred else pairs_of(final)
-    bounded = bounded_pose(scene, pose, Judged(final), pairs, pairs_of, options=options.share)
-    if final is not pose.centred:
+        bounded = bounded_pose(
+            scene, pose, Judged(final), pairs_of(final), pairs_of, options=options.share
+        )
         numbers = options.approach
-        bounded = bounded_approach(scene, mesh, pose, bounded, pairs_of, options=numbers)
-    judged, pairs = bounded
+        judged, pairs = bounded_approach(scene, mesh, pose, bounded, pairs_of, options=numbers)
     if judged.lowered:
         judged, pairs = mended(
             scene,
@@ -324,6 +259,4 @@ def _closed(
             step=options.mend_step,
             options=options.mend,
         )
-    found = kept(scene, pose, judged.points, pairs)
-    spent = {"detect": pose.seconds, "solve": seconds + time.perf_counter() - start}
-    return results_of(scene, pose, found, solved, spent, judged)
+    return _Found(judged, pairs, solved, seconds + time.perf_counter() - start)

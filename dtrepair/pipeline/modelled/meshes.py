@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from dtrepair.intersect.ignored import CollapsedPoseError
 from dtrepair.numerics.geometry import FloatArray, IntArray, components, vector_areas, weld_maps
-from dtrepair.pipeline.modelled.together import TogetherOptions, together
+from dtrepair.pipeline.modelled.together import Together, TogetherOptions, together
 from dtrepair.pipeline.modelled.unrepaired import unrepaired
 from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.frames import read_frame
-from dtrepair.pipeline.stages.rest import Rest
+from dtrepair.pipeline.stages.rest import Rest, posed_once
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time, time_label
 
 if TYPE_CHECKING:
@@ -62,6 +62,8 @@ class Look(NamedTuple):
 class PlacedMeshes:
     """All meshes of a source in one: rest (V, 3), faces (F, 3), weld (V,), mesh of triangles.
 
+    binding: what binds each mesh (M,), see `_binding`: of those of one the rests tell how they lie,
+    but for those that are parted, see `together`.
     Of a repaired layer the stage below it tells, and the frames are those of that stage.
     """
 
@@ -87,7 +89,8 @@ class PlacedMeshes:
         self.rest = _placed(source, self._time, [rest.points for rest in rests])
         self.weld = weld_maps([self.rest[a:b] for a, b in pairwise(starts)])
         both = zip(source.meshes, rests, strict=True)
-        self._bound_by = np.array([_binding(*each) for each in both], dtype=object)
+        self.binding = np.array([_binding(*each) for each in both], dtype=object)
+        self._named = np.array([rest.named for rest in rests], dtype=bool)
         self._starts = starts
 
     def faces_outwards(self) -> IntArray:
@@ -109,24 +112,21 @@ class PlacedMeshes:
         return label[self.weld[self.faces[:, 0]]].astype(np.int64)
 
     @cached_property
-    def binding(self) -> NDArray[np.object_]:
-        """What binds each mesh (M,), see `_binding`: of those of one the rests tell how they lie.
-
-        Caches whose own points lie on each other, and in no frame do so, are bound by points of
-        their own.
-        """
-        binding, own = self._bound_by.copy(), self._bound_by == POINTS
-        if own.sum() > 1:
-            with suppress(CollapsedPoseError):
-                pairs = self.bind_look.pairs
-                meshes = self.mesh_of[pairs]
-                told = own[meshes].all(axis=1) & (meshes[:, 0] != meshes[:, 1])
-                poses = (points for _, points in self.poses(TogetherOptions().samples))
-                triangles = self.faces[pairs[told]]
-                number = together(self.rest, poses, triangles, meshes[told], self._starts)
-                for mesh in np.flatnonzero(own & (number > 0)):
-                    binding[mesh] = f"{POINTS} {number[mesh]}"
-        return binding
+    def _together(self) -> Together:
+        """Caches whose own points lie on each other, and in frames do not, see `together`."""
+        own = (self.binding == POINTS) & ~self._named
+        count = len(own)
+        result = Together(np.zeros((count, count), dtype=bool), np.zeros(count, dtype=np.int64))
+        if own.sum() < 2:
+            return result
+        with suppress(CollapsedPoseError):
+            pairs = self.bind_look.pairs
+            meshes = self.mesh_of[pairs]
+            told = own[meshes].all(axis=1) & (meshes[:, 0] != meshes[:, 1])
+            poses = (points for _, points in self.poses(TogetherOptions().samples))
+            triangles = self.faces[pairs[told]]
+            result = together(self.rest, poses, triangles, meshes[told], self._starts)
+        return result
 
     @cached_property
     def bind_look(self) -> Look:
@@ -138,12 +138,17 @@ class PlacedMeshes:
         """A number (F,) for what binds each triangle, -1 for those that nothing binds."""
         names = self.binding.astype(str)
         number = np.unique(names, return_inverse=True)[1].reshape(-1)
+        # What is parted from others is bound with what it meets in frames as at rest.
+        group = self._together.number
+        number = np.where(group > 0, len(names) + group, number)
         number[np.isin(names, ("", STILL))] = -1
         return number[self.mesh_of].astype(np.int32)
 
     @property
     def one_binding(self) -> bool:
-        """Whether all meshes that are bound at all are bound by the same."""
+        """Whether all meshes that are bound at all are bound by the same, and none are parted."""
+        if self._together.parted.any():
+            return False
         return len({own for own in self.binding if own not in ("", STILL)}) < 2
 
     @property
@@ -192,8 +197,10 @@ class PlacedMeshes:
 
     def tell_by_rests(self, pairs: IntArray) -> BoolArray:
         """Return which pairs (K, 2) of triangles are of meshes of which the rests tell, (K,)."""
-        first, second = self.binding[self.mesh_of[pairs]].reshape(-1, 2).T
+        meshes = self.mesh_of[pairs].reshape(-1, 2)
+        first, second = self.binding[meshes].T
         same = (first == second) | (first == STILL) | (second == STILL)
+        same &= ~self._together.parted[meshes[:, 0], meshes[:, 1]]
         return np.asarray((first != "") & (second != "") & same, dtype=bool)
 
     def collide(self, pairs: IntArray) -> BoolArray:
@@ -219,21 +226,8 @@ def _binding(mesh: SourceMesh, rest: Rest) -> str:
         return STILL
     if not (mesh.has_rest or rest.named):
         return ""
-    moves = bool(mesh.handle.skinned) or len(mesh.handle.times) > 1 or _posed_once(mesh)
+    moves = bool(mesh.handle.skinned) or len(mesh.handle.times) > 1 or posed_once(mesh)
     return mesh.handle.skeleton or (POINTS if moves else "")
-
-
-def _posed_once(mesh: SourceMesh) -> bool:
-    """Whether the only time sample of a mesh has other points than the default time."""
-    import usd_io
-
-    if not mesh.has_rest or np.isnan(mesh.handle.times[0]):
-        return False
-    try:
-        (points,) = usd_io.read_points(mesh.handle, mesh.handle.times)
-    except usd_io.FrameError:
-        return False
-    return bool((points != mesh.rest.astype(np.float32)).any())
 
 
 def _placed(source: Source, time: float, poses: Sequence[NDArray[np.floating]]) -> FloatArray:

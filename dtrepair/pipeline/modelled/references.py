@@ -189,7 +189,7 @@ def _untold(
         return []
     names = listed([meshes.source.meshes[index].path for index in met])
     bound = (meshes.binding[met] != "").all()
-    lacking = "bind poses of different skeletons" if bound else "no bind pose"
+    lacking = "bind poses of different skeletons or caches" if bound else "no bind pose"
     return [
         f"different parts of {names} meet, and with {lacking} and fewer than {options.least} "
         f"frames nothing tells whether they were modelled so: {then}"

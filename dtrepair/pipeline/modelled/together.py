@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from scipy.sparse import csgraph
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
 from dtrepair.numerics.scale import boxes_of, gaps_between
 
-Pairs = Sequence[tuple[int, int]]
+BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,19 +25,25 @@ class TogetherOptions:
     Args:
         samples: Frames of the whole clip that are looked at, at most.
         far: What meets at rest is farther apart than this in all of them, by half of the pairs, in
-            diagonals of the smaller mesh.
+            diagonals of the smaller mesh; ...
+        beside: ... and their boxes overlap in at most this share of them: a rod that is drawn out
+            of its sleeve is beside it all the time.
     """
 
     samples: int = 33
     far: float = 0.1
+    beside: float = 0.5
 
 
-class _Meeting(NamedTuple):
-    """Two meshes that meet at rest, the triangles (K, 2, 3) there, and how far apart (K,)."""
+class Together(NamedTuple):
+    """Which of several meshes lie to each other as their rests say.
 
-    both: tuple[int, int]
-    triangles: IntArray
-    apart: FloatArray
+    parted: of which two (M, M) the rests say nothing. number: one (M,) for all that nothing was
+    parted from, and one for each group of those that meet at rest and do so in frames.
+    """
+
+    parted: BoolArray
+    number: NDArray[np.int64]
 
 
 def together(
@@ -48,85 +54,95 @@ def together(
     starts: NDArray[np.integer],
     *,
     options: TogetherOptions = TogetherOptions(),
-) -> NDArray[np.int64]:
-    """Return a number (M,) for each mesh: those of one number lie to each other as at rest.
+) -> Together:
+    """Return which meshes lie to each other as at rest.
 
-    Of two meshes that meet at rest, and in no pose come near what they meet there, the rests say
-    nothing.
+    Of two that meet at rest, come near what they meet there in no pose, and are seldom beside each
+    other at all, the rests say nothing.
 
     Args:
         rest: Points (V, 3) of all meshes at rest.
         poses: The same in frames; no more are looked at than it takes.
         triangles: Pairs of triangles (K, 2, 3) of two meshes that meet at rest.
         meshes: The two meshes (K, 2) of each pair.
+        starts: The first vertex of each mesh, and V (M + 1,); each has some.
+    """
+    count = len(starts) - 1
+    sides, place = np.unique(np.sort(meshes, axis=1), axis=0, return_inverse=True)
+    order = np.argsort(place.reshape(-1), kind="stable")
+    met = _Met(rest, triangles[order], np.sort(place.reshape(-1)), sides, starts)
+    far, looks = np.ones(len(sides), dtype=bool), 0
+    beside = np.zeros(len(sides), dtype=np.int64)
+    for pose in poses if len(sides) else ():
+        far &= ~met.near(pose, options.far)
+        if not far.any():
+            break
+        looks += 1
+        gaps = gaps_between(boxes_of(pose, starts))
+        beside += gaps[sides[:, 0], sides[:, 1]] <= 0.0
+    parted = np.zeros((count, count), dtype=bool)
+    far &= beside <= options.beside * looks
+    if looks:
+        first, second = sides[far].T
+        parted[first, second] = parted[second, first] = True
+    return Together(parted, _numbers(sides[~far], parted))
+
+
+class _Met:
+    """Triangles (K, 2, 3) of two meshes that meet at rest, in the order of these two.
+
+    Args:
+        rest: All meshes at rest (V, 3).
+        triangles: The triangles.
+        place: Which two meshes (K,) they are of, ascending.
+        sides: The numbers of each two meshes (N, 2).
         starts: The first vertex of each mesh, and V (M + 1,).
     """
-    sides, place = np.unique(np.sort(meshes, axis=1), axis=0, return_inverse=True)
-    own = [triangles[place.reshape(-1) == index] for index in range(len(sides))]
-    met = [
-        _Meeting((int(a), int(b)), each, _apart(rest, each))
-        for (a, b), each in zip(sides, own, strict=True)
-    ]
-    parted, first = met, None
-    for pose in poses if met else ():
-        first = pose if first is None else first
-        parted = [each for each in parted if not _near(each, rest, pose, starts, options.far)]
-        if not parted:
-            break
-    if first is None or not parted:
-        return np.zeros(len(starts) - 1, dtype=np.int64)
-    gone = {each.both for each in parted}
-    near = [each.both for each in met if each.both not in gone]
-    return _numbered(np.diff(starts), near, sorted(gone), gaps_between(boxes_of(first, starts)))
+
+    def __init__(
+        self,
+        rest: FloatArray,
+        triangles: IntArray,
+        place: NDArray[np.integer],
+        sides: IntArray,
+        starts: NDArray[np.integer],
+    ) -> None:
+        self.triangles, self.place, self.sides, self.starts = triangles, place, sides, starts
+        self.middles = np.cumsum([0, *np.bincount(place, minlength=len(sides))])
+        self.middles = (self.middles[:-1] + self.middles[1:] - 1) // 2
+        self.sizes, self.apart = self._sizes(rest), self._apart(rest)
+        # The smaller mesh of each two.
+        smaller = self.sizes[sides].argmin(axis=1)
+        self.smaller = np.take_along_axis(sides, smaller[:, None], axis=1)[:, 0]
+
+    def near(self, pose: FloatArray, far: float) -> BoolArray:
+        """Return of which two meshes (N,) half of what meets at rest is near in a pose.
+
+        Or may be: what is scaled to nothing shows nothing.
+        """
+        posed = self._sizes(pose)
+        hidden = (posed <= 1e-6 * self.sizes)[self.sides].any(axis=1)
+        sizes, before = posed[self.smaller], self.sizes[self.smaller]
+        scale = np.where(before > 0.0, sizes / np.maximum(before, 1e-300), 1.0)
+        beyond = self._apart(pose) - scale[self.place] * self.apart
+        ordered = beyond[np.lexsort((beyond, self.place))]
+        return np.asarray((ordered[self.middles] <= far * sizes) | hidden)
+
+    def _sizes(self, points: FloatArray) -> FloatArray:
+        """Return the diagonal (M,) of each mesh in points (V, 3)."""
+        return np.array([diagonal(points[a:b]) for a, b in pairwise(self.starts)])
+
+    def _apart(self, points: FloatArray) -> FloatArray:
+        """Return how far (K,) the middles of two triangles are from each other."""
+        first, second = points[self.triangles].mean(axis=2).swapaxes(0, 1)
+        return lengths(first - second)
 
 
-def _apart(points: FloatArray, triangles: IntArray) -> FloatArray:
-    """Return how far (K,) the middles of two triangles (K, 2, 3) are from each other."""
-    first, second = points[triangles].mean(axis=2).swapaxes(0, 1)
-    return lengths(first - second)
-
-
-def _near(
-    met: _Meeting,
-    rest: FloatArray,
-    pose: FloatArray,
-    starts: NDArray[np.integer],
-    far: float,
-) -> bool:
-    """Return whether half of what two meshes meet with at rest is near in a pose, too."""
-    vertices = [slice(*ends) for ends in pairwise(starts)]
-    smaller = min((vertices[mesh] for mesh in met.both), key=lambda own: diagonal(rest[own]))
-    size, before = diagonal(pose[smaller]), diagonal(rest[smaller])
-    known = met.apart * (size / before if before > 0 else 1.0)
-    return bool(np.median(_apart(pose, met.triangles) - known) <= far * size)
-
-
-def _numbered(
-    sizes: NDArray[np.integer], near: Pairs, parted: Pairs, gaps: FloatArray
-) -> NDArray[np.int64]:
-    """Return numbers (M,): one for what is near, two for what is parted, where both can be.
-
-    The largest come first. What is neither goes with what its box lies deepest in, as eyes in
-    their head do. gaps: between the boxes (M, M).
-    """
-    count = len(sizes)
-    shape = (count, count)
-    first, second = np.array([*near, *((0, 0),)], dtype=np.int64).T
-    graph = sparse.csr_matrix((np.ones(len(first)), (first, second)), shape=shape)
+def _numbers(near: IntArray, parted: BoolArray) -> NDArray[np.int64]:
+    """Return a number (M,) for each group of what is near, 0 where nothing of it is parted."""
+    count = len(parted)
+    ones = np.ones(len(near))
+    graph = sparse.csr_matrix((ones, (near[:, 0], near[:, 1])), shape=(count, count))
     label = csgraph.connected_components(graph, directed=False)[1]
-    never = np.zeros(shape, dtype=bool)
-    for a, b in parted:
-        never[a, b] = never[b, a] = True
-    number = np.full(count, -1, dtype=np.int64)
-    weight = np.bincount(label, sizes)
-    for group in np.argsort(-weight, kind="stable").tolist():
-        own = label == group
-        open_ = [
-            each
-            for each in range(number.max() + 1)
-            if not never[np.ix_(own, number == each)].any()
-            and gaps[np.ix_(own, number == each)].min() <= 0.0
-        ]
-        deepest = [gaps[np.ix_(own, number == each)].min() for each in open_]
-        number[own] = open_[int(np.argmin(deepest))] if open_ else number.max() + 1
-    return number
+    groups = np.unique(label[parted.any(axis=1)])
+    return np.where(np.isin(label, groups), np.searchsorted(groups, label) + 1, 0)

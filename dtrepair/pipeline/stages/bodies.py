@@ -16,6 +16,7 @@ from dtrepair.pipeline.stages.matching import (
     attached_pairs,
     find_sets,
     ignored_pairs,
+    pairs_beside,
     pairs_of_sets,
 )
 from dtrepair.pipeline.stages.object_settings import read_settings
@@ -206,6 +207,7 @@ def make_bodies(
                 rigid=bool(own.rigid),
                 layer=controls.layers[index],
                 name=mesh.path,
+                of_set=mesh.around,
             )
         )
     return PlacedBodies(bodies, met)
@@ -257,7 +259,11 @@ def _time_of_rest(source: Source, rests: list[Rest]) -> tuple[float, list[tuple[
 
 
 def unclear_sides(source: Source, pairs: Sequence[tuple[int, int]]) -> list[str]:
-    """Return a warning about pairs of meshes of which no frame tells which one is outside."""
+    """Return a warning about pairs of meshes of which no frame tells which one is outside.
+
+    Not of those that are never beside each other.
+    """
+    pairs = pairs_beside(source, pairs)
     if not pairs:
         return []
     first, second = (source.meshes[index].path for index in pairs[0])

@@ -8,9 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from dtrepair.numerics.scale import sets_among
+from dtrepair.numerics.scale import gaps_between, sets_among
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectSettings
+from dtrepair.pipeline.stages.rest import posed_once
 from dtrepair.pipeline.stages.sources import (
     Points,
     Source,
@@ -18,8 +19,10 @@ from dtrepair.pipeline.stages.sources import (
     few_times,
 )
 
-# A house is of the set already; colliders that are named measure lengths up to twice that size.
-LARGER = 2.0
+Pairs = Sequence[tuple[int, int]]
+
+# A wall that is little higher than who leans on it is of the set already.
+LARGER = 1.25
 
 
 def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
@@ -82,19 +85,22 @@ def find_sets(source: Source, each: Sequence[ObjectSettings]) -> None:
         return
     meshes = source.meshes
     named = np.array([own.collider for own in meshes])
-    still = named | ~np.array([own.animated or own.handle.skinned for own in meshes])
+    moving = np.array([own.animated or bool(own.handle.skinned) for own in meshes])
+    if not moving.any():  # a single pose
+        moving = np.array([posed_once(own) for own in meshes])
+    still = named | ~moving
     asked = np.flatnonzero(~still | [own.mobility is None for own in each])
     if not still[asked].any() or still[asked].all():
         return
     times = few_times(source)
     sets = np.zeros(len(meshes), dtype=bool)
     sets[asked] = sets_among(source.boxes(times[0])[asked], still[asked], LARGER)
-    for time in times if (sets & ~named).any() else ():
+    for time in times if sets.any() else ():
         boxes = source.boxes(time, _poses(source, np.flatnonzero(~still).tolist(), time))
         sets[asked] &= sets_among(boxes[asked], still[asked], LARGER)
     source.meshes = tuple(
-        replace(mesh, collider=True, of_set=True) if own else mesh
-        for mesh, own in zip(meshes, (sets & ~named).tolist(), strict=True)
+        replace(mesh, collider=True, of_set=not mesh.collider, around=True) if own else mesh
+        for mesh, own in zip(meshes, sets.tolist(), strict=True)
     )
 
 
@@ -109,6 +115,23 @@ def _poses(source: StageSource, chosen: Sequence[int], time: float) -> dict[int,
             if points is not None:
                 found[index] = points
     return found
+
+
+def pairs_beside(source: Source, pairs: Pairs) -> list[tuple[int, int]]:
+    """Return which pairs of meshes are beside each other at one of three times of the whole clip.
+
+    What moves is beside no set: it stands on it.
+    """
+    if not isinstance(source, StageSource):
+        return list(pairs)
+    pairs = [own for own in pairs if not any(source.meshes[k].around for k in own)]
+    if not pairs:
+        return []
+    every = range(len(source.meshes))
+    gaps = np.min(
+        [gaps_between(source.boxes(t, _poses(source, every, t))) for t in few_times(source)], axis=0
+    )
+    return [own for own in pairs if gaps[own] <= 0.0]
 
 
 def pairs_of_sets(source: Source) -> set[tuple[int, int]]:

@@ -165,6 +165,19 @@ def _as_time(option: str) -> float | None:
     return time
 
 
+def posed_once(mesh: SourceMesh) -> bool:
+    """Whether a mesh has one time sample only, with other points than the default time."""
+    import usd_io
+
+    if not mesh.has_rest or len(times := _times(mesh)) != 1:
+        return False
+    try:
+        (points,) = usd_io.read_points(mesh.handle, times)
+    except usd_io.FrameError:
+        return False
+    return bool((points != mesh.rest.astype(np.float32)).any())
+
+
 def _times(mesh: SourceMesh) -> list[float]:
     """The times of a mesh's own samples; none for a mesh that does not change."""
     return [] if mesh.handle is None else [t for t in mesh.handle.times if not math.isnan(t)]

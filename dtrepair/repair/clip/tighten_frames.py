@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.temporal import (
@@ -17,14 +16,12 @@ from dtrepair.numerics.temporal import (
 from dtrepair.repair.clip.mend_frames import MendFramesOptions, mend_frames
 from dtrepair.repair.clip.restore_shape import stretch
 from dtrepair.repair.clip.window_state import Snapshot, WindowState
-from dtrepair.repair.frame.common_shift import (
+from dtrepair.repair.full.settle import (
     CommonShiftOptions,
-    along_and_across,
-    carried_vertices,
-    common_shifts,
+    SettleOptions,
+    Settling,
+    shifted_back,
 )
-from dtrepair.repair.full.settle import SettleOptions, Settling
-from dtrepair.repair.surface.surface import BoolArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,9 +180,7 @@ class SettleFramesOptions:
         rings: Around what that closes displacements come back, fading out over so many rings, try
             by try; then in the whole frame.
         settle: What is far, and how displacements fade.
-        halvings: Where a shift of all that moves may not go back, as much of it as may is found so.
-        tries: Then, eased in time, it may have to come back in some frames: so many tries.
-        shift: Which shifts go back.
+        shift: Which shifts of all that moves go back.
     """
 
     strain: float = 0.15
@@ -193,8 +188,6 @@ class SettleFramesOptions:
     together: float = 4.0
     rings: tuple[int, ...] = (6, 12)
     settle: SettleOptions = field(default_factory=SettleOptions)
-    halvings: int = 4
-    tries: int = 3
     shift: CommonShiftOptions = field(default_factory=CommonShiftOptions)
 
 
@@ -203,54 +196,22 @@ def shift_frames_back(
 ) -> None:
     """Take back by what all that moves was shifted, smoothly in time, where no pair comes of it.
 
-    Contacts of what is shifted with itself are none the worse; where it met what stands still, as a
-    floor, it first goes back along that, and then as far as it can.
+    Not where no vertex may go farther than a limit: those that moved against the shift would.
     """
-    carried = carried_vertices(state.surface)
-    if carried is None or state.work.farthest is not None or not any(map(len, state.found)):
+    if state.work.farthest is not None or not any(map(len, state.found)):
         return
-    moved = state.poses - state.original
-    shifts = common_shifts(state.surface, moved, carried, options=options.shift)
-    own = along_and_across(
-        state.surface, shifts, state.original, state.found, options=options.shift
+    poses = shifted_back(
+        state.surface,
+        state.original,
+        state.poses,
+        state.pairs,
+        state.pairs_of,
+        eased=lambda needed: eased_in_time(needed, state.frames, options.width),
+        options=options.shift,
     )
-    for part in own:
-        _shift_back(state, part, carried, options)
-
-
-def _shift_back(
-    state: WindowState, shifts: FloatArray, carried: BoolArray, options: SettleFramesOptions
-) -> None:
-    """Take back as much of shifts (T, 3) as keeps the frames as clean as they are."""
-    if not len(shifted := np.flatnonzero(shifts.any(axis=1))):
-        return
-    start, before = state.poses, state.pairs
-
-    def without(kept: FloatArray, frames: NDArray[np.integer]) -> FloatArray:
-        poses, back = start.copy(), (1.0 - kept[frames])[:, None] * shifts[frames]
-        poses[np.ix_(frames, np.flatnonzero(carried))] -= back[:, None]
-        return poses
-
-    def closed(kept: FloatArray, frames: NDArray[np.integer]) -> NDArray[np.integer]:
-        found = state.pairs_of(without(kept, frames), frames.tolist())
-        return frames[[len(own) > len(before[k]) for k, own in zip(frames, found, strict=True)]]
-
-    low, needed = np.zeros((2, len(shifts)))
-    bad = closed(low, shifted)
-    needed[bad] = 1.0
-    for _ in range(options.halvings if len(bad) else 0):
-        middle = 0.5 * (low + needed)
-        still = closed(middle, bad)
-        opened = np.setdiff1d(bad, still)
-        low[still], needed[opened] = middle[still], middle[opened]
-    for _ in range(options.tries):
-        kept = eased_in_time(needed, state.frames, options.width)
-        bad = closed(kept, shifted)
-        if not len(bad):
-            state.work.extra += without(kept, shifted) - start
-            state.evaluate()
-            return
-        needed[bad] = 1.0
+    if poses is not state.poses:
+        state.work.extra += poses - state.poses
+        state.evaluate()
 
 
 def settle_frames(

@@ -29,7 +29,7 @@ from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.scene.bounds import Judged, bounded_frames
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
-from dtrepair.repair.separation.groups import groups_meet, groups_of_bodies
+from dtrepair.repair.separation.groups import faulty_bodies, groups_meet, groups_of_bodies
 from dtrepair.repair.separation.starts import Starts
 
 Item = TypeVar("Item")
@@ -45,13 +45,6 @@ def side_by_side(
         return [function(item) for item in items]
     with ThreadPoolExecutor(jobs) as pool:
         return list(pool.map(function, items))
-
-
-def _faulty_bodies(scene: Scene, frames: Sequence[Frame]) -> set[int]:
-    """Return the bodies that have pairs, or lie inside others, in any of the frames."""
-    pairs = [scene.body_of[frame.pairs] for frame in frames]
-    enclosed = [scene.body_of_part[frame.enclosed] for frame in frames]
-    return set(np.concatenate([*pairs, *enclosed]).ravel().tolist())
 
 
 class WindowRepairer:
@@ -98,7 +91,7 @@ class WindowRepairer:
     ) -> tuple[list[Judged], WeldedMeshes]:
         """Return the poses of groups of bodies, each repaired as if there were no others."""
         judged, rigid = [Judged(frame.centred) for frame in frames], set[int]()
-        faulty = _faulty_bodies(self.meshes.scene, frames)
+        faulty = faulty_bodies(self.meshes.scene, frames)
         for number, bodies in enumerate(groups):
             # With a clearance a pose without pairs may have to move as well.
             if self.meshes.scene.options.clearance == 0.0 and faulty.isdisjoint(bodies):
@@ -108,15 +101,7 @@ class WindowRepairer:
             self._done = number / len(groups) * len(frames)
             own, taken = self._repaired(meshes, opened, 1.0 / len(groups))
             rigid |= {bodies[k] for k, body in enumerate(taken.scene.bodies) if body.rigid}
-            judged = [
-                Judged(
-                    parts.placed(before.points, found.points),
-                    (*before.excess, *parts.outer_excess(found.excess)),
-                    before.lowered or found.lowered,
-                    before.turned or found.turned,
-                )
-                for before, found in zip(judged, own, strict=True)
-            ]
+            judged = [parts.joined(*both) for both in zip(judged, own, strict=True)]
         return judged, self.meshes.with_rigid(rigid)
 
     def _repaired(

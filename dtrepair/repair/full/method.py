@@ -17,7 +17,12 @@ from dtrepair.repair.full.cure import CureOptions, Flaws, cure
 from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
 from dtrepair.repair.full.pull_back import PullBackOptions, pull_back
 from dtrepair.repair.full.relax import QUICK, RelaxOptions, relax
-from dtrepair.repair.full.settle import SettleOptions, Settling
+from dtrepair.repair.full.settle import (
+    CommonShiftOptions,
+    SettleOptions,
+    Settling,
+    shifted_back,
+)
 from dtrepair.repair.result import Solved
 from dtrepair.repair.stage_log import StageLog
 from dtrepair.repair.surface.defects import Defects, find_defects
@@ -35,6 +40,7 @@ class FullOptions:
         pull_back: Rigid bodies back towards the input.
         relax: All others back towards the input: single skins and attached parts, ...
         relax_bodies: ... and bodies that move freely, which take longer to come to rest.
+        shift: What all that moves was shifted by back, before it is relaxed; less of it settles.
         settle: What touches nothing back to its place, between cycles of relaxing.
         edges: Edges that are crushed or drawn out, brought back.
         unbend: Zipped creases opened.
@@ -56,6 +62,7 @@ class FullOptions:
     pull_back: PullBackOptions = field(default_factory=PullBackOptions)
     relax: RelaxOptions = field(default_factory=lambda: QUICK)
     relax_bodies: RelaxOptions = field(default_factory=RelaxOptions)
+    shift: CommonShiftOptions = field(default_factory=lambda: CommonShiftOptions(faint=0.01))
     settle: SettleOptions = field(default_factory=SettleOptions)
     edges: EdgeLengthOptions = field(default_factory=EdgeLengthOptions)
     unbend: DihedralOptions = field(default_factory=DihedralOptions)
@@ -162,6 +169,7 @@ class FullMethod:
             if not ("settle" in self.skip or phases.steering or surface.clusters > 1 or crossings):
                 bad = phases.known.triangles
                 settling = Settling(surface, original, bad, options=options.settle)
+                points = self._shifted_back(original, points)
             points, cycles = relax(
                 surface,
                 original,
@@ -179,6 +187,20 @@ class FullMethod:
             left = len(surface.contacts.pairs(points)) if crossings else 0
             log.add("relax", points, start, crossings=left, folds=folds, iterations=cycles)
         return best.points if (phases.limited(points) != points).any() else points
+
+    def _shifted_back(self, original: FloatArray, points: FloatArray) -> FloatArray:
+        """Return a clean pose (V, 3) without what all that moves was shifted by."""
+        surface, none = self.surface, np.zeros((0, 2), dtype=np.int32)
+        (result,) = shifted_back(
+            surface,
+            original[None],
+            points[None],
+            [none],
+            lambda poses, _: [surface.contacts.pairs(poses[0])],
+            eased=lambda needed: needed,
+            options=self.options.shift,
+        )
+        return np.asarray(result)
 
     def _relaxed_enough(self, phases: Phases) -> float:
         """Return the total of `work_done` after which attached parts are not relaxed on."""

@@ -1,14 +1,20 @@
-"""What is far from every contact goes back to where it was, if the way there is gentle."""
+"""What is far from every contact goes back to where it was, if the way there is gentle.
+
+Before that goes back what a character moved by as a whole: contacts of its own parts do not ask for
+it. Pushes of one contact seldom cancel each other to the last, and over many sweeps a light
+character drifts along with them, farther than a gentle way is long.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_normals
 from dtrepair.repair.full.acceptance import (
     acceptable,
     changed_defects,
@@ -17,6 +23,9 @@ from dtrepair.repair.full.acceptance import (
 from dtrepair.repair.full.biharmonic_fill import Filled
 from dtrepair.repair.surface.defects import Defects
 from dtrepair.repair.surface.surface import BoolArray, Surface
+
+# Finds the pairs (K, 2) of some frames of poses (T, V, 3).
+PairsOf = Callable[[FloatArray, list[int]], list[IntArray]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +43,27 @@ class SettleOptions:
     bands: tuple[tuple[float, float], ...] = ((0.04, 0.15), (0.08, 0.25))
     quantile: float = 0.9
     rings: int = 6
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommonShiftOptions:
+    """Which shifts of all that moves are taken back, and how.
+
+    Args:
+        few: So much of the area may have moved by less than half of it, or up to twice as much if
+            less of it goes back: else what stands still would be moved.
+        faint: Those below this are left, units of the size; up to twice this they fade in.
+        one_way: Along what stands still, as a floor, a shift goes back first, if at least this part
+            of the squares of the normals that would be met there is along one axis.
+        halvings: Where not all of one may go back, as much of it as may is found by so many.
+        tries: Eased in time, it may have to come back in some frames: so many tries.
+    """
+
+    few: float = 0.1
+    faint: float = 1e-3
+    one_way: float = 0.8
+    halvings: int = 4
+    tries: int = 3
 
 
 class Settling:
@@ -115,6 +145,166 @@ class Settling:
         back = beyond[(gone <= strain * (far - near))[part_of]]
         kept[back] = fading[back]
         return kept
+
+
+def carried_vertices(surface: Surface) -> BoolArray | None:
+    """Return which vertices (V,) a shift of all that moves carries; None where there is no such.
+
+    There are none where several clusters of bodies lean on each other, where some vertices of a
+    body are held, and where displacements have a direction.
+    """
+    if surface.clusters > 1 or surface.direction is not None:
+        return None
+    carried = surface.scale.counted(surface.count)
+    if not carried.any() or (surface.mobility[carried] < 1.0).any():
+        return None
+    return None if surface.stiff[carried].all() else carried
+
+
+def common_shifts(
+    surface: Surface,
+    moved: FloatArray,
+    carried: BoolArray,
+    *,
+    options: CommonShiftOptions = CommonShiftOptions(),
+) -> FloatArray:
+    """Return by what (T, 3) half of the area of what is carried moved, axis by axis.
+
+    moved: displacements (T, V, 3); carried: vertices (V,).
+    """
+    soft = np.flatnonzero(carried & ~surface.stiff)
+    own = moved[:, soft]
+    order = np.argsort(own, axis=1, kind="stable")
+    weight = np.cumsum(surface.mass[soft][order], axis=1)
+    middle = (weight < 0.5 * weight[:, -1:]).sum(axis=1, keepdims=True)
+    shifts: FloatArray = np.take_along_axis(own, np.take_along_axis(order, middle, axis=1), axis=1)[
+        :, 0
+    ]
+    length = lengths(shifts)
+    stayed = np.linalg.norm(own, axis=2) < 0.5 * length[:, None]
+    share = stayed @ surface.mass[soft] / surface.mass[soft].sum()
+    faded = np.clip(length / options.faint - 1.0, 0.0, 1.0) * np.clip(
+        2.0 - share / options.few, 0.0, 1.0
+    )
+    return np.asarray(faded[:, None] * shifts)
+
+
+def along_and_across(
+    surface: Surface,
+    shifts: FloatArray,
+    poses: FloatArray,
+    pairs: Sequence[IntArray],
+    *,
+    options: CommonShiftOptions = CommonShiftOptions(),
+) -> list[FloatArray]:
+    """Return shifts (T, 3) split into those along what stands still and is met, and across it.
+
+    As they are, where it faces several ways or nothing is met. poses: some (N, V, 3), and their
+    pairs (K, 2), which tell what is met.
+    """
+    normals = [np.zeros((0, 3))]
+    for pose, found in zip(poses, pairs, strict=True):
+        met = np.unique(found)
+        met = met[surface.fixed[surface.faces[met]].all(axis=1)]
+        normals.append(triangle_normals(pose, surface.faces[met]))
+    every = np.concatenate(normals)
+    squares, axes = np.linalg.eigh(every.T @ every)
+    if squares[-1] <= options.one_way * squares.sum():
+        return [shifts]
+    across = np.outer(shifts @ axes[:, -1], axes[:, -1])
+    return [shifts - across, across]
+
+
+def shifted_back(
+    surface: Surface,
+    original: FloatArray,
+    poses: FloatArray,
+    pairs: Sequence[IntArray],
+    pairs_of: PairsOf,
+    *,
+    eased: Callable[[FloatArray], FloatArray],
+    options: CommonShiftOptions = CommonShiftOptions(),
+) -> FloatArray:
+    """Return poses (T, V, 3) without what all that moves was shifted by, as far as may be.
+
+    Contacts of what is shifted with itself are none the worse; where it would meet what stands
+    still, as a floor, it first goes back along that, and then as far as it can.
+
+    Args:
+        surface: Its bodies.
+        original: The poses (T, V, 3) of the input.
+        poses: What was found for them.
+        pairs: The pairs (K, 2) of each: none gets more.
+        pairs_of: Finds those of some frames of other poses.
+        eased: Returns shares (T,) that are smooth in time, and no smaller.
+        options: The numbers.
+    """
+    carried = carried_vertices(surface)
+    if carried is None:
+        return poses
+    shifts = common_shifts(surface, poses - original, carried, options=options)
+    whole = _Shift(poses, shifts, carried, pairs, pairs_of)
+    if len(whole.frames):
+        back = whole.without(np.zeros(len(poses)))
+        met = pairs_of(back, whole.frames)
+        shifted = poses
+        for part in along_and_across(surface, shifts, back[whole.frames], met, options=options):
+            shifted = _Shift(shifted, part, carried, pairs, pairs_of).back(eased, options)
+        # A body may have moved as a whole against its limbs, which are finer: they would move more.
+        if _motion(shifted, original) < _motion(poses, original):
+            return shifted
+    return poses
+
+
+def _motion(poses: FloatArray, original: FloatArray) -> float:
+    """Return how far the vertices of poses (T, V, 3) moved, in the mean."""
+    return float(np.linalg.norm(poses - original, axis=2).mean())
+
+
+class _Shift:
+    """Poses (T, V, 3) that are shifted by (T, 3) where they are carried (V,)."""
+
+    def __init__(
+        self,
+        poses: FloatArray,
+        shifts: FloatArray,
+        carried: BoolArray,
+        pairs: Sequence[IntArray],
+        pairs_of: PairsOf,
+    ) -> None:
+        self.poses, self.shifts, self.carried = poses, shifts, carried
+        self.pairs, self.pairs_of = pairs, pairs_of
+        self.frames: list[int] = np.flatnonzero(shifts.any(axis=1)).tolist()
+
+    def without(self, kept: FloatArray) -> FloatArray:
+        """Return the poses with shares (T,) of the shifts."""
+        back = ((1.0 - kept)[:, None] * self.shifts)[:, None]
+        return np.where(self.carried[:, None], self.poses - back, self.poses)
+
+    def closed(self, kept: FloatArray, frames: list[int]) -> list[int]:
+        """Return which frames get more pairs by such shares."""
+        found = self.pairs_of(self.without(kept), frames)
+        return [k for k, own in zip(frames, found, strict=True) if len(own) > len(self.pairs[k])]
+
+    def back(
+        self, eased: Callable[[FloatArray], FloatArray], options: CommonShiftOptions
+    ) -> FloatArray:
+        """Return the poses with the least shares that give no frame more pairs."""
+        low, needed = np.zeros((2, len(self.poses)))
+        bad = self.closed(low, self.frames) if self.frames else []
+        needed[bad] = 1.0
+        for _ in range(options.halvings if bad else 0):
+            middle = 0.5 * (low + needed)
+            still = self.closed(middle, bad)
+            low[still] = middle[still]
+            opened = sorted(set(bad) - set(still))
+            needed[opened] = middle[opened]
+        for _ in range(options.tries if self.frames else 0):
+            kept = eased(needed)
+            if not (bad := self.closed(kept, self.frames)):
+                return self.without(kept)
+            needed[bad] = 1.0
+        return self.poses
 
 
 def _quantiles(values: FloatArray, group: IntArray, quantile: float) -> FloatArray:

@@ -34,6 +34,7 @@ class Body:
         rigid: It moves as a whole only; a fixed vertex then holds all of it.
         layer: Whole numbers (F,), one for each triangle: a higher one lies farther out; None:
             nobody says.
+        of_set: It is of the set around what moves, by which no lengths are measured.
     """
 
     rest: ArrayLike
@@ -45,6 +46,7 @@ class Body:
     rigid: bool = False
     name: str = ""
     layer: ArrayLike | None = None
+    of_set: bool = False
 
 
 def mobility_of(body: Body, count: int) -> FloatArray:

@@ -99,7 +99,8 @@ class Scene:
     @cached_property
     def scale(self) -> Scale:
         """What lengths are measured in."""
-        return scale_of(self.rest, self.vertex_starts, self.never_moves)
+        sets = np.array([body.of_set for body in self.bodies], dtype=bool)
+        return scale_of(self.rest, self.vertex_starts, self.never_moves, sets=sets)
 
     @cached_property
     def never_moves(self) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.scene.bodies import Body
+from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import Pose, detected
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.strain.meter import Excess
@@ -64,7 +65,16 @@ class SubScene:
         result[self.vertices] = points
         return result
 
-    def outer_excess(self, excess: Sequence[Excess]) -> tuple[Excess, ...]:
+    def joined(self, whole: Judged, found: Judged) -> Judged:
+        """Return what was found for the whole with what was found for these parts."""
+        return Judged(
+            self.placed(whole.points, found.points),
+            (*whole.excess, *self._outer_excess(found.excess)),
+            whole.lowered or found.lowered,
+            whole.turned or found.turned,
+        )
+
+    def _outer_excess(self, excess: Sequence[Excess]) -> tuple[Excess, ...]:
         """Return what is strained in these parts by the numbers of the whole."""
         part_of = self.outer.strain_meter.parts.of_vertex if excess else self.vertices
         return tuple(

@@ -12,6 +12,7 @@ from scipy.sparse import csgraph
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.scale import boxes_of, gaps_between
+from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
 
 BoolArray = NDArray[np.bool_]
@@ -71,6 +72,13 @@ def groups_meet(
         bool((_overlap(boxes_of(pose, scene.vertex_starts), room) & ~together).any())
         for pose in poses
     )
+
+
+def faulty_bodies(scene: Scene, poses: Sequence[OpenedPose]) -> set[int]:
+    """Return the bodies that have pairs, or lie inside others, in any of the poses."""
+    pairs = [scene.body_of[pose.pairs] for pose in poses]
+    enclosed = [scene.body_of_part[pose.enclosed] for pose in poses]
+    return set(np.concatenate([*pairs, *enclosed]).ravel().tolist())
 
 
 def _overlap(boxes: FloatArray, room: FloatArray | float) -> BoolArray:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dtrepair.pipeline import check_stage, repair_stage
 from dtrepair.pipeline.modelled.references import layer_poses, modelled_parts
-from dtrepair.pipeline.modelled.together import together
+from dtrepair.pipeline.modelled.together import Together, together
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.rest import choose_rests
 from dtrepair.pipeline.stages.sources import Source, open_source
@@ -20,7 +20,6 @@ from usd_io import AuthoredMesh, write_animation
 
 Points = NDArray[np.float64]
 ALONG = np.array([1.0, 0.0, 0.0])
-# A head, its eye, which touches nothing, and the same of a second character at the same place.
 HEAD, EYE = icosphere(2), icosphere(1, 0.2)
 FRAMES = 6
 
@@ -33,16 +32,21 @@ class Scene(NamedTuple):
     mesh_of: NDArray[np.int64]
     starts: NDArray[np.int64]
 
-    def numbers(self, *poses: Points) -> list[int]:
-        """The numbers of the meshes, where all triangles of two meshes meet that are the same."""
+    def together(self, *poses: Points) -> Together:
+        """What is together, where all triangles of two meshes meet that are nearly the same."""
         first, second = np.triu_indices(len(self.faces), 1)
         middles = self.rest[self.faces].mean(axis=1)
         meet = np.linalg.norm(middles[first] - middles[second], axis=1) < 0.05
         meet &= self.mesh_of[first] != self.mesh_of[second]
         pairs = np.stack([first[meet], second[meet]], axis=1)
         faces, meshes = self.faces[pairs], self.mesh_of[pairs].astype(np.int32)
-        found: list[int] = together(self.rest, poses, faces, meshes, self.starts).tolist()
-        return found
+        return together(self.rest, poses, faces, meshes, self.starts)
+
+    def parted(self, *poses: Points) -> list[tuple[int, int]]:
+        """The meshes that are parted."""
+        found = self.together(*poses).parted
+        assert np.array_equal(found, found.T)
+        return [(a, b) for a, b in np.argwhere(found).tolist() if a < b]
 
 
 def scene(*meshes: Mesh) -> Scene:
@@ -57,27 +61,64 @@ def moved(known: Scene, *shifts: float) -> Points:
     return result
 
 
-def test_what_meets_at_rest_only_is_told_apart() -> None:
+def test_what_meets_at_rest_only_is_parted() -> None:
     both = scene(HEAD, HEAD)
-    assert both.numbers(moved(both, 0.0, 5.0)) == [0, 1]
-    assert both.numbers(moved(both, 3.0, 3.01)) == [0, 0]
-    # One pose in which they meet as at rest is enough, ...
-    assert both.numbers(moved(both, 0.0, 5.0), moved(both, 0.0, 0.01)) == [0, 0]
-    # ... and one in which other sides of theirs meet is not.
-    assert both.numbers(moved(both, 0.0, 5.0), moved(both, 0.0, 1.9)) == [0, 1]
-    assert both.numbers() == [0, 0]
+    assert both.parted(moved(both, 0.0, 5.0)) == [(0, 1)]
+    assert both.parted(moved(both, 3.0, 3.01)) == []
+    # One pose in which they meet as at rest is enough, the first or the last.
+    near, far = moved(both, 0.0, 0.01), moved(both, 0.0, 5.0)
+    assert both.parted(far, near) == both.parted(near, far) == both.parted(far, far, near) == []
+    # Without a pose nothing is known.
+    assert both.parted() == []
 
 
-def test_what_is_scaled_in_all_poses_stays_together() -> None:
+def test_what_slides_out_of_its_sheath_is_not_parted() -> None:
+    both = scene(HEAD, HEAD)
+    out, gone = moved(both, 0.0, 1.9), moved(both, 0.0, 5.0)
+    # Beside each other in most frames, and no more than now and then, as two who hug.
+    assert both.parted(out, out, out, gone) == []
+    assert both.parted(out, gone, gone, gone) == [(0, 1)]
+
+
+def test_half_of_what_meets_has_to_be_near() -> None:
+    """A mesh that keeps to one of two others by a few triangles only is parted from neither."""
+    turned = HEAD[0] * (-1.0, -1.0, 1.0)
+    both = scene(HEAD, HEAD)
+    pose = both.rest.copy()
+    # Turned over, only what lies on the axis is where it was.
+    pose[len(HEAD[0]) :] = turned
+    assert both.parted(pose) == []  # beside
+    pose[len(HEAD[0]) :] += 1.5 * ALONG
+    assert both.parted(pose + np.repeat([0.0, 3.0], len(HEAD[0]))[:, None] * ALONG) == [(0, 1)]
+
+
+def test_sizes_are_those_of_the_smaller_mesh_in_the_pose() -> None:
     both = scene(HEAD, (HEAD[0] + 0.02, HEAD[1]))
-    assert both.numbers(100.0 * both.rest) == [0, 0]
-    assert both.numbers(100.0 * moved(both, 0.0, 5.0)) == [0, 1]
+    assert both.parted(100.0 * both.rest) == []
+    assert both.parted(100.0 * moved(both, 0.0, 5.0)) == [(0, 1)]
+    # A tenth of the large one would be all of the small one.
+    large, small = (10.0 * HEAD[0], HEAD[1]), (0.2 * HEAD[0] + 9.8 * ALONG, HEAD[1])
+    sphere = scene(large, small)
+    pairs = np.stack([np.zeros(50, np.int64), len(HEAD[1]) + np.arange(50)], axis=1)
+    out = sphere.rest + np.repeat([0.0, 1.5], len(HEAD[0]))[:, None] * ALONG
+    faces, meshes = sphere.faces[pairs], np.tile(np.array([0, 1], np.int32), (50, 1))
+    assert together(sphere.rest, [out], faces, meshes, sphere.starts).parted[0, 1]
 
 
-def test_what_touches_nothing_goes_with_what_holds_it() -> None:
-    four = scene(EYE, HEAD, EYE, HEAD)
-    assert four.numbers(moved(four, 0.0, 0.0, 5.0, 5.0)) == [0, 0, 1, 1]
-    assert four.numbers(moved(four, 5.0, 0.0, 0.0, 5.0)) == [1, 0, 0, 1]
+def test_what_is_scaled_to_nothing_shows_nothing() -> None:
+    both = scene(HEAD, HEAD)
+    hidden = moved(both, 0.0, 5.0)
+    hidden[len(HEAD[0]) :] = hidden[-1]
+    assert both.parted(hidden, moved(both, 0.0, 5.0)) == []
+
+
+def test_groups_are_of_what_meets_in_frames_as_at_rest() -> None:
+    four = scene(HEAD, (HEAD[0] + 0.01, HEAD[1]), HEAD, (EYE[0] + 9.0, EYE[1]))
+    found = four.together(moved(four, 0.0, 0.0, 5.0, 0.0))
+    assert [(a, b) for a, b in np.argwhere(found.parted).tolist() if a < b] == [(0, 2), (1, 2)]
+    # The last one meets nothing and is parted from nothing.
+    assert found.number.tolist() == [1, 1, 2, 0]
+    assert four.together(four.rest).number.tolist() == [0, 0, 0, 0]
 
 
 def caches(path: Path, apart: float, *, beside: float) -> Path:

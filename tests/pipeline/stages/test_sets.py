@@ -70,7 +70,7 @@ def sets_of(path: Path) -> list[str]:
 
 @pytest.mark.parametrize(
     ("half", "moves", "expected"),
-    [(50.0, True, ["/Set/Floor", "/Set/Wall"]), (1.9, True, []), (50.0, False, [])],
+    [(50.0, True, ["/Set/Floor", "/Set/Wall"]), (1.2, True, []), (50.0, False, [])],
 )
 def test_what_stands_still_and_is_large_is_of_the_set(
     tmp_path: Path, half: float, moves: bool, expected: list[str]
@@ -176,7 +176,7 @@ def test_what_is_hidden_by_its_scale_for_a_time_makes_nothing_a_set(
 ) -> None:
     from pxr import Gf, Usd, UsdGeom
 
-    path = stage_of(tmp_path / "a.usda", half=1.9)
+    path = stage_of(tmp_path / "a.usda", half=1.2)
     stage = Usd.Stage.Open(str(path))
     scale = UsdGeom.Xformable(stage.GetPrimAtPath("/Ball/Mesh")).AddScaleOp()
     for time in TIMES:
@@ -189,8 +189,8 @@ def test_a_collider_that_is_named_is_no_set(tmp_path: Path) -> None:
     path = stage_of(tmp_path / "a.usda")
     source = open_source(str(path), Selection(), collider="/Set/Floor")
     read_controls(source, ObjectOptions())
-    assert [(mesh.collider, mesh.of_set) for mesh in source.meshes] == [
-        (False, False),
-        (True, False),
-        (True, True),
+    assert [(mesh.collider, mesh.of_set, mesh.around) for mesh in source.meshes] == [
+        (False, False, False),
+        (True, False, True),
+        (True, True, True),
     ]

@@ -12,6 +12,7 @@ from dtrepair import Body, RepairResult, SceneRepairer
 from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip import window_repairer
+from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.sub_scene import sub_scene
 from dtrepair.repair.scene.welded_mesh import PartMeshes, WeldedMeshes
@@ -126,7 +127,10 @@ def test_what_is_strained_is_told_by_the_numbers_of_the_whole() -> None:
     bodies = [Body(BALL + at, FACES) for at in (0.0 * FAR, FAR, 2.0 * FAR)]
     parts = sub_scene(make_scene(bodies, SceneRepairer(PAIR).options), (0, 2))
     own = Excess(StrainKind.EDGES, 1, 9.0, 5.0, len(BALL) + 3, np.array([4, len(BALL) + 3]))
-    (found,) = parts.outer_excess([own])
+    whole, inner = np.zeros((3 * len(BALL), 3)), np.ones((2 * len(BALL), 3))
+    joined = parts.joined(Judged(whole, lowered=True), Judged(inner, (own,), turned=True))
+    assert joined.lowered and joined.turned and joined.points[:, 0].sum() == 2 * len(BALL)
+    (found,) = joined.excess
     assert found.part == parts.outer.strain_meter.parts.of_vertex[-1]
     assert (found.worst, found.vertices.tolist()) == (2 * len(BALL) + 3, [4, 2 * len(BALL) + 3])
     assert found._replace(part=1, worst=own.worst, vertices=own.vertices) == own

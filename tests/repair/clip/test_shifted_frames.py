@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from dtrepair import Body, SceneRepairer
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.scale import Scale
 from dtrepair.repair.clip.tighten_frames import shift_frames_back
 from dtrepair.repair.clip.window_state import WindowState
-from dtrepair.repair.frame.common_shift import (
+from dtrepair.repair.full.settle import (
     along_and_across,
     carried_vertices,
     common_shifts,
 )
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import BodyRange, Surface
-from tests.meshes import grid, icosphere, joined
+from tests.meshes import armed_body, grid, icosphere, joined
 from tests.repair.clip.test_settle_frames import window
+from tests.repair.full.test_settle import curled
 
 FRAMES = 5
 BALL, FLOOR = icosphere(2, 0.5), grid(6, 6, 8.0)
 COUNT = len(BALL[0])
 UP, ASIDE = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.5, 0.0])
 # How deep the ball is in the floor, and how far it was led up and aside.
-SUNK, LIFTED, SLID = 0.1, 0.4, 0.2
+SUNK, LIFTED, SLID = 0.1, 0.43, 0.2
 
 
 def ball_and_floor(mobility: float = 1.0, direction: FloatArray | None = None) -> Surface:
@@ -125,17 +129,20 @@ def test_shifts_that_nothing_allows_for_are_left() -> None:
     assert np.array_equal(state.poses, before)
 
 
-def test_half_of_the_area_tells_what_is_shifted() -> None:
+def test_what_stands_still_is_not_shifted() -> None:
     surface = ball_and_floor()
     carried = carried_vertices(surface)
     assert carried is not None
     assert carried[:COUNT].all() and not carried[COUNT:].any()
-    moved = np.zeros((3, surface.count, 3))
-    upper = np.flatnonzero(surface.rest[:COUNT, 2] > 0.1 / surface.size)
-    lower = np.setdiff1d(np.arange(COUNT), upper)
-    moved[0, upper], moved[1, lower], moved[2, :COUNT] = UP, UP, 1e-3 * UP
-    shifts = common_shifts(surface, moved, carried)
-    assert np.allclose(shifts, [np.zeros(3), UP, np.zeros(3)])
+    order = np.argsort(surface.rest[:COUNT, 2])
+    area = np.cumsum(surface.mass[order]) / surface.mass[:COUNT].sum()
+    moved = np.zeros((5, surface.count, 3))
+    for frame, still in enumerate((0.05, 0.15, 0.4, 0.0)):
+        moved[frame, order[area >= still]] = UP
+    moved[4, :COUNT] = 1e-3 * UP
+    # All of it with a twentieth of the area still, half with some more; a faint one not at all.
+    shares = common_shifts(surface, moved, carried) @ UP
+    assert np.allclose(shares, [1.0, 0.5, 0.0, 1.0, 0.0], atol=0.1)
 
 
 def test_floors_and_walls_at_once_face_no_way() -> None:
@@ -147,6 +154,11 @@ def test_floors_and_walls_at_once_face_no_way() -> None:
     )
     along, across = along_and_across(surface, shifts, pose[None], [pairs])
     assert np.allclose(along, [[1.0, 2.0, 0.0]]) and np.allclose(across, [[0.0, 0.0, 3.0]])
+    # Which way the floor is turned does not matter, nor that some of it is turned over.
+    over = surface.faces.copy()
+    over[len(BALL[1]) :: 2] = over[len(BALL[1]) :: 2, ::-1]
+    surface.faces = over
+    assert len(along_and_across(surface, shifts, pose[None], [pairs])) == 2
     wall = pose.copy()
     wall[:, [0, 2]] = pose[:, [2, 0]]
     both = along_and_across(
@@ -154,3 +166,29 @@ def test_floors_and_walls_at_once_face_no_way() -> None:
     )
     assert len(both) == 1
     assert len(along_and_across(surface, shifts, pose[None], [pairs[:0]])) == 1
+
+
+def repaired(rest: FloatArray, faces: Any, poses: list[FloatArray], *around: Body) -> FloatArray:
+    """The displacements (T, V, 3) of a clip of one body, perhaps with a set around it."""
+    frames = [(float(k), [pose, *(own.rest for own in around)]) for k, pose in enumerate(poses)]
+    stream = SceneRepairer([Body(rest, faces), *around]).animator.stream(frames, jobs=1)
+    found = [frame.results for frame in stream]
+    assert all(own.status == "clean" for frame in found for own in frame)
+    return np.stack([own[0].points - pose for own, pose in zip(found, poses, strict=True)])
+
+
+def test_what_curls_above_a_floor_that_it_does_not_touch_stays_there() -> None:
+    (rest, faces), poses = curled(0.0), [curled(4.6 - 0.02 * abs(k - 3))[0] for k in range(FRAMES)]
+    low = min(pose[:, 2].min() for pose in poses) - 0.005
+    floor = Body(FLOOR[0] * 3.0 + [0.0, 0.0, low], FLOOR[1], mobility=0.0, of_set=True)
+    moved = repaired(rest, faces, poses, floor)
+    assert np.linalg.norm(moved, axis=2).max() > 0.05
+    # Pushed without that, all of it went by .02.
+    assert np.abs(np.median(moved, axis=1)).max() < 0.004
+
+
+def test_a_body_does_not_go_back_where_its_finer_arm_would_go_farther() -> None:
+    rest, faces = armed_body(0.0)
+    moved = repaired(rest, faces, [armed_body(4.0 + 0.05 * k)[0] for k in range(FRAMES)])
+    # Else .26.
+    assert np.linalg.norm(moved, axis=2).mean() < 0.18

@@ -13,11 +13,12 @@ from dtrepair.numerics.geometry import unique_edges
 from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
 from dtrepair.repair.full.push import PushOptions, _of_length
 from dtrepair.repair.full.relax import RelaxOptions, relax
-from dtrepair.repair.independent import IndependentOptions, repair_poses, squeezed
+from dtrepair.repair.independent import IndependentOptions, repair_poses
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import BodyRange, Surface
+from dtrepair.repair.torn_poses import TornOptions, squeezed
 from tests.exact_reference import exact_pairs
 from tests.meshes import Mesh, icosphere, joined, torus
 
@@ -119,9 +120,9 @@ def test_only_what_has_a_way_out_is_tried_again(monkeypatch: pytest.MonkeyPatch)
         named.append(set(sheets))
         return starts
 
-    monkeypatch.setattr("dtrepair.repair.independent.separated_frames", noted)
+    monkeypatch.setattr("dtrepair.repair.torn_poses.separated_frames", noted)
     scene = make_scene([Body(points, faces) for points in poses], RepairOptions())
-    options = IndependentOptions(torn=0.0, pressed=0.05)
+    options = IndependentOptions(torn=TornOptions(changed=0.0, pressed=0.05))
     repair_poses(scene, WeldedMeshes(scene), [poses], options=options)
     assert named == [set(), {1, 2, 3, 4}]
 

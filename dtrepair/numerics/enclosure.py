@@ -3,9 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from dtrepair.numerics.geometry import FloatArray, dots, extent, lengths
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    closed_parts,
+    components,
+    dots,
+    extent,
+    lengths,
+    weld_map,
+)
 
 # Distances of points from dipoles that are held at a time.
 BLOCK = 200_000
@@ -95,3 +105,35 @@ def enclosure(points: FloatArray, corners: FloatArray, cells: int = 12) -> Float
     so many cells along the largest extent count as one dipole (Barill et al. 2018).
     """
     return Dipoles(corners, cells).enclose(points)
+
+
+def facing_away(
+    points: FloatArray,
+    faces: IntArray,
+    seen_from: FloatArray,
+    *,
+    least: float = 0.05,
+    most: int = 32,
+) -> NDArray[np.bool_]:
+    """Return which triangles (F,) of open parts face away from other points (N, 3).
+
+    By the mean winding number of a part there: above `least` its normals point away from them. So
+    many parts, those with most triangles, are looked at.
+    """
+    welded = weld_map(points)[faces]
+    label = components(welded, len(points))[welded[:, 0]]
+    _, part = np.unique(label, return_inverse=True)
+    part = part.reshape(-1)
+    sizes = np.bincount(part)
+    sizes[closed_parts(welded, part, len(sizes))] = 0
+    away = np.zeros(len(faces), dtype=bool)
+    for own in np.argsort(-sizes, kind="stable")[:most].tolist() if len(seen_from) else ():
+        if sizes[own]:
+            triangles = part == own
+            away[triangles] = enclosure(seen_from, points[faces[triangles]]).mean() > least
+    return away
+
+
+def turned_over(faces: IntArray, turned: NDArray[np.bool_]) -> IntArray:
+    """Return triangles (F, 3), some of them (F,) turned over."""
+    return np.where(turned[:, None], faces[:, [0, 2, 1]], faces).astype(np.int32)

@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 
 from dtrepair.numerics import enclosure as module
-from dtrepair.numerics.enclosure import Dipoles, enclosure, solid_angles
-from tests.meshes import icosphere, tube
+from dtrepair.numerics.enclosure import (
+    Dipoles,
+    enclosure,
+    facing_away,
+    solid_angles,
+    turned_over,
+)
+from dtrepair.numerics.geometry import vector_areas
+from tests.meshes import grid, icosphere, joined, tube
 
+ALONG = np.array([1.0, 0.0, 0.0])
 AXIS = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.9], [0.0, 0.0, 3.0], [2.0, 0.0, 0.0]])
 
 
@@ -66,3 +74,32 @@ def test_close_to_a_surface_its_triangles_count_themselves() -> None:
     dipoles = Dipoles(corners, 64)
     assert dipoles.enclose_closely(asked) == pytest.approx(exact, abs=0.01)
     assert np.abs(dipoles.enclose(asked) - exact).max() > 0.3
+
+
+def test_open_parts_that_face_away_are_found() -> None:
+    floor, faces = grid(4, 4, 2.0)
+    above = np.array([[1.0, 1.0, 0.5], [0.5, 0.2, 1.0]])
+    up = vector_areas(floor, faces)[0, 2] > 0.0
+    assert facing_away(floor, faces, above).all() == (not up)
+    assert facing_away(floor, faces, above * (1, 1, -1)).all() == up
+    # Both at once: each part for itself; a closed one, and one seen from nowhere, are left.
+    down = faces[:, ::-1] if up else faces
+    ball = icosphere(1, 0.2)
+    points, every = joined((floor, down), (floor + 5.0 * ALONG, down[:, ::-1]), ball)
+    away = facing_away(points, every, above)
+    assert away[: len(down)].all() and not away[len(down) :].any()
+    assert not facing_away(points, every, np.zeros((0, 3))).any()
+    assert not facing_away(points, every, above, most=0).any()
+    # From far away next to nothing is seen of it.
+    assert not facing_away(floor, down, above + 30.0 * ALONG).any()
+    turned = turned_over(every, away)
+    assert not facing_away(points, turned, above).any()
+    assert np.array_equal(turned[len(down) :], every[len(down) :])
+
+
+def test_a_room_faces_who_is_in_it() -> None:
+    points, faces = icosphere(2)
+    room = faces[points[faces].mean(axis=1)[:, 2] < 0.8]
+    inside, outside = np.array([[0.1, 0.0, 0.0]]), np.array([[2.0, 0.0, -1.0]])
+    assert facing_away(points, room, inside).all() and not facing_away(points, room, outside).any()
+    assert not facing_away(points, faces, inside).any()

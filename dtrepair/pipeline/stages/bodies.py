@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dtrepair.numerics.enclosure import turned_over
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
 from dtrepair.pipeline.stages.frames import stretches
@@ -207,7 +208,7 @@ def make_bodies(
                 rigid=bool(own.rigid),
                 layer=controls.layers[index],
                 name=mesh.path,
-                of_set=mesh.around,
+                of_set=mesh.around is not None,
             )
         )
     return PlacedBodies(bodies, met)
@@ -276,12 +277,16 @@ def unclear_sides(source: Source, pairs: Sequence[tuple[int, int]]) -> list[str]
 
 
 def outward_faces(mesh: SourceMesh, time: float) -> NDArray[np.int32]:
-    """Triangles (F, 3) in world space, flipped where the transform mirrors."""
+    """Triangles (F, 3) in world space, flipped where the transform mirrors.
+
+    What is of the set around faces what moves, whichever way it was modelled.
+    """
     if mesh.handle is None:
         return mesh.faces
     import usd_io
 
-    return usd_io.world_faces(mesh.handle, time)
+    faces = usd_io.world_faces(mesh.handle, time)
+    return faces if mesh.around is None else turned_over(faces, mesh.around)
 
 
 def in_units_of_frames(source: Source, options: RepairOptions) -> RepairOptions:

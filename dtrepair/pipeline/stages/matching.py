@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dtrepair.numerics.enclosure import facing_away
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.scale import gaps_between, sets_among
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectSettings
@@ -15,6 +19,7 @@ from dtrepair.pipeline.stages.rest import posed_once
 from dtrepair.pipeline.stages.sources import (
     Points,
     Source,
+    SourceMesh,
     StageSource,
     few_times,
 )
@@ -23,6 +28,8 @@ Pairs = Sequence[tuple[int, int]]
 
 # A wall that is little higher than who leans on it is of the set already.
 LARGER = 1.25
+# From so many points of what moves, at each time, it is seen which way a set faces.
+SEEN_FROM = 8
 
 
 def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
@@ -98,10 +105,34 @@ def find_sets(source: Source, each: Sequence[ObjectSettings]) -> None:
     for time in times if sets.any() else ():
         boxes = source.boxes(time, _poses(source, np.flatnonzero(~still).tolist(), time))
         sets[asked] &= sets_among(boxes[asked], still[asked], LARGER)
-    source.meshes = tuple(
-        replace(mesh, collider=True, of_set=not mesh.collider, around=True) if own else mesh
-        for mesh, own in zip(meshes, sets.tolist(), strict=True)
-    )
+    if sets.any():
+        seen = [_some_points(source, np.flatnonzero(moving).tolist(), time) for time in times]
+        away = partial(_facing_away, source, time=times[0], points=np.concatenate(seen))
+        source.meshes = tuple(
+            replace(mesh, collider=True, of_set=not mesh.collider, around=away(mesh))
+            if own
+            else mesh
+            for mesh, own in zip(meshes, sets.tolist(), strict=True)
+        )
+
+
+def _some_points(source: StageSource, chosen: Sequence[int], time: float) -> FloatArray:
+    """Return a few points (N, 3) of meshes at a time, in the world."""
+    poses = _poses(source, chosen, time)
+    placed = [source.to_world(source.meshes[k], time, own) for k, own in poses.items()]
+    every = np.concatenate([np.zeros((0, 3)), *placed])
+    some = np.linspace(0, len(every) - 1, min(SEEN_FROM, len(every))).astype(int)
+    return np.asarray(every[some])
+
+
+def _facing_away(
+    source: StageSource, mesh: SourceMesh, *, time: float, points: FloatArray
+) -> NDArray[np.bool_]:
+    """Return which triangles (F,) of a mesh face away from points (N, 3) in the world."""
+    import usd_io
+
+    faces = usd_io.world_faces(mesh.handle, time)
+    return facing_away(source.to_world(mesh, time, mesh.rest), faces, points)
 
 
 def _poses(source: StageSource, chosen: Sequence[int], time: float) -> dict[int, Points]:
@@ -124,7 +155,7 @@ def pairs_beside(source: Source, pairs: Pairs) -> list[tuple[int, int]]:
     """
     if not isinstance(source, StageSource):
         return list(pairs)
-    pairs = [own for own in pairs if not any(source.meshes[k].around for k in own)]
+    pairs = [own for own in pairs if not any(source.meshes[k].around is not None for k in own)]
     if not pairs:
         return []
     every = range(len(source.meshes))

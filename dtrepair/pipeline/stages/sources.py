@@ -33,8 +33,8 @@ class SourceMesh:
     """One mesh of an input: rest (V, 3) in local space, faces (F, 3), and the stage's own mesh.
 
     has_rest: the input says which pose is the rest pose (USD: by points at the default time).
-    collider: takes part in contact, but never moves. around: it is one, and larger than all that
-    moves, as a floor is. of_set: so it is, and nobody called it a collider.
+    collider: takes part in contact, but never moves. around: it is one, larger than all that moves,
+    as a floor: which triangles (F,) face away from that. of_set: so, and nobody called it one.
     """
 
     path: str
@@ -44,7 +44,7 @@ class SourceMesh:
     handle: Any = None
     collider: bool = False
     of_set: bool = False
-    around: bool = False
+    around: NDArray[np.bool_] | None = None
 
     @property
     def animated(self) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dtrepair.numerics.attached.seams import find_seams
 from dtrepair.numerics.attachments import Reference
+from dtrepair.numerics.enclosure import turned_over
 from dtrepair.numerics.worn.linings import linings
 from dtrepair.numerics.worn.parts import Parts
 from dtrepair.repair.options import RepairOptions
@@ -85,4 +86,4 @@ def _linings_turned(scene: Scene) -> Scene:
     if not found:
         return scene
     turned = np.isin(parts.part_of_face, found)
-    return replace(scene, faces=np.where(turned[:, None], scene.faces[:, [0, 2, 1]], scene.faces))
+    return replace(scene, faces=turned_over(scene.faces, turned))

@@ -189,8 +189,42 @@ def test_a_collider_that_is_named_is_no_set(tmp_path: Path) -> None:
     path = stage_of(tmp_path / "a.usda")
     source = open_source(str(path), Selection(), collider="/Set/Floor")
     read_controls(source, ObjectOptions())
-    assert [(mesh.collider, mesh.of_set, mesh.around) for mesh in source.meshes] == [
+    assert [(m.collider, m.of_set, m.around is not None) for m in source.meshes] == [
         (False, False, False),
         (True, False, True),
         (True, True, True),
     ]
+
+
+def test_which_way_a_set_faces_changes_no_bit(tmp_path: Path) -> None:
+    from pxr import Usd, UsdGeom
+
+    path, over, found = stage_of(tmp_path / "a.usda"), tmp_path / "over.usda", []
+    stage = Usd.Stage.Open(str(path))
+    for name in ("/Set/Floor", "/Set/Wall"):
+        mesh = UsdGeom.Mesh(stage.GetPrimAtPath(name))
+        corners = np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
+        mesh.GetFaceVertexIndicesAttr().Set(corners[:, ::-1].ravel().tolist())
+    stage.GetRootLayer().Export(str(over))
+    for own in (path, over):
+        out = tmp_path / f"{own.stem}_out.usda"
+        assert all(frame.status == "clean" for frame in repair_stage(str(own), str(out)).frames)
+        found.append(read_samples(out, "/Ball/Mesh"))
+    assert all(np.array_equal(found[0][time], found[1][time]) for time in TIMES)
+    assert not np.array_equal(found[0][1.0], read_samples(path, "/Ball/Mesh")[1.0])
+
+
+def test_in_a_single_pose_what_has_none_of_its_own_is_of_the_set(tmp_path: Path) -> None:
+    from pxr import Usd, UsdGeom, Vt
+
+    path = stage_of(tmp_path / "a.usda", half=2.0, moves=False)
+    assert sets_of(path) == []
+    stage = Usd.Stage.Open(str(path))
+    points = UsdGeom.Mesh(stage.GetPrimAtPath("/Ball/Mesh")).GetPointsAttr()
+    rest = np.array(points.Get())
+    points.Set(Vt.Vec3fArray.FromNumpy(rest), 1.0)
+    stage.Save()
+    assert sets_of(path) == []  # the same: it may stand as well
+    points.Set(Vt.Vec3fArray.FromNumpy(rest + ALONG.astype(np.float32)), 1.0)
+    stage.Save()
+    assert sets_of(path) == ["/Set/Floor", "/Set/Wall"]

@@ -11,7 +11,9 @@ import pytest
 from dtrepair import Body, RepairResult, SceneRepairer
 from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair import independent
 from dtrepair.repair.clip import window_repairer
+from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.sub_scene import sub_scene
@@ -134,3 +136,40 @@ def test_what_is_strained_is_told_by_the_numbers_of_the_whole() -> None:
     assert found.part == parts.outer.strain_meter.parts.of_vertex[-1]
     assert (found.worst, found.vertices.tolist()) == (2 * len(BALL) + 3, [4, 2 * len(BALL) + 3])
     assert found._replace(part=1, worst=own.worst, vertices=own.vertices) == own
+
+
+def test_single_poses_are_repaired_by_groups_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    (alone,) = [SceneRepairer(PAIR)(pair(0.5))]
+    others = [Body(points, FACES) for points in pair(0.0, FAR)]
+    found = SceneRepairer([*PAIR, *others])(pair(0.5) + pair(0.7, FAR))
+    assert same(found[:2], alone) and not np.array_equal(found[0].points, BALL)
+    assert [own.status for own in found] == ["clean"] * 4
+    assert [own.before.pairs for own in found[:2]] == [own.before.pairs for own in alone]
+    assert found[0].stages and found[0].iterations > alone[0].iterations
+    # A group without a fault is not looked at, and a pose without any not taken apart.
+    asked: list[tuple[int, ...]] = []
+    known = WeldedMeshes.of_bodies
+
+    def of_bodies(self: WeldedMeshes, bodies: tuple[int, ...]) -> PartMeshes:
+        asked.append(bodies)
+        return known(self, bodies)
+
+    monkeypatch.setattr(WeldedMeshes, "of_bodies", of_bodies)
+    own = SceneRepairer([*PAIR, *others])(pair(0.5) + pair(0.0, FAR))
+    assert same(own[:2], alone) and asked == [(0, 1)]
+    SceneRepairer([*PAIR, *others])(pair(0.0) + pair(0.0, FAR))
+    assert asked == [(0, 1)]
+    # With a clearance a pose without pairs may have to move as well.
+    kept = RepairOptions(clearance=0.02)
+    SceneRepairer([*PAIR, *others], options=kept)(pair(0.5) + pair(0.0, FAR))
+    assert asked == [(0, 1), (0, 1), (2, 3)]
+
+
+def test_groups_of_a_pose_that_would_meet_are_repaired_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    expected = SceneRepairer(PAIR)(pair(0.5))
+    monkeypatch.setattr(independent, "groups_of_bodies", lambda *_: [(0,), (1,)])
+    assert same(SceneRepairer(PAIR)(pair(0.5)), expected)
+    monkeypatch.setattr(independent, "groups_meet", lambda *_: False)
+    assert not same(SceneRepairer(PAIR)(pair(0.5)), expected)

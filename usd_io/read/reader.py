@@ -222,7 +222,10 @@ def _check_fixed_topology(geometry: UsdGeom.Mesh, path: str) -> None:
 def _rest(
     geometry: UsdGeom.Mesh, path: str, samples: NDArray[np.float64]
 ) -> tuple[NDArray[np.floating], float]:
-    """Return rest points (V, 3) and their time: the default time if it fits, else a sample's."""
+    """Return rest points (V, 3) and their time: the default time if it fits, else a sample's.
+
+    Some caches have all points at one place by default, as a mark that nothing is known.
+    """
     attribute = geometry.GetPointsAttr()
     default = _points(attribute, path, math.nan)
     if not len(samples):
@@ -240,7 +243,8 @@ def _rest(
         value = _points(attribute, path, time)
         if value is None or len(value) < max(used, 1) or not np.isfinite(value).all():
             continue
-        if default is not None and len(default) == len(value) and np.isfinite(default).all():
+        fits = default is not None and len(default) == len(value) and np.isfinite(default).all()
+        if default is not None and fits and (np.ptp(default, axis=0).any() or len(value) == 1):
             return default, np.nan
         return value, float(time)
     values = [_points(attribute, path, time) for time in samples]

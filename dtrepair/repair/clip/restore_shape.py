@@ -171,12 +171,12 @@ def relax_frames(
     """Relax the clean frames of a window wherever they were displaced.
 
     A frame that still intersects stays as it is, but for `left_attached`. Bodies that move freely
-    lean on each other: of them only what collapsed is relaxed, unless each frame was solved alone,
-    or layers were lifted, some of them farther than their frames need.
+    and meet lean on each other: of them only what collapsed is relaxed, unless each frame was
+    solved alone, or layers were lifted, some of them farther than their frames need.
     """
     surface = state.surface
     poses = zip(state.original, state.poses, strict=True)
-    reached = _near_collapsed if surface.clusters > 1 and not (alone or lifted) else _displaced
+    reached = _near_collapsed if state.leaning and not (alone or lifted) else _displaced
     reach = np.stack([reached(surface, before, after, options) for before, after in poses])
     if not reach.any():
         return

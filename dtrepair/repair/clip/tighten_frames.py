@@ -204,7 +204,7 @@ def shift_frames_back(
         state.surface,
         state.original,
         state.poses,
-        state.pairs,
+        (state.found, state.pairs),
         state.pairs_of,
         eased=lambda needed: eased_in_time(needed, state.frames, options.width),
         options=options.shift,
@@ -219,10 +219,10 @@ def settle_frames(
 ) -> None:
     """Take back what is far from all contacts, smoothly in time, where no pair comes of it.
 
-    Bodies that move freely lean on each other: they are left alone.
+    Bodies that move freely and meet lean on each other: they are left alone.
     """
     surface = state.surface
-    if surface.clusters > 1 or not any(map(len, state.found)):
+    if state.leaning or not any(map(len, state.found)):
         return
     moved, pairs = state.poses - state.original, state.pairs
     needed = np.stack([_needed(state, frame, options) for frame in range(len(moved))])

@@ -13,6 +13,7 @@ from dtrepair.numerics.temporal import easing_weights, spread_in_time
 from dtrepair.repair.frame.frame_options import Alone, Chain, FrameOptions, Springs
 from dtrepair.repair.frame.frame_steps import WindowFrames
 from dtrepair.repair.frame.lending import Loan
+from dtrepair.repair.full.settle import leaning
 from dtrepair.repair.parallel.worker_pool import Told, WorkerPool
 from dtrepair.repair.surface.defects import contact_scale
 from dtrepair.repair.surface.surface import Surface
@@ -79,6 +80,11 @@ class WindowState:
     def original(self) -> FloatArray:
         """The poses (T, V, 3) that displacements are counted from."""
         return self.work.original
+
+    @property
+    def leaning(self) -> bool:
+        """Whether bodies that move freely meet in what displacements are counted from."""
+        return any(leaning(self.surface, pairs) for pairs in self.found)
 
     @property
     def _every(self) -> range:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.work import work_done
 from dtrepair.repair.elastic.dihedral_angles import DihedralAngles, DihedralOptions
 from dtrepair.repair.elastic.edge_lengths import EdgeLengthOptions, EdgeLengths
@@ -169,7 +169,7 @@ class FullMethod:
             if not ("settle" in self.skip or phases.steering or surface.clusters > 1 or crossings):
                 bad = phases.known.triangles
                 settling = Settling(surface, original, bad, options=options.settle)
-                points = self._shifted_back(original, points)
+                points = self._shifted_back(original, points, phases.known.crossings)
             points, cycles = relax(
                 surface,
                 original,
@@ -188,14 +188,19 @@ class FullMethod:
             log.add("relax", points, start, crossings=left, folds=folds, iterations=cycles)
         return best.points if (phases.limited(points) != points).any() else points
 
-    def _shifted_back(self, original: FloatArray, points: FloatArray) -> FloatArray:
-        """Return a clean pose (V, 3) without what all that moves was shifted by."""
-        surface, none = self.surface, np.zeros((0, 2), dtype=np.int32)
+    def _shifted_back(
+        self, original: FloatArray, points: FloatArray, known: IntArray
+    ) -> FloatArray:
+        """Return a clean pose (V, 3) without what all that moves was shifted by.
+
+        known: the pairs (K, 2) of the original.
+        """
+        surface = self.surface
         (result,) = shifted_back(
             surface,
             original[None],
             points[None],
-            [none],
+            ([known], [known[:0]]),
             lambda poses, _: [surface.contacts.pairs(poses[0])],
             eased=lambda needed: needed,
             options=self.options.shift,

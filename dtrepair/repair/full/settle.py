@@ -147,18 +147,31 @@ class Settling:
         return kept
 
 
-def carried_vertices(surface: Surface) -> BoolArray | None:
-    """Return which vertices (V,) a shift of all that moves carries; None where there is no such.
+def leaning(surface: Surface, pairs: IntArray) -> frozenset[int]:
+    """Return the clusters, apart from the set around, that meet others in pairs (K, 2)."""
+    clusters = surface.cluster_of_body[surface.body_of[pairs]].reshape(-1, 2)
+    counted = surface.scale.counted(surface.count)[surface.faces[pairs, 0]].reshape(-1, 2)
+    apart = (clusters[:, 0] != clusters[:, 1]) & counted.all(axis=1)
+    return frozenset(clusters[apart].ravel().tolist())
 
-    There are none where several clusters of bodies lean on each other, where some vertices of a
-    body are held, and where displacements have a direction.
+
+def carried_vertices(surface: Surface, pairs: Sequence[IntArray]) -> list[BoolArray]:
+    """Return which vertices (V,) shifts of whole clusters of bodies carry, one mask for each.
+
+    Not of those that meet others in pairs (K, 2), and lean on each other, nor where some vertices
+    are held, or displacements have a direction.
     """
-    if surface.clusters > 1 or surface.direction is not None:
-        return None
-    carried = surface.scale.counted(surface.count)
-    if not carried.any() or (surface.mobility[carried] < 1.0).any():
-        return None
-    return None if surface.stiff[carried].all() else carried
+    if surface.direction is not None:
+        return []
+    leans = frozenset[int]().union(*(leaning(surface, found) for found in pairs))
+    counted = surface.scale.counted(surface.count)
+    cluster = surface.cluster_of_body[surface.body_of_vertex]
+    masks = [counted & (cluster == own) for own in np.unique(cluster[counted]) if own not in leans]
+    return [
+        own
+        for own in masks
+        if (surface.mobility[own] == 1.0).all() and not surface.stiff[own].all()
+    ]
 
 
 def common_shifts(
@@ -219,13 +232,13 @@ def shifted_back(
     surface: Surface,
     original: FloatArray,
     poses: FloatArray,
-    pairs: Sequence[IntArray],
+    pairs: tuple[Sequence[IntArray], Sequence[IntArray]],
     pairs_of: PairsOf,
     *,
     eased: Callable[[FloatArray], FloatArray],
     options: CommonShiftOptions = CommonShiftOptions(),
 ) -> FloatArray:
-    """Return poses (T, V, 3) without what all that moves was shifted by, as far as may be.
+    """Return poses (T, V, 3) without what whole clusters of bodies were shifted by, if they may.
 
     Contacts of what is shifted with itself are none the worse; where it would meet what stands
     still, as a floor, it first goes back along that, and then as far as it can.
@@ -234,25 +247,23 @@ def shifted_back(
         surface: Its bodies.
         original: The poses (T, V, 3) of the input.
         poses: What was found for them.
-        pairs: The pairs (K, 2) of each: none gets more.
+        pairs: The pairs (K, 2) of each original pose, and of each pose: none gets more.
         pairs_of: Finds those of some frames of other poses.
         eased: Returns shares (T,) that are smooth in time, and no smaller.
         options: The numbers.
     """
-    carried = carried_vertices(surface)
-    if carried is None:
-        return poses
-    shifts = common_shifts(surface, poses - original, carried, options=options)
-    whole = _Shift(poses, shifts, carried, pairs, pairs_of)
-    if len(whole.frames):
-        back = whole.without(np.zeros(len(poses)))
+    for carried in carried_vertices(surface, pairs[0]):
+        shifts = common_shifts(surface, poses - original, carried, options=options)
+        whole = _Shift(poses, shifts, carried, pairs[1], pairs_of)
+        if not whole.frames:
+            continue
+        back, shifted = whole.without(np.zeros(len(poses))), poses
         met = pairs_of(back, whole.frames)
-        shifted = poses
         for part in along_and_across(surface, shifts, back[whole.frames], met, options=options):
-            shifted = _Shift(shifted, part, carried, pairs, pairs_of).back(eased, options)
+            shifted = _Shift(shifted, part, carried, pairs[1], pairs_of).back(eased, options)
         # A body may have moved as a whole against its limbs, which are finer: they would move more.
         if _motion(shifted, original) < _motion(poses, original):
-            return shifted
+            poses = shifted
     return poses
 
 

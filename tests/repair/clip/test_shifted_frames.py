@@ -15,6 +15,7 @@ from dtrepair.repair.full.settle import (
     along_and_across,
     carried_vertices,
     common_shifts,
+    leaning,
 )
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import BodyRange, Surface
@@ -116,12 +117,21 @@ def test_shifts_that_nothing_allows_for_are_left() -> None:
     pinned = np.zeros((surface.count, 3))
     pinned[:COUNT] = UP
     # Held in part, led in a direction, or beside another body that is free.
-    assert carried_vertices(ball_and_floor(mobility=0.5)) is None
-    assert carried_vertices(ball_and_floor(direction=pinned)) is None
-    assert carried_vertices(ball_and_floor(mobility=0.0)) is None
-    both = joined(BALL, BALL)
+    assert carried_vertices(ball_and_floor(mobility=0.5), []) == []
+    assert carried_vertices(ball_and_floor(direction=pinned), []) == []
+    assert carried_vertices(ball_and_floor(mobility=0.0), []) == []
+    both = joined(BALL, (BALL[0] + 0.7 * ASIDE, BALL[1]))
     bodies = [BodyRange(0, COUNT, 99.0), BodyRange(COUNT, 2 * COUNT, 99.0)]
-    assert carried_vertices(Surface(*both, bodies=bodies)) is None
+    two = Surface(*both, bodies=bodies)
+    met = two.contacts.pairs(two.rest)
+    assert leaning(two, met) == {0, 1} and not leaning(two, met[:0])
+    assert carried_vertices(two, [met[:0], met]) == []
+    # One that meets nothing but itself and the floor leans on nobody.
+    assert [own.tolist() for own in carried_vertices(two, [met[:0]])] == [
+        [True] * COUNT + [False] * COUNT,
+        [False] * COUNT + [True] * COUNT,
+    ]
+    assert not leaning(surface, surface.contacts.pairs(sunken(surface)))
     # Nor where no vertex may go farther than it has: others would.
     state = led_up(surface, farthest=1.0)
     before = state.poses.copy()
@@ -131,8 +141,7 @@ def test_shifts_that_nothing_allows_for_are_left() -> None:
 
 def test_what_stands_still_is_not_shifted() -> None:
     surface = ball_and_floor()
-    carried = carried_vertices(surface)
-    assert carried is not None
+    (carried,) = carried_vertices(surface, [])
     assert carried[:COUNT].all() and not carried[COUNT:].any()
     order = np.argsort(surface.rest[:COUNT, 2])
     area = np.cumsum(surface.mass[order]) / surface.mass[:COUNT].sum()

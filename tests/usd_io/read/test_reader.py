@@ -64,7 +64,7 @@ def test_points_at_the_default_time_only(tmp_path: Path) -> None:
 
 
 def test_rest_is_the_default_where_it_fits(tmp_path: Path) -> None:
-    defaults = (CUBE * 3, CUBE[:5], CUBE[:0], CUBE * np.float32(np.nan))
+    defaults = (CUBE * 3, CUBE[:5], CUBE[:0], CUBE * np.float32(np.nan), CUBE * 0)
     stage = new_stage(tmp_path / "cubes.usda")
     for number, points in enumerate(defaults):
         cube = define_cube(stage, f"/Root/Cube{number}", times=[1.0, 2.0])
@@ -73,7 +73,7 @@ def test_rest_is_the_default_where_it_fits(tmp_path: Path) -> None:
     fitting, *others = selection_of(tmp_path / "cubes.usda").meshes
     assert np.isnan(fitting.rest_time) and fitting.rest.max() == 3.0
     assert fitting.times.tolist() == [1.0, 2.0]
-    assert len(others) == 3
+    assert len(others) == 4
     for other in others:
         assert other.rest_time == 1.0
         np.testing.assert_array_equal(other.rest, moved_cube(1.0))

@@ -26,8 +26,9 @@ from dtrepair.pipeline.stages.sources import (
 
 Pairs = Sequence[tuple[int, int]]
 
-# A wall that is little higher than who leans on it is of the set already.
-LARGER = 1.25
+# What stands still is of the set if it is so many times as large as all that moves; if it is flat,
+# as a floor or a wall, much less is enough. What is flat is at most so thick, next to its width.
+LARGER, FLAT_LARGER, FLAT = 2.0, 1.25, 0.1
 # From so many points of what moves, at each time, it is seen which way a set faces.
 SEEN_FROM = 8
 
@@ -100,11 +101,18 @@ def find_sets(source: Source, each: Sequence[ObjectSettings]) -> None:
     if not still[asked].any() or still[asked].all():
         return
     times = few_times(source)
-    sets = np.zeros(len(meshes), dtype=bool)
-    sets[asked] = sets_among(source.boxes(times[0])[asked], still[asked], LARGER)
+    flat = np.array([_is_flat(own.rest) for own in meshes]) & still
+
+    def large(boxes: FloatArray) -> NDArray[np.bool_]:
+        """Return which meshes (M,) are large by their boxes (M, 2, 3)."""
+        found = np.zeros(len(meshes), dtype=bool)
+        known = boxes[asked], still[asked]
+        found[asked] = sets_among(*known, LARGER) | (flat[asked] & sets_among(*known, FLAT_LARGER))
+        return found
+
+    sets = large(source.boxes(times[0]))
     for time in times if sets.any() else ():
-        boxes = source.boxes(time, _poses(source, np.flatnonzero(~still).tolist(), time))
-        sets[asked] &= sets_among(boxes[asked], still[asked], LARGER)
+        sets &= large(source.boxes(time, _poses(source, np.flatnonzero(~still).tolist(), time)))
     if sets.any():
         seen = [_some_points(source, np.flatnonzero(moving).tolist(), time) for time in times]
         away = partial(_facing_away, source, time=times[0], points=np.concatenate(seen))
@@ -114,6 +122,12 @@ def find_sets(source: Source, each: Sequence[ObjectSettings]) -> None:
             else mesh
             for mesh, own in zip(meshes, sets.tolist(), strict=True)
         )
+
+
+def _is_flat(points: FloatArray) -> bool:
+    """Return whether points (V, 3) lie about one plane, however that is turned."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(len(spread) < 3 or spread[2] <= FLAT * spread[1])
 
 
 def _some_points(source: StageSource, chosen: Sequence[int], time: float) -> FloatArray:

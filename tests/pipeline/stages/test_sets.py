@@ -78,6 +78,21 @@ def test_what_stands_still_and_is_large_is_of_the_set(
     assert sets_of(stage_of(tmp_path / "a.usda", half=half, moves=moves)) == expected
 
 
+def test_what_is_flat_is_a_set_sooner_than_what_is_not(tmp_path: Path) -> None:
+    from pxr import Usd, UsdGeom, Vt
+
+    path = stage_of(tmp_path / "a.usda", half=1.5)
+    assert sets_of(path) == ["/Set/Floor", "/Set/Wall"]
+    stage = Usd.Stage.Open(str(path))
+    wall = UsdGeom.Mesh(stage.GetPrimAtPath("/Set/Wall"))
+    for half, expected in ((1.5, []), (2.2, ["/Set/Wall"])):
+        wall.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy((half * BALL).astype(np.float32)))
+        wall.GetFaceVertexIndicesAttr().Set(FACES.ravel().tolist())
+        wall.GetFaceVertexCountsAttr().Set([3] * len(FACES))
+        stage.Save()
+        assert sets_of(path) == ["/Set/Floor", *expected]
+
+
 def test_how_freely_a_thing_moves_does_not_change_what_is_a_set(tmp_path: Path) -> None:
     from pxr import Sdf, Usd, UsdGeom
 

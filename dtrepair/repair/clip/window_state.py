@@ -83,8 +83,14 @@ class WindowState:
 
     @property
     def leaning(self) -> bool:
-        """Whether bodies that move freely meet in what displacements are counted from."""
-        return any(leaning(self.surface, pairs) for pairs in self.found)
+        """Whether bodies that move freely meet in what displacements are counted from.
+
+        Or may, where nothing meets there: what was lifted lay over what it was lifted off.
+        """
+        if self.surface.clusters == 1:
+            return False
+        met = [leaning(self.surface, pairs) for pairs in self.found if len(pairs)]
+        return not met or any(met)
 
     @property
     def _every(self) -> range:

@@ -60,6 +60,16 @@ def stage_of(path: Path, *, half: float = 50.0, depth: float = 0.05, moves: bool
     return path
 
 
+def half_as_free(path: Path, prim: str) -> None:
+    """Give a mesh of a stage a mobility of its own."""
+    from pxr import Sdf, Usd, UsdGeom
+
+    stage = Usd.Stage.Open(str(path))
+    primvars = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath(prim))
+    assert primvars.CreatePrimvar("dtrepair:mobility", Sdf.ValueTypeNames.Float).Set(0.5)
+    stage.Save()
+
+
 def sets_of(path: Path) -> list[str]:
     source = open_source(str(path), Selection())
     find_sets(source, read_settings(source).each)
@@ -94,13 +104,8 @@ def test_what_is_flat_is_a_set_sooner_than_what_is_not(tmp_path: Path) -> None:
 
 
 def test_how_freely_a_thing_moves_does_not_change_what_is_a_set(tmp_path: Path) -> None:
-    from pxr import Sdf, Usd, UsdGeom
-
     path = stage_of(tmp_path / "a.usda")
-    stage = Usd.Stage.Open(str(path))
-    primvars = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/Ball/Mesh"))
-    assert primvars.CreatePrimvar("dtrepair:mobility", Sdf.ValueTypeNames.Float).Set(0.5)
-    stage.Save()
+    half_as_free(path, "/Ball/Mesh")
     assert sets_of(path) == ["/Set/Floor", "/Set/Wall"]
 
 
@@ -144,13 +149,8 @@ def test_a_set_keeps_its_bits_and_what_it_meets_gives_way(tmp_path: Path) -> Non
 
 
 def test_a_mobility_of_its_own_lets_a_set_give_way(tmp_path: Path) -> None:
-    from pxr import Sdf, Usd, UsdGeom
-
     path = stage_of(tmp_path / "a.usda")
-    opened = Usd.Stage.Open(str(path))
-    primvars = UsdGeom.PrimvarsAPI(opened.GetPrimAtPath("/Set/Floor"))
-    assert primvars.CreatePrimvar("dtrepair:mobility", Sdf.ValueTypeNames.Float).Set(0.5)
-    opened.Save()
+    half_as_free(path, "/Set/Floor")
     source = open_source(str(path), Selection())
     controls = read_controls(source, ObjectOptions())
     bodies = make_bodies(source, choose_rests(source, None, device="cpu"), controls).bodies

@@ -45,6 +45,19 @@ def same(ours: list[RepairResult], theirs: list[RepairResult]) -> bool:
     return all(np.array_equal(a.points, b.points) for a, b in zip(ours, theirs, strict=True))
 
 
+def noted_groups(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, ...]]:
+    """The groups of bodies that are looked at from now on."""
+    asked: list[tuple[int, ...]] = []
+    known = WeldedMeshes.of_bodies
+
+    def of_bodies(self: WeldedMeshes, bodies: tuple[int, ...]) -> PartMeshes:
+        asked.append(bodies)
+        return known(self, bodies)
+
+    monkeypatch.setattr(WeldedMeshes, "of_bodies", of_bodies)
+    return asked
+
+
 ALONE = repaired(PAIR, [pair(place) for place in COMES])
 
 
@@ -100,14 +113,7 @@ def test_groups_that_would_meet_are_repaired_together(monkeypatch: pytest.Monkey
 
 
 def test_only_groups_with_faults_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[int, ...]] = []
-    known = WeldedMeshes.of_bodies
-
-    def of_bodies(self: WeldedMeshes, bodies: tuple[int, ...]) -> PartMeshes:
-        asked.append(bodies)
-        return known(self, bodies)
-
-    monkeypatch.setattr(WeldedMeshes, "of_bodies", of_bodies)
+    asked = noted_groups(monkeypatch)
     repaired([*PAIR, Body(BALL + FAR, FACES)], [[*pair(place), BALL + FAR] for place in COMES])
     assert asked == [(0, 1)]
     repaired([*PAIR, Body(BALL + FAR, FACES)], [[*pair(0.0), BALL + FAR]] * 2)
@@ -147,14 +153,7 @@ def test_single_poses_are_repaired_by_groups_too(monkeypatch: pytest.MonkeyPatch
     assert [own.before.pairs for own in found[:2]] == [own.before.pairs for own in alone]
     assert found[0].stages and found[0].iterations > alone[0].iterations
     # A group without a fault is not looked at, and a pose without any not taken apart.
-    asked: list[tuple[int, ...]] = []
-    known = WeldedMeshes.of_bodies
-
-    def of_bodies(self: WeldedMeshes, bodies: tuple[int, ...]) -> PartMeshes:
-        asked.append(bodies)
-        return known(self, bodies)
-
-    monkeypatch.setattr(WeldedMeshes, "of_bodies", of_bodies)
+    asked = noted_groups(monkeypatch)
     own = SceneRepairer([*PAIR, *others])(pair(0.5) + pair(0.0, FAR))
     assert same(own[:2], alone) and asked == [(0, 1)]
     SceneRepairer([*PAIR, *others])(pair(0.0) + pair(0.0, FAR))

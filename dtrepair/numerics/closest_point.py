@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray, IntArray, cross
 
 # Triangles that are looked at for a point: those whose centroids are nearest.
 NEIGHBORS = 12
@@ -50,13 +50,13 @@ def barycentric(points: FloatArray, corners: FloatArray) -> FloatArray:
     Weights are at least 0 and sum to 1; a triangle without area gives its nearest corner.
     """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    normal = np.cross(b - a, c - a)
+    normal = cross(b - a, c - a)
     squared = _dots(normal, normal)
     flat = squared <= 0.0
     squared = np.where(flat, 1.0, squared)
     weights = np.stack(
         [
-            _dots(np.cross(second - first, points - first), normal) / squared
+            _dots(cross(second - first, points - first), normal) / squared
             for first, second in ((b, c), (c, a), (a, b))
         ],
         axis=1,

@@ -11,6 +11,7 @@ from dtrepair.numerics.geometry import (
     IntArray,
     closed_parts,
     components,
+    cross,
     dots,
     extent,
     lengths,
@@ -28,7 +29,7 @@ class Dipoles:
     """
 
     def __init__(self, corners: FloatArray, cells: int) -> None:
-        areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
+        areas = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
         centres, weights = corners.mean(axis=1), lengths(areas)
         self._size = extent(corners.reshape(-1, 3)) / cells
         place = np.floor((centres - centres.min(axis=0)) / self._size).astype(np.int64)
@@ -92,7 +93,7 @@ def solid_angles(points: FloatArray, corners: FloatArray) -> FloatArray:
     """
     a, b, c = (corners[:, k] - points for k in range(3))
     long_a, long_b, long_c = lengths(a), lengths(b), lengths(c)
-    volume = dots(a, np.cross(b, c))
+    volume = dots(a, cross(b, c))
     beside = dots(b, c) * long_a + dots(c, a) * long_b + dots(a, b) * long_c
     angle: FloatArray = 2.0 * np.arctan2(volume, long_a * long_b * long_c + beside)
     return angle

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
+    cross,
     diagonal,
     dots,
     lengths,
@@ -62,7 +63,7 @@ def normal_consistency(before: FloatArray, after: FloatArray, faces: IntArray) -
 def volume(points: FloatArray, faces: IntArray) -> float:
     """Return the signed volume of a closed mesh, cubed length units (divergence theorem)."""
     a, b, c = (points[faces[:, k]] - points.mean(axis=0) for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+    return float(np.einsum("ij,ij->", a, cross(b, c)) / 6.0)
 
 
 def jitter(before: FloatArray, after: FloatArray) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import linalg
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, unique_edges, vertex_areas
+from dtrepair.numerics.geometry import FloatArray, IntArray, cross, unique_edges, vertex_areas
 from dtrepair.numerics.work import add_work
 
 # A factorisation takes so many units of work (see `work`) for a row of its matrix, and a solve so
@@ -36,7 +36,7 @@ def cotangent_laplacian(
     for corner in range(3):
         apex, left, right = (faces[:, (corner + k) % 3] for k in range(3))
         u, v = points[left] - points[apex], points[right] - points[apex]
-        double_area = np.linalg.norm(np.cross(u, v), axis=1)
+        double_area = np.linalg.norm(cross(u, v), axis=1)
         # A zero-area corner has no cotangent: bounded by the lengths of its edges, or, as bounds
         # of both signs are no longer semidefinite, as wide as half a right angle.
         floor = 1e-12 * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1) + 1e-300
@@ -75,7 +75,7 @@ def gradient_operator(points: FloatArray, faces: IntArray) -> sparse.csr_matrix:
 
     A zero-area triangle has no gradient: its rows are zero.
     """
-    double_normals = np.cross(
+    double_normals = cross(
         points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]]
     )
     squared = np.einsum("ij,ij->i", double_normals, double_normals)
@@ -83,7 +83,7 @@ def gradient_operator(points: FloatArray, faces: IntArray) -> sparse.csr_matrix:
     blocks = []
     for corner in range(3):
         opposite = points[faces[:, (corner + 2) % 3]] - points[faces[:, (corner + 1) % 3]]
-        blocks.append(np.cross(double_normals, opposite) * inverse[:, None])
+        blocks.append(cross(double_normals, opposite) * inverse[:, None])
     values = np.stack(blocks, axis=1)  # (F, corner, xyz)
     rows = 3 * np.arange(len(faces))[:, None, None] + np.arange(3)[None, None, :]
     columns = np.broadcast_to(faces[:, :, None], values.shape)

@@ -23,6 +23,7 @@ from dtrepair.numerics.geometry import (
     IntArray,
     border_edges,
     components,
+    cross,
     lengths,
     triangle_areas,
     vertex_areas,
@@ -282,14 +283,14 @@ def _crossings(loop: FloatArray, core: FloatArray) -> int:
     way, ahead = np.diff(core, axis=0), np.roll(loop, -1, axis=0)
     uneven = 1.0 + UNEVEN * np.sin(np.arange(len(loop)) + 1.0)
     middle = uneven @ loop / uneven.sum()
-    area = np.cross(loop - middle, ahead - middle).sum(axis=0) / 2.0
+    area = cross(loop - middle, ahead - middle).sum(axis=0) / 2.0
     middle += UNEVEN * area / max(float(np.sqrt(np.linalg.norm(area))), np.finfo(float).tiny)
     away = core[:-1] - middle
     first, second = loop - middle, ahead - middle
-    scale = np.cross(way[:, None], second[None])
+    scale = cross(way[:, None], second[None])
     one = np.einsum("mc,mkc->mk", away, scale)
     scale = np.einsum("kc,mkc->mk", first, scale)
-    turned = np.cross(away[:, None], first[None])
+    turned = cross(away[:, None], first[None])
     other = np.einsum("mc,mkc->mk", way, turned)
     along = np.einsum("kc,mkc->mk", second, turned)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, dots, extent, lengths
+from dtrepair.numerics.geometry import FloatArray, IntArray, cross, dots, extent, lengths
 from dtrepair.numerics.worn.measure import Solid, worn_measure
 from dtrepair.numerics.worn.parts import Parts
 
@@ -198,7 +198,7 @@ def find_worn(
 def _thickness(parts: Parts, part: int, pose: int) -> float:
     """Return how thick a closed part is in the mean, units of its extent."""
     corners = parts.poses[pose][parts.triangles[part]]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
+    areas = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
     middle = corners.mean(axis=(0, 1))
     volume = float(dots(corners[:, 0] - middle, areas).sum()) / 3.0
     # A sheet has two sides: half its area times its thickness is its volume.

@@ -8,7 +8,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, triangle_normals
+from dtrepair.numerics.geometry import FloatArray, IntArray, cross, dots, lengths, triangle_normals
 from dtrepair.repair.elastic.least_motion import LeastMotion
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
@@ -119,10 +119,10 @@ def angles_and_gradients(points: FloatArray, corners: IntArray) -> tuple[FloatAr
     """
     start, end, first, second = (points[corners[:, k]] for k in range(4))
     edge = end - start
-    normals = np.cross(edge, first - start), np.cross(second - start, edge)
+    normals = cross(edge, first - start), cross(second - start, edge)
     length = np.maximum(lengths(edge), 1e-300)
     squares = [np.maximum(dots(normal, normal), 1e-300) for normal in normals]
-    sine = dots(np.cross(*normals), edge) / length
+    sine = dots(cross(*normals), edge) / length
     angles = np.arctan2(sine, dots(*normals))
     gradients = np.zeros((len(corners), 4, 3))
     for number, (normal, square, corner) in enumerate(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, unit_vectors
+from dtrepair.numerics.geometry import FloatArray, IntArray, cross, lengths, unit_vectors
 from dtrepair.numerics.operators import WORK_A_ROW
 from dtrepair.numerics.work import add_work
 from dtrepair.repair.elastic.least_motion import LeastMotion
@@ -58,8 +58,8 @@ def least_overlaps(points: FloatArray, faces: IntArray, pairs: IntArray) -> Over
     """Return along which axes pairs (K, 2) of triangles (F, 3) overlap least (separating axes)."""
     corners = points[faces[pairs]]
     sides = np.roll(corners, -1, axis=2) - corners
-    normals = np.cross(sides[:, :, 0], sides[:, :, 1])
-    across = np.cross(sides[:, 0, :, None], sides[:, 1, None]).reshape(len(pairs), 9, 3)
+    normals = cross(sides[:, :, 0], sides[:, :, 1])
+    across = cross(sides[:, 0, :, None], sides[:, 1, None]).reshape(len(pairs), 9, 3)
     axes = np.concatenate([normals, across], axis=1)
     axes = unit_vectors(axes.reshape(-1, 3)).reshape(axes.shape)
     axes = np.concatenate([axes, -axes], axis=1)

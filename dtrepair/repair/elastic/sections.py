@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from dtrepair.intersect.topology.components import link_labels
-from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, unit_vectors
+from dtrepair.numerics.geometry import FloatArray, IntArray, cross, lengths, unit_vectors
 from dtrepair.repair.surface.defects import near_contacts
 from dtrepair.repair.surface.surface import BoolArray, Surface
 from dtrepair.repair.surface.winding import winding_numbers
@@ -169,7 +169,7 @@ def _directions(first: FloatArray, second: FloatArray, count: int) -> FloatArray
     own = [
         np.linalg.svd(some - some.mean(axis=0), full_matrices=False)[2] for some in (first, second)
     ]
-    across = np.cross(own[0][:2, None], own[1][None, :2]).reshape(-1, 3)
+    across = cross(own[0][:2, None], own[1][None, :2]).reshape(-1, 3)
     special = np.concatenate([*own, across[lengths(across) > 0.2]])
     height = 1.0 - (2.0 * np.arange(count) + 1.0) / count
     turn = np.pi * (1.0 + np.sqrt(5.0)) * (np.arange(count) + 0.5)
@@ -188,8 +188,8 @@ def overlaps_along(
     """
     # Two axes across each direction.
     least = np.eye(3)[np.abs(directions).argmin(axis=1)]
-    side = unit_vectors(np.cross(directions, least))
-    axes = np.stack([side, np.cross(directions, side)], axis=1)
+    side = unit_vectors(cross(directions, least))
+    axes = np.stack([side, cross(directions, side)], axis=1)
     columns = [np.floor(np.einsum("nkj,pj->npk", axes, some) / width) for some in (first, second)]
     corner = np.minimum(*(cells.min(axis=1) for cells in columns))
     cells = [(some - corner[:, None]).astype(np.int64) for some in columns]

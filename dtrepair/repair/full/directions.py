@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths
+from dtrepair.numerics.geometry import FloatArray, IntArray, cross, dots, lengths
 from dtrepair.repair.surface.layers import pushed_off_covered
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
@@ -54,7 +54,7 @@ def tangent_point_gradient(
     for source, target in ((0, 1), (1, 0)):
         plane, moved = faces[pairs[:, source]], faces[pairs[:, target]]
         corners = points[plane]
-        vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        vector = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         length = np.linalg.norm(vector, axis=1, keepdims=True)
         normal = np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
         if sides is not None:

@@ -15,6 +15,7 @@ from dtrepair.numerics.geometry import (
     IntArray,
     closed_parts,
     components,
+    cross,
     lengths,
     shared_edges,
     unique_edges,
@@ -170,8 +171,8 @@ class ConnectedParts:
         assert self.ties is not None
         corners = points[self.corners[self.ties.triangles]]
         first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        normal = np.cross(first, second)
-        axes = np.stack([first, np.cross(normal, first), normal], axis=1)
+        normal = cross(first, second)
+        axes = np.stack([first, cross(normal, first), normal], axis=1)
         length = np.linalg.norm(axes, axis=2, keepdims=True)
         # A triangle without area has no axes: nothing is seen from it.
         return np.asarray(np.divide(axes, length, out=np.full_like(axes, np.nan), where=length > 0))

@@ -13,6 +13,7 @@ from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
+    cross,
     dots,
     lengths,
     shared_edges,
@@ -104,7 +105,7 @@ class Pieces:
             start, end = (points.take(side, axis=0) for side in self._sides.T)
             sums = [np.bincount(self._rim, column) for column in start.T]
             middle = (np.stack(sums, axis=1) / np.bincount(self._rim)[:, None])[self._rim]
-            fans = 0.5 * np.cross(end - middle, start - middle)
+            fans = 0.5 * cross(end - middle, start - middle)
             volume += self._sums(self._owner, dots(middle, fans))
             area += self._sums(self._owner, lengths(fans))
         return volume / 3.0, area

@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, components, dots, lengths, vector_areas
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    components,
+    cross,
+    dots,
+    lengths,
+    vector_areas,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +102,7 @@ def _near(
 def _within(places: FloatArray, corners: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
     """Return which places (K, 3) in the planes of triangles (K, 3, 3) lie within them."""
     sides = np.roll(corners, -1, axis=1) - corners
-    turns = np.cross(sides, places[:, None] - corners)
+    turns = cross(sides, places[:, None] - corners)
     inner = (turns * normals[:, None]).sum(axis=2)
     inside: NDArray[np.bool_] = (inner >= 0.0).all(axis=1) | (inner <= 0.0).all(axis=1)
     return inside

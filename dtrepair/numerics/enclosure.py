@@ -108,31 +108,25 @@ def enclosure(points: FloatArray, corners: FloatArray, cells: int = 12) -> Float
     return Dipoles(corners, cells).enclose(points)
 
 
-def facing_away(
-    points: FloatArray,
-    faces: IntArray,
-    seen_from: FloatArray,
-    *,
-    least: float = 0.05,
-    most: int = 32,
-) -> NDArray[np.bool_]:
+def facing_away(points: FloatArray, faces: IntArray, seen_from: FloatArray) -> NDArray[np.bool_]:
     """Return which triangles (F,) of open parts face away from other points (N, 3).
 
-    By the mean winding number of a part there: above `least` its normals point away from them. So
-    many parts, those with most triangles, are looked at.
+    A part does whose winding numbers there are positive, of three in four by what it is seen under:
+    what is seen from both sides faces either.
     """
     welded = weld_map(points)[faces]
     label = components(welded, len(points))[welded[:, 0]]
     _, part = np.unique(label, return_inverse=True)
     part = part.reshape(-1)
-    sizes = np.bincount(part)
-    sizes[closed_parts(welded, part, len(sizes))] = 0
-    away = np.zeros(len(faces), dtype=bool)
-    for own in np.argsort(-sizes, kind="stable")[:most].tolist() if len(seen_from) else ():
-        if sizes[own]:
-            triangles = part == own
-            away[triangles] = enclosure(seen_from, points[faces[triangles]]).mean() > least
-    return away
+    count = int(part.max(initial=-1)) + 1
+    behind, seen = np.zeros((2, count))
+    for place in seen_from:
+        angles = solid_angles(np.broadcast_to(place, (len(faces), 3)), points[faces])
+        winding = np.bincount(part, angles, count)
+        behind += winding
+        seen += np.abs(winding)
+    away = (behind > 0.5 * seen) & ~closed_parts(welded, part, count)
+    return np.asarray(away[part])
 
 
 def turned_over(faces: IntArray, turned: NDArray[np.bool_]) -> IntArray:

@@ -93,7 +93,7 @@ def scale_of(
     if sets is not None:
         counted &= ~(sets & still)
     group_of = np.full(count, -1)
-    group_of[counted] = _merged(boxes[counted], options.apart)[1]
+    group_of[counted] = merged_boxes(boxes[counted], options.apart)[1]
     if counted.all() and group_of.max() == 0:
         return WHOLE
     label = np.repeat(group_of, np.diff(starts))
@@ -130,20 +130,23 @@ def sets_among(boxes: FloatArray, still: BoolArray, larger: float) -> BoolArray:
     """
     if still.all():
         return np.zeros(len(still), dtype=bool)
-    largest = _longest(_merged(boxes[~still], 0.0)[0]).max()
-    return np.asarray(still & (_longest(boxes) > larger * largest))
+    largest = longest_sides(merged_boxes(boxes[~still], 0.0)[0]).max()
+    return np.asarray(still & (longest_sides(boxes) > larger * largest))
 
 
-def _longest(boxes: FloatArray) -> FloatArray:
+def longest_sides(boxes: FloatArray) -> FloatArray:
     """Return the longest side (B,) of each box (B, 2, 3)."""
     return np.asarray((boxes[:, 1] - boxes[:, 0]).max(axis=1))
 
 
-def _merged(boxes: FloatArray, apart: float) -> tuple[FloatArray, NDArray[np.integer]]:
-    """Return the boxes (G, 2, 3) of groups that lie apart, and the group (B,) of each box."""
+def merged_boxes(boxes: FloatArray, apart: float) -> tuple[FloatArray, NDArray[np.integer]]:
+    """Return the boxes (G, 2, 3) of groups of boxes (B, 2, 3), and the group (B,) of each.
+
+    Groups lie apart by more than so many times the longest side of the larger one.
+    """
     group_of = np.arange(len(boxes))
     while True:
-        size = _longest(boxes)
+        size = longest_sides(boxes)
         beside = gaps_between(boxes) <= apart * np.maximum(size[:, None], size)
         count, label = csgraph.connected_components(sparse.csr_matrix(beside), directed=False)
         if count == len(boxes):

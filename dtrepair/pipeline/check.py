@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from dtrepair import __version__
 from dtrepair.intersect import MODES
+from dtrepair.pipeline.clock import Clock
 from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.modelled.parts import ModelledParts, tell_modelled
 from dtrepair.pipeline.modelled.references import (
@@ -28,7 +29,6 @@ from dtrepair.pipeline.selection import (
     recorded_tables,
     refuse_unknown,
 )
-from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.devices import use_device
 from dtrepair.pipeline.stages.enclosed_parts import EnclosedParts
 from dtrepair.pipeline.stages.frames import (
@@ -44,15 +44,10 @@ from dtrepair.pipeline.stages.frames import (
     side_by_side,
     unusable,
 )
-from dtrepair.pipeline.stages.matching import (
-    attached_pairs,
-    find_sets,
-    ignored_pairs,
-    meshes_matched,
-    pairs_of_sets,
-)
+from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs, meshes_matched
 from dtrepair.pipeline.stages.object_settings import read_settings, recorded
 from dtrepair.pipeline.stages.outputs import FilePath
+from dtrepair.pipeline.stages.sets import find_sets, pairs_of_sets
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.report.modelled import WornRecord
 from dtrepair.report.record import FramePrimRecord, FrameRecord, Report

@@ -89,9 +89,10 @@ def test_open_parts_that_face_away_are_found() -> None:
     away = facing_away(points, every, above)
     assert away[: len(down)].all() and not away[len(down) :].any()
     assert not facing_away(points, every, np.zeros((0, 3))).any()
-    assert not facing_away(points, every, above, most=0).any()
-    # From far away next to nothing is seen of it.
-    assert not facing_away(floor, down, above + 30.0 * ALONG).any()
+    # However far away that is; but not what is seen from both sides.
+    assert facing_away(floor, down, above + 300.0 * ALONG).all()
+    both = np.concatenate([above, above * (1, 1, -1)])
+    assert not facing_away(floor, down, both).any() and not facing_away(floor, faces, both).any()
     turned = turned_over(every, away)
     assert not facing_away(points, turned, above).any()
     assert np.array_equal(turned[len(down) :], every[len(down) :])

@@ -13,6 +13,7 @@ from typing import Unpack
 from dtrepair import __version__
 from dtrepair.keyposes.search import clean_in_betweens, verify_in_betweens
 from dtrepair.keyposes.spans import KeyPoses
+from dtrepair.pipeline.clock import Clock
 from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.keyposes.record import in_betweens
 from dtrepair.pipeline.keyposes.settings import KeyposeChoices, KeyposeSettings
@@ -32,7 +33,6 @@ from dtrepair.pipeline.repair.collider_contacts import colliders_of
 from dtrepair.pipeline.repair.run import Run, make_repairer
 from dtrepair.pipeline.repair.settings import recorded_settings
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
-from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import mode_warnings, prim_records, refuse_if_none_usable
 from dtrepair.pipeline.stages.object_settings import recorded

@@ -71,20 +71,20 @@ def together(
     sides, place = np.unique(np.sort(meshes, axis=1), axis=0, return_inverse=True)
     order = np.argsort(place.reshape(-1), kind="stable")
     met = _Met(rest, triangles[order], np.sort(place.reshape(-1)), sides, starts)
-    far, looks = np.ones(len(sides), dtype=bool), 0
-    beside = np.zeros(len(sides), dtype=np.int64)
+    far = np.ones(len(sides), dtype=bool)
+    looks, beside = np.zeros((2, len(sides)), dtype=np.int64)
     for pose in poses if len(sides) else ():
-        far &= ~met.near(pose, options.far)
+        near, shown = met.near(pose, options.far)
+        far &= ~(near & shown)
         if not far.any():
             break
-        looks += 1
         gaps = gaps_between(boxes_of(pose, starts))
-        beside += gaps[sides[:, 0], sides[:, 1]] <= 0.0
+        looks += shown
+        beside += shown & (gaps[sides[:, 0], sides[:, 1]] <= 0.0)
     parted = np.zeros((count, count), dtype=bool)
-    far &= beside <= options.beside * looks
-    if looks:
-        first, second = sides[far].T
-        parted[first, second] = parted[second, first] = True
+    far &= (looks > 0) & (beside <= options.beside * looks)
+    first, second = sides[far].T
+    parted[first, second] = parted[second, first] = True
     return Together(parted, _numbers(sides[~far], parted))
 
 
@@ -108,25 +108,25 @@ class _Met:
         starts: NDArray[np.integer],
     ) -> None:
         self.triangles, self.place, self.sides, self.starts = triangles, place, sides, starts
-        self.middles = np.cumsum([0, *np.bincount(place, minlength=len(sides))])
-        self.middles = (self.middles[:-1] + self.middles[1:] - 1) // 2
+        ends = np.cumsum([0, *np.bincount(place, minlength=len(sides))])
+        self.middles = (ends[:-1] + ends[1:] - 1) // 2
         self.sizes, self.apart = self._sizes(rest), self._apart(rest)
         # The smaller mesh of each two.
         smaller = self.sizes[sides].argmin(axis=1)
         self.smaller = np.take_along_axis(sides, smaller[:, None], axis=1)[:, 0]
 
-    def near(self, pose: FloatArray, far: float) -> BoolArray:
+    def near(self, pose: FloatArray, far: float) -> tuple[BoolArray, BoolArray]:
         """Return of which two meshes (N,) half of what meets at rest is near in a pose.
 
-        Or may be: what is scaled to nothing shows nothing.
+        And which two are shown there: what is scaled to nothing is not.
         """
         posed = self._sizes(pose)
-        hidden = (posed <= 1e-6 * self.sizes)[self.sides].any(axis=1)
+        shown = (posed > 1e-6 * self.sizes)[self.sides].all(axis=1)
         sizes, before = posed[self.smaller], self.sizes[self.smaller]
         scale = np.where(before > 0.0, sizes / np.maximum(before, 1e-300), 1.0)
         beyond = self._apart(pose) - scale[self.place] * self.apart
         ordered = beyond[np.lexsort((beyond, self.place))]
-        return np.asarray((ordered[self.middles] <= far * sizes) | hidden)
+        return ordered[self.middles] <= far * sizes, shown
 
     def _sizes(self, points: FloatArray) -> FloatArray:
         """Return the diagonal (M,) of each mesh in points (V, 3)."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dtrepair import __version__
+from dtrepair.pipeline.clock import Clock
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.modelled.parts import tell_modelled
 from dtrepair.pipeline.modelled.worn import tell_worn, worn_records
@@ -22,7 +23,6 @@ from dtrepair.pipeline.repair.motion import Motion
 from dtrepair.pipeline.repair.recount import settle_shapes
 from dtrepair.pipeline.repair.solve import FrameRepairer, repair_frames
 from dtrepair.pipeline.stages.bodies import Controls, PlacedBodies, in_units_of_frames
-from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.frames import (
     AtOnePlace,
     make_counter,

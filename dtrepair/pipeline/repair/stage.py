@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Unpack
 
+from dtrepair.pipeline.clock import Clock
 from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.modelled.parts import tell_sets
 from dtrepair.pipeline.modelled.worn import tell_worn
@@ -31,7 +32,6 @@ from dtrepair.pipeline.stages.bodies import (
     read_controls,
     unclear_sides,
 )
-from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import mode_warnings
 from dtrepair.pipeline.stages.object_settings import recorded

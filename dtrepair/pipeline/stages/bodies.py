@@ -13,15 +13,10 @@ from dtrepair.numerics.enclosure import turned_over
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
 from dtrepair.pipeline.stages.frames import stretches
-from dtrepair.pipeline.stages.matching import (
-    attached_pairs,
-    find_sets,
-    ignored_pairs,
-    pairs_beside,
-    pairs_of_sets,
-)
+from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import Rest
+from dtrepair.pipeline.stages.sets import find_sets, pairs_beside, pairs_of_sets
 from dtrepair.pipeline.stages.sources import (
     Source,
     SourceMesh,
@@ -208,7 +203,7 @@ def make_bodies(
                 rigid=bool(own.rigid),
                 layer=controls.layers[index],
                 name=mesh.path,
-                of_set=mesh.around is not None,
+                of_set=mesh.faces_away is not None,
             )
         )
     return PlacedBodies(bodies, met)
@@ -286,7 +281,7 @@ def outward_faces(mesh: SourceMesh, time: float) -> NDArray[np.int32]:
     import usd_io
 
     faces = usd_io.world_faces(mesh.handle, time)
-    return faces if mesh.around is None else turned_over(faces, mesh.around)
+    return faces if mesh.faces_away is None else turned_over(faces, mesh.faces_away)
 
 
 def in_units_of_frames(source: Source, options: RepairOptions) -> RepairOptions:

@@ -33,8 +33,8 @@ class SourceMesh:
     """One mesh of an input: rest (V, 3) in local space, faces (F, 3), and the stage's own mesh.
 
     has_rest: the input says which pose is the rest pose (USD: by points at the default time).
-    collider: takes part in contact, but never moves. around: it is one, larger than all that moves,
-    as a floor: which triangles (F,) face away from that. of_set: so, and nobody called it one.
+    collider: takes part in contact, but never moves. of_set: it is one that nobody called so.
+    faces_away: of one larger than all that moves, as a floor, which triangles (F,) face away.
     """
 
     path: str
@@ -44,7 +44,7 @@ class SourceMesh:
     handle: Any = None
     collider: bool = False
     of_set: bool = False
-    around: NDArray[np.bool_] | None = None
+    faces_away: NDArray[np.bool_] | None = None
 
     @property
     def animated(self) -> bool:

@@ -7,13 +7,13 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 
 from dtrepair.numerics.metrics import JitterMeter
+from dtrepair.pipeline.clock import Clock
 from dtrepair.pipeline.modelled.parts import tell_modelled
 from dtrepair.pipeline.modelled.references import modelled_parts
 from dtrepair.pipeline.observer import FrameDone, Observer, Progress, Trouble, warn
 from dtrepair.pipeline.repair.run import Run, make_repairer
 from dtrepair.pipeline.repair.solve import Repaired, repair_frames
 from dtrepair.pipeline.stages.bodies import make_bodies, read_controls
-from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.frames import make_counter
 from dtrepair.pipeline.stages.rest import thin_warnings
 from dtrepair.pipeline.stages.sinks import Sink

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair import __version__
+from dtrepair.pipeline.clock import Clock
 from dtrepair.pipeline.errors import plain_errors
 from dtrepair.pipeline.observer import SILENT, Observer, stop_if_cancelled, warn
-from dtrepair.pipeline.stages.clock import Clock
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import prim_records, refuse_if_none_usable
 from dtrepair.pipeline.stages.outputs import FilePath, check_writable, refuse_overwriting

@@ -109,7 +109,13 @@ def test_what_is_scaled_to_nothing_shows_nothing() -> None:
     both = scene(HEAD, HEAD)
     hidden = moved(both, 0.0, 5.0)
     hidden[len(HEAD[0]) :] = hidden[-1]
-    assert both.parted(hidden, moved(both, 0.0, 5.0)) == []
+    assert both.parted(hidden) == []
+    assert both.parted(hidden, moved(both, 0.0, 5.0), hidden) == [(0, 1)]
+    near = moved(both, 0.0, 0.01)
+    assert both.parted(hidden, near) == both.parted(near, hidden) == []
+    # It is in no frame beside what it meets, nor away from it.
+    out, gone = moved(both, 0.0, 1.9), moved(both, 0.0, 5.0)
+    assert both.parted(hidden, out, gone, out, hidden, hidden) == []
 
 
 def test_groups_are_of_what_meets_in_frames_as_at_rest() -> None:

@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dtrepair.pipeline import ObjectOptions, RepairSettings, SetsFound, repair_stage
 from dtrepair.pipeline.observer import Observer, Remark
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.bodies import make_bodies, read_controls
-from dtrepair.pipeline.stages.matching import find_sets
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import choose_rests
+from dtrepair.pipeline.stages.sets import find_sets, pairs_beside
 from dtrepair.pipeline.stages.sources import open_source
 from tests.command_line import read_samples, run
 from tests.meshes import icosphere
@@ -40,8 +41,18 @@ class Heard(Observer):
         return [own.paths for own in self.remarks if isinstance(own, SetsFound)]
 
 
-def stage_of(path: Path, *, half: float = 50.0, depth: float = 0.05, moves: bool = True) -> Path:
-    """A ball that rolls on a square floor with half a side, so deep in it; a wall through that."""
+def stage_of(
+    path: Path,
+    *,
+    half: float = 50.0,
+    depth: float = 0.05,
+    moves: bool = True,
+    halves: NDArray[np.int64] = HALVES,
+) -> Path:
+    """A ball that rolls on a square floor with half a side, so deep in it; a wall through that.
+
+    halves: the triangles (2, 3) of both.
+    """
     from usd_io import AuthoredMesh, write_animation
 
     ball = BALL + (1.0 - depth) * UP
@@ -53,8 +64,8 @@ def stage_of(path: Path, *, half: float = 50.0, depth: float = 0.05, moves: bool
         AuthoredMesh(
             path="/Ball/Mesh", faces=FACES, rest=poses[0], points=poses if moves else None
         ),
-        AuthoredMesh(path="/Set/Floor", faces=HALVES, rest=floor),
-        AuthoredMesh(path="/Set/Wall", faces=HALVES, rest=wall),
+        AuthoredMesh(path="/Set/Floor", faces=halves, rest=floor),
+        AuthoredMesh(path="/Set/Wall", faces=halves, rest=wall),
     ]
     write_animation(path, meshes, times=TIMES if moves else ())
     return path
@@ -204,29 +215,115 @@ def test_a_collider_that_is_named_is_no_set(tmp_path: Path) -> None:
     path = stage_of(tmp_path / "a.usda")
     source = open_source(str(path), Selection(), collider="/Set/Floor")
     read_controls(source, ObjectOptions())
-    assert [(m.collider, m.of_set, m.around is not None) for m in source.meshes] == [
+    assert [(m.collider, m.of_set, m.faces_away is not None) for m in source.meshes] == [
         (False, False, False),
         (True, False, True),
         (True, True, True),
     ]
 
 
-def test_which_way_a_set_faces_changes_no_bit(tmp_path: Path) -> None:
-    from pxr import Usd, UsdGeom
-
-    path, over, found = stage_of(tmp_path / "a.usda"), tmp_path / "over.usda", []
-    stage = Usd.Stage.Open(str(path))
-    for name in ("/Set/Floor", "/Set/Wall"):
-        mesh = UsdGeom.Mesh(stage.GetPrimAtPath(name))
-        corners = np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
-        mesh.GetFaceVertexIndicesAttr().Set(corners[:, ::-1].ravel().tolist())
-    stage.GetRootLayer().Export(str(over))
-    for own in (path, over):
-        out = tmp_path / f"{own.stem}_out.usda"
-        assert all(frame.status == "clean" for frame in repair_stage(str(own), str(out)).frames)
+@pytest.mark.parametrize("half", [10.0, 300.0])
+def test_which_way_a_set_faces_changes_no_bit(tmp_path: Path, half: float) -> None:
+    found, facing = [], []
+    for name, halves in (("a", HALVES), ("over", HALVES[:, [0, 2, 1]])):
+        path = stage_of(tmp_path / f"{name}.usda", half=half, halves=halves)
+        out = tmp_path / f"{name}_out.usda"
+        assert all(frame.status == "clean" for frame in repair_stage(str(path), str(out)).frames)
         found.append(read_samples(out, "/Ball/Mesh"))
+        facing.append(faces_away(path))
     assert all(np.array_equal(found[0][time], found[1][time]) for time in TIMES)
     assert not np.array_equal(found[0][1.0], read_samples(path, "/Ball/Mesh")[1.0])
+    assert facing[0]["/Set/Floor"] == [False] * 2 and facing[1]["/Set/Floor"] == [True] * 2
+
+
+def faces_away(path: Path) -> dict[str, list[bool]]:
+    """Return which triangles of each set of a stage face away from what moves."""
+    source = open_source(str(path), Selection())
+    find_sets(source, read_settings(source).each)
+    known = {own.path: own.faces_away for own in source.meshes}
+    return {name: own.tolist() for name, own in known.items() if own is not None}
+
+
+def balls_on_tiles(path: Path, *heights: float) -> Path:
+    """Balls over a floor of tiles with gaps that look up and down by turns, in a row."""
+    from usd_io import AuthoredMesh, write_animation
+
+    corner = np.array(list(np.ndindex(8, 8, 1))) - 3.5 * (ALONG + UP[[0, 2, 1]])
+    tiles = (0.45 * SQUARE + corner[:, None]).reshape(-1, 3)
+    faces = np.concatenate([HALVES[:, :: 1 - 2 * (k % 2)] + 4 * k for k in range(len(corner))])
+    meshes = [AuthoredMesh(path="/Set/Floor", faces=faces, rest=tiles.astype(np.float32))]
+    for index, height in enumerate(heights):
+        poses = [(BALL + x * ALONG + height * UP).astype(np.float32) for x in (0.0, 0.2, 0.4)]
+        meshes.append(
+            AuthoredMesh(path=f"/Ball{index}/Mesh", faces=FACES, rest=poses[0], points=poses)
+        )
+    write_animation(path, meshes, times=TIMES)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("heights", "above"),
+    [((1.0,), True), ((-1.0,), False), ((9.0,), True), ((1.0, -4.0), True), ((4.0, -1.0), False)],
+)
+def test_each_part_of_a_set_faces_what_is_near(
+    tmp_path: Path, heights: tuple[float, ...], above: bool
+) -> None:
+    down = np.repeat(np.arange(64) % 2 == 1, 2)
+    for order in (heights, heights[::-1]):
+        found = faces_away(balls_on_tiles(tmp_path / f"{order}.usda", *order))["/Set/Floor"]
+        assert found == (down == above).tolist()
+
+
+def test_what_is_seen_from_both_sides_stays_as_it_is(tmp_path: Path) -> None:
+    path = balls_on_tiles(tmp_path / "a.usda", 1.0, -1.0)
+    assert not any(faces_away(path)["/Set/Floor"])
+
+
+@pytest.mark.parametrize(("thin", "expected"), [(0.05, ["/Set/Floor"]), (1.5, [])])
+def test_what_is_flat_is_so_in_the_world(tmp_path: Path, thin: float, expected: list[str]) -> None:
+    from pxr import Gf, Usd, UsdGeom, Vt
+
+    path = stage_of(tmp_path / "a.usda", half=1.2)
+    stage = Usd.Stage.Open(str(path))
+    floor = UsdGeom.Mesh(stage.GetPrimAtPath("/Set/Floor"))
+    floor.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy(BALL.astype(np.float32)))
+    floor.GetFaceVertexIndicesAttr().Set(FACES.ravel().tolist())
+    floor.GetFaceVertexCountsAttr().Set([3] * len(FACES))
+    UsdGeom.Xformable(floor).AddScaleOp().Set(Gf.Vec3f(1.5, 1.5, thin))
+    stage.Save()
+    assert sets_of(path) == expected
+
+
+def test_a_frame_beyond_all_numbers_tells_nothing_of_sets(tmp_path: Path) -> None:
+    from pxr import Usd, UsdGeom, Vt
+
+    path = stage_of(tmp_path / "a.usda")
+    stage = Usd.Stage.Open(str(path))
+    ball = UsdGeom.Mesh(stage.GetPrimAtPath("/Ball/Mesh"))
+    UsdGeom.Xformable(ball).AddScaleOp().Set((10.0, 10.0, 10.0))
+    ball.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy((5e37 * BALL).astype(np.float32)), TIMES[-1])
+    stage.Save()
+    assert sets_of(path) == ["/Set/Floor", "/Set/Wall"]
+
+
+def test_meshes_are_beside_each_other_if_they_are_so_in_any_frame(tmp_path: Path) -> None:
+    from usd_io import AuthoredMesh, write_animation
+
+    times = np.arange(9.0)
+    away = np.where(np.isin(times, (0.0, 4.0, 8.0)), 5.0, 0.5)
+    meshes = [
+        AuthoredMesh(
+            path=f"/Ball{k}/Mesh",
+            faces=FACES,
+            rest=BALL.astype(np.float32),
+            points=[(BALL + k * x * ALONG).astype(np.float32) for x in away],
+        )
+        for k in (0, 1, 20)
+    ]
+    write_animation(tmp_path / "a.usda", meshes, times=times.tolist())
+    source = open_source(str(tmp_path / "a.usda"), Selection())
+    assert pairs_beside(source, [(0, 1), (0, 2), (1, 2)]) == [(0, 1)]
+    assert pairs_beside(source, []) == []
 
 
 def test_in_a_single_pose_what_has_none_of_its_own_is_of_the_set(tmp_path: Path) -> None:

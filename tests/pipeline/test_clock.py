@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from dtrepair.pipeline.stages.clock import Clock
+from dtrepair.pipeline.clock import Clock
 
 
 def test_laps_skips_and_the_total(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -124,8 +124,7 @@ class PlacedMeshes:
             meshes = self.mesh_of[pairs]
             told = own[meshes].all(axis=1) & (meshes[:, 0] != meshes[:, 1])
             poses = (points for _, points in self.poses(TogetherOptions().samples))
-            triangles = self.faces[pairs[told]]
-            result = together(self.rest, poses, triangles, meshes[told], self._starts)
+            result = together(self.rest, poses, self.faces, pairs[told], self._starts)
         return result
 
     @cached_property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from dtrepair.numerics.closest_point import nearest_triangles
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
-from dtrepair.numerics.scale import boxes_of, gaps_between
 
 BoolArray = NDArray[np.bool_]
 
@@ -26,13 +26,16 @@ class TogetherOptions:
         samples: Frames of the whole clip that are looked at, at most.
         far: What meets at rest is farther apart than this in all of them, by half of the pairs, in
             diagonals of the smaller mesh; ...
-        beside: ... and their boxes overlap in at most this share of them: a rod that is drawn out
-            of its sleeve is beside it all the time.
+        touch: ... and in less than half of them half of what meets the other mesh at rest, of one
+            of the two, is no more than this farther from it, in the same unit: a rod that is drawn
+            out of its sleeve, or a wheel, is elsewhere but touches what it did.
+        places: So many places are asked for that, at most.
     """
 
     samples: int = 33
     far: float = 0.1
-    beside: float = 0.5
+    touch: float = 0.02
+    places: int = 200
 
 
 class Together(NamedTuple):
@@ -49,73 +52,81 @@ class Together(NamedTuple):
 def together(
     rest: FloatArray,
     poses: Iterable[FloatArray],
-    triangles: IntArray,
-    meshes: IntArray,
+    faces: IntArray,
+    pairs: IntArray,
     starts: NDArray[np.integer],
     *,
     options: TogetherOptions = TogetherOptions(),
 ) -> Together:
     """Return which meshes lie to each other as at rest.
 
-    Of two that meet at rest, come near what they meet there in no pose, and are seldom beside each
-    other at all, the rests say nothing.
+    Of two that meet at rest, come near what they meet there in no pose, and seldom touch each
+    other with it, the rests say nothing.
 
     Args:
         rest: Points (V, 3) of all meshes at rest.
         poses: The same in frames; no more are looked at than it takes.
-        triangles: Pairs of triangles (K, 2, 3) of two meshes that meet at rest.
-        meshes: The two meshes (K, 2) of each pair.
+        faces: Their triangles (F, 3).
+        pairs: The triangles (K, 2) of two meshes each that meet at rest.
         starts: The first vertex of each mesh, and V (M + 1,); each has some.
     """
     count = len(starts) - 1
-    sides, place = np.unique(np.sort(meshes, axis=1), axis=0, return_inverse=True)
-    order = np.argsort(place.reshape(-1), kind="stable")
-    met = _Met(rest, triangles[order], np.sort(place.reshape(-1)), sides, starts)
+    met = _Met(rest, faces, pairs, starts, options)
+    sides = met.sides
     far = np.ones(len(sides), dtype=bool)
-    looks, beside = np.zeros((2, len(sides)), dtype=np.int64)
+    looks, touching = np.zeros((2, len(sides)), dtype=int)
     for pose in poses if len(sides) else ():
-        near, shown = met.near(pose, options.far)
+        near, shown = met.near(pose)
         far &= ~(near & shown)
         if not far.any():
             break
-        gaps = gaps_between(boxes_of(pose, starts))
         looks += shown
-        beside += shown & (gaps[sides[:, 0], sides[:, 1]] <= 0.0)
+        touching[far & shown] += met.touch(pose, np.flatnonzero(far & shown).tolist())
     parted = np.zeros((count, count), dtype=bool)
-    far &= (looks > 0) & (beside <= options.beside * looks)
+    far &= 2 * touching < looks
     first, second = sides[far].T
     parted[first, second] = parted[second, first] = True
     return Together(parted, _numbers(sides[~far], parted))
 
 
 class _Met:
-    """Triangles (K, 2, 3) of two meshes that meet at rest, in the order of these two.
+    """What meets of each two meshes at rest.
 
     Args:
         rest: All meshes at rest (V, 3).
-        triangles: The triangles.
-        place: Which two meshes (K,) they are of, ascending.
-        sides: The numbers of each two meshes (N, 2).
+        faces: Their triangles (F, 3).
+        pairs: The triangles (K, 2) that meet, of two meshes each.
         starts: The first vertex of each mesh, and V (M + 1,).
+        options: Numbers.
     """
 
     def __init__(
         self,
         rest: FloatArray,
-        triangles: IntArray,
-        place: NDArray[np.integer],
-        sides: IntArray,
+        faces: IntArray,
+        pairs: IntArray,
         starts: NDArray[np.integer],
+        options: TogetherOptions,
     ) -> None:
-        self.triangles, self.place, self.sides, self.starts = triangles, place, sides, starts
-        ends = np.cumsum([0, *np.bincount(place, minlength=len(sides))])
+        self.faces, self.starts, self.options = faces, starts, options
+        self.mesh_of = np.searchsorted(starts, faces[:, 0], side="right") - 1
+        pairs = np.sort(pairs, axis=1)  # triangles are in the order of the meshes
+        # The two meshes (N, 2), and which (K,) two each pair is of.
+        sides, place = np.unique(self.mesh_of[pairs], axis=0, return_inverse=True)
+        self.sides = sides.astype(np.int32)
+        order = np.argsort(place.reshape(-1), kind="stable")
+        self.pairs, self.place = pairs[order], place.reshape(-1)[order]
+        ends = np.cumsum([0, *np.bincount(self.place, minlength=len(self.sides))])
         self.middles = (ends[:-1] + ends[1:] - 1) // 2
         self.sizes, self.apart = self._sizes(rest), self._apart(rest)
         # The smaller mesh of each two.
-        smaller = self.sizes[sides].argmin(axis=1)
-        self.smaller = np.take_along_axis(sides, smaller[:, None], axis=1)[:, 0]
+        smaller = self.sizes[self.sides].argmin(axis=1)
+        self.smaller = np.take_along_axis(self.sides, smaller[:, None], axis=1)[:, 0]
+        self._places = [
+            [self._some(rest, index, side) for side in (0, 1)] for index in range(len(self.sides))
+        ]
 
-    def near(self, pose: FloatArray, far: float) -> tuple[BoolArray, BoolArray]:
+    def near(self, pose: FloatArray) -> tuple[BoolArray, BoolArray]:
         """Return of which two meshes (N,) half of what meets at rest is near in a pose.
 
         And which two are shown there: what is scaled to nothing is not.
@@ -126,7 +137,34 @@ class _Met:
         scale = np.where(before > 0.0, sizes / np.maximum(before, 1e-300), 1.0)
         beyond = self._apart(pose) - scale[self.place] * self.apart
         ordered = beyond[np.lexsort((beyond, self.place))]
-        return ordered[self.middles] <= far * sizes, shown
+        return np.asarray(ordered[self.middles] <= self.options.far * sizes), np.asarray(shown)
+
+    def touch(self, pose: FloatArray, chosen: Sequence[int]) -> BoolArray:
+        """Return of which of some two meshes (C,) one touches the other half as much as at rest."""
+        found = np.zeros(len(chosen), dtype=bool)
+        for row, index in enumerate(chosen):
+            start = self.smaller[index]
+            size = diagonal(pose[self.starts[start] : self.starts[start + 1]])
+            for side, (own, reach) in enumerate(self._places[index]):
+                away = self._distances(pose, index, side, own)
+                found[row] |= np.median(away - reach) <= self.options.touch * size
+        return found
+
+    def _some(
+        self, rest: FloatArray, index: int, side: int
+    ) -> tuple[NDArray[np.integer], FloatArray]:
+        """Return a few triangles (N,) of one of two meshes that meet, and their distances (N,)."""
+        own = np.unique(self.pairs[self.place == index, side])
+        own = own[:: -(-len(own) // self.options.places)]
+        return own, self._distances(rest, index, side, own)
+
+    def _distances(
+        self, points: FloatArray, index: int, side: int, triangles: NDArray[np.integer]
+    ) -> FloatArray:
+        """Return how far the middles of a mesh's triangles (N,) are from the other one of two."""
+        other = self.faces[self.mesh_of == self.sides[index, 1 - side]]
+        middles = points[self.faces[triangles]].mean(axis=1)
+        return lengths(nearest_triangles(middles, points[other])[1] - middles)
 
     def _sizes(self, points: FloatArray) -> FloatArray:
         """Return the diagonal (M,) of each mesh in points (V, 3)."""
@@ -134,7 +172,7 @@ class _Met:
 
     def _apart(self, points: FloatArray) -> FloatArray:
         """Return how far (K,) the middles of two triangles are from each other."""
-        first, second = points[self.triangles].mean(axis=2).swapaxes(0, 1)
+        first, second = points[self.faces[self.pairs]].mean(axis=2).swapaxes(0, 1)
         return lengths(first - second)
 
 

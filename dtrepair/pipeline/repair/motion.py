@@ -1,8 +1,8 @@
-"""How corrections go in time: their jitter, frames in which they jump, props that they bend."""
+"""How corrections go in time: jitter, frames in which they jump, props and sets that give way."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,6 +70,36 @@ class BendMeter:
         return self.options.little if slender else self.options.farther
 
 
+class StillMeter:
+    """Measures how far a repair moves a mesh that stands still in the input.
+
+    Args:
+        least: From so far on it counts, diagonals.
+    """
+
+    def __init__(self, *, least: float = 0.01) -> None:
+        self.least, self.still = least, True
+        self._first: FloatArray | None = None
+        self._gives: dict[float, float] = {}
+
+    def add(self, time: float, before: ArrayLike, after: ArrayLike) -> None:
+        """Take the next frame: its time, points (V, 3) of the input and of the result."""
+        original, result = np.asarray(before, np.float64), np.asarray(after, np.float64)
+        if self._first is None:
+            self._first = original
+        self.still = self.still and np.array_equal(original, self._first)
+        size = diagonal(original) if len(original) else 0.0
+        if self.still and size:
+            moved = float(lengths(result - original).max()) / size
+            if moved > self.least:
+                self._gives[time] = moved
+
+    @property
+    def gives(self) -> Mapping[float, float]:
+        """How far frames move it, by their times; nothing if it moves anyway."""
+        return self._gives if self.still else {}
+
+
 def _unbent(reference: FloatArray, points: FloatArray) -> float:
     """Return how far points (V, 3) are at most from the best rigid motion of others."""
     from dtrepair.repair.surface.rigid_bodies import RigidBodies
@@ -86,7 +116,9 @@ class Motion:
         self._jitter = [JitterMeter() for _ in self._paths]
         self._jumps = [JumpMeter() for _ in self._paths]
         # Of a single mesh nothing else moves.
-        self._bends = [BendMeter() for _ in self._paths] if len(self._paths) > 1 else []
+        several = len(self._paths) > 1
+        self._bends = [BendMeter() for _ in self._paths] if several else []
+        self._still = [StillMeter() for _ in self._paths] if several else []
         self._frames = 0
 
     def add(self, time: float, before: Sequence[ArrayLike], after: Sequence[ArrayLike]) -> None:
@@ -96,8 +128,10 @@ class Motion:
         for jitter, jumps, own, repaired in meters:
             jitter.add(own, repaired)
             jumps.add(time, own, repaired)
-        for bends, own, repaired in zip(self._bends, before, after, strict=False):
+        props = zip(self._bends, self._still, before, after, strict=False)
+        for bends, still, own, repaired in props:
             bends.add(time, own, repaired)
+            still.add(time, own, repaired)
 
     @property
     def jitter(self) -> float | None:
@@ -124,6 +158,20 @@ class Motion:
         return (
             f"bent, though moved as a whole in the input: {listed(names)}; where that must not be, "
             "--rigid keeps the shape of what it names, and what it touches gives way instead",
+        )
+
+    def giving_way(self, worn: Collection[str]) -> tuple[str, ...]:
+        """One line on the meshes that stand still beside others that move, and were moved.
+
+        Of those that are worn, whose paths are given, that is asked for.
+        """
+        meters = zip(self._paths, self._still, strict=False)
+        names = self._names([{} if path in worn else meter.gives for path, meter in meters])
+        if not names or all(meter.still for meter in self._still):
+            return ()
+        return (
+            f"moved, though it stands still in the input: {listed(names)}; where that must not be, "
+            "--collider keeps what it names in its place, and what meets it gives way instead",
         )
 
     def _names(self, found: Sequence[Mapping[float, float]]) -> list[str]:

@@ -133,8 +133,9 @@ def repair_here(
     written = sink.commit({"counts": summarize(records)})
     if isinstance(sink, CorrectionSink):
         sink.tell(observer)
-    bent = outcome.motion.bending
-    warnings = (*repairer.warnings, *hidden.warnings, *among.warnings, *told, *written, *bent)
+    worn = {own.over.path for own in outcome.worn}
+    props = (*outcome.motion.bending, *outcome.motion.giving_way(worn))
+    warnings = (*repairer.warnings, *hidden.warnings, *among.warnings, *told, *written, *props)
     if not run.alone:  # who asks for frames by themselves does not ask for steady ones
         warnings = (*warnings, *outcome.motion.jumping)
     if journal is not None:

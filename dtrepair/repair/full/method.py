@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.work import work_done
 from dtrepair.repair.elastic.dihedral_angles import DihedralAngles, DihedralOptions
 from dtrepair.repair.elastic.edge_lengths import EdgeLengthOptions, EdgeLengths
@@ -169,7 +169,7 @@ class FullMethod:
             if not ("settle" in self.skip or phases.steering or surface.clusters > 1 or crossings):
                 bad = phases.known.triangles
                 settling = Settling(surface, original, bad, options=options.settle)
-                points = self._shifted_back(original, points, phases.known.crossings)
+                points = self._shifted_back(points, phases)
             points, cycles = relax(
                 surface,
                 original,
@@ -188,24 +188,22 @@ class FullMethod:
             log.add("relax", points, start, crossings=left, folds=folds, iterations=cycles)
         return best.points if (phases.limited(points) != points).any() else points
 
-    def _shifted_back(
-        self, original: FloatArray, points: FloatArray, known: IntArray
-    ) -> FloatArray:
+    def _shifted_back(self, points: FloatArray, phases: Phases) -> FloatArray:
         """Return a clean pose (V, 3) without what all that moves was shifted by.
 
-        known: the pairs (K, 2) of the original.
+        As it is where something would be farther than it may go: what moved against the shift.
         """
-        surface = self.surface
+        surface, known = self.surface, phases.known.crossings
         (result,) = shifted_back(
             surface,
-            original[None],
+            phases.original[None],
             points[None],
             ([known], [known[:0]]),
             lambda poses, _: [surface.contacts.pairs(poses[0])],
             eased=lambda needed: needed,
             options=self.options.shift,
         )
-        return np.asarray(result)
+        return result if np.array_equal(phases.limited(result), result) else points
 
     def _relaxed_enough(self, phases: Phases) -> float:
         """Return the total of `work_done` after which attached parts are not relaxed on."""

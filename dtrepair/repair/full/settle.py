@@ -252,8 +252,12 @@ def shifted_back(
         eased: Returns shares (T,) that are smooth in time, and no smaller.
         options: The numbers.
     """
-    for carried in carried_vertices(surface, pairs[0]):
-        shifts = common_shifts(surface, poses - original, carried, options=options)
+    label = csgraph.connected_components(surface.neighbours, directed=False)[1]
+    for mask in carried_vertices(surface, pairs[0]):
+        shifts = common_shifts(surface, poses - original, mask, options=options)
+        # What neither edges nor ties connect with anything that moved stays.
+        moved = (poses != original).any(axis=2)
+        carried = mask & np.stack([np.isin(label, label[own]) for own in moved])
         whole = _Shift(poses, shifts, carried, pairs[1], pairs_of)
         if not whole.frames:
             continue
@@ -273,7 +277,7 @@ def _motion(poses: FloatArray, original: FloatArray) -> float:
 
 
 class _Shift:
-    """Poses (T, V, 3) that are shifted by (T, 3) where they are carried (V,)."""
+    """Poses (T, V, 3) that are shifted by (T, 3) where they are carried (T, V)."""
 
     def __init__(
         self,
@@ -290,7 +294,7 @@ class _Shift:
     def without(self, kept: FloatArray) -> FloatArray:
         """Return the poses with shares (T,) of the shifts."""
         back = ((1.0 - kept)[:, None] * self.shifts)[:, None]
-        return np.where(self.carried[:, None], self.poses - back, self.poses)
+        return np.where(self.carried[:, :, None], self.poses - back, self.poses)
 
     def closed(self, kept: FloatArray, frames: list[int]) -> list[int]:
         """Return which frames get more pairs by such shares."""

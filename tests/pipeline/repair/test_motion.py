@@ -12,7 +12,7 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import JumpMeter, JumpOptions
 from dtrepair.pipeline import ObjectOptions, Selection, repair_stage
 from dtrepair.pipeline.repair import motion
-from dtrepair.pipeline.repair.motion import BendMeter, BendOptions, Motion
+from dtrepair.pipeline.repair.motion import BendMeter, BendOptions, Motion, StillMeter
 from dtrepair.pipeline.stages.sources import open_source
 from tests.meshes import icosphere
 from usd_io import AuthoredMesh, write_animation
@@ -129,3 +129,26 @@ def test_bent_props_are_told_with_what_keeps_them(tmp_path: Path) -> None:
     (text,) = bent(None)
     assert f"{MOVED} in frame " in text and WALL not in text and "--rigid" in text
     assert bent(MOVED) == []
+
+
+@pytest.mark.parametrize(("by", "told"), [(0.005, False), (0.02, True)])
+@pytest.mark.parametrize("moves", [False, True])
+def test_what_stands_still_and_is_moved_is_found(by: float, told: bool, moves: bool) -> None:
+    meter, size = StillMeter(), float(np.linalg.norm(np.ptp(BALL, axis=0)))
+    for time in range(3):
+        pose = BALL + (1e-6 * time if moves else 0.0)
+        meter.add(float(time), pose, pose + np.array([by * size * (time == 1), 0.0, 0.0]))
+    assert list(meter.gives) == ([1.0] if told and not moves else [])
+
+
+def test_what_gave_way_though_it_stands_still_is_told(tmp_path: Path) -> None:
+    stage = stage_of(tmp_path, [1.3, 1.2, 0.8, 1.2, 1.3])
+
+    def moved(collider: str | None = None) -> list[str]:
+        objects = ObjectOptions(collider=collider)
+        report = repair_stage(stage, tmp_path / f"{collider is None}.usda", objects=objects)
+        return [text for text in report.warnings if text.startswith("moved, though")]
+
+    (text,) = moved()
+    assert f"{WALL} in frame " in text and MOVED not in text and "--collider" in text
+    assert moved(collider=WALL) == []

@@ -11,11 +11,14 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.scale import Scale
 from dtrepair.repair.clip.tighten_frames import shift_frames_back
 from dtrepair.repair.clip.window_state import WindowState
+from dtrepair.repair.full.method import FullMethod
+from dtrepair.repair.full.phases import Phases
 from dtrepair.repair.full.settle import (
     along_and_across,
     carried_vertices,
     common_shifts,
     leaning,
+    shifted_back,
 )
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.surface.surface import BodyRange, Surface
@@ -110,6 +113,43 @@ def test_what_goes_back_less_in_one_frame_goes_back_smoothly() -> None:
     assert not state.dirty and height.argmax() == 7
     assert (height[[0, -1]] < 0.25 * height[7]).all()
     assert np.abs(np.diff(height)).max() < 0.4 * height[7]
+
+
+def test_a_single_pose_goes_back_as_far_unless_something_would_go_too_far() -> None:
+    surface = ball_and_floor()
+    original, pose = sunken(surface), led_up(surface).poses[0]
+    moved = []
+    for farthest in (None, 0.2 * LIFTED / surface.size):
+        phases = Phases(surface, original, farthest=farthest)
+        found = FullMethod(surface, farthest=farthest)._shifted_back(pose, phases)
+        moved.append(surface.size * (found - original)[:COUNT])
+    assert np.allclose(moved[0][:, :2], 0.0, atol=1e-12)
+    assert ((moved[0][:, 2] > SUNK) & (moved[0][:, 2] < 2.0 * SUNK)).all()
+    assert np.allclose(moved[1], LIFTED * UP + SLID * ASIDE)
+
+
+def test_a_part_that_did_not_move_is_not_carried_along() -> None:
+    moth = icosphere(1, 0.05)
+    rest, faces = joined(BALL, (moth[0] + 2.0 * UP, moth[1]))
+    surface = Surface(rest, faces)
+    moved = np.zeros((2, surface.count, 3))
+    moved[:, :COUNT] = 0.05 * UP
+    moved[1, COUNT:] = 0.01 * UP
+    original = np.repeat(surface.rest[None], 2, axis=0)
+    none = [np.zeros((0, 2), np.int32)] * 2
+    (carried,) = carried_vertices(surface, none)
+    assert carried.all()
+    found = shifted_back(
+        surface,
+        original,
+        original + moved,
+        (none, none),
+        lambda poses, frames: [none[0] for _ in frames],
+        eased=lambda needed: needed,
+    )
+    assert np.allclose(found[:, :COUNT], original[:, :COUNT])
+    assert np.array_equal(found[0, COUNT:], original[0, COUNT:])
+    assert np.allclose(found[1, COUNT:] - original[1, COUNT:], -0.04 * UP)
 
 
 def test_shifts_that_nothing_allows_for_are_left() -> None:

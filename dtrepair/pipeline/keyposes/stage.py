@@ -180,7 +180,7 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     controls, mode = prepared.controls, prepared.settings.options.mode
     placed = make_bodies(source, prepared.rests, controls, mode=mode)
     repairer, rest_counts = make_repairer(run, source, prepared.rests, placed.bodies)
-    warn(observer, rest_warnings(source, prepared.rests, rest_counts))
+    warn(observer, rest_warnings(source, prepared.rests, rest_counts, controls.settings))
     tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
     run.clock.lap("factor")
     rigid = [bool(own.rigid) for own in controls.settings]

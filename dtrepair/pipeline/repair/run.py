@@ -118,8 +118,9 @@ def repair_here(
     met = list[str]()
     if run.options.rest_contacts == "auto" and run.options.method == "full":
         met = untold_contacts(source, rests, ignored=run.ignored, attached=run.attached)
+    settings = prepared.controls.settings
     # One of them names --rest, which would help with both.
-    warn(observer, rest_warnings(source, rests, rest_counts, advise=not met))
+    warn(observer, rest_warnings(source, rests, rest_counts, settings, advise=not met))
     tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
     warn(observer, met)
     hidden = AtOnePlace(source)

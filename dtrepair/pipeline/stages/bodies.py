@@ -86,6 +86,9 @@ def read_controls(
     colliders = [index for index, mesh in enumerate(source.meshes) if mesh.collider]
     among = {(i, j) for i in colliders for j in colliders if i <= j}
     told = set(ignored_pairs(source, objects.ignore))
+    # Nor what a thing that keeps its shape has with itself.
+    if len(source.meshes) > 1:
+        among |= {(index, index) for index, own in enumerate(found.each) if own.rigid}
     attached, warnings = attached_pairs(source, objects.attach, found.each)
     return Controls(
         found.each,

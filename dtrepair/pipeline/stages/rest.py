@@ -66,24 +66,34 @@ def rest_warnings(
     source: Source,
     rests: Sequence[Rest],
     counts: Sequence[int | None],
+    settings: Sequence[ObjectSettings],
     *,
     advise: bool = True,
 ) -> Iterator[str]:
     """Say in a line or two which rest poses intersect themselves, as `counts` of triangles tell.
 
-    What was modelled is not in these counts. advise: say what helps, unless another warning does.
+    What was modelled is not in these counts. settings: those of each mesh; advise: say what helps,
+    unless another warning does.
     """
-    still, faulty = [], []
-    for mesh, rest, count in zip(source.meshes, rests, counts, strict=True):
+    still, stiff, faulty = [], [], []
+    each = zip(source.meshes, rests, counts, settings, strict=True)
+    for mesh, rest, count, setting in each:
         # A mesh file, or points at the default time only, is its own rest pose: nothing to say.
         own = len(source.times) == 1 and mesh.has_rest
         if count and mesh.collider:
             still.append(mesh.path)
+        elif count and setting.rigid and len(source.meshes) > 1:
+            stiff.append(mesh.path)
         elif count and not own:
             faulty.append(f"{mesh.path} ({counted(count, 'triangle')}, {rest.origin})")
     if still:
         yield (
             f"colliders that intersect themselves: {listed(still)}; as a collider never moves, "
+            "that is neither repaired nor counted"
+        )
+    if stiff:
+        yield (
+            f"rigid, and intersect themselves: {listed(stiff)}; as a rigid thing keeps its shape, "
             "that is neither repaired nor counted"
         )
     if faulty:

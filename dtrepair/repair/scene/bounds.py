@@ -257,7 +257,7 @@ def _loses(scene: Scene, frame: OpenedPose, whole: FloatArray, points: FloatArra
 def _wrong(scene: Scene, pose: OpenedPose, points: FloatArray, pairs: IntArray) -> int:
     """Return how many `pairs` (K, 2), and parts inside others, a correction (V, 3) has."""
     enclosed = scene.enclosed_parts(points, pairs) if len(pose.enclosed) else ()
-    return len(pairs) + len(enclosed)
+    return pose.wrong_with(pairs, len(enclosed))
 
 
 def pairs_and_enclosed(scene: Scene, pose: OpenedPose, points: FloatArray) -> tuple[int, int]:

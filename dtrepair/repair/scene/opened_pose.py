@@ -13,6 +13,9 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.scene.bodies import about_centre
 from dtrepair.repair.scene.scene import Scene
 
+# Up to so many times as many triangles may intersect where fewer pairs do.
+SPREAD = 1.1
+
 
 def _none() -> IntArray:
     return np.zeros((0, 2), dtype=np.int32)
@@ -53,6 +56,15 @@ class OpenedPose:
     def wrong(self) -> int:
         """How many pairs, and parts inside others, there are to be repaired."""
         return len(self.pairs) + len(self.enclosed)
+
+    def wrong_with(self, pairs: IntArray, enclosed: int) -> int:
+        """Return how much is wrong with a correction of it: its pairs (K, 2), parts inside others.
+
+        More than with the pose itself where clearly more triangles intersect: what comes out
+        through its clothes may do so in fewer pairs than what was in them by a little.
+        """
+        more = len(np.unique(pairs)) - int(SPREAD * len(np.unique(self.pairs)))
+        return max(len(pairs) + enclosed, self.wrong + more if more > 0 else 0)
 
 
 Pose = TypeVar("Pose", bound=OpenedPose)

@@ -38,7 +38,7 @@ def kept(scene: Scene, pose: OpenedPose, points: FloatArray, pairs: IntArray) ->
     A correction may have pressed a small part right into another one, where nothing crosses.
     """
     enclosed = pose.enclosed if points is pose.centred else scene.enclosed_parts(points, pairs)
-    if 0 < len(pairs) + len(enclosed) >= pose.wrong:
+    if 0 < pose.wrong_with(pairs, len(enclosed)) >= pose.wrong:
         return Kept(pose.centred, pose.pairs, pose.enclosed)
     return Kept(points, pairs, enclosed)
 

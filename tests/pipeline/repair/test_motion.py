@@ -14,7 +14,8 @@ from dtrepair.pipeline import ObjectOptions, Selection, repair_stage
 from dtrepair.pipeline.repair import motion
 from dtrepair.pipeline.repair.motion import BendMeter, BendOptions, Motion, StillMeter
 from dtrepair.pipeline.stages.sources import open_source
-from tests.meshes import icosphere
+from tests.meshes import bent_tube, icosphere
+from tests.pipeline.hosts import Listener
 from usd_io import AuthoredMesh, write_animation
 
 # Transforms are written to the parents: each mesh has one of its own.
@@ -152,3 +153,24 @@ def test_what_gave_way_though_it_stands_still_is_told(tmp_path: Path) -> None:
     (text,) = moved()
     assert f"{WALL} in frame " in text and MOVED not in text and "--collider" in text
     assert moved(collider=WALL) == []
+
+
+def test_what_a_rigid_thing_has_with_itself_is_told_and_left(tmp_path: Path) -> None:
+    ball, faces = bent_tube(7.0)
+    moves = np.tile(np.eye(4), (3, 1, 1))
+    moves[:, 3, 0] = (9.0, 8.0, 7.0)
+    other = icosphere(1)
+    meshes = [
+        AuthoredMesh(MOVED, faces, rest=ball, transforms=moves),
+        AuthoredMesh(WALL, other[1], rest=other[0], transforms=moves[::-1]),
+    ]
+    stage, told = tmp_path / "a.usda", "rigid, and intersect themselves"
+    write_animation(stage, meshes, times=np.arange(1.0, 4.0))
+    for rigid in (None, MOVED):
+        out = tmp_path / f"{rigid is None}.usda"
+        host = Listener()
+        report = repair_stage(stage, out, objects=ObjectOptions(rigid=rigid), observer=host)
+        before = [frame.before.pairs for frame in report.frames if frame.before is not None]
+        assert (sum(before) > 0) == (rigid is None) and len(before) == 3
+        (text,) = [own for own in host.warnings if "intersect themselves" in own]
+        assert text.startswith(told) == (rigid is not None) and MOVED in text and WALL not in text

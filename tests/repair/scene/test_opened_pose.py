@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dtrepair import Body, RepairOptions
@@ -33,3 +35,14 @@ def test_a_pose_far_from_the_origin_is_centred() -> None:
     assert np.abs(far.centred).max() < 3.0
     assert np.allclose(far.centred + far.centre, far.original, rtol=0.0, atol=1e-9)
     assert np.array_equal(detected(SCENE, far).pairs, detected(SCENE, near).pairs)
+
+
+def test_more_triangles_in_fewer_pairs_are_no_better() -> None:
+    one = np.stack([np.arange(20), 20 + np.arange(20) % 2], axis=1).astype(np.int32)
+    pose = replace(gathered(SCENE, POSE), pairs=one)  # 22 triangles in 20 pairs
+    assert pose.wrong == pose.wrong_with(one, 0) == 20 and pose.wrong_with(one[:5], 2) == 7
+    # Up to a tenth more of them may be in fewer pairs.
+    wider = np.arange(24, dtype=np.int32).reshape(-1, 2)
+    assert pose.wrong_with(wider, 0) == 12
+    wide = np.arange(36, dtype=np.int32).reshape(-1, 2)
+    assert pose.wrong_with(wide, 0) == 20 + 36 - 24

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from dtrepair.numerics.enclosure import enclosure
+from dtrepair.numerics.enclosure import Dipoles
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
@@ -45,6 +45,7 @@ class LoopOptions:
 
     Args:
         parts: So many parts, the largest, may be rings.
+        cells: Along a part, of which each is one dipole seen from afar.
         enclosed: Least winding number about the middle of the ring of what it goes round.
         directions: In which a ring's vertices are told apart.
         corners: Fewer directions with vertices are no ring.
@@ -62,6 +63,7 @@ class LoopOptions:
     """
 
     parts: int = 64
+    cells: int = 64
     enclosed: float = 0.25
     directions: int = 24
     corners: int = 6
@@ -161,9 +163,14 @@ class Rings:
         return [
             under
             for under in np.flatnonzero(holds).tolist()
-            if abs(enclosure(middle[None], rest[self.parts.triangles[under]])[0])
-            >= self.options.enclosed
+            if self._goes_round(under, middle) >= self.options.enclosed
         ]
+
+    def _goes_round(self, part: int, point: FloatArray) -> float:
+        """Return how often a part goes round a point (3,) in the rest, whichever way it faces."""
+        corners = self.parts.poses[0][self.parts.triangles[part]]
+        # An arm is thinner than what of its body counts as one from afar.
+        return abs(float(Dipoles(corners, self.options.cells).enclose_closely(point[None])[0]))
 
 
 def _hems(faces: IntArray) -> list[IntArray]:

@@ -50,6 +50,18 @@ def test_a_band_that_went_through_its_arm_is_off() -> None:
     assert taken(rings, arm) == [(1, 0)]
 
 
+def test_a_cuff_goes_round_the_thin_arm_of_a_large_body() -> None:
+    belly = icosphere(3, 2.0)
+    thin = tube(16, 80, 0.05, 4.0)
+    body = joined(moved(belly, (0.0, 0.0, -4.0)), thin)
+    sleeve = tube(16, 10, 0.06, 0.6)
+    rings = rings_of(body, moved(sleeve, (0.0, 0.0, 1.0)), closed=False)
+    hems = [ring for ring in rings.of(1) if ring.width < 0.15]
+    assert len(hems) >= 2 and {(ring.top, ring.under) for ring in hems} == {(1, 0)}
+    assert (1, 0) in taken(rings, with_ring_moved(rings, 1, (0.3, 0.0, 0.0)))
+    assert taken(rings, with_ring_moved(rings, 1, (0.0, 0.0, 0.1))) == []
+
+
 @pytest.mark.parametrize("offset", [(0.3, 0.0, 0.0), (0.0, 0.0, 0.9)])
 def test_a_band_that_slid_or_cut_in_is_on(offset: tuple[float, float, float]) -> None:
     rings = rings_of(ARM, BAND)

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.closest_point import closest_on_triangles
-from dtrepair.numerics.enclosure import enclosure
+from dtrepair.numerics.enclosure import Dipoles
 from dtrepair.numerics.geometry import (
     FloatArray,
     dots,
@@ -43,7 +43,8 @@ class LiftOptions:
         reach: What was farther than this fraction of the smaller extent at rest is not led.
         neighbours: Triangles of the inner part that are looked at for a vertex.
         turn: Weight of the normals in the search for them, as a fraction of the smaller extent.
-        enclosed: Least winding number of an open inner part where a vertex is under it.
+        enclosed: Least winding number of an open inner part where a vertex is under it; ...
+        cells: ... so many along it are seen as one dipole each from afar.
         wide: A region is led back where in some frame its way back is at most so many times its
             width and an edge.
         left: And where a first lift leaves at most this share of its ways back: a leg that comes
@@ -65,6 +66,7 @@ class LiftOptions:
     reach: float = 0.5
     neighbours: int = 8
     enclosed: float = 0.25
+    cells: int = 64
     turn: float = 0.25
     wide: float = 1.75
     left: float = 0.5
@@ -78,12 +80,16 @@ class LiftOptions:
 
 
 class Inner(NamedTuple):
-    """A pose (V, 3), the inner part there: corners (F, 3, 3), normals (F, 3), a tree of both."""
+    """A pose (V, 3), the inner part there: corners (F, 3, 3), normals (F, 3), a tree of both.
+
+    dipoles: of an open part, what tells how far it goes round a point.
+    """
 
     pose: FloatArray
     corners: FloatArray
     normals: FloatArray
     tree: cKDTree
+    dipoles: Dipoles | None
 
 
 class Sunken(NamedTuple):
@@ -184,7 +190,10 @@ class LayerLift:
         corners, normals = pose[self.other_faces], triangle_normals(pose, self.other_faces)
         places = np.hstack([corners.mean(axis=1), self.turn * normals])
         # Fewer leaves are searched where they are large; of what is as near any may be found.
-        return Inner(pose, corners, normals, cKDTree(places, leafsize=64))
+        tree = cKDTree(places, leafsize=64)
+        # An arm is thinner than what of its body counts as one from afar: many cells.
+        dipoles = None if self.closed else Dipoles(corners, self.options.cells)
+        return Inner(pose, corners, normals, tree, dipoles)
 
     def sunken(self, inner: Inner, shift: FloatArray | float = 0.0) -> Sunken:
         """Return what went under the inner part, the layer displaced by (n, 3)."""
@@ -195,10 +204,11 @@ class LayerLift:
         own, low = points[led], known & self.covered[triangles]
         low &= (dots(own - closest, normal) < 0.0) & self._covers(led, triangles, known)
         where = np.flatnonzero(low)
-        if len(where) and self.closed:
-            low[where] = windings(own[where], corners) > 0
+        if len(where) and inner.dipoles is not None:
+            around = np.abs(inner.dipoles.enclose_closely(own[where]))
+            low[where] = around > self.options.enclosed
         elif len(where):
-            low[where] = np.abs(enclosure(own[where], corners)) > self.options.enclosed
+            low[where] = windings(own[where], corners) > 0
         under = np.zeros(len(points), dtype=bool)
         under[led[low]] = True
         needed = np.zeros_like(points)

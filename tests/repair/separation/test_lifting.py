@@ -92,6 +92,20 @@ def test_what_is_far_behind_an_open_part_is_not_under_it() -> None:
     assert moved[np.abs(sleeve[0][:, 2]) > 1.5].max() < 0.02
 
 
+def test_a_sleeve_is_lifted_off_the_thin_arm_of_a_wide_open_body() -> None:
+    points, faces = tube(24, 160, 1.0, 8.0)
+    # A belly of radius 2 that ends in an arm of radius .05, open at both ends.
+    wide = np.clip((-1.5 - points[:, 2:]) / 0.5, 0.0, 1.0)
+    body = points * np.hstack([np.tile(0.05 + 1.95 * wide, 2), np.ones_like(wide)])
+    sleeve = tube(24, 24, 0.058, 1.0)
+    scene = make_scene([Body(body, faces), Body(*sleeve)], RepairOptions())
+    thick = 1.0 + 0.4 * np.exp(-((body[:, 2:] / 0.2) ** 2)) * (wide == 0.0)
+    pose = np.concatenate([body * np.hstack([thick, thick, np.ones_like(thick)]), sleeve[0]])
+    layer = lifted(scene, pose)[0][len(body) :]
+    middle, ends = np.abs(layer[:, 2]) < 0.05, np.abs(layer[:, 2]) > 0.45
+    assert (radius(layer)[middle] > 0.05 * 1.35).all() and (radius(layer)[ends] < 0.06).all()
+
+
 def test_a_clean_pose_and_parts_that_do_not_meet_keep_every_bit() -> None:
     scene = scene_of(SLEEVE)
     clean = np.concatenate([ARM[0], SLEEVE[0]])

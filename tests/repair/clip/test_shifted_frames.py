@@ -179,6 +179,18 @@ def test_shifts_that_nothing_allows_for_are_left() -> None:
     assert np.array_equal(state.poses, before)
 
 
+def test_bodies_lean_on_each_other_where_free_ones_meet_or_nothing_is_known() -> None:
+    assert not led_up(ball_and_floor()).leaning
+    bodies = [BodyRange(0, COUNT, 99.0), BodyRange(COUNT, 2 * COUNT, 99.0)]
+    moved = np.zeros((FRAMES, 2 * COUNT, 3))
+    for apart in (0.7, 9.0):
+        two = Surface(*joined(BALL, (BALL[0] + apart * ASIDE, BALL[1])), bodies=bodies)
+        state = state_of(two, two.rest, moved)
+        assert any(map(len, state.found)) == (apart < 1.0) and state.leaning
+    one = Surface(*BALL)
+    assert not state_of(one, one.rest, moved[:, :COUNT]).leaning
+
+
 def test_what_stands_still_is_not_shifted() -> None:
     surface = ball_and_floor()
     (carried,) = carried_vertices(surface, [])

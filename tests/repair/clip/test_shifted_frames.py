@@ -189,6 +189,15 @@ def test_bodies_lean_on_each_other_where_free_ones_meet_or_nothing_is_known() ->
         assert any(map(len, state.found)) == (apart < 1.0) and state.leaning
     one = Surface(*BALL)
     assert not state_of(one, one.rest, moved[:, :COUNT]).leaning
+    # One of two that lie apart meets what never moves.
+    floor = FLOOR[0] - FLOOR[0].mean(axis=0) - (0.5 - SUNK) * UP
+    rest, faces = joined(BALL, (BALL[0] + 9.0 * ASIDE, BALL[1]), (floor, FLOOR[1]))
+    bodies.append(BodyRange(2 * COUNT, len(rest), 99.0))
+    free = np.concatenate([np.ones(2 * COUNT), np.zeros(len(floor))])
+    still = Scale((np.arange(2 * COUNT, dtype=np.int32),))
+    three = Surface(rest, faces, bodies=bodies, mobility=free, scale=still)
+    state = state_of(three, three.rest, np.zeros((FRAMES, len(rest), 3)))
+    assert three.clusters > 1 and any(map(len, state.found)) and not state.leaning
 
 
 def test_what_stands_still_is_not_shifted() -> None:

@@ -13,8 +13,8 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.scene.bodies import about_centre
 from dtrepair.repair.scene.scene import Scene
 
-# Up to so many times as many triangles may intersect where fewer pairs do.
-SPREAD = 1.1
+# Up to so many times as many triangles, and so many more, may intersect where fewer pairs do.
+SPREAD, FEW = 1.1, 10
 
 
 def _none() -> IntArray:
@@ -63,8 +63,10 @@ class OpenedPose:
         More than with the pose itself where clearly more triangles intersect: what comes out
         through its clothes may do so in fewer pairs than what was in them by a little.
         """
-        more = len(np.unique(pairs)) - int(SPREAD * len(np.unique(self.pairs)))
-        return max(len(pairs) + enclosed, self.wrong + more if more > 0 else 0)
+        left, few = len(pairs) + enclosed, FEW + SPREAD * len(np.unique(self.pairs))
+        more = len(np.unique(pairs)) - int(few)
+        # A part that was led out of another may meet it in a few triangles yet.
+        return left if more <= 0 or enclosed < len(self.enclosed) else max(left, self.wrong + more)
 
 
 Pose = TypeVar("Pose", bound=OpenedPose)

@@ -41,8 +41,9 @@ def test_more_triangles_in_fewer_pairs_are_no_better() -> None:
     one = np.stack([np.arange(20), 20 + np.arange(20) % 2], axis=1).astype(np.int32)
     pose = replace(gathered(SCENE, POSE), pairs=one)  # 22 triangles in 20 pairs
     assert pose.wrong == pose.wrong_with(one, 0) == 20 and pose.wrong_with(one[:5], 2) == 7
-    # Up to a tenth more of them may be in fewer pairs.
-    wider = np.arange(24, dtype=np.int32).reshape(-1, 2)
-    assert pose.wrong_with(wider, 0) == 12
-    wide = np.arange(36, dtype=np.int32).reshape(-1, 2)
-    assert pose.wrong_with(wide, 0) == 20 + 36 - 24
+    # Up to a tenth more of them, and ten, may be in fewer pairs.
+    wider, wide = (np.arange(2 * n, dtype=np.int32).reshape(-1, 2) for n in (17, 19))
+    assert pose.wrong_with(wider, 0) == 17 and pose.wrong_with(wide, 0) == 20 + 38 - 34
+    # Not where parts were led out of others.
+    inside = replace(pose, enclosed=np.zeros((2, 2), np.int32))
+    assert inside.wrong_with(wide, 1) == 20 and inside.wrong_with(wide, 2) == 22 + 38 - 34

@@ -148,6 +148,12 @@ def ties_to(
     return Ties(vertices.astype(np.int32), triangles[place].astype(np.int32), weights, offsets)
 
 
+def distances(ties: Ties, points: FloatArray, faces: IntArray) -> FloatArray:
+    """Return how far each vertex (N,) is from where it is tied, in a pose (V, 3)."""
+    places = np.einsum("nk,nkj->nj", ties.weights, points[faces[ties.triangles]])
+    return lengths(points[ties.vertices] - places)
+
+
 class Attachments:
     """Which contacts were modelled, by triangles; nothing in it ever changes.
 
@@ -277,3 +283,8 @@ class Attachments:
         keys = triangles.astype(np.int64) * self.count + towards
         place = np.minimum(np.searchsorted(self.zones, keys), len(self.zones) - 1)
         return np.asarray(self.zones[place] == keys)
+
+
+def no_attachments(part_of: IntArray) -> Attachments:
+    """Return attachments of parts, given by the one (F,) of each triangle, that hold nothing."""
+    return Attachments(part_of, np.zeros(0, dtype=np.int64), NO_TIES)

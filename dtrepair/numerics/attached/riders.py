@@ -12,10 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.attachments import NO_TIES, Attachments, Ties, joined_ties, ties_to
+from dtrepair.numerics.attachments import (
+    NO_TIES,
+    Attachments,
+    Ties,
+    distances,
+    joined_ties,
+    ties_to,
+)
 from dtrepair.numerics.closest_point import NearestTriangles
 from dtrepair.numerics.enclosure import enclosure
-from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_areas
+from dtrepair.numerics.geometry import FloatArray, IntArray, triangle_areas
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,8 +133,8 @@ def _riding(
 
     within: which vertices (N,) the other part encloses at rest.
     """
-    away = _distances(feet, poses[0], faces)
-    off = [np.abs(_distances(feet, pose, faces) - away) for pose in poses[1:]]
+    away = distances(feet, poses[0], faces)
+    off = [np.abs(distances(feet, pose, faces) - away) for pose in poses[1:]]
     follows = np.max(off, axis=0, initial=0.0) <= options.follows * size[part]
     every, count = np.bincount(part, minlength=len(size)), len(size)
     near = np.bincount(part[follows & (away <= options.near * size[part])], minlength=count)
@@ -135,9 +142,3 @@ def _riding(
     inside = np.bincount(part[within], minlength=count) == every
     riding = (kept > options.share * every) & ((2 * near >= kept) | inside) & (kept > 0)
     return follows & riding[part], riding
-
-
-def _distances(feet: Ties, points: FloatArray, faces: IntArray) -> FloatArray:
-    """Return how far each vertex (N,) is from where it is tied, in a pose (V, 3)."""
-    places = np.einsum("nk,nkj->nj", feet.weights, points[faces[feet.triangles]])
-    return lengths(points[feet.vertices] - places)

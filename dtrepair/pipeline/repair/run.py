@@ -226,6 +226,7 @@ def make_repairer(
     from dtrepair.intersect.scene_counts import SceneCounter
     from dtrepair.pipeline.modelled.references import layer_poses, modelled_references
     from dtrepair.repair.repairer import SceneRepairer
+    from dtrepair.repair.scene.sub_scene import attachments_of
 
     options = in_units_of_frames(source, run.options)
     _refuse_wide_clearance(run.options.clearance, options.clearance, bodies)
@@ -254,7 +255,7 @@ def make_repairer(
             [rest.points],
             [mesh.faces],
             device=run.device,
-            attachments=scene.scene.attachments_of(index),
+            attachments=attachments_of(scene.scene, index),
         )
         rest_counts.append(own([rest.points]).total.triangles)
     return (

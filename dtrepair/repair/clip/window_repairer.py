@@ -26,7 +26,7 @@ from dtrepair.repair.parallel.worker_pool import (
 from dtrepair.repair.relief.inside_out import inside_out
 from dtrepair.repair.relief.other_ways import on_other_ways, with_turns
 from dtrepair.repair.relief.relief import relieved_poses
-from dtrepair.repair.scene.bounds import Judged, bounded_frames
+from dtrepair.repair.scene.bounds import Judged, bounded_frames, came_off, wrong_in
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.separation.groups import faulty_bodies, groups_meet, groups_of_bodies
@@ -133,6 +133,9 @@ class WindowRepairer:
         self._tell(solving, len(frames))
         poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
         self._tell(solving + rest / 3, len(frames))
+        dressed = self._dressed(meshes, frames, poses)
+        if dressed is not None and not any(found.lowered for found in dressed):
+            return dressed
         alone = partial(solved_pose, scene, meshes, options=numbers)
         again = started_again(
             scene,
@@ -148,7 +151,25 @@ class WindowRepairer:
         self._tell(solving + 2 * rest / 3, len(frames))
         options = self.options.agree
         again = agreed(scene, mesh, frames, poses, again, times, jobs=self.jobs, options=options)
-        return bounded_frames(scene, frames, again, times, options=numbers.share)
+        judged = bounded_frames(scene, frames, again, times, options=numbers.share)
+        if dressed is None:
+            return judged
+        both = judged, dressed
+        return min(both, key=lambda way: sum(wrong_in(scene, frames, [own.points for own in way])))
+
+    def _dressed(
+        self, meshes: WeldedMeshes, frames: list[Frame], poses: Sequence[FloatArray]
+    ) -> list[Judged] | None:
+        """Return the poses of garments that are tied to what they lie over, where some came off.
+
+        None where they stayed on in `poses` (V, 3). Attached parts are asked frame by frame, see
+        `on_other_ways`.
+        """
+        scene, way = meshes.scene, meshes.dressed
+        if way is None or scene.held is not None:
+            return None
+        off = any(came_off(scene, *both) for both in zip(frames, poses, strict=True))
+        return self._judged(way, frames) if off else None
 
     def _tell(self, share: float, frames: float) -> None:
         """Tell that this share of the work on so many frames is done."""

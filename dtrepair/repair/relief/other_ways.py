@@ -100,16 +100,18 @@ def _each_on_its_way(
     scene, result = meshes.scene, list(judged)
     wrong = np.array(_wrong(scene, frames, judged))
 
-    def take(way: WeldedMeshes, chosen: NDArray[np.bool_]) -> None:
-        """Solve the chosen frames (T,) that are not clean, as many as may be."""
+    def take(way: WeldedMeshes, chosen: NDArray[np.bool_], *, farther: bool = False) -> None:
+        """Solve the chosen frames (T,) that are not clean, as many as may be.
+
+        farther: whether they may go much farther: the first way may have left what is as mobile.
+        """
         for run in options.again(chosen & (wrong > 0), wrong.tolist(), len(scene.faces)):
             own = frames[run]
             other = judge(way, list(own))
             left = _wrong(scene, own, other)
             for place, pose, less in zip(range(run.start, run.stop), other, left, strict=True):
                 both = frames[place : place + 1], [pose], [result[place]]
-                # What is as mobile as before may have to go far: the first way may have left it.
-                allowed = way.scene is scene or not _much_farther(scene, *both, options)
+                allowed = farther or not _much_farther(scene, *both, options)
                 if less < wrong[place] and allowed:
                     result[place], wrong[place] = pose, less
 
@@ -118,9 +120,11 @@ def _each_on_its_way(
         bent = [bent_bodies(scene, found) for found in judged]
         for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
             take(way, lowered)
+        if meshes.dressed is not None:
+            take(meshes.dressed, lowered, farther=True)
     if ((wrong > 0) & (wrong <= options.nearly)).any():
         for way in meshes.creased:
-            take(way, wrong <= options.nearly)
+            take(way, wrong <= options.nearly, farther=True)
     return result
 
 

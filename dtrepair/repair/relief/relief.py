@@ -178,7 +178,7 @@ def relieved_poses(
     Of characters with attached parts only, and without a clearance, which relaxing would close.
     Nothing gets more pairs. jobs: workers; None: one a processor. Raises WorkerLost.
     """
-    if mesh.surface.ties is None or scene.options.clearance > 0.0:
+    if scene.attachments is None or mesh.surface.ties is None or scene.options.clearance > 0.0:
         return found
     result, small_parts = [], SmallParts(scene, options=options.small_parts)
     for pose, own in zip(poses, found, strict=True):

@@ -50,6 +50,12 @@ def strain_of(
     return tuple(scene.strain_meter(before, after, strict=strict))
 
 
+def came_off(scene: Scene, frame: OpenedPose, points: FloatArray) -> bool:
+    """Return whether something came off what it goes round in a correction (V, 3) of a frame."""
+    excess = strain_of(scene, frame.centred, points)
+    return any(own.kind == StrainKind.WORN for own in excess)
+
+
 def badness(excess: Sequence[Excess]) -> float:
     """Return how far beyond its bounds a pose is, 0 where it is within them."""
     return float(sum(own.value / max(own.bound, 1e-12) for own in excess))
@@ -112,7 +118,7 @@ def bounded_frames(
     held = _held(scene, frames, poses, times, excess, options)
     if held is not None:
         ways = [best, _lowered(scene, frames, held, times, options)]
-        best = min(ways, key=lambda way: sum(_wrongs(scene, frames, way)))
+        best = min(ways, key=lambda way: sum(wrong_in(scene, frames, way)))
     judged = []
     for index, points in enumerate(best):
         changed = not np.array_equal(points, poses[index])
@@ -167,7 +173,7 @@ def _lowered(
     return bounded
 
 
-def _wrongs(scene: Scene, frames: Sequence[OpenedPose], poses: Sequence[FloatArray]) -> list[int]:
+def wrong_in(scene: Scene, frames: Sequence[OpenedPose], poses: Sequence[FloatArray]) -> list[int]:
     """Return how much is wrong with each of some poses (V, 3)."""
     both = zip(frames, poses, strict=True)
     return [wrong_of(scene, own, points) for own, points in both]
@@ -196,7 +202,7 @@ def _held(
         for own, points, share in zip(frames, poses, shares, strict=True)
     ]
     most = _most(scene, frames, poses, [bool(found) for found in excess], options)
-    whole = zip(poses, result, _wrongs(scene, frames, result), most, strict=True)
+    whole = zip(poses, result, wrong_in(scene, frames, result), most, strict=True)
     return [held if left <= enough else points for points, held, left, enough in whole]
 
 

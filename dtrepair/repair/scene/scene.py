@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import counted_between
+from dtrepair.numerics.attached.garments import garment_ties
 from dtrepair.numerics.attached.seams import NO_SEAMS, Seams, find_seams, sewn
-from dtrepair.numerics.attachments import Attachments, Reference, telling
+from dtrepair.numerics.attachments import Attachments, Reference, no_attachments, telling
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
@@ -63,6 +64,7 @@ class Scene:
             default: the rest.
         strain: What a correction may do to a shape.
         turns: Whether contacts are modelled where joints turned to, too.
+        dressed: Whether garments are tied to what they lie over; no contact is modelled by that.
         device: Where poses are counted, before and after.
     """
 
@@ -79,6 +81,7 @@ class Scene:
     layer_poses: tuple[Reference, ...] = ()
     strain: StrainOptions = StrainOptions()
     turns: bool = False
+    dressed: bool = False
     device: str = "cpu"
 
     @cached_property
@@ -193,11 +196,15 @@ class Scene:
 
     @cached_property
     def held(self) -> Attachments | None:
-        """The attachments without the ties that the clip lets go."""
+        """The attachments without the ties that the clip lets go, with those of garments."""
         known = self.attachments
-        if known is None or len(known.ties.vertices) == 0:
+        if known is not None and len(known.ties.vertices):
+            known = known.holding(ties_that_hold(self.strain_meter, known, self.layer_poses))
+        if not self.dressed or self.covering is None:
             return known
-        return known.holding(ties_that_hold(self.strain_meter, known, self.layer_poses))
+        poses = [self.centred_rest, *(pose.points for pose in self.layer_poses)]
+        ties = garment_ties(self.covering, self.enclosures.faces, poses)
+        return (known or no_attachments(self.enclosures.part_of_face)).carrying(ties)
 
     @cached_property
     def strain_meter(self) -> StrainMeter:
@@ -209,14 +216,6 @@ class Scene:
         rings = Rings(self.layers.parts, stiff) if self.enclosures.count > 1 else None
         known = partial(StrainMeter, rest=self.centred_rest, scale=self.scale, options=self.strain)
         return known(parts, references=shown, rings=rings)
-
-    def attachments_of(self, body: int) -> Attachments | None:
-        """Return what was modelled within one body, by its own triangles and vertices."""
-        if self.attachments is None:
-            return None
-        own = self.triangles_of(body)
-        place = np.arange(len(self.rest)) - self.vertices_of(body).start
-        return self.attachments.of_triangles(np.arange(own.start, own.stop), place)
 
     @cached_property
     def layers(self) -> Layers:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.attachments import Reference
+from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.bounds import Judged
@@ -149,10 +149,19 @@ def inner_parts(scene: Scene) -> SubScene | None:
     attached: their frames are solved each for itself, and what is sewn on would be torn off.
     """
     covering, limited = scene.covering, scene.options.maximum_displacement is not None
-    if covering is None or limited or scene.attachments is not None:
+    if covering is None or limited or scene.held is not None:
         return None
     outer: NDArray[np.bool_] = np.asarray(covering.over.any(axis=1))[covering.part]
     used = np.zeros(len(outer), dtype=bool)
     used[scene.faces] = True
     vertices = np.flatnonzero(used & ~outer).astype(np.int32)
     return SubScene(scene, vertices) if len(vertices) else None
+
+
+def attachments_of(scene: Scene, body: int) -> Attachments | None:
+    """Return what was modelled within one body, by its own triangles and vertices."""
+    if scene.attachments is None:
+        return None
+    own = scene.triangles_of(body)
+    place = np.arange(len(scene.rest)) - scene.vertices_of(body).start
+    return scene.attachments.of_triangles(np.arange(own.start, own.stop), place)

@@ -205,6 +205,18 @@ class WeldedMeshes:
         return None if scene is None else self._of(scene)
 
     @cached_property
+    def dressed(self) -> WeldedMeshes | None:
+        """The meshes with garments tied to what they lie over; None where nothing can be."""
+        if self.scene.dressed or self.scene.covering is None:
+            return None
+        scene, known = self.scene.changed("held", dressed=True), self.scene.held
+        assert scene.held is not None
+        tied = len(scene.held.carried.vertices) - (
+            0 if known is None else len(known.carried.vertices)
+        )
+        return self._of(scene) if tied else None
+
+    @cached_property
     def inner(self) -> PartMeshes | None:
         """The meshes of what open layers lie over; None where there are none."""
         parts = None if self.scene.options.method == "paper" else inner_parts(self.scene)

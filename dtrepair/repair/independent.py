@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
@@ -17,7 +18,7 @@ from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.relief.approach import ApproachOptions, bounded_approach
 from dtrepair.repair.relief.relief import ReliefOptions, relieved_poses
 from dtrepair.repair.result import RepairResult, Solved
-from dtrepair.repair.scene.bounds import Judged, bounded_pose
+from dtrepair.repair.scene.bounds import Judged, bounded_pose, wrong_of
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.results import kept, results_of
@@ -164,12 +165,34 @@ def _found(
     found = dict(zip(wanted, solved, strict=True))
     seconds = (time.perf_counter() - start) / max(len(wanted), 1)
     unsolved = [(pose.centred, Solved(pose.centred)) for pose in opened]
-    return [
+    bounded = [
         _bounded(
             scene, meshes, pose, *found.get(k, unsolved[k]), seconds if k in found else 0.0, options
         )
         for k, pose in enumerate(opened)
     ]
+    both = zip(opened, bounded, strict=True)
+    return [_dressed(scene, meshes, pose, found, options) for pose, found in both]
+
+
+def _dressed(
+    scene: Scene,
+    meshes: WeldedMeshes,
+    pose: OpenedPose,
+    found: _Found,
+    options: IndependentOptions,
+) -> _Found:
+    """Return what is found for a pose with garments tied to what they lie over, if they came off.
+
+    Where that leaves less.
+    """
+    off = any(own.kind == StrainKind.WORN for own in found.judged.excess)
+    if not off or meshes.dressed is None:
+        return found
+    (other,) = _found(meshes.dressed.scene, meshes.dressed, [pose], options)
+    other = other._replace(seconds=found.seconds + other.seconds)
+    left, less = (wrong_of(scene, pose, own.judged.points) for own in (found, other))
+    return other if less < left else found
 
 
 def _solved(

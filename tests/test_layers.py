@@ -136,7 +136,7 @@ WALLS = {
     },
     "dtrepair.numerics": {
         "__init__": "",
-        "attached": "attachments closest_point enclosure geometry",
+        "attached": "attachments worn closest_point enclosure geometry",
         "attachments": "closest_point geometry",
         "worn": "enclosure geometry",
         "closest_point": "geometry",

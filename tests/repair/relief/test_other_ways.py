@@ -48,6 +48,9 @@ class Trial:
         }
         monkeypatch.setattr(self.meshes, "otherwise", lambda *_: iter([self.ways["rigid"]]))
         monkeypatch.setattr(self.meshes, "creased", (self.ways["none"], self.ways["all"]))
+        if "dressed" in left:
+            self.ways["dressed"] = WeldedMeshes(replace(scene))
+            monkeypatch.setattr(self.meshes, "dressed", self.ways["dressed"])
         monkeypatch.setattr(other_ways, "pairs_and_enclosed", self.told)
         self.judged = [self.pose("first", k)._replace(lowered=lowered) for k in range(FRAMES)]
 
@@ -55,8 +58,8 @@ class Trial:
         return next(k for k, own in enumerate(self.frames) if own is frame)
 
     def pose(self, way: str, place: int) -> Judged:
-        """A pose of which is known what is left, and which a rigid way leads away as a whole."""
-        points = self.frames[place].centred + (self.farther if way == "rigid" else 0.0)
+        """A pose of which is known what is left, and which other ways lead away as a whole."""
+        points = self.frames[place].centred + (0.0 if way == "first" else self.farther)
         self.known.append((points, self.left[way][place]))
         return Judged(points)
 
@@ -129,3 +132,16 @@ def test_a_rigid_way_that_goes_much_farther_is_not_taken(
     poses |= dict.fromkeys(("none", "all"), poses["first"])
     trial = Trial(monkeypatch, poses, lowered=True, farther=farther)
     assert trial.run(few=6, farther=2.0, near=0.3) == same(*[left] * 6)
+
+
+@pytest.mark.parametrize("lowered", [True, False])
+def test_strained_frames_are_dressed_and_may_go_far(
+    lowered: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, dressed = same(0, 9, 9, 80, 80, 80), same(0, 0, 12, 80, 70, 80)
+    poses = {**dict.fromkeys(("first", "rigid", "none", "all"), first), "dressed": dressed}
+    trial = Trial(monkeypatch, poses, lowered=lowered, farther=0.5)
+    assert trial.run(few=6, farther=2.0, near=0.3) == (
+        same(0, 0, 9, 80, 70, 80) if lowered else first
+    )
+    assert (("dressed", [1, 2, 3, 4, 5]) in trial.asked) == lowered

@@ -1,0 +1,162 @@
+"""A sleeve goes along with the arm that is pushed out of the body, in clips and in single poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from dtrepair import Body, SceneRepairer
+from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
+from dtrepair.repair.clip import window_repairer
+from dtrepair.repair.clip.clip_options import ClipOptions
+from dtrepair.repair.clip.frames import Frame
+from dtrepair.repair.clip.window_repairer import WindowRepairer
+from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.scene.bounds import Judged
+from dtrepair.repair.scene.make_scene import make_scene
+from dtrepair.repair.scene.opened_pose import detected, gathered
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from tests.exact_reference import exact_pairs
+from tests.meshes import armed_body, joined
+from tests.repair.separation.test_lifting import ARM, SLEEVE
+
+AROUND = 10
+
+
+@dataclass(frozen=True)
+class Dressed:
+    """An armed body, and a shirt over some of its rings."""
+
+    along: int
+    first: int
+    last: int
+    off: float
+
+    @property
+    def ids(self) -> IntArray:
+        """The vertices of the body that the shirt lies over, ring by ring."""
+        return np.arange(self.first * AROUND, (self.last + 1) * AROUND, dtype=np.int32)
+
+    @property
+    def faces(self) -> list[IntArray]:
+        faces = armed_body(0.0, self.along, AROUND)[1]
+        own = faces[np.isin(faces, self.ids).all(axis=1)] - self.ids[0]
+        return [faces, own.astype(np.int32)]
+
+    def pose(self, curl: float) -> list[FloatArray]:
+        points, faces = armed_body(curl, self.along, AROUND)
+        corners = points[faces]
+        areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals = np.zeros_like(points)
+        np.add.at(normals, faces, areas[:, None])
+        return [points, (points + self.off * normals / lengths(normals)[:, None])[self.ids]]
+
+    @property
+    def bodies(self) -> list[Body]:
+        return [Body(*own) for own in zip(self.pose(0.0), self.faces, strict=True)]
+
+    def beside(self, poses: list[FloatArray]) -> FloatArray:
+        """How far each ring of the shirt is from the middle line of the body, in its radii."""
+        rings = poses[0][: (self.along + 1) * AROUND].reshape(-1, AROUND, 3).mean(axis=1)
+        shares = np.linspace(0.0, 1.0, 20)[:, None, None]
+        line = (rings[:-1] + shares * np.diff(rings, axis=0)).reshape(-1, 3)
+        cloth = poses[1].reshape(-1, AROUND, 3)
+        middle = cloth.mean(axis=1)
+        radius = np.linalg.norm(cloth - middle[:, None], axis=2).mean(axis=1)
+        away: FloatArray = cKDTree(line).query(middle)[0] / radius
+        return away
+
+
+def clean(poses: list[FloatArray], faces: list[IntArray]) -> bool:
+    """Whether a count of every pair, too, finds no intersection."""
+    points, every = joined(*zip(poses, faces, strict=True))
+    return len(exact_pairs(points, every)) == 0
+
+
+def test_an_arm_leaves_the_body_with_its_sleeve() -> None:
+    shirt = Dressed(30, 3, 24, 0.03)
+    poses = [shirt.pose(curl) for curl in (4.3, 4.36, 4.41)]
+    stream = SceneRepairer(shirt.bodies).animator.stream(list(enumerate(poses)), jobs=1)
+    for frame in stream:
+        assert [result.status for result in frame.results] == ["clean", "clean"]
+        assert all(result.before.pairs > 20 for result in frame.results)
+        found = [result.points for result in frame.results]
+        assert clean(found, shirt.faces)
+        assert shirt.beside(found).max() < 0.6
+
+
+@pytest.mark.parametrize(
+    "sleeve", [Dressed(40, 12, 33, 0.03), Dressed(30, 9, 24, 0.03)], ids=["long", "coarse"]
+)
+def test_so_it_does_in_a_single_pose(sleeve: Dressed) -> None:
+    results = SceneRepairer(sleeve.bodies)(sleeve.pose(4.3))
+    assert [result.status for result in results] == ["clean", "clean"]
+    assert results[0].before.pairs > 10
+    found = [result.points for result in results]
+    assert clean(found, sleeve.faces) and sleeve.beside(found).max() < 0.6
+
+
+# Of two frames, what is left in each of them on the first way, and with garments tied.
+@pytest.mark.parametrize(
+    ("off", "first", "tied", "taken", "tried"),
+    [
+        (True, (0, 9), (0, 0), "tied", ["tied"]),
+        (True, (0, 9), (3, 5), "tied", ["tied", "first"]),
+        (True, (0, 9), (3, 7), "first", ["tied", "first"]),
+        (False, (0, 9), (0, 0), "first", ["first"]),
+    ],
+)
+def test_what_leaves_less_is_taken_where_something_came_off(
+    off: bool,
+    first: tuple[int, int],
+    tied: tuple[int, int],
+    taken: str,
+    tried: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = make_scene([Body(*ARM), Body(*SLEEVE)], RepairOptions())
+    meshes, wanted = WeldedMeshes(scene), {"first": first, "tied": tied}
+    pose = np.concatenate([ARM[0], SLEEVE[0]])
+    poses = {name: [pose + shift, pose - shift] for name, shift in (("first", 0.1), ("tied", 0.2))}
+    opened = [detected(scene, gathered(scene, [ARM[0], SLEEVE[0]])) for _ in range(2)]
+    frames = [Frame(**vars(own), time=float(time)) for time, own in enumerate(opened)]
+    asked: list[str] = []
+
+    def name_of(own: Scene) -> str:
+        return "tied" if own.dressed else "first"
+
+    def bounded(own: Scene, *_: Any, **__: Any) -> list[Judged]:
+        asked.append(name_of(own))
+        left = zip(poses[asked[-1]], wanted[asked[-1]], strict=True)
+        return [Judged(points, lowered=number > 0) for points, number in left]
+
+    def wrong_in(_: Scene, __: Any, found: list[FloatArray]) -> list[int]:
+        (name,) = (name for name, own in poses.items() if own[0] is found[0])
+        return list(wanted[name])
+
+    stands_in = {
+        "inside_out": lambda own, each, *_, **__: (own, each),
+        "relieved_poses": lambda _, __, ___, own, **____: own,
+        "started_again": lambda _, __, ___, own, **____: own,
+        "agreed": lambda _, __, ___, ____, own, *_____, **______: own,
+        "came_off": lambda own, *_: off and not own.dressed,
+        "bounded_frames": bounded,
+        "wrong_in": wrong_in,
+    }
+    for name, function in stands_in.items():
+        monkeypatch.setattr(window_repairer, name, function)
+    monkeypatch.setattr(
+        WindowRepairer, "_solve", lambda _, own, *__: poses[name_of(own)], raising=True
+    )
+    repairer = WindowRepairer(meshes, options=ClipOptions(), make_method=lambda _: None, jobs=1)  # type: ignore[arg-type, return-value]
+    judged = repairer._judged(meshes, frames)
+    assert [own.points is other for own, other in zip(judged, poses[taken], strict=True)] == [
+        True,
+        True,
+    ]
+    assert asked == tried

@@ -123,19 +123,38 @@ class WindowRepairer:
         return [judged[index] for index in place], meshes
 
     def _judged(self, meshes: WeldedMeshes, frames: list[Frame]) -> list[Judged]:
-        """Return the repaired poses of a window within the bounds."""
+        """Return the repaired poses of a window within the bounds.
+
+        Garments are tied to what they lie over where pushing cannot lead them apart, or they come
+        off, and that leaves less. Attached parts are asked frame by frame, see `on_other_ways`.
+        """
+        scene, ways, dressed = meshes.scene, self.options.inside_out, None
+        spread = partial(side_by_side, jobs=self.jobs)
+        own, opened = inside_out(meshes, frames, self._solve, spread, options=ways)
+        parts = own.scene, own([frame.sewn for frame in frames]), opened
+        tied = meshes.dressed if scene.held is None else None
+        poses = self._solved(*parts, unless_stuck=tied is not None)
+        if tied is not None and (poses is None or _come_off(scene, frames, poses)):
+            dressed = self._judged(tied, frames)
+            if not any(found.lowered for found in dressed):
+                return dressed
+        judged = self._bounded(meshes, frames, poses or self._solve(*parts))
+        if dressed is None:
+            return judged
+        both = [[found.points for found in way] for way in (judged, dressed)]
+        left, less = (sum(wrong_in(scene, frames, way)) for way in both)
+        return dressed if less < left else judged
+
+    def _bounded(
+        self, meshes: WeldedMeshes, frames: list[Frame], poses: list[FloatArray]
+    ) -> list[Judged]:
+        """Return solved poses (V, 3) of a window, with less strain if possible, within bounds."""
         scene, numbers = meshes.scene, self.options.independent
         mesh = meshes([frame.sewn for frame in frames])
-        ways, spread = self.options.inside_out, partial(side_by_side, jobs=self.jobs)
-        own, opened = inside_out(meshes, frames, self._solve, spread, options=ways)
-        poses = self._solve(own.scene, own([frame.sewn for frame in frames]), opened)
         solving, rest = self.options.solving, 1.0 - self.options.solving
         self._tell(solving, len(frames))
         poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
         self._tell(solving + rest / 3, len(frames))
-        dressed = self._dressed(meshes, frames, poses)
-        if dressed is not None and not any(found.lowered for found in dressed):
-            return dressed
         alone = partial(solved_pose, scene, meshes, options=numbers)
         again = started_again(
             scene,
@@ -151,25 +170,7 @@ class WindowRepairer:
         self._tell(solving + 2 * rest / 3, len(frames))
         options = self.options.agree
         again = agreed(scene, mesh, frames, poses, again, times, jobs=self.jobs, options=options)
-        judged = bounded_frames(scene, frames, again, times, options=numbers.share)
-        if dressed is None:
-            return judged
-        both = judged, dressed
-        return min(both, key=lambda way: sum(wrong_in(scene, frames, [own.points for own in way])))
-
-    def _dressed(
-        self, meshes: WeldedMeshes, frames: list[Frame], poses: Sequence[FloatArray]
-    ) -> list[Judged] | None:
-        """Return the poses of garments that are tied to what they lie over, where some came off.
-
-        None where they stayed on in `poses` (V, 3). Attached parts are asked frame by frame, see
-        `on_other_ways`.
-        """
-        scene, way = meshes.scene, meshes.dressed
-        if way is None or scene.held is not None:
-            return None
-        off = any(came_off(scene, *both) for both in zip(frames, poses, strict=True))
-        return self._judged(way, frames) if off else None
+        return bounded_frames(scene, frames, again, times, options=numbers.share)
 
     def _tell(self, share: float, frames: float) -> None:
         """Tell that this share of the work on so many frames is done."""
@@ -178,6 +179,14 @@ class WindowRepairer:
 
     def _solve(self, scene: Scene, mesh: WeldedMesh, frames: list[Frame]) -> list[FloatArray]:
         """Return repaired poses (V, 3) of a window."""
+        found = self._solved(scene, mesh, frames, unless_stuck=False)
+        assert found is not None
+        return found
+
+    def _solved(
+        self, scene: Scene, mesh: WeldedMesh, frames: list[Frame], *, unless_stuck: bool
+    ) -> list[FloatArray] | None:
+        """Return repaired poses (V, 3) of a window; None where pushing is stuck and may be."""
         options = self.options.independent
         times = frame_units(np.array([frame.time for frame in frames]))
         starts = Starts(
@@ -193,19 +202,24 @@ class WindowRepairer:
         if mesh.surface.ties is not None:
             return self._solve_tied(mesh, starts)
         otherwise: list[FloatArray] = []
+        stuck = False
 
         def unless(left: list[IntArray]) -> bool:
             """Return whether sheets, and what pushing left as it was, can be led apart instead."""
+            nonlocal stuck
             poses = starts.otherwise(left)
             otherwise.extend([] if poses is None else [poses])
-            return poses is not None
+            met = sum(len(frame.pairs) > 0 for frame in frames)
+            share = self.options.windows.lend.share
+            dirty = sum(len(own) > 0 for own in left)
+            stuck = poses is None and dirty > share * max(met, 1)
+            return poses is not None or (stuck and unless_stuck)
 
         found = self._solve_from(
             mesh, starts.led, times, starts.unlifted(starts.led), unless=unless
         )
-        if found is None:
+        if found is None and not stuck:
             found = self._solve_from(mesh, otherwise[0], times, starts.unlifted(otherwise[0]))
-        assert found is not None
         return found
 
     def _solve_tied(self, mesh: WeldedMesh, starts: Starts) -> list[FloatArray]:
@@ -263,3 +277,8 @@ class WindowRepairer:
         if found is None:
             return None
         return [mesh.expanded(*each) for each in zip(inputs, base, found, strict=True)]
+
+
+def _come_off(scene: Scene, frames: list[Frame], poses: Sequence[FloatArray]) -> bool:
+    """Return whether something came off what it goes round in any of the poses (V, 3)."""
+    return any(came_off(scene, *both) for both in zip(frames, poses, strict=True))

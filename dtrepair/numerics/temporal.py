@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -158,15 +159,40 @@ def standing_out(
 
     moved: displacements (V, 3) of each frame; part_of: the part (V,) of each vertex, -1 for none.
     """
-    sizes = np.bincount(part_of[part_of >= 0])
-    parts = [np.flatnonzero(part_of == part) for part in np.flatnonzero(sizes)]
-    result = np.zeros(len(moved))
+    parts, result = _parts(part_of), np.zeros(len(moved))
     for index in range(1, len(moved) - 1):
         left, middle, right = moved[index - 1 : index + 2]
         farther = lengths(middle - 0.5 * (left + right)) - 0.5 * lengths(right - left)
-        squares = np.maximum(farther, 0.0) ** 2
-        for part in parts:
-            own = squares[part]
-            most = own if len(own) <= limb else np.partition(own, -limb)[-limb:]
-            result[index] = max(result[index], float(most.mean()))
-    return np.sqrt(result)
+        result[index] = _most_moved(np.maximum(farther, 0.0), parts, limb)
+    return result
+
+
+def steps_between(
+    moved: Sequence[FloatArray], part_of: NDArray[np.integer], *, limb: int
+) -> FloatArray:
+    """Return how far (T - 1,) the part that does most goes between two frames.
+
+    Root mean squares over parts, as in `standing_out`, where the arguments are told.
+    """
+    parts = _parts(part_of)
+    steps = [lengths(after - before) for before, after in pairwise(moved)]
+    return np.array([_most_moved(own, parts, limb) for own in steps])
+
+
+def _parts(part_of: NDArray[np.integer]) -> list[NDArray[np.intp]]:
+    """Return the vertices (N,) of each part."""
+    sizes = np.bincount(part_of[part_of >= 0])
+    return [np.flatnonzero(part_of == part) for part in np.flatnonzero(sizes)]
+
+
+def _most_moved(away: FloatArray, parts: Sequence[NDArray[np.intp]], limb: int) -> float:
+    """Return the root mean square of lengths (V,) over the part where it is largest.
+
+    Of a part of more than `limb` vertices over so many of them, those that do most.
+    """
+    result, squares = 0.0, away**2
+    for part in parts:
+        own = squares[part]
+        most = own if len(own) <= limb else np.partition(own, -limb)[-limb:]
+        result = max(result, float(most.mean()))
+    return float(np.sqrt(result))

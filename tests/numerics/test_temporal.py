@@ -11,6 +11,7 @@ from dtrepair.numerics.temporal import (
     runs_of,
     standing_out,
     steady_weights,
+    steps_between,
     undamped,
 )
 
@@ -63,7 +64,10 @@ def test_what_stands_out_is_a_part_or_a_limb_of_a_large_one() -> None:
     # Evenly coming and going does not stand out.
     assert standing_out(moved, part_of, limb=9).tolist() == [0.0, 1.5, 0.0, 0.0]
     assert standing_out(moved, part_of, limb=1).tolist() == [0.0, 3.0, 0.0, 0.0]
+    assert steps_between(moved, part_of, limb=9).tolist() == [1.5, 1.5, 0.0]
+    assert steps_between(moved, part_of, limb=1).tolist() == [3.0, 3.0, 0.0]
     ramp = [moved[1] * k for k in range(4)]
+    assert steps_between(ramp, part_of, limb=1).tolist() == [3.0, 3.0, 3.0]
     assert not standing_out(ramp, part_of, limb=1).any()
     moved[1][:4] = 0.0
     assert standing_out(moved, part_of, limb=9).tolist() == [0.0, 1.0, 0.0, 0.0]

@@ -8,121 +8,15 @@ and the character does not jump from one way to the other.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from itertools import pairwise
 
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.numerics.metrics import distortion
-from dtrepair.numerics.temporal import standing_out
-from dtrepair.repair.frame.lending import LendingOptions, carried, solved_from
-from dtrepair.repair.full.steering import Steering
-from dtrepair.repair.parallel.worker_pool import WorkerPool, with_workers, worthwhile_jobs
-from dtrepair.repair.relief.relief import ReliefOptions, relieved_poses
-from dtrepair.repair.relief.swelling import too_far
-from dtrepair.repair.scene.bounds import badness, strain_of, wrong_of
+from dtrepair.repair.relief.borrowing import Borrowing, BorrowingOptions, Loan, Merit
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
-from dtrepair.repair.surface.surface import Surface
-
-
-@dataclass(frozen=True, kw_only=True)
-class BorrowingOptions:
-    """When frames start again.
-
-    Args:
-        rough: Of several parts not only strained frames start again, but those that are distorted
-            so many times as much as a neighbour, ...
-        rough_attached: ... where parts are attached, whose frames are solved each for itself, so
-            many times as much, ...
-        smooth: ... and more than this.
-        hopeless: What is farther beyond its bounds than this (see `badness`) does not start again:
-            a soldier's straps crushed between layers are so by any way.
-        stands_out: Of attached parts frames in which one moves by this much, root mean square,
-            units of the size, farther than between its neighbours start again, too, and take what
-            stands out ...
-        less, less_eased: ... by at most this share of that; the second if edges change less, too.
-        limb: Of a larger part so many vertices, those that stand out most, count: a leg is little
-            of a skin.
-        triangles: Of attached parts loans are made for so many triangles to each frame of a window,
-            one at least, and first to strained frames: a loan is about as much work as a frame.
-            Twice as many go to frames that stand out.
-        left_share: Of what was wrong with the input so much may be left, of a lender and of what
-            was borrowed: a share of a strained pose leaves more.
-        lending: What cleans a frame from there.
-        relief: What relaxes it then.
-    """
-
-    rough: float = 3.0
-    rough_attached: float = 1.6
-    smooth: float = 0.03
-    hopeless: float = 30.0
-    stands_out: float = 4e-3
-    less: float = 0.6
-    less_eased: float = 0.8
-    limb: int = 1000
-    triangles: int = 5000
-    left_share: float = 0.1
-    lending: LendingOptions = field(default_factory=LendingOptions)
-    relief: ReliefOptions = field(default_factory=ReliefOptions)
-
-
-class _Merit(NamedTuple):
-    """How a pose is: the less the better.
-
-    Whether and how far it is strained, what is wrong, and the distortion of its edges.
-    """
-
-    strained: bool
-    badness: float
-    wrong: int
-    distortion: float
-
-
-class _Loan(NamedTuple):
-    """A frame, and the neighbour whose correction it takes."""
-
-    frame: int
-    lender: int
-
-
-class _Borrowers:
-    """Frames that borrow; a pool calls `solved`.
-
-    Args:
-        mesh: The mesh that was solved.
-        loans: For each the input of the lender, what was found for it, and the input of the frame,
-            poses (V, 3).
-        effort: Factor of the work after which a frame is left as it is.
-        options: What cleans a frame.
-    """
-
-    def __init__(
-        self,
-        mesh: WeldedMesh,
-        loans: Sequence[tuple[FloatArray, FloatArray, FloatArray]],
-        effort: float,
-        options: LendingOptions,
-    ) -> None:
-        self.mesh, self.surface = mesh, mesh.surface
-        self.loans, self.effort, self.options = loans, effort, options
-
-    def solved(self, surface: Surface, index: int) -> FloatArray:
-        """Return the pose (V, 3) that a loan leads to."""
-        lent_from, found, lent_to = map(self.mesh.reduced, self.loans[index])
-        unit, _ = solved_from(
-            surface,
-            lent_to,
-            carried(surface, lent_from, lent_to, found - lent_from),
-            scale=1.0,
-            alone=None,
-            steering=Steering(surface),
-            effort=self.effort,
-            options=self.options,
-        )
-        return self.mesh.expanded(self.loans[index][2], lent_to, unit)
 
 
 def started_again(
@@ -152,7 +46,7 @@ def started_again(
     """
     if scene.options.clearance > 0.0:
         return poses
-    state = _Frames(scene, mesh, frames, poses, jobs, options)
+    state = Borrowing(scene, mesh, frames, poses, jobs, options)
     rough, most, tied = options.rough, 2 * len(frames), mesh.surface.ties is not None
     if tied:
         rough = options.rough_attached
@@ -170,6 +64,7 @@ def started_again(
             state.take_in_step,
             2 * most,
         )
+        _runs_in_step(state, 2 * most)
     # A limit of displacements leaves it no more room than it left the window.
     if alone is not None and scene.options.maximum_displacement is None:
         for index, merit in enumerate(state.merits):
@@ -178,92 +73,17 @@ def started_again(
     return state.result
 
 
-class _Frames:
-    """The best poses (V, 3) of frames, and how good they are."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        mesh: WeldedMesh,
-        frames: Sequence[OpenedPose],
-        poses: list[FloatArray],
-        jobs: int | None,
-        options: BorrowingOptions,
-    ) -> None:
-        self.scene, self.mesh, self.frames, self.result = scene, mesh, frames, list(poses)
-        self.jobs, self.options = jobs, options
-        self.merits = [self._merit(*both) for both in zip(frames, poses, strict=True)]
-        self.few = [options.left_share * frame.wrong for frame in frames]
-
-    def solved(self, loans: Sequence[_Loan]) -> list[FloatArray]:
-        """Return the poses (V, 3) that loans lead to."""
-        of_loans = [
-            (self.frames[lender].centred, self.result[lender], self.frames[index].centred)
-            for index, lender in loans
-        ]
-        scene, options = self.scene, self.options
-        borrowers = _Borrowers(self.mesh, of_loans, scene.options.effort, options.lending)
-        own = [self.frames[loan.frame] for loan in loans]
-        found = _solved(borrowers, self.jobs)
-        return relieved_poses(scene, self.mesh, own, found, jobs=self.jobs, options=options.relief)
-
-    def take(self, index: int, points: FloatArray) -> None:
-        """Take a pose (V, 3) of a frame if it is better than what was found."""
-        frame, than = self.frames[index], self.merits[index]
-        merit = self._merit(frame, points)
-        most = than.wrong
-        if not self.scene.options.at_any_cost:
-            most = max(most, int(self.few[index]))
-        if merit < than and merit.wrong <= most and not too_far(self.scene, frame, points).any():
-            self.result[index], self.merits[index] = points, merit
-
-    def standing_out(self) -> FloatArray:
-        """Return how far (T,) the part of each frame that does most stands out between two others.
-
-        In units of the size; of a large part a limb's share counts.
-        """
-        parts = self.scene.strain_meter.parts
-        moved = [pose - frame.centred for frame, pose in zip(self.frames, self.result, strict=True)]
-        found = standing_out(moved, parts.of_vertex, limb=self.options.limb)
-        return found / self.scene.scale.extent(self.frames[0].centred)
-
-    def take_in_step(self, index: int, points: FloatArray) -> None:
-        """Take a pose (V, 3) of a frame if it is no worse and stands out clearly less."""
-        frame, kept, before = self.frames[index], self.result[index], self.standing_out()[index]
-        if before <= self.options.stands_out:
-            return  # a neighbour that was solved along no longer does
-        merit = self._merit(frame, points)
-        self.result[index] = points
-        easier = merit.distortion < self.merits[index].distortion
-        most = self.options.less_eased if easier else self.options.less
-        less = self.standing_out()[index] <= most * before
-        worse = merit.strained or merit.wrong > self.merits[index].wrong
-        if less and not worse and not too_far(self.scene, frame, points).any():
-            self.merits[index] = merit
-        else:
-            self.result[index] = kept
-
-    def _merit(self, frame: OpenedPose, points: FloatArray) -> _Merit:
-        """Return how good a pose (V, 3) of a frame is."""
-        scene, bent = self.scene, 0.0
-        excess = strain_of(scene, frame.centred, points)
-        # Single skins were solved from their neighbours already.
-        if scene.strain_meter.parts.count > 1:
-            bent = distortion(frame.centred, points, scene.strain_meter.parts.edges)
-        return _Merit(bool(excess), badness(excess), wrong_of(scene, frame, points), bent)
-
-
 def _lent(
-    state: _Frames,
-    next_loans: Callable[[frozenset[_Loan]], list[_Loan]],
+    state: Borrowing,
+    next_loans: Callable[[frozenset[Loan]], list[Loan]],
     take: Callable[[int, FloatArray], None],
     most: int,
-) -> frozenset[_Loan]:
+) -> frozenset[Loan]:
     """Make at most so many loans, as long as there are next ones, and return them.
 
     take: is given a frame and the pose (V, 3) that a loan leads to.
     """
-    tried = frozenset[_Loan]()
+    tried = frozenset[Loan]()
     while loans := next_loans(tried)[: most - len(tried)]:
         tried |= frozenset(loans)
         for loan, points in zip(loans, state.solved(loans), strict=True):
@@ -272,12 +92,12 @@ def _lent(
 
 
 def _loans(
-    merits: Sequence[_Merit],
+    merits: Sequence[Merit],
     few: Sequence[float],
-    tried: Collection[_Loan],
+    tried: Collection[Loan],
     rougher: float,
     options: BorrowingOptions,
-) -> list[_Loan]:
+) -> list[Loan]:
     """Return the next loan, of those not tried, of each frame in need of one, strained ones first.
 
     few: so much may be wrong with a lender (T,); rougher: see `BorrowingOptions.rough`.
@@ -285,7 +105,7 @@ def _loans(
     result = []
     for index, merit in enumerate(merits):
         for lender in (index - 1, index + 1):
-            loan = _Loan(index, lender)
+            loan = Loan(index, lender)
             if not 0 <= lender < len(merits) or loan in tried:
                 continue
             other = merits[lender]
@@ -298,8 +118,8 @@ def _loans(
 
 
 def _loans_in_step(
-    state: _Frames, tried: Collection[_Loan], options: BorrowingOptions
-) -> list[_Loan]:
+    state: Borrowing, tried: Collection[Loan], options: BorrowingOptions
+) -> list[Loan]:
     """Return the next loan, of those not tried, of each frame that stands out, the farthest first.
 
     Strained frames had their turn.
@@ -307,7 +127,7 @@ def _loans_in_step(
     out, merits, result = state.standing_out(), state.merits, []
     for index in np.argsort(-out)[: np.count_nonzero(out > options.stands_out)].tolist():
         loans = [
-            _Loan(index, lender)
+            Loan(index, lender)
             for lender in (index - 1, index + 1)
             if not merits[lender].strained and merits[lender].wrong <= merits[index].wrong
         ]
@@ -317,12 +137,26 @@ def _loans_in_step(
     return result
 
 
-def _solved(state: _Borrowers, jobs: int | None) -> list[FloatArray]:
-    """Return the poses (V, 3) that loans lead to."""
-    surface, count = state.surface, len(state.loans)
+def _runs_in_step(state: Borrowing, most: int) -> None:
+    """Solve runs of frames between two jumps from what is before or behind them, if that is nearer.
 
-    def solved_by(pool: WorkerPool) -> list[FloatArray]:
-        pool.start(state)
-        return list(pool.map("solved", range(count)))
-
-    return with_workers(surface, worthwhile_jobs(jobs, count, len(surface.faces)), solved_by)
+    With at most so many loans. No single frame of such a run stands out but its ends, and these as
+    far from one side as from the other.
+    """
+    options, steps = state.options, state.steps()
+    for first, last in pairwise(np.flatnonzero(steps > options.jump).tolist()):
+        run, known = list(range(first + 1, last + 1)), state.snapshot()
+        hopeless = any(state.merits[index].badness > options.hopeless for index in run)
+        if hopeless or len(run) > options.run or 2 * len(run) > most:
+            continue
+        most -= 2 * len(run)
+        best, least = known, options.less * state.steps()[first : last + 1].sum()
+        for own, lender in ((run, first), (run[::-1], last + 1)):
+            lent, found = state.merits[lender], state.merits[own[0]]
+            good = not lent.strained and lent.wrong <= found.wrong
+            if good and state.taken_on(own, lender):
+                way = state.steps()[first : last + 1].sum()
+                if way < least:
+                    best, least = state.snapshot(), way
+            state.put_back(known)
+        state.put_back(best)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from dtrepair.repair.clip.borrow_frames import BorrowingOptions
 from dtrepair.repair.clip.layout import LayoutOptions
 from dtrepair.repair.clip.steady_frames import AgreeOptions
 from dtrepair.repair.clip.window_method import WindowOptions
@@ -12,6 +11,7 @@ from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.independent import IndependentOptions
 from dtrepair.repair.relief.approach import ApproachOptions
+from dtrepair.repair.relief.borrowing import BorrowingOptions
 from dtrepair.repair.relief.inside_out import InsideOutOptions
 from dtrepair.repair.relief.other_ways import OtherWayOptions
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,9 +13,10 @@ from dtrepair import Body, RepairOptions
 from dtrepair.diagnosis import Status
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion
-from dtrepair.repair.clip import borrow_frames
-from dtrepair.repair.clip.borrow_frames import BorrowingOptions, started_again
+from dtrepair.repair.clip.borrow_frames import started_again
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
+from dtrepair.repair.relief import borrowing
+from dtrepair.repair.relief.borrowing import BorrowingOptions
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.scene.bounds import strain_of
 from dtrepair.repair.scene.make_scene import make_scene
@@ -188,7 +191,7 @@ def test_few_frames_of_many_triangles_start_again(monkeypatch: pytest.MonkeyPatc
         asked.append(len(state.loans))  # type: ignore[attr-defined]
         return [rough] * asked[-1]
 
-    monkeypatch.setattr(borrow_frames, "_solved", solved)
+    monkeypatch.setattr(borrowing, "_solved", solved)
     found = [whole, rough, whole, rough, whole, rough]
     count = len(mesh.surface.faces)
     for triangles, most in ((count // 3, 2), (count // 2, 3), (1, 1)):
@@ -246,7 +249,7 @@ def test_only_frames_that_stand_out_borrow_and_only_from_good_ones(
         asked.append(len(state.loans))  # type: ignore[attr-defined]
         return [bent] * asked[-1]
 
-    monkeypatch.setattr(borrow_frames, "_solved", solved)
+    monkeypatch.setattr(borrowing, "_solved", solved)
 
     def loans(*poses: FloatArray, stands_out: float = 1e-4) -> int:
         asked.clear()
@@ -265,3 +268,26 @@ def test_only_frames_that_stand_out_borrow_and_only_from_good_ones(
     assert len(scene.pairs(frame.centred, frame.weld))
     assert loans(frame.centred, bent, frame.centred) == 0
     assert loans(whole, flat, whole) == 0
+
+
+@pytest.mark.parametrize("jump", [1e-3, np.inf])
+def test_a_run_on_another_way_takes_that_of_the_frames_around_it(jump: float) -> None:
+    scene, frame, mesh = winged(1.2)
+    (whole,) = relieved_poses(scene, mesh, [frame], [mesh.solve([frame.centred])[0][0]])
+    bent, far = whole.copy(), whole[:, 2] > 0.4
+    bent[far, 0] += 0.1 * (whole[far, 2] - 0.4)
+    poses, frames = [whole, bent, bent, bent, whole], [frame] * 5
+    options = BorrowingOptions(smooth=np.inf, stands_out=np.inf, jump=jump)
+    found = started_again(scene, mesh, frames, poses, options=options)
+    assert found[0] is whole and found[-1] is whole
+    off = np.linalg.norm(bent - whole, axis=1).max()
+    steps = [np.linalg.norm(b - a, axis=1).max() for a, b in pairwise(found)]
+    if jump == np.inf:
+        assert all(a is b for a, b in zip(found, poses, strict=True))
+    else:
+        assert max(steps) < 0.3 * off
+        assert not any(len(scene.pairs(pose, frame.weld)) for pose in found)
+    # Two of them cost more than may be lent, and a run that is too long stays.
+    for chosen in (replace(options, triangles=1), replace(options, run=2)):
+        again = started_again(scene, mesh, frames, poses, options=chosen)
+        assert all(a is b for a, b in zip(again, poses, strict=True))

@@ -146,8 +146,7 @@ def _runs_in_step(state: Borrowing, most: int) -> None:
     options, steps = state.options, state.steps()
     for first, last in pairwise(np.flatnonzero(steps > options.jump).tolist()):
         run, known = list(range(first + 1, last + 1)), state.snapshot()
-        hopeless = any(state.merits[index].badness > options.hopeless for index in run)
-        if hopeless or len(run) > options.run or 2 * len(run) > most:
+        if len(run) > options.run or 2 * len(run) > most:
             continue
         most -= 2 * len(run)
         best, least = known, options.less * state.steps()[first : last + 1].sum()

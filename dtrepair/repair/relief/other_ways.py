@@ -100,12 +100,20 @@ def _each_on_its_way(
     scene, result = meshes.scene, list(judged)
     wrong = np.array(_wrong(scene, frames, judged))
 
-    def take(way: WeldedMeshes, chosen: NDArray[np.bool_], *, farther: bool = False) -> None:
+    def take(
+        way: WeldedMeshes,
+        chosen: NDArray[np.bool_],
+        *,
+        farther: bool = False,
+        most: int | None = None,
+    ) -> None:
         """Solve the chosen frames (T,) that are not clean, as many as may be.
 
         farther: whether they may go much farther: the first way may have left what is as mobile.
+        most: see `OtherWayOptions.again`.
         """
-        for run in options.again(chosen & (wrong > 0), wrong.tolist(), len(scene.faces)):
+        count = len(scene.faces)
+        for run in options.again(chosen & (wrong > 0), wrong.tolist(), count, most=most):
             own = frames[run]
             other = judge(way, list(own))
             left = _wrong(scene, own, other)
@@ -121,7 +129,7 @@ def _each_on_its_way(
         for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
             take(way, lowered)
         if meshes.dressed is not None:
-            take(meshes.dressed, lowered, farther=True)
+            take(meshes.dressed, lowered, farther=True, most=int(lowered.sum()))
     if ((wrong > 0) & (wrong <= options.nearly)).any():
         for way in meshes.creased:
             take(way, wrong <= options.nearly, farther=True)

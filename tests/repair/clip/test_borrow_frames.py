@@ -254,7 +254,7 @@ def test_only_frames_that_stand_out_borrow_and_only_from_good_ones(
     def loans(*poses: FloatArray, stands_out: float = 1e-4) -> int:
         asked.clear()
         # Strained frames borrow nothing here by the older rule.
-        options = BorrowingOptions(smooth=np.inf, hopeless=0.0, stands_out=stands_out)
+        options = BorrowingOptions(smooth=np.inf, hopeless=0.0, stands_out=stands_out, jump=np.inf)
         started_again(scene, mesh, [frame] * len(poses), list(poses), options=options)
         return sum(asked)
 

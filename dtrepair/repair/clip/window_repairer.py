@@ -136,14 +136,12 @@ class WindowRepairer:
         poses = self._solved(*parts, unless_stuck=tied is not None)
         if tied is not None and (poses is None or _come_off(scene, frames, poses)):
             dressed = self._judged(tied, frames)
-            if not any(found.lowered for found in dressed):
+            if not _left(scene, frames, dressed):
                 return dressed
         judged = self._bounded(meshes, frames, poses or self._solve(*parts))
-        if dressed is None:
-            return judged
-        both = [[found.points for found in way] for way in (judged, dressed)]
-        left, less = (sum(wrong_in(scene, frames, way)) for way in both)
-        return dressed if less < left else judged
+        if dressed is not None and _left(scene, frames, dressed) < _left(scene, frames, judged):
+            return dressed
+        return judged
 
     def _bounded(
         self, meshes: WeldedMeshes, frames: list[Frame], poses: list[FloatArray]
@@ -282,3 +280,8 @@ class WindowRepairer:
 def _come_off(scene: Scene, frames: list[Frame], poses: Sequence[FloatArray]) -> bool:
     """Return whether something came off what it goes round in any of the poses (V, 3)."""
     return any(came_off(scene, *both) for both in zip(frames, poses, strict=True))
+
+
+def _left(scene: Scene, frames: list[Frame], judged: Sequence[Judged]) -> int:
+    """Return how much is wrong with all poses together."""
+    return sum(wrong_in(scene, frames, [own.points for own in judged]))

@@ -28,7 +28,8 @@ class OtherWayOptions:
         farther, near: Those on which nothing moves farther than so many times what it did on the
             first, and this fraction of the diagonal.
         few, share: Of attached parts, whose frames are solved each for itself, at most so many
-            frames of a window, or this share of it, are solved again: those with least left.
+            frames of a window, or this share of it, are solved again: those with least left; but
+            all that are strained with their garments held.
         nearly: Frames of attached parts with at most so many pairs and parts inside others, both
             together, go ways on which other creases are shared.
         large: Scenes of more triangles get fewer frames by that ratio, but one at least; ...

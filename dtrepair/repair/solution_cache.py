@@ -23,11 +23,11 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.parallel.process_pool import in_batches, map_in_processes
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.result import Count, RepairResult, Stage
-from dtrepair.repair.surface.surface import Surface
 
 if TYPE_CHECKING:
     # Single poses are remembered as well, and need no stages of clips.
     from dtrepair.repair.clip.window_method import MakeMethod, WindowSolver
+    from dtrepair.repair.scene.welded_mesh import WeldedMesh
 
 Arrays = Mapping[str, NDArray[Any]]
 # Poses, and their results if they are known.
@@ -48,10 +48,10 @@ class Memory(Protocol):
 
 def remembering(make_method: MakeMethod, memory: Memory) -> MakeMethod:
     """Return what makes solvers of windows that look them up first, and keep what they solve."""
-    return lambda mesh: _remembering(make_method(mesh), mesh.surface, memory)
+    return lambda mesh: _remembering(make_method(mesh), mesh, memory)
 
 
-def _remembering(solve: WindowSolver, surface: Surface, memory: Memory) -> WindowSolver:
+def _remembering(solve: WindowSolver, mesh: WeldedMesh, memory: Memory) -> WindowSolver:
     def looked_up(
         original: FloatArray,
         frames: FloatArray,
@@ -60,13 +60,10 @@ def _remembering(solve: WindowSolver, surface: Surface, memory: Memory) -> Windo
         *,
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
-        # A window may be solved with directions and without, and with props rigid.
-        ways = [] if surface.direction is None else [surface.direction]
-        if surface.rigid.slices:
-            ways.append(surface.rigid.mask)
-        if inputs is not None:
-            ways.append(inputs)
-        key = hash_of(original, frames, surface.faces, surface.rest, *ways)
+        # A window may be solved in several ways: with props rigid, garments tied to what they wrap.
+        own = [np.frombuffer(mesh.way.encode(), dtype=np.uint8), mesh.surface.faces]
+        lifted = [] if inputs is None else [inputs]
+        key = hash_of(original, frames, *own, *lifted)
         kept = memory.recall(key)
         if kept is not None:
             found = original.copy()

@@ -14,11 +14,11 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.clip.window_method import WindowSolver
 from dtrepair.repair.parallel.worker_pool import WorkerPool
-from dtrepair.repair.scene.props import with_rigid
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.solution_cache import hash_of, remembering, repair_each
-from tests.meshes import bent_tube, overlapping_spheres
+from tests.meshes import bent_tube, overlapping_spheres, tube
 
+LIMB = tube(24, 40, 0.2, 4.0)
 REST, FACES = bent_tube(0.1, around=12, along=40, radius=0.08)
 POSES = [bent_tube(angle, around=12, along=40, radius=0.08)[0] for angle in (6.4, 6.45, 6.5)]
 
@@ -60,23 +60,36 @@ def test_solved_windows_are_looked_up() -> None:
         list(known.stream(moved, jobs=1))
 
 
-def test_windows_with_something_rigid_are_solved_for_themselves() -> None:
-    memory, solved = Kept(), list[bool]()
-    window, times = np.stack(POSES), np.arange(float(len(POSES)))
+def test_windows_are_solved_once_in_each_way() -> None:
+    memory, solved = Kept(), list[str]()
+    sleeve, moved = tube(24, 24, 0.23, 2.0), np.ones_like(LIMB[0])
+    scene = SceneRepairer([Body(*LIMB, direction=moved), Body(*sleeve)]).scene
+    meshes = WeldedMeshes(scene)
+    ways = [
+        meshes,
+        meshes.undirected,
+        meshes.dressed,
+        *meshes.creased,
+        meshes.with_inner_mobility(0.1),
+        meshes.with_rigid([0]),
+        meshes.with_rigid([1]),
+        meshes.of_bodies((0, 1)).meshes,
+    ]
+    window, times = np.stack([scene.centred_rest] * 2), np.arange(2.0)
 
     def make_method(mesh: WeldedMesh) -> WindowSolver:
         def solve(original: FloatArray, *rest: object, **more: object) -> FloatArray:
-            solved.append(len(mesh.surface.rigid.slices) > 0)
+            solved.append(mesh.way)
             return original
 
         return solve
 
-    scene = SceneRepairer([Body(REST, FACES)]).scene
     for _ in range(2):
-        for own in (scene, with_rigid(scene, [0])):
-            mesh = WeldedMeshes(own)([own.rest_weld])
+        for way in ways:
+            assert way is not None
+            mesh = way([way.scene.rest_weld])
             remembering(make_method, memory)(mesh)(window, times, WorkerPool())
-    assert solved == [False, True]
+    assert len(solved) == len(set(solved)) == len(memory) == len(ways)
 
 
 def test_windows_that_were_led_from_other_inputs_are_solved_for_themselves() -> None:

@@ -35,6 +35,7 @@ class WeldedMesh:
         full: Numbers of the full method.
         paper: Numbers of the published method; default: `PaperOptions()`.
         surface: Numbers of the surface.
+        way: What sets it apart from other meshes of the same bodies, see `WeldedMeshes`.
     """
 
     def __init__(
@@ -43,10 +44,12 @@ class WeldedMesh:
         together: IntArray,
         queue: DeviceQueue | None = None,
         *,
+        way: str = "",
         full: FullOptions = FullOptions(),
         paper: PaperOptions | None = None,
         surface: SurfaceOptions = SurfaceOptions(),
     ) -> None:
+        self.way = way
         self.kept, self.place = np.unique(together, return_inverse=True)
         self.surface = _surface(scene, self.kept, self.place, surface)
         # In units of the surface's size.
@@ -158,6 +161,7 @@ class WeldedMeshes:
         full: Numbers of the full method.
         paper: Numbers of the published method; default: `PaperOptions()`.
         surface: Numbers of the surfaces.
+        way: What sets the meshes apart from those of the whole scene: bodies, props that are rigid.
     """
 
     def __init__(
@@ -165,20 +169,22 @@ class WeldedMeshes:
         scene: Scene,
         queue: DeviceQueue | None = None,
         *,
+        way: str = "",
         full: FullOptions = FullOptions(),
         paper: PaperOptions | None = None,
         surface: SurfaceOptions = SurfaceOptions(),
     ) -> None:
-        self.scene, self._queue = scene, queue
+        self.scene, self.way, self._queue = scene, way, queue
         self._full, self._paper, self._surface = full, paper, surface
         self._known: dict[bytes, WeldedMesh] = {}
         self._less_mobile: dict[float, WeldedMeshes] = {}
         self._stiffer: dict[tuple[int, ...], WeldedMeshes] = {}
         self._groups: dict[tuple[int, ...], PartMeshes] = {}
 
-    def _of(self, scene: Scene, surface: SurfaceOptions | None = None) -> WeldedMeshes:
+    def _of(self, scene: Scene, way: str, surface: SurfaceOptions | None = None) -> WeldedMeshes:
         """Return the meshes of another scene, by the full method on the CPU."""
-        return WeldedMeshes(scene, full=self._full, surface=surface or self._surface)
+        numbers = surface or self._surface
+        return WeldedMeshes(scene, full=self._full, surface=numbers, way=f"{self.way}/{way}")
 
     @cached_property
     def undirected(self) -> WeldedMeshes | None:
@@ -189,20 +195,23 @@ class WeldedMeshes:
         if self.scene.options.method == "paper" or not self.scene.direction.any():
             return None
         scene = replace(self.scene, direction=np.zeros_like(self.scene.direction))
-        return self._of(scene)
+        return self._of(scene, "undirected")
 
     @cached_property
     def creased(self) -> tuple[WeldedMeshes, ...]:
         """Other ways: attached parts share no creases, or all do, see `Partners`."""
         numbers = self._surface
         ways = (replace(numbers.ties, creased=least) for least in (np.inf, 0.0))
-        return tuple(self._of(self.scene, replace(numbers, ties=ties)) for ties in ways)
+        return tuple(
+            self._of(self.scene, f"creased {ties.creased}", replace(numbers, ties=ties))
+            for ties in ways
+        )
 
     @cached_property
     def turning(self) -> WeldedMeshes | None:
         """The meshes with joints that turned left alone; None where no joint turns so far."""
         scene = self.scene.turning
-        return None if scene is None else self._of(scene)
+        return None if scene is None else self._of(scene, "turning")
 
     @cached_property
     def dressed(self) -> WeldedMeshes | None:
@@ -214,7 +223,7 @@ class WeldedMeshes:
         tied = len(scene.held.carried.vertices) - (
             0 if known is None else len(known.carried.vertices)
         )
-        return self._of(scene) if tied else None
+        return self._of(scene, "dressed") if tied else None
 
     @cached_property
     def inner(self) -> PartMeshes | None:
@@ -222,13 +231,13 @@ class WeldedMeshes:
         parts = None if self.scene.options.method == "paper" else inner_parts(self.scene)
         if parts is None:
             return None
-        return PartMeshes(parts, self._of(parts.scene))
+        return PartMeshes(parts, self._of(parts.scene, "inner"))
 
     def of_bodies(self, bodies: tuple[int, ...]) -> PartMeshes:
         """Return the meshes of some of the bodies, as if there were no others."""
         if bodies not in self._groups:
             parts = sub_scene(self.scene, bodies)
-            self._groups[bodies] = PartMeshes(parts, self._of(parts.scene))
+            self._groups[bodies] = PartMeshes(parts, self._of(parts.scene, f"bodies {bodies}"))
         return self._groups[bodies]
 
     def with_inner_mobility(self, mobility: float) -> WeldedMeshes:
@@ -238,7 +247,7 @@ class WeldedMeshes:
             return self
         if mobility not in self._less_mobile:
             scene = self.scene.changed(options=replace(chosen, inner_mobility=mobility))
-            self._less_mobile[mobility] = self._of(scene)
+            self._less_mobile[mobility] = self._of(scene, f"mobility {mobility}")
         return self._less_mobile[mobility]
 
     def otherwise(
@@ -261,7 +270,7 @@ class WeldedMeshes:
         if not props:
             return self
         if props not in self._stiffer:
-            self._stiffer[props] = self._of(with_rigid(self.scene, props))
+            self._stiffer[props] = self._of(with_rigid(self.scene, props), f"rigid {props}")
         return self._stiffer[props]
 
     def __call__(self, welds: Sequence[IntArray]) -> WeldedMesh:
@@ -277,6 +286,7 @@ class WeldedMeshes:
                 self.scene,
                 together,
                 self._queue,
+                way=self.way,
                 full=self._full,
                 paper=self._paper,
                 surface=self._surface,

@@ -202,6 +202,11 @@ class Attachments:
         return Attachments(*known, self.nested, self.sliding)
 
     @property
+    def tied(self) -> bool:
+        """Whether parts hold on to each other; else something is carried along at most."""
+        return len(self.ties.vertices) > 0
+
+    @property
     def every_tie(self) -> Ties:
         """The ties, and those of what is carried along."""
         return joined_ties([self.ties, self.carried])

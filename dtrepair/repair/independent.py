@@ -18,7 +18,7 @@ from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.relief.approach import ApproachOptions, bounded_approach
 from dtrepair.repair.relief.relief import ReliefOptions, relieved_poses
 from dtrepair.repair.result import RepairResult, Solved
-from dtrepair.repair.scene.bounds import Judged, bounded_pose, wrong_of
+from dtrepair.repair.scene.bounds import Judged, bounded_pose, came_off, wrong_of
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.results import kept, results_of
@@ -182,17 +182,27 @@ def _dressed(
     found: _Found,
     options: IndependentOptions,
 ) -> _Found:
-    """Return what is found for a pose with garments tied to what they lie over, if they came off.
+    """Return what is found for a pose with garments tied to what they lie over, if that is better.
 
-    Where that leaves less.
+    Where they came off, and where something is left that no attached parts hold.
     """
-    off = any(own.kind == StrainKind.WORN for own in found.judged.excess)
-    if not off or meshes.dressed is None:
+    left = _left(scene, pose, found)
+    off = left[1] or any(own.kind == StrainKind.WORN for own in found.judged.excess)
+    stuck = left[0] > 0 and not (scene.held is not None and scene.held.tied)
+    if not (off or stuck) or meshes.dressed is None:
         return found
     (other,) = _found(meshes.dressed.scene, meshes.dressed, [pose], options)
-    other = other._replace(seconds=found.seconds + other.seconds)
-    left, less = (wrong_of(scene, pose, own.judged.points) for own in (found, other))
-    return other if less < left else found
+    if _left(scene, pose, other) >= left:
+        return found
+    stages = [*found.solved.stages, *other.solved.stages]
+    solved = Solved(other.solved.points, stages, other.solved.left)
+    return other._replace(solved=solved, seconds=found.seconds + other.seconds)
+
+
+def _left(scene: Scene, pose: OpenedPose, found: _Found) -> tuple[int, bool]:
+    """Return how much is wrong with what is found, and whether something came off."""
+    points = found.judged.points
+    return wrong_of(scene, pose, points), came_off(scene, pose, points)
 
 
 def _solved(

@@ -61,9 +61,9 @@ def _remembering(solve: WindowSolver, mesh: WeldedMesh, memory: Memory) -> Windo
         unless: Callable[[list[IntArray]], bool] | None = None,
     ) -> FloatArray | None:
         # A window may be solved in several ways: with props rigid, garments tied to what they wrap.
-        own = [np.frombuffer(mesh.way.encode(), dtype=np.uint8), mesh.surface.faces]
+        way = np.frombuffer(mesh.way.encode(), dtype=np.uint8)
         lifted = [] if inputs is None else [inputs]
-        key = hash_of(original, frames, *own, *lifted)
+        key = hash_of(original, frames, mesh.surface.faces, way, *lifted)
         kept = memory.recall(key)
         if kept is not None:
             found = original.copy()

@@ -143,13 +143,15 @@ def _runs_in_step(state: Borrowing, most: int) -> None:
     With at most so many loans. No single frame of such a run stands out but its ends, and these as
     far from one side as from the other.
     """
-    options, steps = state.options, state.steps()
-    for first, last in pairwise(np.flatnonzero(steps > options.jump).tolist()):
-        run, known = list(range(first + 1, last + 1)), state.snapshot()
-        if len(run) > options.run or 2 * len(run) > most:
+    options = state.options
+    for first, last in pairwise(np.flatnonzero(state.steps() > options.jump).tolist()):
+        run, known, steps = list(range(first + 1, last + 1)), state.snapshot(), state.steps()
+        # The run before may have taken the first jump away.
+        jumps = min(steps[first], steps[last]) > options.jump
+        if not jumps or len(run) > options.run or 2 * len(run) > most:
             continue
         most -= 2 * len(run)
-        best, least = known, options.less * state.steps()[first : last + 1].sum()
+        best, least = known, options.less * steps[first : last + 1].sum()
         for own, lender in ((run, first), (run[::-1], last + 1)):
             lent, found = state.merits[lender], state.merits[own[0]]
             good = not lent.strained and lent.wrong <= found.wrong

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import gaussian_kernel
 from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.frame.frame_options import Chain
@@ -109,7 +110,7 @@ def is_stuck(state: WindowState, *, options: LendFramesOptions = LendFramesOptio
 
     Stiff bodies, which turn as wholes, are no better off alone, nor are attached parts.
     """
-    return _lends(state.surface, options) and _dirty_share(state) > options.share
+    return _lends(state.surface, options) and dirty_share(state.pairs, state.found) > options.share
 
 
 def lend_nearer(state: WindowState, *, options: LendFramesOptions = LendFramesOptions()) -> bool:
@@ -145,14 +146,15 @@ def _moved(state: WindowState) -> float:
 
 def is_hopeless(state: WindowState, sweeps: int, *, options: LendFramesOptions) -> bool:
     """Return whether so many sweeps of pushing left so much that the others would not help."""
-    late = sweeps >= options.hopeless_after and _dirty_share(state) > options.hopeless
+    share = dirty_share(state.pairs, state.found)
+    late = sweeps >= options.hopeless_after and share > options.hopeless
     return late and is_stuck(state, options=options)
 
 
-def _dirty_share(state: WindowState) -> float:
-    """Return the share of the frames that intersect in the input that still do."""
-    met = sum(len(pairs) > 0 for pairs in state.found)
-    return len(state.dirty) / max(met, 1)
+def dirty_share(left: Sequence[IntArray], met: Sequence[IntArray]) -> float:
+    """Return the share of the frames with pairs (K, 2) in the input that have some left."""
+    dirty, before = (sum(len(pairs) > 0 for pairs in own) for own in (left, met))
+    return dirty / max(before, 1)
 
 
 def lend_frames(state: WindowState, *, options: LendFramesOptions = LendFramesOptions()) -> None:

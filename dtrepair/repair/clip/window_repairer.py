@@ -14,6 +14,7 @@ from dtrepair.numerics.temporal import frame_units
 from dtrepair.repair.clip.borrow_frames import started_again
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.frames import Frame, without_holds
+from dtrepair.repair.clip.mend_frames import dirty_share
 from dtrepair.repair.clip.steady_frames import agreed
 from dtrepair.repair.clip.window_method import MakeMethod
 from dtrepair.repair.independent import solved_pose
@@ -69,15 +70,15 @@ class WindowRepairer:
     ) -> None:
         self.meshes, self.options = meshes, options
         self.make_method, self.jobs, self.progress = make_method, jobs, progress
-        # What of a window is done, and which share of it a present frame stands for.
-        self._done, self._worth = 0.0, 1.0
+        # What of a window is done, told, and which share of it a present frame stands for.
+        self._done, self._told, self._worth = 0.0, 0.0, 1.0
 
     def __call__(self, frames: list[Frame]) -> tuple[list[Judged], WeldedMeshes]:
         """Return the repaired poses of a window within the bounds, and the meshes they are of.
 
         Those are of the whole scene, perhaps with props that are rigid.
         """
-        scene = self.meshes.scene
+        scene, self._told = self.meshes.scene, 0.0
         groups = groups_of_bodies(scene, [frame.centred for frame in frames])
         if groups != [tuple(range(len(scene.bodies)))]:
             found = self._by_groups(frames, groups)
@@ -132,16 +133,16 @@ class WindowRepairer:
         spread = partial(side_by_side, jobs=self.jobs)
         own, opened = inside_out(meshes, frames, self._solve, spread, options=ways)
         parts = own.scene, own([frame.sewn for frame in frames]), opened
-        tied = meshes.dressed if scene.held is None else None
+        tied = None if scene.held is not None and scene.held.tied else meshes.dressed
         poses = self._solved(*parts, unless_stuck=tied is not None)
-        if tied is not None and (poses is None or _come_off(scene, frames, poses)):
+        if tied is not None and (poses is None or _off(scene, frames, poses)):
             dressed = self._judged(tied, frames)
-            if not _left(scene, frames, dressed):
+            if not any(_left(scene, frames, dressed)):
                 return dressed
         judged = self._bounded(meshes, frames, poses or self._solve(*parts))
-        if dressed is not None and _left(scene, frames, dressed) < _left(scene, frames, judged):
-            return dressed
-        return judged
+        if dressed is None or _left(scene, frames, judged) <= _left(scene, frames, dressed):
+            return judged
+        return dressed
 
     def _bounded(
         self, meshes: WeldedMeshes, frames: list[Frame], poses: list[FloatArray]
@@ -171,9 +172,10 @@ class WindowRepairer:
         return bounded_frames(scene, frames, again, times, options=numbers.share)
 
     def _tell(self, share: float, frames: float) -> None:
-        """Tell that this share of the work on so many frames is done."""
+        """Tell that this share of the work on so many frames is done; on another way it waits."""
+        self._told = max(self._told, self._done + share * frames * self._worth)
         if self.progress is not None:
-            self.progress(self._done + share * frames * self._worth)
+            self.progress(self._told)
 
     def _solve(self, scene: Scene, mesh: WeldedMesh, frames: list[Frame]) -> list[FloatArray]:
         """Return repaired poses (V, 3) of a window."""
@@ -207,10 +209,8 @@ class WindowRepairer:
             nonlocal stuck
             poses = starts.otherwise(left)
             otherwise.extend([] if poses is None else [poses])
-            met = sum(len(frame.pairs) > 0 for frame in frames)
-            share = self.options.windows.lend.share
-            dirty = sum(len(own) > 0 for own in left)
-            stuck = poses is None and dirty > share * max(met, 1)
+            share = dirty_share(left, [frame.pairs for frame in frames])
+            stuck = poses is None and share > self.options.windows.lend.share
             return poses is not None or (stuck and unless_stuck)
 
         found = self._solve_from(
@@ -277,11 +277,12 @@ class WindowRepairer:
         return [mesh.expanded(*each) for each in zip(inputs, base, found, strict=True)]
 
 
-def _come_off(scene: Scene, frames: list[Frame], poses: Sequence[FloatArray]) -> bool:
-    """Return whether something came off what it goes round in any of the poses (V, 3)."""
-    return any(came_off(scene, *both) for both in zip(frames, poses, strict=True))
+def _left(scene: Scene, frames: list[Frame], judged: Sequence[Judged]) -> tuple[int, int]:
+    """Return how much is wrong with all poses together, and in how many something came off."""
+    poses = [own.points for own in judged]
+    return sum(wrong_in(scene, frames, poses)), _off(scene, frames, poses)
 
 
-def _left(scene: Scene, frames: list[Frame], judged: Sequence[Judged]) -> int:
-    """Return how much is wrong with all poses together."""
-    return sum(wrong_in(scene, frames, [own.points for own in judged]))
+def _off(scene: Scene, frames: list[Frame], poses: Sequence[FloatArray]) -> int:
+    """Return in how many poses (V, 3) something came off what it goes round."""
+    return sum(came_off(scene, *both) for both in zip(frames, poses, strict=True))

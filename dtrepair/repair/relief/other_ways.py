@@ -28,8 +28,8 @@ class OtherWayOptions:
         farther, near: Those on which nothing moves farther than so many times what it did on the
             first, and this fraction of the diagonal.
         few, share: Of attached parts, whose frames are solved each for itself, at most so many
-            frames of a window, or this share of it, are solved again: those with least left; but
-            all that are strained with their garments held.
+            frames of a window, or this share of it, are solved again: those with least left. With
+            their garments held, and where joints turn, as many as are strained.
         nearly: Frames of attached parts with at most so many pairs and parts inside others, both
             together, go ways on which other creases are shared.
         large: Scenes of more triangles get fewer frames by that ratio, but one at least; ...
@@ -77,7 +77,7 @@ def on_other_ways(
     something is left in them: a prop that bends within the bounds elsewhere is left at that.
     """
     scene, taken, result = meshes.scene, meshes, judged
-    if scene.held is not None and len(scene.held.ties.vertices) and scene.options.method == "full":
+    if scene.held is not None and scene.held.tied:
         return _each_on_its_way(meshes, frames, judged, judge, options), meshes
     if not any(found.lowered for found in judged):
         return judged, meshes

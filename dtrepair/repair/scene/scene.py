@@ -15,7 +15,7 @@ from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import counted_between
 from dtrepair.numerics.attached.garments import garment_ties
 from dtrepair.numerics.attached.seams import NO_SEAMS, Seams, find_seams, sewn
-from dtrepair.numerics.attachments import Attachments, Reference, no_attachments, telling
+from dtrepair.numerics.attachments import Attachments, Reference, Ties, no_attachments, telling
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
@@ -31,12 +31,7 @@ from dtrepair.numerics.worn.loops import Rings
 from dtrepair.numerics.worn.parts import Parts
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene.attached_parts import AttachedParts, known_attachments
-from dtrepair.repair.scene.bodies import (
-    STIFF,
-    Body,
-    about_centre,
-    layer_of,
-)
+from dtrepair.repair.scene.bodies import STIFF, Body, about_centre, layer_of
 from dtrepair.repair.strain.letting_go import ties_that_hold
 from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
 from dtrepair.repair.strain.parts import ConnectedParts
@@ -198,13 +193,18 @@ class Scene:
     def held(self) -> Attachments | None:
         """The attachments without the ties that the clip lets go, with those of garments."""
         known = self.attachments
-        if known is not None and len(known.ties.vertices):
+        if known is not None and known.tied:
             known = known.holding(ties_that_hold(self.strain_meter, known, self.layer_poses))
-        if not self.dressed or self.covering is None:
+        if not self.dressed:
             return known
+        return (known or no_attachments(self.enclosures.part_of_face)).carrying(self.garments)
+
+    @cached_property
+    def garments(self) -> Ties:
+        """What holds garments to what they lie over, where no attachment does."""
         poses = [self.centred_rest, *(pose.points for pose in self.layer_poses)]
-        ties = garment_ties(self.covering, self.enclosures.faces, poses)
-        return (known or no_attachments(self.enclosures.part_of_face)).carrying(ties)
+        held = None if self.attachments is None else self.attachments.every_tie
+        return garment_ties(self.covering, self.enclosures.faces, poses, held=held)
 
     @cached_property
     def strain_meter(self) -> StrainMeter:

@@ -216,14 +216,9 @@ class WeldedMeshes:
     @cached_property
     def dressed(self) -> WeldedMeshes | None:
         """The meshes with garments tied to what they lie over; None where nothing can be."""
-        if self.scene.dressed or self.scene.covering is None:
+        if self.scene.dressed or len(self.scene.garments.vertices) == 0:
             return None
-        scene, known = self.scene.changed("held", dressed=True), self.scene.held
-        assert scene.held is not None
-        tied = len(scene.held.carried.vertices) - (
-            0 if known is None else len(known.carried.vertices)
-        )
-        return self._of(scene, "dressed") if tied else None
+        return self._of(self.scene.changed("held", dressed=True), "dressed")
 
     @cached_property
     def inner(self) -> PartMeshes | None:

@@ -51,7 +51,7 @@ class ConnectedParts:
         self.body = np.zeros(self.count, dtype=np.int64)
         self.body[self.of_face] = body_of_vertex[self.faces[:, 0]]
         self.ties = None
-        if attachments is not None and len(attachments.ties.vertices):
+        if attachments is not None and attachments.tied:
             self.ties = attachments.ties
             host = self.of_vertex[faces[self.ties.triangles, 0]]
             sides = np.sort(np.stack([self.of_vertex[self.ties.vertices], host]), axis=0)

@@ -20,7 +20,8 @@ from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import detected, gathered
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
+from dtrepair.repair.separation.starts import Starts
 from tests.exact_reference import exact_pairs
 from tests.meshes import armed_body, joined
 from tests.repair.separation.test_lifting import ARM, SLEEVE
@@ -127,6 +128,7 @@ def test_what_leaves_less_is_taken_where_pushing_is_stuck_or_something_came_off(
     opened = [detected(scene, gathered(scene, [ARM[0], SLEEVE[0]])) for _ in range(2)]
     frames = [Frame(**vars(own), time=float(time)) for time, own in enumerate(opened)]
     asked: list[str] = []
+    comes_off = why == "off"
 
     def name_of(own: Scene) -> str:
         return "tied" if own.dressed else "first"
@@ -145,7 +147,7 @@ def test_what_leaves_less_is_taken_where_pushing_is_stuck_or_something_came_off(
         "relieved_poses": lambda _, __, ___, own, **____: own,
         "started_again": lambda _, __, ___, own, **____: own,
         "agreed": lambda _, __, ___, ____, own, *_____, **______: own,
-        "came_off": lambda own, *_: why == "off" and not own.dressed,
+        "came_off": lambda _, __, own: any(own is each for each in poses["first"]) and comes_off,
         "bounded_frames": bounded,
         "wrong_in": wrong_in,
     }
@@ -163,3 +165,36 @@ def test_what_leaves_less_is_taken_where_pushing_is_stuck_or_something_came_off(
         True,
     ]
     assert asked == tried
+
+
+@pytest.mark.parametrize(
+    ("dirty", "led", "ends"), [(1, False, False), (2, False, True), (2, True, True)]
+)
+@pytest.mark.parametrize("may_end", [True, False])
+def test_a_push_ends_where_it_is_stuck_in_a_fifth_of_the_frames(
+    dirty: int, led: bool, ends: bool, may_end: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """led: whether sheets can be led apart instead, so that it ends in any case and goes on."""
+    scene = make_scene([Body(*ARM), Body(*SLEEVE)], RepairOptions())
+    meshes, asked = WeldedMeshes(scene), list[bool | None]()
+    opened = detected(scene, gathered(scene, [ARM[0], SLEEVE[0]]))
+    pairs = np.zeros((1, 2), dtype=np.int32)
+    frames = [Frame(**{**vars(opened), "pairs": pairs}, time=float(k)) for k in range(8)]
+    mesh = meshes([own.sewn for own in frames])
+
+    def make_method(_: WeldedMesh) -> Any:
+        def solve(led: FloatArray, *_: Any, unless: Any) -> FloatArray | None:
+            left = [pairs[: int(k < dirty)] for k in range(len(led))]
+            asked.append(None if unless is None else unless(left))
+            return None if asked[-1] else led
+
+        return solve
+
+    def otherwise(self: Starts, _: Any) -> FloatArray | None:
+        return self.led if led else None
+
+    monkeypatch.setattr(Starts, "otherwise", otherwise)
+    repairer = WindowRepairer(meshes, options=ClipOptions(), make_method=make_method, jobs=1)
+    found = repairer._solved(scene, mesh, frames, unless_stuck=may_end)
+    assert (found is None) == (ends and may_end and not led)
+    assert asked == ([True, None] if led else [ends and may_end])

@@ -141,7 +141,14 @@ def test_strained_frames_are_dressed_and_may_go_far(
     first, dressed = same(0, 9, 9, 80, 80, 80), same(0, 0, 12, 80, 70, 80)
     poses = {**dict.fromkeys(("first", "rigid", "none", "all"), first), "dressed": dressed}
     trial = Trial(monkeypatch, poses, lowered=lowered, farther=0.5)
-    assert trial.run(few=6, farther=2.0, near=0.3) == (
-        same(0, 0, 9, 80, 70, 80) if lowered else first
-    )
+    found = same(0, 0, 9, 80, 70, 80) if lowered else first
+    # However few are solved again otherwise.
+    assert trial.run(few=1, share=0.1, farther=2.0, near=0.3) == found
     assert (("dressed", [1, 2, 3, 4, 5]) in trial.asked) == lowered
+
+
+def test_creases_may_lead_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    poses = {"first": same(*[9] * 6), "none": same(*[0] * 6), "all": same(*[9] * 6)}
+    poses["rigid"] = poses["first"]
+    trial = Trial(monkeypatch, poses, farther=0.5)
+    assert trial.run(few=6, farther=2.0, near=0.3) == same(*[0] * 6)

@@ -1,0 +1,79 @@
+"""Garments of single poses are tied to what they lie over, and which of two results is taken."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dtrepair import Body, RepairOptions
+from dtrepair.diagnosis import StrainKind
+from dtrepair.numerics.attachments import Attachments
+from dtrepair.repair import independent
+from dtrepair.repair.independent import IndependentOptions
+from dtrepair.repair.result import Solved, Stage
+from dtrepair.repair.scene.bounds import Judged
+from dtrepair.repair.scene.make_scene import make_scene
+from dtrepair.repair.scene.opened_pose import detected, gathered
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from dtrepair.repair.strain.meter import Excess
+from tests.repair.separation.test_lifting import ARM, SLEEVE
+
+NO_PAIRS, NO_ZONES = np.zeros((0, 2), dtype=np.int32), np.zeros(0, dtype=np.int64)
+CAME_OFF = Excess(StrainKind.WORN, 1, 2.0, 1.0, 0, np.zeros(1, dtype=np.int32))
+
+
+# What is left on the first way and with garments tied, and whether something came off there; the
+# last bounds may have brought back what came off.
+@pytest.mark.parametrize(
+    ("first", "tied", "excess", "attached", "taken"),
+    [
+        ((0, False), (0, False), (), False, None),
+        ((9, False), (0, False), (), False, "tied"),
+        ((9, False), (9, False), (), False, "first"),
+        ((9, False), (0, False), (), True, None),
+        ((9, False), (0, False), (CAME_OFF,), True, "tied"),
+        ((0, True), (0, False), (), True, "tied"),
+        ((0, True), (3, False), (), False, "first"),
+        ((0, True), (0, True), (), False, "first"),
+    ],
+)
+def test_garments_are_tied_where_they_came_off_or_something_is_left(
+    first: tuple[int, bool],
+    tied: tuple[int, bool],
+    excess: tuple[Excess, ...],
+    attached: bool,
+    taken: str | None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = make_scene([Body(*ARM), Body(*SLEEVE)], RepairOptions())
+    meshes, pose = WeldedMeshes(scene), detected(scene, gathered(scene, [ARM[0], SLEEVE[0]]))
+    assert meshes.dressed is not None
+    if attached:
+        vars(scene)["held"] = Attachments(scene.enclosures.part_of_face, NO_ZONES, scene.garments)
+    points = [pose.centred + 0.1, pose.centred + 0.2]
+    left = {id(points[0]): first, id(points[1]): tied}
+    stages = [Stage(name, 0, 0, 0.0, 1, 0.5) for name in ("one", "two")]
+    solved = [Solved(*own) for own in zip(points, ([own] for own in stages), strict=True)]
+    found = [
+        independent._Found(Judged(points[0], excess), NO_PAIRS, solved[0], 1.0),
+        independent._Found(Judged(points[1]), NO_PAIRS, solved[1], 1.0),
+    ]
+    asked: list[bool] = []
+
+    def found_tied(own: Scene, *_: Any) -> list[independent._Found]:
+        asked.append(own.dressed)
+        return found[1:]
+
+    monkeypatch.setattr(independent, "_found", found_tied)
+    monkeypatch.setattr(independent, "wrong_of", lambda _, __, own: left[id(own)][0])
+    monkeypatch.setattr(independent, "came_off", lambda _, __, own: left[id(own)][1])
+    result = independent._dressed(scene, meshes, pose, found[0], IndependentOptions())
+    assert asked == ([] if taken is None else [True])
+    if taken == "tied":
+        assert result.judged is found[1].judged and result.seconds == 2.0
+        assert result.solved.stages == stages
+    else:
+        assert result is found[0]

@@ -22,13 +22,11 @@ class GarmentOptions:
 
     Args:
         near: Those that are no farther from what they lie over at rest: not the hem of a skirt.
-        follows: And of which this distance changes by no more in half of the poses; ...
-        told: ... of those in which any changes by more than this.
+        follows: And of which this distance changes by no more in half of the poses.
     """
 
     near: float = 0.03
     follows: float = 0.02
-    told: float = 1e-5
 
 
 def garment_ties(
@@ -36,7 +34,6 @@ def garment_ties(
     faces: IntArray,
     poses: Sequence[FloatArray],
     *,
-    held: Ties | None = None,
     options: GarmentOptions = GarmentOptions(),
 ) -> Ties:
     """Return ties of the vertices of open layers to the parts that they lie over.
@@ -44,19 +41,16 @@ def garment_ties(
     Args:
         covering: What lies over what, numbered as the vertices of the poses; None: nothing does.
         faces: Triangles (F, 3), whose vertices at one position of the rest are one.
-        poses: Poses (V, 3), the first at rest; those of a whole clip tell what follows what, and
-            without them all that is near counts.
-        held: What is tied anyway, and gets no other tie.
+        poses: Poses (V, 3), the first at rest; those of a whole clip tell what follows what. Where
+            they are of the rest only, all that is near counts.
         options: Which vertices are tied.
     """
     if covering is None:
         return NO_TIES
     rest, part_of_face = poses[0], covering.part[faces[:, 0]]
-    loose = np.zeros(len(rest), dtype=bool)
-    loose[faces] = True
-    if held is not None:
-        loose[held.vertices] = False
-    own = np.flatnonzero(loose & (covering.beneath >= 0))
+    used = np.zeros(len(rest), dtype=bool)
+    used[faces] = True
+    own = np.flatnonzero(used & (covering.beneath >= 0))
     under = covering.part[covering.beneath[own]]
     found = [NO_TIES]
     for part in np.unique(under).tolist():
@@ -66,8 +60,7 @@ def garment_ties(
     ties, unit = joined_ties(found), diagonal(rest)
     away = distances(ties, rest, faces)
     kept = away <= options.near * unit
-    changes = [np.abs(distances(ties, pose, faces) - away) for pose in poses[1:]]
-    changes = [own for own in changes if own.max(initial=0.0) > options.told * unit]
-    if changes:
+    if len(poses) > 1:
+        changes = [np.abs(distances(ties, pose, faces) - away) for pose in poses[1:]]
         kept &= np.median(changes, axis=0) <= options.follows * unit
     return ties.among(kept)

@@ -201,10 +201,9 @@ class Scene:
 
     @cached_property
     def garments(self) -> Ties:
-        """What holds garments to what they lie over, where no attachment does."""
+        """What holds garments to what they lie over, doubly where an attachment does already."""
         poses = [self.centred_rest, *(pose.points for pose in self.layer_poses)]
-        held = None if self.attachments is None else self.attachments.every_tie
-        return garment_ties(self.covering, self.enclosures.faces, poses, held=held)
+        return garment_ties(self.covering, self.enclosures.faces, poses)
 
     @cached_property
     def strain_meter(self) -> StrainMeter:

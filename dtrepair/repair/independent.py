@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,6 +16,7 @@ from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.relief.approach import ApproachOptions, bounded_approach
+from dtrepair.repair.relief.bodies_first import BodiesFirstOptions, with_bodies_first
 from dtrepair.repair.relief.relief import ReliefOptions, relieved_poses
 from dtrepair.repair.result import RepairResult, Solved
 from dtrepair.repair.scene.bounds import Judged, bounded_pose, came_off, wrong_of
@@ -48,6 +49,7 @@ class IndependentOptions:
         mend_step, mend: Largest motion, units of the size, and numbers of the mending of a share.
         strain: What a correction may do to a shape.
         relief: How what is strained is relaxed once more.
+        bodies_first: How bodies are repaired before what they wear.
         approach: How what is strained or has pairs all the same is led in from the rest.
         share: How the share of a correction is found that does not do more.
         release: How enclosed parts are led out.
@@ -63,6 +65,7 @@ class IndependentOptions:
     mend: MendOptions = field(default_factory=MendOptions)
     strain: StrainOptions = field(default_factory=StrainOptions)
     relief: ReliefOptions = field(default_factory=ReliefOptions)
+    bodies_first: BodiesFirstOptions = field(default_factory=BodiesFirstOptions)
     approach: ApproachOptions = field(default_factory=ApproachOptions)
     share: ShareOptions = field(default_factory=ShareOptions)
     release: ReleaseOptions = field(default_factory=ReleaseOptions)
@@ -191,12 +194,35 @@ def _dressed(
     stuck = left[0] > 0 and not (scene.held is not None and scene.held.tied)
     if not (off or stuck) or meshes.dressed is None:
         return found
-    (other,) = _found(meshes.dressed.scene, meshes.dressed, [pose], options)
-    if _left(scene, pose, other) >= left:
+    start, best = time.perf_counter(), found
+    for other in _dressed_ways(meshes, meshes.dressed, pose, options):
+        less = _left(scene, pose, other)
+        if less < left:
+            best, left = other, less
+        if not any(left):
+            break
+    if best is found:
         return found
-    stages = [*found.solved.stages, *other.solved.stages]
-    solved = Solved(other.solved.points, stages, other.solved.left)
-    return other._replace(solved=solved, seconds=found.seconds + other.seconds)
+    solved = replace(best.solved, stages=[*found.solved.stages, *best.solved.stages])
+    seconds = found.seconds + time.perf_counter() - start
+    return best._replace(solved=solved, seconds=seconds)
+
+
+def _dressed_ways(
+    meshes: WeldedMeshes, tied: WeldedMeshes, pose: OpenedPose, options: IndependentOptions
+) -> Iterator[_Found]:
+    """Yield what is found for a pose with garments tied: after the body, or pushed along with it.
+
+    tied: the meshes in which they are.
+    """
+
+    def solve(way: WeldedMeshes, opened: OpenedPose) -> FloatArray:
+        return _solved(way.scene, way, [opened], options)[0][0]
+
+    led = with_bodies_first(meshes, pose, solve, options=options.bodies_first)
+    if led is not None:
+        yield _bounded(tied.scene, tied, pose, led, Solved(led), 0.0, options)
+    yield from _found(tied.scene, tied, [pose], options)
 
 
 def _left(scene: Scene, pose: OpenedPose, found: _Found) -> tuple[int, bool]:

@@ -58,6 +58,11 @@ class AnimatedMesh:
         return prim
 
     @property
+    def instanced(self) -> bool:
+        """Whether it lies in an instance, where changes have no effect."""
+        return bool(self.prim.IsInstanceProxy())
+
+    @property
     def skinned(self) -> bool:
         """Whether a skeleton or blend shapes deform the points."""
         return self.skin is not None

@@ -36,6 +36,7 @@ def read_meshes(
     include_purposes: bool = False,
     skip_varying: bool = False,
     uninstance: bool = False,
+    instances: bool = False,
 ) -> MeshSelection:
     """Find the meshes of a stage and read their topology and rest points.
 
@@ -48,11 +49,13 @@ def read_meshes(
         skip_varying: skip meshes whose topology changes over time, with a warning.
         uninstance: expand instances (instanceable = false, on the session layer here and in the
             output of `OverrideWriter`), so that meshes in them can be changed.
+        instances: take meshes in instances beside others, with a warning; they can only be read.
 
     Raises:
         SelectionError: an expression is ill-formed or matches no usable mesh.
         StageError: a selected mesh is unusable (bad indices, varying topology, inside an
-            instance, or named explicitly and without points), or the stage has no mesh.
+            instance unless those are taken, or named explicitly and without points), or the stage
+            has no mesh.
     """
     usd = as_stage(stage)
     candidates, warnings = select_prims(
@@ -62,6 +65,7 @@ def read_meshes(
         include_invisible=include_invisible,
         include_purposes=include_purposes,
         uninstance=uninstance,
+        instances=instances,
     )
     meshes, checked = [], set[Sdf.Path]()
     for candidate in candidates:

@@ -37,6 +37,7 @@ def select_prims(
     include_invisible: bool,
     include_purposes: bool,
     uninstance: bool,
+    instances: bool = False,
 ) -> tuple[list[Candidate], list[str]]:
     """Return mesh prims in the order of traversal, and warnings about the skipped ones.
 
@@ -60,17 +61,18 @@ def select_prims(
         if reason:
             warnings.append(f"{mesh.GetPath()}: {reason}; skipped")
             continue
-        if mesh.IsInstanceProxy():
-            raise StageError(
-                f"{mesh.GetPath()}: lies in the instance {_instance_of(mesh).GetPath()}, where "
-                "changes have no effect; uninstance or exclude it"
-            )
         path = str(mesh.GetPath())
         above = tuple(root for root in expanded if path.startswith(f"{root}/"))
         candidates.append(Candidate(mesh, prim is not None and prim.strip() == path, above))
     if not candidates:
         error = StageError if prim is None else SelectionError
         raise error(f"no usable mesh: {'; '.join(warnings)}")
+    locked = [own.prim for own in candidates if own.prim.IsInstanceProxy()]
+    if locked and not (instances and len(locked) < len(candidates)):
+        raise StageError(f"{_locked(locked[0])}; uninstance or exclude it")
+    if locked:
+        more = f" (and {len(locked) - 1} more meshes)" if len(locked) > 1 else ""
+        warnings.append(f"{_locked(locked[0])}{more}; it is left as it is, uninstance to change it")
     return candidates, warnings
 
 
@@ -174,6 +176,12 @@ def _instance_of(prim: Usd.Prim) -> Usd.Prim:
     while prim.IsInstanceProxy():
         prim = prim.GetParent()
     return prim
+
+
+def _locked(mesh: Usd.Prim) -> str:
+    """Say that a mesh cannot be changed."""
+    instance = _instance_of(mesh).GetPath()
+    return f"{mesh.GetPath()}: lies in the instance {instance}, where changes have no effect"
 
 
 def _expand(stage: Usd.Stage, meshes: Iterable[Usd.Prim]) -> list[str]:

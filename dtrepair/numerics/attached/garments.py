@@ -23,10 +23,12 @@ class GarmentOptions:
     Args:
         near: Those that are no farther from what they lie over at rest: not the hem of a skirt.
         follows: And of which this distance changes by no more in half of the poses.
+        most: Of the distances at rest so many per cent fit in between, see `room_between`.
     """
 
     near: float = 0.03
     follows: float = 0.02
+    most: float = 90.0
 
 
 def garment_ties(
@@ -64,3 +66,24 @@ def garment_ties(
         changes = [np.abs(distances(ties, pose, faces) - away) for pose in poses[1:]]
         kept &= np.median(changes, axis=0) <= options.follows * unit
     return ties.among(kept)
+
+
+def room_between(
+    ties: Ties,
+    rest: FloatArray,
+    faces: IntArray,
+    layers: int,
+    *,
+    options: GarmentOptions = GarmentOptions(),
+) -> float:
+    """Return how far apart limbs have to be for their garments to fit in between, length units.
+
+    Args:
+        ties: The ties of the garments.
+        rest, faces: The pose (V, 3) and the triangles (F, 3) that they are of.
+        layers: How many lie over each other at most.
+        options: Which distances count.
+    """
+    if len(ties.vertices) == 0:
+        return 0.0
+    return layers * float(np.percentile(distances(ties, rest, faces), options.most))

@@ -205,9 +205,11 @@ class PlacedMeshes:
     def collide(self, pairs: IntArray) -> BoolArray:
         """Return which pairs (K, 2) of triangles are of a collider, (K,).
 
-        What meets a floor in nearly all frames stands on it, and is not attached to it.
+        What meets a floor in nearly all frames stands on it, and is not attached to it, but a bolt
+        is whether or not it is an instance.
         """
-        colliders = np.array([mesh.collider for mesh in self.source.meshes], dtype=bool)
+        meshes = self.source.meshes
+        colliders = np.array([own.collider and not own.handle.instanced for own in meshes], bool)
         return np.asarray(colliders[self.mesh_of[pairs]].any(axis=1), dtype=bool)
 
     def asked(self, pairs: IntArray) -> BoolArray:

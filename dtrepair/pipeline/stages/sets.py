@@ -1,18 +1,25 @@
-"""What of a stage is the set around: it stands still, is large, and faces what moves in it."""
+"""What of a stage is the set around: it stands still, is large, or furniture beside a body."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, takewhile
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.enclosure import facing_away
-from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.enclosure import facing_away, solid_angles
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    components,
+    triangle_areas,
+    unique_edges,
+    weld_map,
+)
+from dtrepair.numerics.metrics import edge_log_ratio
 from dtrepair.numerics.scale import gaps_between, longest_sides, merged_boxes, sets_among
 from dtrepair.pipeline.selection import ObjectSettings
 from dtrepair.pipeline.stages.rest import posed_once
@@ -38,6 +45,8 @@ class SetOptions:
         flat: What is flat is at most so thick, next to its width.
         near: Which way a set faces is seen from what is nearer to it than so many times its own
             size, if anything is.
+        bends: A body is what changes its edges by so much between a few frames, and ...
+        holes: ... closed, but for rims that span this share of its area: no garment.
         views: From so many places at most.
         looks: Frames of the whole clip in which meshes may be beside each other, at most.
     """
@@ -46,6 +55,8 @@ class SetOptions:
     flat_larger: float = 1.25
     flat: float = 0.1
     near: float = 1.0
+    bends: float = 1e-3
+    holes: float = 0.05
     views: int = 24
     looks: int = 33
 
@@ -62,13 +73,15 @@ def find_sets(
         return
     meshes = source.meshes
     moving = np.array([own.animated or bool(own.handle.skinned) for own in meshes])
-    if not moving.any():  # a single pose
+    if not (moves := bool(moving.any())):  # a single pose
         moving = np.array([posed_once(own) for own in meshes])
     still = np.array([own.collider for own in meshes]) | ~moving
     asked = ~still | [own.mobility is None for own in each]
     if not still[asked].any() or still[asked].all():
         return
     sets = _sets(source, still, asked, options)
+    if moves:
+        sets |= asked & _furniture(source, still, options)
     if not sets.any():
         return
     views = _views(source, ~still)
@@ -141,6 +154,87 @@ def _sets(
         if not sets.any():
             break
     return sets & seen
+
+
+def _furniture(source: StageSource, still: BoolArray, options: SetOptions) -> BoolArray:
+    """Return which meshes (M,) stand still beside a body that bends, and are no part of it.
+
+    They are in a group of their own, or apart from all that moves at rest; and not in the body, as
+    an eye or a ring on its finger.
+    """
+    times, found = few_times(source), np.zeros(len(still), dtype=bool)
+    apart = _in_groups([mesh.path for mesh in source.meshes], still)
+    for boxes in _boxes(source, found, times[:1]):
+        apart |= still & (gaps_between(boxes)[:, ~still] > 0.0).all(axis=1)
+    if not apart.any():
+        return found
+    bodies = [
+        poses
+        for mesh, own in zip(source.meshes, still.tolist(), strict=True)
+        if not own and _is_body(mesh, poses := _poses(source, mesh, times), options)
+    ]
+    for index in np.flatnonzero(apart & bool(bodies)).tolist():
+        found[index] = all(_outside(source, source.meshes[index], own) for own in bodies)
+    return found
+
+
+def _in_groups(paths: Sequence[str], still: BoolArray) -> BoolArray:
+    """Return which meshes (M,) are in a group without what moves, where the stage has groups.
+
+    As in /Shot/Set/Chair beside /Shot/Girl/Body and /Shot/Girl/Skirt: not where every group beneath
+    the common parent is one mesh, which may be the parts of a character.
+    """
+    names = [path.split("/") for path in paths]
+    parents = zip(*(own[:-1] for own in names), strict=False)
+    shared = sum(1 for _ in takewhile(lambda own: len(set(own)) == 1, parents))
+    groups = np.unique([own[shared] for own in names], return_inverse=True)[1]
+    moves = np.bincount(groups, ~still) > 0.0
+    return np.asarray(still & ~moves[groups] & bool((np.bincount(groups) > 1).any()))
+
+
+class _Pose(NamedTuple):
+    """A mesh at a time: points (V, 3) in its own space, and triangles (F, 3, 3) in the world."""
+
+    time: float
+    points: Points
+    corners: FloatArray
+
+
+def _poses(source: StageSource, mesh: SourceMesh, times: Sequence[float]) -> list[_Pose]:
+    """Return the poses of a mesh at those times that have one."""
+    from usd_io import FrameError
+
+    poses = []
+    for time in times:
+        with suppress(FrameError):
+            points = source.read(mesh, time)
+            if points is not None:
+                corners = source.to_world(mesh, time, points)[mesh.faces]
+                poses.append(_Pose(time, points, corners))
+    return poses
+
+
+def _is_body(mesh: SourceMesh, poses: Sequence[_Pose], options: SetOptions) -> bool:
+    """Return whether a mesh bends in some poses, and its largest part is closed like skin."""
+    from dtrepair.repair.strain.volumes import holes_of
+
+    edges, rest = unique_edges(mesh.faces), mesh.rest
+    if all(edge_log_ratio(rest, pose.points, edges) < options.bends for pose in poses):
+        return False
+    faces = weld_map(rest)[mesh.faces]
+    part = components(faces, len(rest))[faces[:, 0]]
+    largest = np.argmax(np.bincount(part, triangle_areas(rest, faces)))
+    return bool(holes_of(rest, faces, part)[largest] <= options.holes)
+
+
+def _outside(source: StageSource, mesh: SourceMesh, body: Sequence[_Pose]) -> bool:
+    """Return whether the middle of a mesh that stands still is outside of a body in any pose."""
+    middle = mesh.rest.mean(axis=0, keepdims=True)
+    return any(
+        abs(solid_angles(source.to_world(mesh, pose.time, middle), pose.corners).sum())
+        < 2.0 * np.pi
+        for pose in body
+    )
 
 
 def _is_flat(source: StageSource, mesh: SourceMesh, time: float, options: SetOptions) -> bool:

@@ -33,7 +33,7 @@ class SourceMesh:
     """One mesh of an input: rest (V, 3) in local space, faces (F, 3), and the stage's own mesh.
 
     has_rest: the input says which pose is the rest pose (USD: by points at the default time).
-    collider: takes part in contact, but never moves. of_set: it is one that nobody called so.
+    collider: takes part in contact, but never moves, as in an instance; of_set: nobody said so.
     faces_away: of one larger than all that moves, as a floor, which triangles (F,) face away.
     """
 
@@ -187,15 +187,13 @@ class StageSource:
                 mesh.faces,
                 math.isnan(mesh.rest_time),
                 handle=mesh,
-                collider=mesh.path in colliders,
+                collider=mesh.path in colliders or mesh.instanced,
             )
             for mesh in found.values()
         )
         if colliders and all(mesh.collider for mesh in self.meshes):
-            raise UsageError(
-                f"--collider {collider}: names every selected mesh, so nothing may move; "
-                "leave one out"
-            )
+            every = f"--collider {collider}: names every selected mesh, so nothing may move"
+            raise UsageError(f"{every}; leave one out")
         up = next(iter(found.values())).up
         self.up = (float(up[0]), float(up[1]), float(up[2]))
         self.clock = usd_io.stage_times(
@@ -226,6 +224,7 @@ class StageSource:
             include_purposes=selection.include_purposes,
             skip_varying=selection.skip_varying,
             uninstance=selection.uninstance,
+            instances=True,
         )
         if not found.meshes:
             error = InputError if prim is None else UsageError

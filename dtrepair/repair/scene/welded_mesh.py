@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.device import DeviceQueue
+from dtrepair.numerics.attached.garments import room_between
 from dtrepair.numerics.geometry import FloatArray, IntArray, differing
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import Solved
+from dtrepair.repair.scene.bodies import widest_clearance
 from dtrepair.repair.scene.props import props_among, with_rigid
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.sub_scene import SubScene, inner_parts, sub_scene
@@ -227,6 +229,18 @@ class WeldedMeshes:
         if parts is None:
             return None
         return PartMeshes(parts, self._of(parts.scene, "inner"))
+
+    @cached_property
+    def inner_with_room(self) -> WeldedMeshes | None:
+        """The meshes of `inner` with a clearance for what lies over it; None where nothing does."""
+        ties, covering = self.scene.garments, self.scene.covering
+        if self.inner is None or covering is None or len(ties.vertices) == 0:
+            return None
+        scene, layers = self.inner.parts.scene, int(covering.depth.max())
+        faces, rest = self.scene.enclosures.faces, self.scene.centred_rest
+        room = min(room_between(ties, rest, faces, layers), widest_clearance(scene.rest))
+        options = replace(scene.options, clearance=room)
+        return self._of(scene.changed(options=options), "inner with room")
 
     def of_bodies(self, bodies: tuple[int, ...]) -> PartMeshes:
         """Return the meshes of some of the bodies, as if there were no others."""

@@ -139,11 +139,20 @@ def limbs(
     areas = vector_areas(rest, parts.faces)
     wide = np.bincount(piece, lengths(areas))
     whole = (wide >= (options.small * size) ** 2) & (np.bincount(piece) >= options.triangles)
-    capped = Pieces(parts.faces, parts.of_face, 0.0).measures(rest, areas)[1]
-    open_area = np.bincount(parts.of_face, lengths(areas))
-    skin = capped <= (1.0 + options.holes) * open_area
+    skin = holes_of(rest, parts.faces, parts.of_face) <= options.holes
     judged = whole[piece] & skin[parts.of_face]
     return Pieces(parts.faces, np.where(judged, piece, -1), options.flat)
+
+
+def holes_of(points: FloatArray, faces: IntArray, piece: Places) -> FloatArray:
+    """Return what share of its area (P,) the rims of each piece span, in a pose (V, 3).
+
+    piece: the number (F,) of the piece of each triangle (F, 3).
+    """
+    areas = vector_areas(points, faces)
+    own = np.bincount(piece, lengths(areas))
+    capped = Pieces(faces, piece, 0.0).measures(points, areas)[1]
+    return np.asarray(capped / np.maximum(own, np.finfo(np.float64).tiny) - 1.0)
 
 
 def _ends(parts: ConnectedParts, rest: FloatArray) -> IntArray:

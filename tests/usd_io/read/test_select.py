@@ -164,6 +164,22 @@ def test_instance_proxies_are_an_error_with_a_hint(instances: Path) -> None:
     assert paths_of(instances, prim="/Root/Plain") == ["/Root/Plain"]
 
 
+def test_instance_proxies_beside_others_may_be_read(instances: Path) -> None:
+    found = read_meshes(open_stage(instances), instances=True)
+    assert [(mesh.path, mesh.instanced) for mesh in found.meshes] == [
+        ("/Root/Plain", False),
+        ("/Root/A/Body", True),
+        ("/Root/A/Leaf/Cube", True),
+        ("/Root/B/Body", True),
+        ("/Root/B/Leaf/Cube", True),
+    ]
+    (warning,) = found.warnings
+    assert "/Root/A/Body: lies in the instance /Root/A" in warning and "3 more meshes" in warning
+    # Where nothing could be changed nothing is taken.
+    with pytest.raises(StageError, match=r"lies in the instance"):
+        read_meshes(open_stage(instances), prim="/Root/A//", instances=True)
+
+
 def test_uninstance_expands_nested_instances(instances: Path) -> None:
     selection = read_meshes(open_stage(instances), prim="/Root/A//", uninstance=True)
     above = {mesh.path: mesh.uninstanced for mesh in selection.meshes}

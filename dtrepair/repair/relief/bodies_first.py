@@ -1,0 +1,80 @@
+"""Single poses of clothed bodies: the body by itself, with room for its clothes, which go along.
+
+Pushed together, an arm in its sleeve may leave the chest in its shirt by the far side, as layers
+get in each other's way; by itself it leaves by the short one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.frame.lending import LendingOptions, solved_from
+from dtrepair.repair.full.steering import Steering
+from dtrepair.repair.scene.opened_pose import OpenedPose
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+
+# Returns the repaired pose (V, 3) of a pose of a scene.
+Solve = Callable[[WeldedMeshes, OpenedPose], FloatArray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodiesFirstOptions:
+    """How bodies are repaired before what they wear.
+
+    Args:
+        lending: What cleans and relaxes the whole from where the body has led it.
+    """
+
+    lending: LendingOptions = field(default_factory=LendingOptions)
+
+
+def with_bodies_first(
+    meshes: WeldedMeshes,
+    pose: OpenedPose,
+    solve: Solve,
+    *,
+    options: BodiesFirstOptions = BodiesFirstOptions(),
+) -> FloatArray | None:
+    """Return a pose (V, 3) to which garments came along with what they lie over.
+
+    None where nothing is worn, or what it lies over has no contacts of its own or keeps some. A
+    clearance would be lost.
+    """
+    inner, roomy, dressed = meshes.inner, meshes.inner_with_room, meshes.dressed
+    if inner is None or roomy is None or dressed is None or meshes.scene.options.clearance > 0.0:
+        return None
+    opened = inner.parts.opened(pose)
+    if not opened.wrong:
+        return None
+    points = solve(roomy, opened)
+    if len(inner.parts.scene.pairs(points, opened.weld)):
+        return None
+    moved = inner.parts.placed(pose.centred, points) - pose.centred
+    start = pose.centred + _carried_along(dressed.scene, moved)
+    mesh = dressed([pose.sewn])
+    before = mesh.reduced(pose.centred)
+    found, _ = solved_from(
+        mesh.surface,
+        before,
+        mesh.reduced(start),
+        scale=1.0,
+        alone=None,
+        steering=Steering(mesh.surface),
+        effort=meshes.scene.options.effort,
+        options=options.lending,
+    )
+    return mesh.expanded(pose.centred, before, found)
+
+
+def _carried_along(scene: Scene, moved: FloatArray) -> FloatArray:
+    """Return displacements (V, 3) in which garments take theirs from what they lie over."""
+    ties, result = scene.garments, moved.copy()
+    corners = scene.enclosures.faces[ties.triangles]
+    for _ in range(0 if scene.covering is None else int(scene.covering.depth.max(initial=0))):
+        result[ties.vertices] = np.einsum("nk,nkj->nj", ties.weights, result[corners])
+    return result[scene.rest_weld]

@@ -1,0 +1,120 @@
+"""What stands still beside a body that bends is of the set around, unless it is a part of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from pxr import Sdf
+
+from dtrepair.numerics.geometry import IntArray
+from dtrepair.pipeline import RepairSettings, repair_stage
+from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.stages.object_settings import read_settings
+from dtrepair.pipeline.stages.sets import find_sets
+from dtrepair.pipeline.stages.sources import open_source
+from tests.command_line import read_samples, run
+from tests.meshes import Mesh, elbow, icosphere, torus
+
+TIMES = [1.0, 2.0, 3.0]
+BODY, CHAIR = "/Shot/Girl/Body", "/Shot/Set/Chair"
+
+
+BENDS = (0.1, 0.5, 1.0)
+FACES = elbow(0.1)[1]
+BOX = icosphere(1, 0.3)
+
+
+def placed(mesh: Mesh, *where: float) -> Mesh:
+    """A mesh elsewhere."""
+    return mesh[0] + np.array(where), mesh[1]
+
+
+def stage_of(
+    path: Path,
+    *still: tuple[str, Mesh],
+    bends: Sequence[float] = BENDS,
+    body: str = BODY,
+    faces: IntArray = FACES,
+) -> Path:
+    """An arm that bends, and what stands still beside it."""
+    from usd_io import AuthoredMesh, write_animation
+
+    poses = [elbow(bend)[0].astype(np.float32) for bend in bends]
+    meshes = [AuthoredMesh(path=body, faces=faces, rest=poses[0], points=poses)]
+    for name, (points, own) in still:
+        meshes.append(AuthoredMesh(path=name, faces=own, rest=points.astype(np.float32)))
+    write_animation(path, meshes, times=TIMES)
+    return path
+
+
+def sets_of(path: Path) -> list[str]:
+    source = open_source(str(path), Selection())
+    find_sets(source, read_settings(source).each)
+    return [mesh.path for mesh in source.meshes if mesh.of_set]
+
+
+def test_a_chair_is_of_the_set_where_it_is_in_a_group_of_its_own(tmp_path: Path) -> None:
+    """It meets the body in all frames, and so may be a part of it if nothing tells them apart."""
+    chair = placed(BOX, 0.4, 0.0, 0.0)
+    lamp = ("/Shot/Set/Lamp", placed(BOX, 5.0, 0.0, 0.0))
+    assert sets_of(stage_of(tmp_path / "a.usda", (CHAIR, chair), lamp)) == [CHAIR, lamp[0]]
+    assert sets_of(stage_of(tmp_path / "b.usda", ("/Shot/Chair/Mesh", chair))) == []
+    shirt = ("/Shot/Girl/Shoe", placed(BOX, 0.0, 0.4, 0.0))
+    # The shoe may be of the girl, the chair is not.
+    assert sets_of(stage_of(tmp_path / "c.usda", (CHAIR, chair), shirt)) == [CHAIR]
+
+
+def test_or_where_it_is_apart_from_all_that_moves_at_rest(tmp_path: Path) -> None:
+    for height, expected in ((2.4, ["/Shot/Chair"]), (2.2, [])):
+        chair = ("/Shot/Chair", placed(BOX, 0.0, 0.0, height))
+        path = stage_of(tmp_path / f"{height}.usda", chair, body="/Shot/Body")
+        assert sets_of(path) == expected
+
+
+def test_only_beside_what_bends_and_is_closed(tmp_path: Path) -> None:
+    chair, lamp = (
+        (CHAIR, placed(BOX, 0.4, 0.0, 0.0)),
+        ("/Shot/Set/Lamp", placed(BOX, 5.0, 0.0, 0.0)),
+    )
+    still = (chair, lamp)
+    assert sets_of(stage_of(tmp_path / "a.usda", *still, bends=(0.5, 0.5, 0.5))) == []
+    sleeve = FACES[: len(FACES) // 2]
+    assert sets_of(stage_of(tmp_path / "b.usda", *still, faces=sleeve)) == []
+
+
+def test_what_lies_in_the_body_is_a_part_of_it(tmp_path: Path) -> None:
+    eye = placed(icosphere(1, 0.05), *elbow(0.1)[0][:12].mean(axis=0))
+    ring = (torus(24, 8, 0.25, 0.04)[0] + elbow(0.1)[0][60:72].mean(axis=0), torus(24, 8)[1])
+    for name, part in (("eye", eye), ("ring", ring)):
+        still = [(f"/Shot/{name}/{side}", part) for side in ("a", "b")]
+        assert sets_of(stage_of(tmp_path / f"{name}.usda", *still)) == []
+
+
+def test_a_body_gives_way_to_a_chair_that_keeps_every_bit(tmp_path: Path) -> None:
+    chair = (CHAIR, placed(icosphere(2, 0.3), 0.0, 0.4, 0.3))
+    path = stage_of(tmp_path / "a.usda", chair, ("/Shot/Set/Lamp", placed(BOX, 5.0, 0.0, 0.0)))
+    out = tmp_path / "b.usda"
+    report = repair_stage(str(path), str(out), RepairSettings())
+    assert all(own.before and own.before.pairs for own in report.frames)
+    assert [own.status for own in report.frames] == ["clean"] * 3
+    layer = Sdf.Layer.FindOrOpen(str(out))
+    assert layer.GetPrimAtPath(BODY) and not layer.GetPrimAtPath(CHAIR)
+
+
+def test_an_instance_is_left_as_it_is_and_what_meets_it_gives_way(tmp_path: Path) -> None:
+    from pxr import Usd, UsdGeom
+
+    chair = ("/Chair/Mesh", placed(icosphere(2, 0.3), 0.0, 0.4, 0.3))
+    path = stage_of(tmp_path / "a.usda", chair)
+    stage = Usd.Stage.Open(str(path))
+    instance = UsdGeom.Xform.Define(stage, "/Shot/Instance").GetPrim()
+    instance.GetReferences().AddInternalReference("/Chair")
+    instance.SetInstanceable(True)
+    stage.GetPrimAtPath("/Chair").SetSpecifier(Sdf.SpecifierClass)
+    stage.Save()
+    out = run("repair", path, "-o", tmp_path / "b.usda")
+    assert out.code == 0 and "/Shot/Instance/Mesh: lies in the instance" in out.err
+    moved = [read_samples(own, BODY) for own in (path, tmp_path / "b.usda")]
+    assert all((moved[0][time] != moved[1][time]).any() for time in TIMES)

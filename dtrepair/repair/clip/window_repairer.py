@@ -207,11 +207,11 @@ class WindowRepairer:
         def unless(left: list[IntArray]) -> bool:
             """Return whether sheets, and what pushing left as it was, can be led apart instead."""
             nonlocal stuck
-            poses = starts.otherwise(left)
-            otherwise.extend([] if poses is None else [poses])
             share = dirty_share(left, [frame.pairs for frame in frames])
-            stuck = poses is None and share > self.options.windows.lend.share
-            return poses is not None or (stuck and unless_stuck)
+            stuck = unless_stuck and share > self.options.windows.lend.share
+            poses = None if stuck else starts.otherwise(left)
+            otherwise.extend([] if poses is None else [poses])
+            return stuck or poses is not None
 
         found = self._solve_from(
             mesh, starts.led, times, starts.unlifted(starts.led), unless=unless
@@ -277,10 +277,14 @@ class WindowRepairer:
         return [mesh.expanded(*each) for each in zip(inputs, base, found, strict=True)]
 
 
-def _left(scene: Scene, frames: list[Frame], judged: Sequence[Judged]) -> tuple[int, int]:
-    """Return how much is wrong with all poses together, and in how many something came off."""
+def _left(scene: Scene, frames: list[Frame], judged: Sequence[Judged]) -> tuple[int, int, int]:
+    """Return with how many poses anything is wrong, how much, and in how many something came off.
+
+    Deep frames draw the light ones along: what leaves more of these clean is better.
+    """
     poses = [own.points for own in judged]
-    return sum(wrong_in(scene, frames, poses)), _off(scene, frames, poses)
+    wrong = wrong_in(scene, frames, poses)
+    return sum(own > 0 for own in wrong), sum(wrong), _off(scene, frames, poses)
 
 
 def _off(scene: Scene, frames: list[Frame], poses: Sequence[FloatArray]) -> int:

@@ -234,7 +234,9 @@ class _Separation:
         bodies = ((contact.first, 1.0), (contact.second, -1.0))
         for (body, sign), share in zip(bodies, contact.shares, strict=True):
             if share > 0.0 and shift.any():
-                result[self._shape(body).vertices] += sign * share * shift
+                other = contact.second if body == contact.first else contact.first
+                for own in self.worn.companions(body, other):
+                    result[self._shape(own).vertices] += sign * share * shift
         return result
 
     def _frees(
@@ -252,7 +254,8 @@ class _Separation:
     def _met(self, contact: Contact, pose: FloatArray) -> tuple[int, int]:
         """Return the pairs between the bodies of a contact, and all pairs of either, in a pose."""
         surface, both = self.mesh.surface, (contact.first, contact.second)
-        active = np.isin(surface.body_of, both)
+        companions = self.worn.companions
+        active = np.isin(surface.body_of, companions(*both) + companions(*both[::-1]))
         pairs = surface.contacts.pairs(self.mesh.reduced(pose), active=active)
         bodies = np.sort(surface.body_of[pairs], axis=1)
         return int((bodies == both).all(axis=1).sum()), len(bodies)

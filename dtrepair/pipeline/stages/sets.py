@@ -229,12 +229,14 @@ def _is_body(mesh: SourceMesh, poses: Sequence[_Pose], options: SetOptions) -> b
 
 def _outside(source: StageSource, mesh: SourceMesh, body: Sequence[_Pose]) -> bool:
     """Return whether the middle of a mesh that stands still is outside of a body in any pose."""
-    middle = mesh.rest.mean(axis=0, keepdims=True)
-    return any(
-        abs(solid_angles(source.to_world(mesh, pose.time, middle), pose.corners).sum())
-        < 2.0 * np.pi
-        for pose in body
-    )
+    from usd_io import FrameError
+
+    for pose in body:
+        with suppress(FrameError):
+            middle = source.to_world(mesh, pose.time, mesh.rest.mean(axis=0, keepdims=True))
+            if abs(solid_angles(middle, pose.corners).sum()) < 2.0 * np.pi:
+                return True
+    return False
 
 
 def _is_flat(source: StageSource, mesh: SourceMesh, time: float, options: SetOptions) -> bool:

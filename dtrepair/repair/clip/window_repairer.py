@@ -186,7 +186,7 @@ class WindowRepairer:
     def _solved(
         self, scene: Scene, mesh: WeldedMesh, frames: list[Frame], *, unless_stuck: bool
     ) -> list[FloatArray] | None:
-        """Return repaired poses (V, 3) of a window; None where pushing is stuck and may be."""
+        """Return repaired poses (V, 3) of a window; None where pushing is stuck and may end so."""
         options = self.options.independent
         times = frame_units(np.array([frame.time for frame in frames]))
         starts = Starts(
@@ -205,7 +205,7 @@ class WindowRepairer:
         stuck = False
 
         def unless(left: list[IntArray]) -> bool:
-            """Return whether sheets, and what pushing left as it was, can be led apart instead."""
+            """Return whether it ends there: stuck, or sheets and what is left can be led apart."""
             nonlocal stuck
             share = dirty_share(left, [frame.pairs for frame in frames])
             stuck = unless_stuck and share > self.options.windows.lend.share

@@ -114,7 +114,7 @@ def test_a_pinched_limb_swells_beside_what_it_lies_on() -> None:
     pose = detected(scene, gathered(scene, [limb, wall]))
     points = pose.centred.copy()
     points[: len(limb)] = pose.centred[: len(limb)] + (
-        swept(spine, np.where(np.abs(along - 2.5) < 0.3, 0.063, 0.15), 16, closed=False)[0] - limb
+        swept(spine, np.where(np.abs(along - 2.5) < 0.3, 0.077, 0.15), 16, closed=False)[0] - limb
     )
     before = strain_of(scene, pose.centred, points)
     assert {own.kind for own in before} == {StrainKind.LIMB}

@@ -183,7 +183,8 @@ def _untold(
     """Say which meshes have parts in pairs (K, 2) of triangles of which nothing tells."""
     pairs = np.concatenate([np.zeros((0, 2), np.int32), *found])
     first, second = meshes.part_of[pairs].T
-    pairs = pairs[(first != second) & ~(meshes.tell_by_rests(pairs) | meshes.asked(pairs))]
+    told = meshes.tell_by_rests(pairs) | meshes.asked(pairs) | meshes.collide(pairs)
+    pairs = pairs[(first != second) & ~told]
     met = np.unique(meshes.mesh_of[pairs]).tolist()
     if not met:
         return []

@@ -283,3 +283,10 @@ def test_in_a_single_pose_what_has_none_of_its_own_is_of_the_set(tmp_path: Path)
     points.Set(Vt.Vec3fArray.FromNumpy(rest + ALONG.astype(np.float32)), 1.0)
     stage.Save()
     assert sets_of(path) == ["/Set/Floor", "/Set/Wall"]
+
+
+def test_nobody_asks_whether_what_stands_on_a_set_was_modelled_so(tmp_path: Path) -> None:
+    for half, asked in ((50.0, False), (1.2, True)):
+        path = stage_of(tmp_path / f"{asked}.usda", half=half)
+        found = run("check", path).err
+        assert ("nothing tells whether they were modelled so" in found) == asked

@@ -49,7 +49,7 @@ def read_meshes(
         skip_varying: skip meshes whose topology changes over time, with a warning.
         uninstance: expand instances (instanceable = false, on the session layer here and in the
             output of `OverrideWriter`), so that meshes in them can be changed.
-        instances: take meshes in instances beside others, with a warning; they can only be read.
+        instances: take meshes in instances, with a warning; they can only be read.
 
     Raises:
         SelectionError: an expression is ill-formed or matches no usable mesh.

@@ -68,7 +68,7 @@ def select_prims(
         error = StageError if prim is None else SelectionError
         raise error(f"no usable mesh: {'; '.join(warnings)}")
     locked = [own.prim for own in candidates if own.prim.IsInstanceProxy()]
-    if locked and not (instances and len(locked) < len(candidates)):
+    if locked and not instances:
         raise StageError(f"{_locked(locked[0])}; uninstance or exclude it")
     if locked:
         more = f" (and {len(locked) - 1} more meshes)" if len(locked) > 1 else ""

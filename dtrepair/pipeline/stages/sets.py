@@ -47,6 +47,7 @@ class SetOptions:
             size, if anything is.
         bends: A body is what changes its edges by so much between a few frames, and ...
         holes: ... closed, but for rims that span this share of its area: no garment.
+        beside: Furniture comes as near to it as this part of its size at the times looked at.
         views: From so many places at most.
         looks: Frames of the whole clip in which meshes may be beside each other, at most.
     """
@@ -57,6 +58,7 @@ class SetOptions:
     near: float = 1.0
     bends: float = 1e-3
     holes: float = 0.05
+    beside: float = 0.1
     views: int = 24
     looks: int = 33
 
@@ -75,13 +77,15 @@ def find_sets(
     moving = np.array([own.animated or bool(own.handle.skinned) for own in meshes])
     if not (moves := bool(moving.any())):  # a single pose
         moving = np.array([posed_once(own) for own in meshes])
-    still = np.array([own.collider for own in meshes]) | ~moving
+    instanced = np.array([own.handle.instanced for own in meshes])
+    colliders = np.array([own.collider for own in meshes]) & ~instanced
+    still = colliders | ~moving
     asked = ~still | [own.mobility is None for own in each]
     if not still[asked].any() or still[asked].all():
         return
     sets = _sets(source, still, asked, options)
     if moves:
-        sets |= asked & _furniture(source, still, options)
+        sets |= asked & ~colliders & _furniture(source, still, sets, options)
     if not sets.any():
         return
     views = _views(source, ~still)
@@ -156,40 +160,41 @@ def _sets(
     return sets & seen
 
 
-def _furniture(source: StageSource, still: BoolArray, options: SetOptions) -> BoolArray:
-    """Return which meshes (M,) stand still beside a body that bends, and are no part of it.
+def _furniture(
+    source: StageSource, still: BoolArray, sets: BoolArray, options: SetOptions
+) -> BoolArray:
+    """Return which meshes (M,), besides large sets, stand still beside a body that bends.
 
-    They are in a group of their own, or apart from all that moves at rest; and not in the body, as
-    an eye or a ring on its finger.
+    They are in a group of their own, near the body at some time, and not in it, as an eye or a ring
+    on its finger.
     """
-    times, found = few_times(source), np.zeros(len(still), dtype=bool)
-    apart = _in_groups([mesh.path for mesh in source.meshes], still)
-    for boxes in _boxes(source, found, times[:1]):
-        apart |= still & (gaps_between(boxes)[:, ~still] > 0.0).all(axis=1)
-    if not apart.any():
+    groups, found = _groups([mesh.path for mesh in source.meshes]), np.zeros(len(still), dtype=bool)
+    asked = still & ~sets & ~np.isin(groups, groups[~still])
+    # Beside a floor, or where bodies are grouped with their clothes.
+    in_set, dressed = np.isin(groups, groups[sets]), np.bincount(groups)[groups] > 1
+    asked &= in_set | bool((dressed & ~still).any())
+    if not asked.any():
         return found
-    bodies = [
-        poses
-        for mesh, own in zip(source.meshes, still.tolist(), strict=True)
-        if not own and _is_body(mesh, poses := _poses(source, mesh, times), options)
-    ]
-    for index in np.flatnonzero(apart & bool(bodies)).tolist():
-        found[index] = all(_outside(source, source.meshes[index], own) for own in bodies)
-    return found
+    times = few_times(source)
+    for index in np.flatnonzero(~still).tolist():
+        poses = _poses(source, source.meshes[index], times)
+        if _is_body(source.meshes[index], poses, options):
+            for other in np.flatnonzero(asked & (in_set | dressed[index])).tolist():
+                found[other] |= _is_beside(source, source.meshes[other], poses, options)
+                asked[other] &= not _is_in(source, source.meshes[other], poses)
+    return found & asked
 
 
-def _in_groups(paths: Sequence[str], still: BoolArray) -> BoolArray:
-    """Return which meshes (M,) are in a group without what moves, where the stage has groups.
+def _groups(paths: Sequence[str]) -> NDArray[np.int64]:
+    """Return the group (M,) of each mesh: what is beneath one child of what is above all.
 
-    As in /Shot/Set/Chair beside /Shot/Girl/Body and /Shot/Girl/Skirt: not where every group beneath
-    the common parent is one mesh, which may be the parts of a character.
+    A body with its clothes, /Shot/Girl/Body and /Shot/Girl/Skirt, or a floor beside the chair tell
+    that these are things of a shot, not the parts of a character.
     """
     names = [path.split("/") for path in paths]
     parents = zip(*(own[:-1] for own in names), strict=False)
     shared = sum(1 for _ in takewhile(lambda own: len(set(own)) == 1, parents))
-    groups = np.unique([own[shared] for own in names], return_inverse=True)[1]
-    moves = np.bincount(groups, ~still) > 0.0
-    return np.asarray(still & ~moves[groups] & bool((np.bincount(groups) > 1).any()))
+    return np.asarray(np.unique([own[shared] for own in names], return_inverse=True)[1])
 
 
 class _Pose(NamedTuple):
@@ -227,16 +232,34 @@ def _is_body(mesh: SourceMesh, poses: Sequence[_Pose], options: SetOptions) -> b
     return bool(holes_of(rest, faces, part)[largest] <= options.holes)
 
 
-def _outside(source: StageSource, mesh: SourceMesh, body: Sequence[_Pose]) -> bool:
-    """Return whether the middle of a mesh that stands still is outside of a body in any pose."""
+def _is_beside(
+    source: StageSource, mesh: SourceMesh, body: Sequence[_Pose], options: SetOptions
+) -> bool:
+    """Return whether a mesh that stands still comes near a body in any of its poses."""
+    from usd_io import FrameError
+
+    for pose in body:
+        with suppress(FrameError):
+            points = [source.to_world(mesh, pose.time, mesh.rest), pose.corners.reshape(-1, 3)]
+            boxes = np.stack([[own.min(axis=0), own.max(axis=0)] for own in points])
+            if gaps_between(boxes)[0, 1] <= options.beside * longest_sides(boxes)[1]:
+                return True
+    return False
+
+
+def _is_in(source: StageSource, mesh: SourceMesh, body: Sequence[_Pose]) -> bool:
+    """Return whether the middle of a mesh that stands still lies in a body in all its poses."""
     from usd_io import FrameError
 
     for pose in body:
         with suppress(FrameError):
             middle = source.to_world(mesh, pose.time, mesh.rest.mean(axis=0, keepdims=True))
+            box = pose.corners.min(axis=(0, 1)), pose.corners.max(axis=(0, 1))
+            if (middle < box[0]).any() or (middle > box[1]).any():
+                return False
             if abs(solid_angles(middle, pose.corners).sum()) < 2.0 * np.pi:
-                return True
-    return False
+                return False
+    return True
 
 
 def _is_flat(source: StageSource, mesh: SourceMesh, time: float, options: SetOptions) -> bool:

@@ -33,8 +33,8 @@ class SourceMesh:
     """One mesh of an input: rest (V, 3) in local space, faces (F, 3), and the stage's own mesh.
 
     has_rest: the input says which pose is the rest pose (USD: by points at the default time).
-    collider: takes part in contact, but never moves, as in an instance; of_set: nobody said so.
-    faces_away: of one larger than all that moves, as a floor, which triangles (F,) face away.
+    collider: takes part in contact, but never moves. of_set: it is one that nobody called so.
+    faces_away: of such a one, as a floor, which triangles (F,) face away from what moves.
     """
 
     path: str
@@ -175,6 +175,8 @@ class StageSource:
         self.name, self._given = path, (selection, collider, keys)
         self.opened = usd_io.open_stage(path, strict=selection.whole_stages_only)
         chosen = self._read(selection, selection.prim)
+        if all(mesh.instanced for mesh in chosen.meshes):
+            raise InputError(f"{path}: nothing may change: {chosen.warnings[-1]}")
         still = self._read(selection, collider) if collider is not None else None
         colliders = {mesh.path for mesh in still.meshes} if still else set()
         found = {mesh.path: mesh for part in (chosen, still) if part for mesh in part.meshes}
@@ -192,8 +194,7 @@ class StageSource:
             for mesh in found.values()
         )
         if colliders and all(mesh.collider for mesh in self.meshes):
-            every = f"--collider {collider}: names every selected mesh, so nothing may move"
-            raise UsageError(f"{every}; leave one out")
+            raise UsageError(f"--collider {collider}: names all that may move; leave one out")
         up = next(iter(found.values())).up
         self.up = (float(up[0]), float(up[1]), float(up[2]))
         self.clock = usd_io.stage_times(

@@ -102,14 +102,20 @@ def open_poses(path: str, poses: Sequence[str], selection: Selection) -> Source:
                 f"{path}: is a mesh file, which holds one pose; name its poses with --poses, or "
                 "give an animated stage"
             )
-        return open_source(path, selection, keys=True)
+        return _posing(open_source(path, selection, keys=True))
     if any(is_stage(pose) for pose in poses):
         if len(poses) > 1:
             raise UsageError(f"--poses: expected one stage or mesh files, got {len(poses)}")
-        return open_source(poses[0], selection, keys=True)
+        return _posing(open_source(poses[0], selection, keys=True))
     of_rest = replace(selection, frames=None)
     rest = _single(open_source(path, of_rest, keys=True), "--prim")
     return PoseFiles(rest, poses, selection.frames)
+
+
+def _posing(source: Source) -> Source:
+    """Return a source that is only read: its meshes in instances pose as the others do."""
+    source.meshes = tuple(replace(mesh, collider=False) for mesh in source.meshes)
+    return source
 
 
 def open_target(path: str, prim: str | None, collider: str | None) -> StageSource | MeshSource:

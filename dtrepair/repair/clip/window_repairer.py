@@ -203,6 +203,8 @@ class WindowRepairer:
             return self._solve_tied(mesh, starts)
         otherwise: list[FloatArray] = []
         stuck = False
+        # A memory must not take what was found where it went on for what ended here.
+        first = mesh.on_way("unless stuck") if unless_stuck else mesh
 
         def unless(left: list[IntArray]) -> bool:
             """Return whether it ends there: stuck, or sheets and what is left can be led apart."""
@@ -214,7 +216,7 @@ class WindowRepairer:
             return stuck or poses is not None
 
         found = self._solve_from(
-            mesh, starts.led, times, starts.unlifted(starts.led), unless=unless
+            first, starts.led, times, starts.unlifted(starts.led), unless=unless
         )
         if found is None and not stuck:
             found = self._solve_from(mesh, otherwise[0], times, starts.unlifted(otherwise[0]))

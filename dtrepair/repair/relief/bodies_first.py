@@ -42,11 +42,14 @@ def with_bodies_first(
 ) -> FloatArray | None:
     """Return a pose (V, 3) to which garments came along with what they lie over.
 
-    None where nothing is worn, or what it lies over has no contacts of its own or keeps some. A
-    clearance would be lost.
+    None where nothing is worn, or something of it is held, or what it lies over has no contacts of
+    its own or keeps some; and where a clearance is asked for, which would be lost.
     """
+    scene = meshes.scene
+    if scene.options.clearance > 0.0 or (scene.mobility[scene.garments.vertices] < 1.0).any():
+        return None
     inner, roomy, dressed = meshes.inner, meshes.inner_with_room, meshes.dressed
-    if inner is None or roomy is None or dressed is None or meshes.scene.options.clearance > 0.0:
+    if inner is None or roomy is None or dressed is None:
         return None
     opened = inner.parts.opened(pose)
     if not opened.wrong:
@@ -55,7 +58,7 @@ def with_bodies_first(
     if len(inner.parts.scene.pairs(points, opened.weld)):
         return None
     moved = inner.parts.placed(pose.centred, points) - pose.centred
-    start = pose.centred + _carried_along(dressed.scene, moved)
+    start = pose.centred + _carried_along(scene, moved)
     mesh = dressed([pose.sewn])
     before = mesh.reduced(pose.centred)
     found, _ = solved_from(
@@ -65,7 +68,7 @@ def with_bodies_first(
         scale=1.0,
         alone=None,
         steering=Steering(mesh.surface),
-        effort=meshes.scene.options.effort,
+        effort=scene.options.effort,
         options=options.lending,
     )
     return mesh.expanded(pose.centred, before, found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -83,6 +84,12 @@ class WeldedMesh:
             options=full,
         )
         return lambda poses: [method(pose) for pose in poses]
+
+    def on_way(self, way: str) -> WeldedMesh:
+        """Return the same mesh, set apart from others by another way."""
+        other = copy(self)
+        other.way = f"{self.way}/{way}"
+        return other
 
     def solve(self, poses: Sequence[FloatArray]) -> list[tuple[FloatArray, Solved]]:
         """Return repaired poses (V, 3); vertices that stayed where they were keep every bit."""

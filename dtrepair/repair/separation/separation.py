@@ -234,7 +234,7 @@ class _Separation:
         bodies = ((contact.first, 1.0), (contact.second, -1.0))
         for (body, sign), share in zip(bodies, contact.shares, strict=True):
             if share > 0.0 and shift.any():
-                other = contact.second if body == contact.first else contact.first
+                other = contact.first + contact.second - body
                 for own in self.worn.companions(body, other):
                     result[self._shape(own).vertices] += sign * share * shift
         return result

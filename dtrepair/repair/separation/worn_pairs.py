@@ -6,10 +6,9 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse import csgraph
+from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.scale import boxes_of
 from dtrepair.numerics.worn.measure import Solid, WornOptions, worn_measure
 from dtrepair.repair.scene.scene import Scene
@@ -31,6 +30,7 @@ class WornPairs:
         self._scene, self._shape, self._options = scene, shape, options
         # Of two bodies the worn one and its wearer; None where neither is worn.
         self._known: dict[tuple[int, int], tuple[int, int] | None] = {}
+        self._dresses: dict[int, tuple[int, ...]] = {}
 
     def of(self, first: int, second: int) -> tuple[int, int] | None:
         """Return the worn one of two bodies and its wearer, by the rest; None where none is."""
@@ -58,33 +58,43 @@ class WornPairs:
     def companions(self, body: int, other: int) -> tuple[int, ...]:
         """Return a body, and what goes along when it leaves another one: what one of them wears.
 
-        Only itself where it and the other belong to one dress.
+        Only itself where it and the other belong to one dress, or something of it is held.
         """
-        dress = self._dresses[body]
-        if dress == self._dresses[other]:
+        dress = self._dress(body)
+        vertices = np.concatenate([self._shape(own).vertices for own in dress])
+        if other in dress or (self._scene.mobility[vertices] < 1.0).any():
             return (body,)
-        along = (self._dresses == dress) & ~self._scene.never_moves
-        along[body] = True
-        return tuple(np.flatnonzero(along).tolist())
+        return dress
+
+    def _dress(self, body: int) -> tuple[int, ...]:
+        """Return the bodies, this one among them, that wear each other."""
+        if body not in self._dresses:
+            found = [body]
+            for own in found:
+                near = set(np.flatnonzero(self._near[own]).tolist()) - set(found)
+                found += [k for k in sorted(near) if self._covers[own, k] or self.of(own, k)]
+            self._dresses |= dict.fromkeys(found, tuple(sorted(found)))
+        return self._dresses[body]
 
     @cached_property
-    def _dresses(self) -> IntArray:
-        """The dress that each body belongs to (B,): who wears something, and all that is worn."""
-        scene = self._scene
-        near = boxes_of(scene.rest, scene.vertex_starts)
-        low, high = near[:, 0], near[:, 1]
-        meet = ((low[:, None] <= high) & (high[:, None] >= low)).all(axis=2)
-        pairs = np.argwhere(np.triu(meet, 1)).tolist()
-        links = [own for own in pairs if self.of(*own) is not None]
-        covering = scene.covering
+    def _near(self) -> NDArray[np.bool_]:
+        """Of which bodies (B, B) the middle of one is in the box of the other at rest."""
+        low, high = np.moveaxis(boxes_of(self._scene.rest, self._scene.vertex_starts), 1, 0)
+        middle = 0.5 * (low + high)
+        inside = ((low <= middle[:, None]) & (middle[:, None] <= high)).all(axis=2)
+        return np.asarray(inside | inside.T | self._covers)
+
+    @cached_property
+    def _covers(self) -> NDArray[np.bool_]:
+        """Of which bodies (B, B) one lies over the other as an open layer."""
+        scene, covering = self._scene, self._scene.covering
+        result = np.zeros((len(scene.bodies),) * 2, dtype=bool)
         if covering is not None:
             body = np.zeros(len(covering.over), dtype=np.int64)
             body[covering.part] = scene.body_of_vertex
-            links += body[np.argwhere(covering.over)].tolist()
-        count = len(scene.bodies)
-        rows, columns = np.array(links, dtype=np.int64).reshape(-1, 2).T
-        graph = sparse.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count))
-        return np.asarray(csgraph.connected_components(graph, directed=False)[1])
+            upper, lower = body[np.argwhere(covering.over)].reshape(-1, 2).T
+            result[upper, lower] = result[lower, upper] = True
+        return result
 
     def _around(self, both: tuple[int, int], points: FloatArray) -> float:
         """Return how much the first of two bodies goes round the second in a pose (V, 3)."""

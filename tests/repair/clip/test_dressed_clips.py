@@ -22,6 +22,7 @@ from dtrepair.repair.scene.opened_pose import detected, gathered
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.separation.starts import Starts
+from dtrepair.repair.solution_cache import remembering
 from tests.exact_reference import exact_pairs
 from tests.meshes import armed_body, joined
 from tests.repair.separation.test_lifting import ARM, SLEEVE
@@ -199,3 +200,50 @@ def test_a_push_ends_where_it_is_stuck_in_a_fifth_of_the_frames(
     ends = may_end and dirty == 2
     assert (found is None) == ends
     assert asked == ([True] if ends else [True, None] if led else [False])
+
+
+def test_a_resumed_run_is_stuck_where_the_first_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was found where pushing went on is not taken for a push that may end as stuck."""
+    scene = make_scene([Body(*ARM), Body(*SLEEVE)], RepairOptions())
+    meshes, kept = WeldedMeshes(scene), dict[str, Any]()
+    opened = detected(scene, gathered(scene, [ARM[0], SLEEVE[0]]))
+    pairs = np.zeros((1, 2), dtype=np.int32)
+    frames = [Frame(**{**vars(opened), "pairs": pairs}, time=float(k)) for k in range(4)]
+    mesh = meshes([own.sewn for own in frames])
+
+    class Kept:
+        recall = staticmethod(kept.get)
+        keep = staticmethod(kept.__setitem__)
+
+    def make_method(_: WeldedMesh) -> Any:
+        def solve(led: FloatArray, *_: Any, unless: Any) -> FloatArray | None:
+            return None if unless([pairs] * len(led)) else led
+
+        return solve
+
+    monkeypatch.setattr(Starts, "otherwise", lambda *_: None)
+    made = remembering(make_method, Kept())
+    repairer = WindowRepairer(meshes, options=ClipOptions(), make_method=made, jobs=1)
+    for _ in range(2):
+        found = [repairer._solved(scene, mesh, frames, unless_stuck=own) for own in (True, False)]
+        assert found[0] is None and found[1] is not None and len(kept) == 1
+
+
+def test_progress_does_not_go_back_on_another_way() -> None:
+    told: list[float] = []
+    meshes = WeldedMeshes(make_scene([Body(*ARM), Body(*SLEEVE)], RepairOptions()))
+
+    def make_method(_: WeldedMesh) -> Any:
+        raise AssertionError("nothing is to be solved")
+
+    repairer = WindowRepairer(
+        meshes, options=ClipOptions(), make_method=make_method, progress=told.append
+    )
+    for share in (0.2, 0.7, 0.1, 0.8):
+        repairer._tell(share, 10.0)
+    assert told == [2.0, 7.0, 7.0, 8.0]
+    # The next window begins anew.
+    opened = detected(meshes.scene, gathered(meshes.scene, [ARM[0], SLEEVE[0] + [9.0, 0.0, 0.0]]))
+    repairer([Frame(**vars(opened), time=0.0)])
+    repairer._tell(0.1, 10.0)
+    assert told[-1] == 1.0

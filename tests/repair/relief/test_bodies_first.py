@@ -69,12 +69,14 @@ def test_it_is_led_from_there_by_what_the_garment_takes_along(
     assert 0.5 * farthest[0] < farthest[1] <= farthest[0]
 
 
-@pytest.mark.parametrize("why", ["bare", "clearance", "apart", "in vain"])
+@pytest.mark.parametrize("why", ["bare", "clearance", "apart", "in vain", "pinned"])
 def test_nothing_is_where_it_cannot_help(why: str) -> None:
     bodies = SHIRT.bodies
     if why == "bare":
         bodies = [bodies[0], Body(*icosphere(2, 0.1))]
     scene = make_scene(bodies, RepairOptions(clearance=0.01 if why == "clearance" else 0.0))
+    if why == "pinned":
+        scene.mobility[-5:] = 0.0
     points = SHIRT.pose(3.0 if why == "apart" else 4.3)
     if why == "bare":
         points[1] = icosphere(2, 0.1)[0]

@@ -22,10 +22,10 @@ BAND = torus(32, 8, 0.36, 0.03)
 ASIDE = np.array([5.0, 0.0, 0.0])
 
 
-def sleeve() -> Mesh:
-    """Some rings of the body, a little larger and open."""
+def sleeve(*, least: float = -1.0) -> Mesh:
+    """Some rings of the body, a little larger and open; or what of them is beyond y, as a cape."""
     points, faces = BODY
-    kept = (np.abs(points[faces][:, :, 2]) < 0.5).all(axis=1)
+    kept = ((np.abs(points[faces][:, :, 2]) < 0.5) & (points[faces][:, :, 1] > least)).all(axis=1)
     used, own = np.unique(faces[kept], return_inverse=True)
     return points[used] * (1.15, 1.15, 1.0), own.reshape(-1, 3).astype(np.int32)
 
@@ -40,7 +40,9 @@ def companions(scene: Scene, body: int, other: int) -> tuple[int, ...]:
     return WornPairs(scene, shapes.__getitem__, WornOptions()).companions(body, other)
 
 
-@pytest.mark.parametrize("worn", [BAND, sleeve()], ids=["band", "sleeve"])
+@pytest.mark.parametrize(
+    "worn", [BAND, sleeve(), sleeve(least=0.05)], ids=["band", "sleeve", "cape"]
+)
 def test_a_body_and_what_it_wears_go_together(worn: Mesh) -> None:
     scene = scene_of(worn, still=1.0)
     assert companions(scene, 0, 2) == companions(scene, 1, 2) == (0, 1)

@@ -11,6 +11,7 @@ from dtrepair.numerics.attachments import NO_TIES
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.relief import bodies_first
 from dtrepair.repair.relief.bodies_first import with_bodies_first
+from dtrepair.repair.scene.bodies import widest_clearance
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.scene import Scene
@@ -98,3 +99,33 @@ def test_the_room_is_that_of_most_of_the_cloth_and_of_all_layers() -> None:
     far = scene.rest.copy()
     far[ties.vertices[: len(ties.vertices) // 20]] += 1.0
     assert room_between(ties, far, faces, 1) == pytest.approx(one, rel=0.2)
+
+
+def test_a_coat_over_the_shirt_goes_along_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    coat = Dressed(40, 14, 31, 0.05)
+    bodies = [*SHIRT.bodies, coat.bodies[1]]
+    scene = make_scene(bodies, RepairOptions())
+    pose = detected(scene, gathered(scene, [*SHIRT.pose(4.3), coat.pose(4.3)[1]]))
+    starts = list[FloatArray]()
+
+    def solved_from(_: object, before: FloatArray, start: FloatArray, **__: object) -> object:
+        starts.append(start - before)
+        return before, 0.0
+
+    monkeypatch.setattr(bodies_first, "solved_from", solved_from)
+    meshes, shift = WeldedMeshes(scene), np.array([0.0, 0.0, 0.7])
+    with_bodies_first(meshes, pose, solve)
+    with_bodies_first(meshes, pose, lambda way, own: solve(way, own) + shift)
+    size = meshes([pose.sewn]).surface.size
+    own = size * (starts[1] - starts[0])[scene.vertices_of(2)]
+    assert np.allclose(own, shift)
+    # Two layers on either side need twice the room, but not more than a clearance may be.
+    rooms = [
+        WeldedMeshes(made).inner_with_room
+        for made in (make_scene(SHIRT.bodies, RepairOptions()), scene)
+    ]
+    one, two = (room.scene.options.clearance for room in rooms if room is not None)
+    assert two > 1.5 * one
+    wide = Dressed(40, 12, 33, 0.5)
+    loose = WeldedMeshes(make_scene(wide.bodies, RepairOptions())).inner_with_room
+    assert loose is None or loose.scene.options.clearance <= widest_clearance(loose.scene.rest)

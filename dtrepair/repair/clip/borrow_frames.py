@@ -145,13 +145,14 @@ def _runs_in_step(state: Borrowing, most: int) -> None:
     """
     options = state.options
     for first, last in pairwise(np.flatnonzero(state.steps() > options.jump).tolist()):
-        run, known, steps = list(range(first + 1, last + 1)), state.snapshot(), state.steps()
+        run, steps = list(range(first + 1, last + 1)), state.steps()
         # The run before may have taken the first jump away.
         jumps = min(steps[first], steps[last]) > options.jump
         if not jumps or len(run) > options.run or 2 * len(run) > most:
             continue
         most -= 2 * len(run)
-        best, least = known, options.less * steps[first : last + 1].sum()
+        best = known = state.snapshot()
+        least = options.less * steps[first : last + 1].sum()
         for own, lender in ((run, first), (run[::-1], last + 1)):
             lent, found = state.merits[lender], state.merits[own[0]]
             good = not lent.strained and lent.wrong <= found.wrong

@@ -76,8 +76,8 @@ def with_bodies_first(
 
 def _carried_along(scene: Scene, moved: FloatArray) -> FloatArray:
     """Return displacements (V, 3) in which garments take theirs from what they lie over."""
-    ties, result = scene.garments, moved.copy()
+    ties, covering, result = scene.garments, scene.covering, moved.copy()
     corners = scene.enclosures.faces[ties.triangles]
-    for _ in range(0 if scene.covering is None else int(scene.covering.depth.max(initial=0))):
+    for _ in range(0 if covering is None else int(covering.depth.max())):
         result[ties.vertices] = np.einsum("nk,nkj->nj", ties.weights, result[corners])
     return result[scene.rest_weld]

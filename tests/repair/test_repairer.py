@@ -164,7 +164,8 @@ def test_a_limit_on_the_displacement_holds(plain: RepairResult) -> None:
     limit = 0.3 * plain.displacement_max * diagonal(ARM)
     result = Repairer(REST, FACES, options=RepairOptions(maximum_displacement=limit))(ARM)
     assert 0 < np.linalg.norm(result.points - ARM, axis=1).max() <= limit
-    assert result.status in (Status.CLEAN, Status.IMPROVED)
+    # With so little room the arm is pressed flat, beyond what a limb may lose.
+    assert result.status in (Status.CLEAN, Status.IMPROVED, Status.STRAINED)
     check_counts(result, ARM, FACES)
 
 

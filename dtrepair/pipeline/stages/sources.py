@@ -194,7 +194,7 @@ class StageSource:
             for mesh in found.values()
         )
         if colliders and all(mesh.collider for mesh in self.meshes):
-            raise UsageError(f"--collider {collider}: names all that may move; leave one out")
+            raise UsageError(f"--collider {collider}: then nothing may move; leave a mesh out")
         up = next(iter(found.values())).up
         self.up = (float(up[0]), float(up[1]), float(up[2]))
         self.clock = usd_io.stage_times(

@@ -231,10 +231,10 @@ class _Separation:
 
     def _moved(self, pose: FloatArray, contact: Contact, shift: FloatArray) -> FloatArray:
         result = pose.copy()
-        bodies = ((contact.first, 1.0), (contact.second, -1.0))
-        for (body, sign), share in zip(bodies, contact.shares, strict=True):
+        both = contact.first, contact.second
+        signs = zip((both, both[::-1]), (1.0, -1.0), contact.shares, strict=True)
+        for (body, other), sign, share in signs:
             if share > 0.0 and shift.any():
-                other = contact.first + contact.second - body
                 for own in self.worn.companions(body, other):
                     result[self._shape(own).vertices] += sign * share * shift
         return result

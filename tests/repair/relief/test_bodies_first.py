@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from dtrepair.numerics.attachments import NO_TIES
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.relief import bodies_first
 from dtrepair.repair.relief.bodies_first import with_bodies_first
+from dtrepair.repair.scene import welded_mesh
 from dtrepair.repair.scene.bodies import widest_clearance
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
@@ -20,6 +23,9 @@ from tests.meshes import icosphere
 from tests.repair.clip.test_dressed_clips import Dressed, clean
 
 SHIRT = Dressed(40, 12, 33, 0.03)
+SHIFT = np.array([0.0, 0.0, 0.7])
+
+Taken = Callable[[WeldedMeshes, OpenedPose, FloatArray], FloatArray]
 
 
 def opened(scene: Scene, curl: float) -> OpenedPose:
@@ -48,25 +54,33 @@ def test_the_sleeve_goes_along_with_its_arm_without_a_push_of_both() -> None:
     assert len(rooms) == 1 and 0.5 * SHIRT.off < rooms[0] < 1.5 * SHIRT.off
 
 
-def test_it_is_led_from_there_by_what_the_garment_takes_along(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+@pytest.fixture
+def taken(monkeypatch: pytest.MonkeyPatch) -> Taken:
+    """A function that returns by what (V, 3) a pose is led on, its body shifted besides."""
+
+    def moved(meshes: WeldedMeshes, pose: OpenedPose, shift: FloatArray) -> FloatArray:
+        starts = list[FloatArray]()
+
+        def solved_from(_: object, before: FloatArray, start: FloatArray, **__: object) -> object:
+            starts.append(start - before)
+            return before, 0.0
+
+        monkeypatch.setattr(bodies_first, "solved_from", solved_from)
+        with_bodies_first(meshes, pose, lambda way, own: solve(way, own) + shift)
+        (found,) = starts
+        return meshes([pose.sewn]).surface.size * found
+
+    return moved
+
+
+def test_it_is_led_from_there_by_what_the_garment_takes_along(taken: Taken) -> None:
     scene = make_scene(SHIRT.bodies, RepairOptions())
-    pose, starts = opened(scene, 4.3), list[FloatArray]()
-
-    def solved_from(_: object, before: FloatArray, start: FloatArray, **__: object) -> object:
-        starts.append(start - before)
-        return before, 0.0
-
-    monkeypatch.setattr(bodies_first, "solved_from", solved_from)
-    meshes, shift = WeldedMeshes(scene), np.array([0.0, 0.0, 0.7])
-    with_bodies_first(meshes, pose, solve)
-    with_bodies_first(meshes, pose, lambda way, own: solve(way, own) + shift)
-    size, body = meshes([pose.sewn]).surface.size, len(SHIRT.pose(0.0)[0])
+    meshes, pose, body = WeldedMeshes(scene), opened(scene, 4.3), len(SHIRT.pose(0.0)[0])
     assert len(np.unique(scene.garments.vertices)) == len(scene.rest) - body
-    assert np.allclose(size * (starts[1] - starts[0]), shift)
+    led = taken(meshes, pose, 0.0 * SHIFT)
+    assert np.allclose(taken(meshes, pose, SHIFT) - led, SHIFT)
     # A sleeve is led off as far as the arm in it.
-    farthest = [np.linalg.norm(size * own, axis=1).max() for own in np.split(starts[0], [body])]
+    farthest = [np.linalg.norm(own, axis=1).max() for own in np.split(led, [body])]
     assert 0.5 * farthest[0] < farthest[1] <= farthest[0]
 
 
@@ -101,31 +115,23 @@ def test_the_room_is_that_of_most_of_the_cloth_and_of_all_layers() -> None:
     assert room_between(ties, far, faces, 1) == pytest.approx(one, rel=0.2)
 
 
-def test_a_coat_over_the_shirt_goes_along_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_room_is_no_wider_than_a_clearance_may_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(welded_mesh, "room_between", lambda *_: 1e6)
+    roomy = WeldedMeshes(make_scene(SHIRT.bodies, RepairOptions())).inner_with_room
+    assert roomy is not None
+    assert roomy.scene.options.clearance == widest_clearance(roomy.scene.rest) < 1.0
+
+
+def test_a_coat_over_the_shirt_goes_along_too(taken: Taken) -> None:
     coat = Dressed(40, 14, 31, 0.05)
     bodies = [*SHIRT.bodies, coat.bodies[1]]
     scene = make_scene(bodies, RepairOptions())
     pose = detected(scene, gathered(scene, [*SHIRT.pose(4.3), coat.pose(4.3)[1]]))
-    starts = list[FloatArray]()
-
-    def solved_from(_: object, before: FloatArray, start: FloatArray, **__: object) -> object:
-        starts.append(start - before)
-        return before, 0.0
-
-    monkeypatch.setattr(bodies_first, "solved_from", solved_from)
-    meshes, shift = WeldedMeshes(scene), np.array([0.0, 0.0, 0.7])
-    with_bodies_first(meshes, pose, solve)
-    with_bodies_first(meshes, pose, lambda way, own: solve(way, own) + shift)
-    size = meshes([pose.sewn]).surface.size
-    own = size * (starts[1] - starts[0])[scene.vertices_of(2)]
-    assert np.allclose(own, shift)
-    # Two layers on either side need twice the room, but not more than a clearance may be.
-    rooms = [
-        WeldedMeshes(made).inner_with_room
-        for made in (make_scene(SHIRT.bodies, RepairOptions()), scene)
-    ]
+    meshes = WeldedMeshes(scene)
+    led = taken(meshes, pose, SHIFT) - taken(meshes, pose, 0.0 * SHIFT)
+    assert np.allclose(led[scene.vertices_of(2)], SHIFT)
+    # Two layers on either side need twice the room.
+    shirt = WeldedMeshes(make_scene(SHIRT.bodies, RepairOptions()))
+    rooms = [made.inner_with_room for made in (shirt, meshes)]
     one, two = (room.scene.options.clearance for room in rooms if room is not None)
     assert two > 1.5 * one
-    wide = Dressed(40, 12, 33, 0.5)
-    loose = WeldedMeshes(make_scene(wide.bodies, RepairOptions())).inner_with_room
-    assert loose is None or loose.scene.options.clearance <= widest_clearance(loose.scene.rest)

@@ -10,8 +10,10 @@ from pxr import Sdf
 
 from dtrepair.numerics.geometry import IntArray
 from dtrepair.pipeline import RepairSettings, repair_stage
+from dtrepair.pipeline.modelled.meshes import PlacedMeshes
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.object_settings import read_settings
+from dtrepair.pipeline.stages.rest import choose_rests
 from dtrepair.pipeline.stages.sets import find_sets
 from dtrepair.pipeline.stages.sources import open_source
 from dtrepair.pipeline.transfer.inputs import open_poses
@@ -137,3 +139,11 @@ def test_an_instance_is_left_as_it_is_and_what_meets_it_gives_way(tmp_path: Path
     only = run("repair", path, "-o", tmp_path / "c.usda", "--prim", "/Shot/Girl/Instance//")
     assert only.code == 3 and "nothing may change" in only.err and "uninstance" in only.err
     assert not any(mesh.collider for mesh in open_poses(str(path), (), Selection()).meshes)
+    # What meets it may be attached to it, not so what meets a thing that was named.
+    for named, told in ((None, False), (BODY, True)):
+        source = open_source(str(path), Selection(), collider=named)
+        meshes = PlacedMeshes(source, choose_rests(source, None, device="cpu"))
+        paths = [mesh.path for mesh in source.meshes]
+        sides = [paths.index(own) for own in (BODY, "/Shot/Girl/Instance/Mesh")]
+        pair = np.array([[np.argmax(meshes.mesh_of == own) for own in sides]])
+        assert meshes.collide(pair).tolist() == [told]

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from dtrepair.pipeline.observer import Observer as Observer
     from dtrepair.pipeline.observer import PairsFound as PairsFound
     from dtrepair.pipeline.observer import ProgressKept as ProgressKept
+    from dtrepair.pipeline.observer import PropsFound as PropsFound
     from dtrepair.pipeline.observer import SetsFound as SetsFound
     from dtrepair.pipeline.observer import SpansDone as SpansDone
     from dtrepair.pipeline.observer import Trouble as Trouble
@@ -76,6 +77,7 @@ _HOMES = {
     "Trouble": "observer",
     "UsageError": "errors",
     "WorkersError": "errors",
+    "PropsFound": "observer",
     "SetsFound": "observer",
     "WornFound": "observer",
     "check_stage": "check",
@@ -107,6 +109,7 @@ __all__ = [
     "PlannedMesh",
     "PrimTable",
     "ProgressKept",
+    "PropsFound",
     "RepairSettings",
     "Selection",
     "SetsFound",

@@ -47,7 +47,7 @@ from dtrepair.pipeline.stages.frames import (
 from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs, meshes_matched
 from dtrepair.pipeline.stages.object_settings import read_settings, recorded
 from dtrepair.pipeline.stages.outputs import FilePath
-from dtrepair.pipeline.stages.sets import find_sets, pairs_of_sets
+from dtrepair.pipeline.stages.shot.sets import find_sets, pairs_of_sets
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.report.modelled import WornRecord
 from dtrepair.report.record import FramePrimRecord, FrameRecord, Report

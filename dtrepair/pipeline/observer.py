@@ -71,6 +71,13 @@ class SetsFound:
 
 
 @dataclass(frozen=True)
+class PropsFound:
+    """The meshes that are taken as props, and so as rigid where that does, once for a run."""
+
+    paths: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class CorrectionWritten:
     """A layer of corrections is written: "shapes" or "offsets", of so many vertices and bytes.
 
@@ -104,6 +111,7 @@ Remark = (
     ModelledFound
     | WornFound
     | SetsFound
+    | PropsFound
     | FrameDone
     | PairsFound
     | SpansDone

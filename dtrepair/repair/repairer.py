@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 from dtrepair.device import DeviceQueue, resolve_device
 from dtrepair.diagnosis import Status, Strain
 from dtrepair.numerics.attachments import Reference
-from dtrepair.numerics.geometry import as_numpy
+from dtrepair.numerics.geometry import as_numpy, lengths
 from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.independent import IndependentOptions, poses_at_once, repair_poses
 from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.relief.other_ways import OtherWayOptions
 from dtrepair.repair.result import RepairResult
 from dtrepair.repair.scene.bodies import Body, about_centre
 from dtrepair.repair.scene.bounds import strain_of
@@ -23,6 +24,7 @@ from dtrepair.repair.scene.diagnosis import strains_of
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.props import SHAPE
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from dtrepair.repair.separation.free_props import with_free_props
 from dtrepair.repair.solution_cache import Memory, remembering
 
 if TYPE_CHECKING:
@@ -65,12 +67,13 @@ class SceneRepairer:
         layer_poses: Sequence[Reference] = (),
     ) -> None:
         self._clip = clip
+        self._ways = OtherWayOptions() if clip is None else clip.ways
         self._independent = numbers = IndependentOptions() if clip is None else clip.independent
         choices = options or RepairOptions()
         # The default method works on the CPU: looking for a GPU would only take a context there.
         idle = device == "auto" and choices.method == "full"
         self.device = "cpu" if idle else resolve_device(device)
-        self.scene = make_scene(
+        scene = make_scene(
             bodies,
             choices,
             ignore,
@@ -80,6 +83,7 @@ class SceneRepairer:
             # The default method forks, which no context of a GPU survives.
             device=self.device if choices.method == "paper" else "cpu",
         )
+        self.scene = with_free_props(scene, options=numbers.separation.worn)
         queue = None if self.device == "cpu" else DeviceQueue(self.device)
         self.meshes = WeldedMeshes(self.scene, queue, full=numbers.full, paper=numbers.paper)
         # How many poses are best given to `batch`.
@@ -145,14 +149,33 @@ class SceneRepairer:
     @one_thread()
     def batch(self, poses: Sequence[Sequence[Any]]) -> list[list[RepairResult]]:
         """Repair many poses, each for itself: on a GPU `poses_at_once` are solved at once."""
-        numbers = self._independent
-        results = repair_poses(self.scene, self.meshes, poses, options=numbers)
+        numbers, first = self._independent, self.meshes.with_props
+        results = repair_poses(first.scene, first, poses, options=numbers)
         for index, found in enumerate(results):
-            for meshes in self._otherwise(poses[index], found):
+            if first is not self.meshes:
+                results[index] = self._bent_if_better(poses[index], found)
+            for meshes in self._otherwise(poses[index], results[index]):
                 (other,) = repair_poses(meshes.scene, meshes, [poses[index]], options=numbers)
                 if _left(other) < _left(results[index]):
                     results[index] = other
         return results
+
+    def _bent_if_better(
+        self, points: Sequence[Any], found: list[RepairResult]
+    ) -> list[RepairResult]:
+        """Return a pose with props that bend, where rigid ones leave more, or go much farther."""
+        left, far = _left(found), self._farthest(points, found)
+        if not left and far <= self._ways.far:
+            return found
+        numbers = self._independent
+        (other,) = repair_poses(self.scene, self.meshes, [points], options=numbers)
+        less, nearer = _left(other), self._ways.much_farther(far, self._farthest(points, other))
+        return other if less < left or (less == left and nearer) else found
+
+    def _farthest(self, points: Sequence[Any], found: Sequence[RepairResult]) -> float:
+        """Return how far a vertex of a pose moves at most, diagonals."""
+        before, after = (self.scene.gather(own) for own in (points, [r.points for r in found]))
+        return float(lengths(after - before).max()) / self.scene.scale.diagonal(before)
 
     def _otherwise(
         self, points: Sequence[Any], found: Sequence[RepairResult]

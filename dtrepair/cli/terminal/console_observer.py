@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.interrupts import current_interrupts
-from dtrepair.cli.terminal.modelled_text import modelled_line, sets_line, worn_line
+from dtrepair.cli.terminal.modelled_text import modelled_line, props_line, sets_line, worn_line
 from dtrepair.cli.terminal.progress import ProgressBar, heartbeat, wanted
 from dtrepair.cli.terminal.repair_text import correction_line
 from dtrepair.pipeline.observer import (
@@ -15,6 +15,7 @@ from dtrepair.pipeline.observer import (
     ModelledFound,
     Observer,
     ProgressKept,
+    PropsFound,
     Remark,
     SetsFound,
     SpansDone,
@@ -75,6 +76,8 @@ class ConsoleObserver(Observer):
             self.console.tell(worn_line(remark.worn))
         elif isinstance(remark, SetsFound):
             self.console.tell(sets_line(remark.paths))
+        elif isinstance(remark, PropsFound):
+            self.console.tell(props_line(remark.paths))
         elif isinstance(remark, SpansDone):
             self.console.remark(f"{remark.done} of {remark.total} spans done")
         elif isinstance(remark, CorrectionWritten):

@@ -84,6 +84,14 @@ def sets_line(paths: Sequence[str]) -> str:
     )
 
 
+def props_line(paths: Sequence[str]) -> str:
+    """Say in one line what is taken as props, and what changes that."""
+    return (
+        f"taken as props that keep their shape: {listed(paths)}; rigid = false, [[prim]] of "
+        "--config or primvars:dtrepair:rigid, lets them bend"
+    )
+
+
 def _names(record: ModelledRecord | AttachedRecord) -> str:
     return f"{record.first} with {record.second}"
 

@@ -18,7 +18,7 @@ from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.keyposes.record import in_betweens
 from dtrepair.pipeline.keyposes.settings import KeyposeChoices, KeyposeSettings
 from dtrepair.pipeline.keyposes.solve import StageKeys
-from dtrepair.pipeline.modelled.parts import tell_modelled
+from dtrepair.pipeline.modelled.parts import tell_modelled, tell_props
 from dtrepair.pipeline.modelled.worn import tell_worn, worn_records
 from dtrepair.pipeline.observer import (
     SILENT,
@@ -182,6 +182,7 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     repairer, rest_counts = make_repairer(run, source, prepared.rests, placed.bodies)
     warn(observer, rest_warnings(source, prepared.rests, rest_counts, controls.settings))
     tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
+    tell_props(observer, repairer.repairer.scene)
     run.clock.lap("factor")
     rigid = [bool(own.rigid) for own in controls.settings]
     keys = StageKeys(source, repairer, rigid, lambda: stop_if_cancelled(observer))

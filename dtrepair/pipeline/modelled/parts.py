@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.pipeline.observer import ModelledFound, Observer, SetsFound, warn
+from dtrepair.pipeline.observer import ModelledFound, Observer, PropsFound, SetsFound, warn
 from dtrepair.pipeline.stages.bodies import unclear_sides
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time
 from dtrepair.report.modelled import (
@@ -31,6 +31,7 @@ from dtrepair.report.modelled import (
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCount
     from dtrepair.numerics.attachments import Attachments, Reference
+    from dtrepair.repair.scene.scene import Scene
 
 # Positions are told to this part of the diagonal of all meshes.
 DIGITS = 1e-3
@@ -235,6 +236,12 @@ def tell_sets(observer: Observer, source: Source) -> None:
     """Tell what is taken as a set around, where anything is."""
     if sets := tuple(mesh.path for mesh in source.meshes if mesh.of_set):
         observer.remark(SetsFound(sets))
+
+
+def tell_props(observer: Observer, scene: Scene) -> None:
+    """Tell what is taken as a prop, where anything is."""
+    if props := tuple(body.name for body in scene.bodies if body.prop):
+        observer.remark(PropsFound(props))
 
 
 def tell_modelled(

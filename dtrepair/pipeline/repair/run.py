@@ -12,7 +12,7 @@ import numpy as np
 from dtrepair import __version__
 from dtrepair.pipeline.clock import Clock
 from dtrepair.pipeline.errors import UsageError
-from dtrepair.pipeline.modelled.parts import tell_modelled
+from dtrepair.pipeline.modelled.parts import tell_modelled, tell_props
 from dtrepair.pipeline.modelled.worn import tell_worn, worn_records
 from dtrepair.pipeline.observer import FrameDone, Observer, Progress, ProgressKept, Trouble, warn
 from dtrepair.pipeline.repair.chunks import Chunk
@@ -122,6 +122,7 @@ def repair_here(
     # One of them names --rest, which would help with both.
     warn(observer, rest_warnings(source, rests, rest_counts, settings, advise=not met))
     tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
+    tell_props(observer, repairer.repairer.scene)
     warn(observer, met)
     hidden = AtOnePlace(source)
     among = colliders_of(source, prepared.controls, run.options.mode)

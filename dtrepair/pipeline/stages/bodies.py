@@ -16,7 +16,8 @@ from dtrepair.pipeline.stages.frames import stretches
 from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import Rest
-from dtrepair.pipeline.stages.sets import find_sets, pairs_beside, pairs_of_sets
+from dtrepair.pipeline.stages.shot.props import find_props
+from dtrepair.pipeline.stages.shot.sets import find_sets, pairs_beside, pairs_of_sets
 from dtrepair.pipeline.stages.sources import (
     Source,
     SourceMesh,
@@ -74,6 +75,7 @@ def read_controls(
     found = read_settings(source, rigid=objects.rigid, layers=objects.layer, tables=tables)
     if sets:
         find_sets(source, found.each)
+    find_props(source, found.each)
     nothing: PerMesh = [None] * len(source.meshes)
     pins = nothing.copy() if pin is None else read_pins(source, pin)
     directions = nothing if direction is None else _read_directions(source, direction)
@@ -207,6 +209,7 @@ def make_bodies(
                 layer=controls.layers[index],
                 name=mesh.path,
                 of_set=mesh.faces_away is not None,
+                prop=mesh.prop,
             )
         )
     return PlacedBodies(bodies, met)

@@ -33,8 +33,9 @@ class SourceMesh:
     """One mesh of an input: rest (V, 3) in local space, faces (F, 3), and the stage's own mesh.
 
     has_rest: the input says which pose is the rest pose (USD: by points at the default time).
-    collider: takes part in contact, but never moves. of_set: it is one that nobody called so.
-    faces_away: of such a one, as a floor, which triangles (F,) face away from what moves.
+    collider: takes part in contact, but never moves. of_set: it is one that nobody called so;
+    faces_away: as a floor, which triangles (F,) face away from what moves. prop: a transform
+    carries it, beside a body that bends.
     """
 
     path: str
@@ -45,6 +46,7 @@ class SourceMesh:
     collider: bool = False
     of_set: bool = False
     faces_away: NDArray[np.bool_] | None = None
+    prop: bool = False
 
     @property
     def animated(self) -> bool:

@@ -25,7 +25,7 @@ from dtrepair.repair.parallel.worker_pool import (
     worthwhile_jobs,
 )
 from dtrepair.repair.relief.inside_out import inside_out
-from dtrepair.repair.relief.other_ways import on_other_ways, with_turns
+from dtrepair.repair.relief.other_ways import farthest_move, on_other_ways, with_turns
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.scene.bounds import Judged, bounded_frames, came_off, wrong_in
 from dtrepair.repair.scene.scene import Scene
@@ -118,10 +118,44 @@ class WindowRepairer:
         longest = len(frames) if clearance else self.options.longest_hold
         solved, place = without_holds(frames, longest=longest)
         self._worth = share * len(frames) / len(solved)
-        judged = self._judged(meshes, solved)
+        judged, meshes = self._with_props(meshes, solved)
         judged, meshes = on_other_ways(meshes, solved, judged, self._judged, options=ways)
         judged = with_turns(meshes, solved, judged, self._judged, options=ways)
         return [judged[index] for index in place], meshes
+
+    def _with_props(
+        self, meshes: WeldedMeshes, frames: list[Frame]
+    ) -> tuple[list[Judged], WeldedMeshes]:
+        """Return the repaired poses of a window, and the meshes they are of: with props rigid.
+
+        They bend where that leaves less, or where the frame that moves farthest then moves much
+        less.
+        """
+        rigid = meshes.with_props
+        judged = self._judged(rigid, frames)
+        if rigid is meshes:
+            return judged, meshes
+        left = _left(rigid.scene, frames, judged)
+        if not any(left) and not self._bends_nearer(meshes, frames, judged):
+            return judged, rigid
+        other = self._judged(meshes, frames)
+        less = _left(meshes.scene, frames, other)
+        return (other, meshes) if less < left or not any(less) else (judged, rigid)
+
+    def _bends_nearer(
+        self, meshes: WeldedMeshes, frames: list[Frame], judged: list[Judged]
+    ) -> bool:
+        """Return whether the frame that moves farthest comes clean much nearer with all soft."""
+        scene, ways = meshes.scene, self.options.ways
+        both = zip(frames, judged, strict=True)
+        moves = [farthest_move(scene, [frame], [own]) for frame, own in both]
+        worst = int(np.argmax(moves))
+        if moves[worst] <= ways.far:
+            return False
+        own = frames[worst : worst + 1]
+        other = self._judged(meshes, own)
+        nearer = ways.much_farther(moves[worst], farthest_move(scene, own, other))
+        return nearer and not any(_left(scene, own, other))
 
     def _judged(self, meshes: WeldedMeshes, frames: list[Frame]) -> list[Judged]:
         """Return the repaired poses of a window within the bounds.

@@ -27,6 +27,7 @@ class OtherWayOptions:
     Args:
         farther, near: Those on which nothing moves farther than so many times what it did on the
             first, and this fraction of the diagonal.
+        far: Where something moves so far, diagonals, with props rigid, bending them is tried.
         few, share: Of attached parts, whose frames are solved each for itself, at most so many
             frames of a window, or this share of it, are solved again: those with least left. With
             their garments held, and where joints turn, as many as are strained.
@@ -38,11 +39,19 @@ class OtherWayOptions:
 
     farther: float = 2.0
     near: float = 0.01
+    far: float = 0.02
     few: int = 3
     share: float = 0.25
     nearly: int = 60
     large: int = 20_000
     more: float = 2.0
+
+    def much_farther(self, most: float, than: float) -> bool:
+        """Return whether a move is much farther: a rigid cuff comes off its arm, and is clean.
+
+        most, than: the farthest moves of two ways, diagonals.
+        """
+        return most > self.farther * than + self.near
 
     def again(
         self,
@@ -85,7 +94,8 @@ def on_other_ways(
     for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
         other = judge(way, list(frames))
         fewer = sum(_left(scene, frames, other)) < sum(_left(scene, frames, result))
-        if fewer and not _much_farther(scene, frames, other, result, options):
+        moved = (farthest_move(scene, frames, own) for own in (other, result))
+        if fewer and not options.much_farther(*moved):
             result, taken = other, way
     return result, taken
 
@@ -119,9 +129,9 @@ def _each_on_its_way(
             other = judge(way, list(own))
             left = _wrong(scene, own, other)
             for place, pose, less in zip(range(run.start, run.stop), other, left, strict=True):
-                both = frames[place : place + 1], [pose], [result[place]]
-                allowed = farther or not _much_farther(scene, *both, options)
-                if less < wrong[place] and allowed:
+                frame = frames[place : place + 1]
+                moved = (farthest_move(scene, frame, [own]) for own in (pose, result[place]))
+                if less < wrong[place] and (farther or not options.much_farther(*moved)):
                     result[place], wrong[place] = pose, less
 
     lowered = np.array([found.lowered for found in judged])
@@ -184,20 +194,8 @@ def _left(scene: Scene, frames: Sequence[OpenedPose], judged: Sequence[Judged]) 
     return [len(scene.pairs(found.points, frame.weld)) for frame, found in both]
 
 
-def _much_farther(
-    scene: Scene,
-    frames: Sequence[OpenedPose],
-    other: Sequence[Judged],
-    than: Sequence[Judged],
-    options: OtherWayOptions,
-) -> bool:
-    """Return whether poses move much farther: a rigid cuff comes off its arm, and is clean."""
-    most, usual = (
-        max(
-            float(lengths(found.points - frame.centred).max())
-            for frame, found in zip(frames, judged, strict=True)
-        )
-        for judged in (other, than)
-    )
-    near = options.near * scene.scale.diagonal(frames[0].centred)
-    return most > options.farther * usual + near
+def farthest_move(scene: Scene, frames: Sequence[OpenedPose], judged: Sequence[Judged]) -> float:
+    """Return how far a vertex moves at most, diagonals."""
+    both = zip(frames, judged, strict=True)
+    most = max(float(lengths(found.points - frame.centred).max()) for frame, found in both)
+    return most / scene.scale.diagonal(frames[0].centred)

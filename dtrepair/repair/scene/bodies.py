@@ -35,6 +35,8 @@ class Body:
         layer: Whole numbers (F,), one for each triangle: a higher one lies farther out; None:
             nobody says.
         of_set: It is of the set around what moves, by which no lengths are measured.
+        prop: A transform carries it, beside bodies that bend: it is rigid where that leaves no
+            more than bending it does, unless it is worn, or attached to another body.
     """
 
     rest: ArrayLike
@@ -47,6 +49,7 @@ class Body:
     name: str = ""
     layer: ArrayLike | None = None
     of_set: bool = False
+    prop: bool = False
 
 
 def mobility_of(body: Body, count: int) -> FloatArray:

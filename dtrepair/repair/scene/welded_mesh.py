@@ -280,6 +280,12 @@ class WeldedMeshes:
         if any(own and set(own) <= set(props) for own in bent):
             yield self.with_rigid(props)
 
+    @property
+    def with_props(self) -> WeldedMeshes:
+        """The meshes with props rigid; these where there are none."""
+        bodies = self.scene.bodies
+        return self.with_rigid([k for k, body in enumerate(bodies) if body.prop])
+
     def with_rigid(self, bodies: Collection[int]) -> WeldedMeshes:
         """Return the meshes in which some bodies are rigid, besides those that are."""
         props = tuple(k for k in sorted(bodies) if not self.scene.bodies[k].rigid)

@@ -43,6 +43,12 @@ class WornPairs:
                     self._known[both] = order
         return self._known[both]
 
+    def goes_round(self, body: int) -> bool:
+        """Return whether a body is worn by another one."""
+        others = np.flatnonzero(self._near[body]).tolist()
+        found = (self.of(min(body, other), max(body, other)) for other in others if other != body)
+        return any(own is not None and own[0] == body for own in found)
+
     def takes_off(self, first: int, second: int, before: FloatArray, after: FloatArray) -> bool:
         """Return whether one of two bodies, worn in the rest, goes round the other no longer.
 
@@ -87,17 +93,22 @@ class WornPairs:
     @cached_property
     def _covers(self) -> NDArray[np.bool_]:
         """Of which bodies (B, B) one lies over the other as an open layer."""
-        scene, covering = self._scene, self._scene.covering
-        result = np.zeros((len(scene.bodies),) * 2, dtype=bool)
-        if covering is not None:
-            body = np.zeros(len(covering.over), dtype=np.int64)
-            body[covering.part] = scene.body_of_vertex
-            upper, lower = body[np.argwhere(covering.over)].reshape(-1, 2).T
-            result[upper, lower] = result[lower, upper] = True
-        return result
+        over = covered_bodies(self._scene)
+        return over | over.T
 
     def _around(self, both: tuple[int, int], points: FloatArray) -> float:
         """Return how much the first of two bodies goes round the second in a pose (V, 3)."""
         outer, inner = (self._shape(body) for body in both)
         solids = (Solid(points, shape.faces, shape.closed) for shape in (outer, inner))
         return worn_measure(*solids, options=self._options).share
+
+
+def covered_bodies(scene: Scene) -> NDArray[np.bool_]:
+    """Return of which bodies (B, B) something of the first lies over the second as cloth does."""
+    covering, result = scene.covering, np.zeros((len(scene.bodies),) * 2, dtype=bool)
+    if covering is not None:
+        body = np.zeros(len(covering.over), dtype=np.int64)
+        body[covering.part] = scene.body_of_vertex
+        upper, lower = body[np.argwhere(covering.over)].reshape(-1, 2).T
+        result[upper, lower] = True
+    return result

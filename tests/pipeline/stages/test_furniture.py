@@ -14,7 +14,7 @@ from dtrepair.pipeline.modelled.meshes import PlacedMeshes
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import choose_rests
-from dtrepair.pipeline.stages.sets import find_sets
+from dtrepair.pipeline.stages.shot.sets import find_sets
 from dtrepair.pipeline.stages.sources import open_source
 from dtrepair.pipeline.transfer.inputs import open_poses
 from tests.command_line import read_samples, run

@@ -10,7 +10,7 @@ import pytest
 from dtrepair.pipeline import repair_stage
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.object_settings import read_settings
-from dtrepair.pipeline.stages.sets import find_sets
+from dtrepair.pipeline.stages.shot.sets import find_sets
 from dtrepair.pipeline.stages.sources import open_source
 from tests.command_line import read_samples
 from tests.pipeline.stages.test_sets import ALONG, BALL, FACES, HALVES, SQUARE, TIMES, UP, stage_of

@@ -14,7 +14,7 @@ from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.bodies import make_bodies, read_controls
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import choose_rests
-from dtrepair.pipeline.stages.sets import find_sets, pairs_beside
+from dtrepair.pipeline.stages.shot.sets import find_sets, pairs_beside
 from dtrepair.pipeline.stages.sources import open_source
 from tests.command_line import read_samples, run
 from tests.meshes import icosphere

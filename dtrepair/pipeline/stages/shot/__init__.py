@@ -1,0 +1,1 @@
+"""What the meshes of a shot are to each other: a set around, furniture, props."""

@@ -1,0 +1,49 @@
+"""Which props are free: nothing goes round them or they round it, and nothing holds them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dtrepair.numerics.worn.measure import WornOptions
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.separation.penetration import BodyShape
+from dtrepair.repair.separation.worn_pairs import WornPairs, covered_bodies
+
+
+def with_free_props(scene: Scene, *, options: WornOptions) -> Scene:
+    """Return a scene in which only those bodies are props that may be rigid.
+
+    What goes round something, or lies over it as cloth does, gives way to it; what is attached to
+    another body goes where that leads it. The published method knows no props. options: from when
+    on a body is worn.
+    """
+    called = [k for k, body in enumerate(scene.bodies) if body.prop]
+    if not called:
+        return scene
+    free = set(called) if scene.options.method == "full" else set()
+    if free:
+        over = covered_bodies(scene) & ~np.eye(len(scene.bodies), dtype=bool)
+        free -= _attached(scene) | set(np.flatnonzero(over.any(axis=1)).tolist())
+        shapes = {k: BodyShape(scene, k) for k in range(len(scene.bodies))}
+        worn = WornPairs(scene, shapes.__getitem__, options)
+        free = {k for k in free if not worn.goes_round(k)}
+    bodies = tuple(replace(body, prop=k in free) for k, body in enumerate(scene.bodies))
+    return scene.changed(bodies=bodies)
+
+
+def _attached(scene: Scene) -> set[int]:
+    """Return the bodies that hold on to others."""
+    known = scene.attachments
+    if known is None:
+        return set()
+    body_of_part = np.zeros(known.count, dtype=np.int64)
+    body_of_part[known.part_of] = scene.body_of
+    ties = known.every_tie
+    pairs = [
+        body_of_part[np.array(known.pairs_of_parts, dtype=np.int64).reshape(-1, 2)],
+        np.stack([scene.body_of_vertex[ties.vertices], scene.body_of[ties.triangles]], axis=1),
+    ]
+    bodies = np.concatenate(pairs)
+    return set(np.unique(bodies[bodies[:, 0] != bodies[:, 1]]).tolist())

@@ -24,10 +24,17 @@ from dtrepair.repair.parallel.worker_pool import (
     with_workers,
     worthwhile_jobs,
 )
+from dtrepair.repair.relief.followers import with_followers
 from dtrepair.repair.relief.inside_out import inside_out
-from dtrepair.repair.relief.other_ways import farthest_move, on_other_ways, with_turns
+from dtrepair.repair.relief.other_ways import (
+    frames_off,
+    left_over,
+    on_other_ways,
+    with_props,
+    with_turns,
+)
 from dtrepair.repair.relief.relief import relieved_poses
-from dtrepair.repair.scene.bounds import Judged, bounded_frames, came_off, wrong_in
+from dtrepair.repair.scene.bounds import Judged, bounded_frames
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.separation.groups import faulty_bodies, groups_meet, groups_of_bodies
@@ -118,44 +125,12 @@ class WindowRepairer:
         longest = len(frames) if clearance else self.options.longest_hold
         solved, place = without_holds(frames, longest=longest)
         self._worth = share * len(frames) / len(solved)
-        judged, meshes = self._with_props(meshes, solved)
+        judged, meshes = with_props(meshes, solved, self._judged, options=ways)
         judged, meshes = on_other_ways(meshes, solved, judged, self._judged, options=ways)
         judged = with_turns(meshes, solved, judged, self._judged, options=ways)
+        times, numbers = _times(solved), self.options.independent.followers
+        judged = with_followers(meshes.scene, solved, judged, times, options=numbers)
         return [judged[index] for index in place], meshes
-
-    def _with_props(
-        self, meshes: WeldedMeshes, frames: list[Frame]
-    ) -> tuple[list[Judged], WeldedMeshes]:
-        """Return the repaired poses of a window, and the meshes they are of: with props rigid.
-
-        They bend where that leaves less, or where the frame that moves farthest then moves much
-        less.
-        """
-        rigid = meshes.with_props
-        judged = self._judged(rigid, frames)
-        if rigid is meshes:
-            return judged, meshes
-        left = _left(rigid.scene, frames, judged)
-        if not any(left) and not self._bends_nearer(meshes, frames, judged):
-            return judged, rigid
-        other = self._judged(meshes, frames)
-        less = _left(meshes.scene, frames, other)
-        return (other, meshes) if less < left or not any(less) else (judged, rigid)
-
-    def _bends_nearer(
-        self, meshes: WeldedMeshes, frames: list[Frame], judged: list[Judged]
-    ) -> bool:
-        """Return whether the frame that moves farthest comes clean much nearer with all soft."""
-        scene, ways = meshes.scene, self.options.ways
-        both = zip(frames, judged, strict=True)
-        moves = [farthest_move(scene, [frame], [own]) for frame, own in both]
-        worst = int(np.argmax(moves))
-        if moves[worst] <= ways.far:
-            return False
-        own = frames[worst : worst + 1]
-        other = self._judged(meshes, own)
-        nearer = ways.much_farther(moves[worst], farthest_move(scene, own, other))
-        return nearer and not any(_left(scene, own, other))
 
     def _judged(self, meshes: WeldedMeshes, frames: list[Frame]) -> list[Judged]:
         """Return the repaired poses of a window within the bounds.
@@ -169,12 +144,12 @@ class WindowRepairer:
         parts = own.scene, own([frame.sewn for frame in frames]), opened
         tied = None if scene.held is not None and scene.held.tied else meshes.dressed
         poses = self._solved(*parts, unless_stuck=tied is not None)
-        if tied is not None and (poses is None or _off(scene, frames, poses)):
+        if tied is not None and (poses is None or frames_off(scene, frames, poses)):
             dressed = self._judged(tied, frames)
-            if not any(_left(scene, frames, dressed)):
+            if not any(left_over(scene, frames, dressed)):
                 return dressed
         judged = self._bounded(meshes, frames, poses or self._solve(*parts))
-        if dressed is None or _left(scene, frames, judged) <= _left(scene, frames, dressed):
+        if dressed is None or left_over(scene, frames, judged) <= left_over(scene, frames, dressed):
             return judged
         return dressed
 
@@ -222,7 +197,7 @@ class WindowRepairer:
     ) -> list[FloatArray] | None:
         """Return repaired poses (V, 3) of a window; None where pushing is stuck and may end so."""
         options = self.options.independent
-        times = frame_units(np.array([frame.time for frame in frames]))
+        times = _times(frames)
         starts = Starts(
             scene,
             mesh,
@@ -313,16 +288,5 @@ class WindowRepairer:
         return [mesh.expanded(*each) for each in zip(inputs, base, found, strict=True)]
 
 
-def _left(scene: Scene, frames: list[Frame], judged: Sequence[Judged]) -> tuple[int, int, int]:
-    """Return with how many poses anything is wrong, how much, and in how many something came off.
-
-    Deep frames draw the light ones along: what leaves more of these clean is better.
-    """
-    poses = [own.points for own in judged]
-    wrong = wrong_in(scene, frames, poses)
-    return sum(own > 0 for own in wrong), sum(wrong), _off(scene, frames, poses)
-
-
-def _off(scene: Scene, frames: list[Frame], poses: Sequence[FloatArray]) -> int:
-    """Return in how many poses (V, 3) something came off what it goes round."""
-    return sum(came_off(scene, *both) for both in zip(frames, poses, strict=True))
+def _times(frames: list[Frame]) -> FloatArray:
+    return frame_units(np.array([frame.time for frame in frames]))

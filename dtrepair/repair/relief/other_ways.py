@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import lengths
+from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.temporal import runs_of
-from dtrepair.repair.scene.bounds import Judged, pairs_and_enclosed
+from dtrepair.repair.scene.bounds import Judged, came_off, pairs_and_enclosed, wrong_in
 from dtrepair.repair.scene.opened_pose import OpenedPose, Pose, detected
 from dtrepair.repair.scene.props import bent_bodies
 from dtrepair.repair.scene.scene import Scene
@@ -70,6 +70,49 @@ class OtherWayOptions:
         number = max(1, round(usual * min(self.more, self.large / max(triangles, 1))))
         order = np.lexsort((np.asarray(left), ~chosen))[:number]
         return runs_of(chosen & np.isin(np.arange(len(chosen)), order))
+
+
+def with_props(
+    meshes: WeldedMeshes,
+    frames: Sequence[Pose],
+    judge: Judge[Pose],
+    *,
+    options: OtherWayOptions = OtherWayOptions(),
+) -> tuple[list[Judged], WeldedMeshes]:
+    """Return the repaired poses of a window, and the meshes they are of: with props rigid.
+
+    They bend where that leaves less, or the frame that moves farthest moves much less by it.
+    """
+    rigid = meshes.with_props
+    judged = judge(rigid, list(frames))
+    if rigid is meshes:
+        return judged, meshes
+    left = left_over(rigid.scene, frames, judged)
+    if not any(left) and not _bends_nearer(meshes, frames, judged, judge, options):
+        return judged, rigid
+    other = judge(meshes, list(frames))
+    less = left_over(meshes.scene, frames, other)
+    return (other, meshes) if less < left or not any(less) else (judged, rigid)
+
+
+def _bends_nearer(
+    meshes: WeldedMeshes,
+    frames: Sequence[Pose],
+    judged: Sequence[Judged],
+    judge: Judge[Pose],
+    options: OtherWayOptions,
+) -> bool:
+    """Return whether the frame that moves farthest comes clean much nearer where props bend."""
+    scene = meshes.scene
+    both = zip(frames, judged, strict=True)
+    moves = [farthest_move(scene, [frame], [own]) for frame, own in both]
+    worst = int(np.argmax(moves))
+    if moves[worst] <= options.far:
+        return False
+    own = [frames[worst]]
+    other = judge(meshes, own)
+    nearer = options.much_farther(moves[worst], farthest_move(scene, own, other))
+    return nearer and not any(left_over(scene, own, other))
 
 
 def on_other_ways(
@@ -192,6 +235,23 @@ def _left(scene: Scene, frames: Sequence[OpenedPose], judged: Sequence[Judged]) 
     """Return how many pairs are left in each pose."""
     both = zip(frames, judged, strict=True)
     return [len(scene.pairs(found.points, frame.weld)) for frame, found in both]
+
+
+def left_over(
+    scene: Scene, frames: Sequence[OpenedPose], judged: Sequence[Judged]
+) -> tuple[int, int, int]:
+    """Return with how many poses anything is wrong, how much, and in how many something came off.
+
+    Deep frames draw the light ones along: what leaves more of these clean is better.
+    """
+    poses = [own.points for own in judged]
+    wrong = wrong_in(scene, frames, poses)
+    return sum(own > 0 for own in wrong), sum(wrong), frames_off(scene, frames, poses)
+
+
+def frames_off(scene: Scene, frames: Sequence[OpenedPose], poses: Sequence[FloatArray]) -> int:
+    """Return in how many poses (V, 3) something came off what it goes round."""
+    return sum(came_off(scene, *both) for both in zip(frames, poses, strict=True))
 
 
 def farthest_move(scene: Scene, frames: Sequence[OpenedPose], judged: Sequence[Judged]) -> float:

@@ -58,9 +58,12 @@ def rigid_motion(
         near.append(hosts[parts.of_vertex[parts.ties.vertices] == part].ravel())
         near.append(parts.ties.vertices[parts.of_vertex[hosts[:, 0]] == part])
     known = np.unique(np.concatenate(near))
-    old, new = (
-        np.vstack([points[known].mean(axis=0), points[known]]) for points in (before, after)
-    )
-    spokes = np.stack([np.zeros_like(known), 1 + np.arange(len(known))], axis=1)
+    return rigid_motion_of(before[known], after[known])
+
+
+def rigid_motion_of(before: FloatArray, after: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the rotation R (3, 3) and the shift s (3,) that lead points (N, 3) best to others."""
+    old, new = (np.vstack([points.mean(axis=0), points]) for points in (before, after))
+    spokes = np.stack([np.zeros(len(before)), 1 + np.arange(len(before))], axis=1)
     rotation = best_rotation(old, new, spokes.astype(np.int32))
     return rotation, new[0] - rotation @ old[0]

@@ -16,6 +16,7 @@ from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.frames import Frame
 from dtrepair.repair.clip.window_repairer import WindowRepairer
 from dtrepair.repair.options import RepairOptions
+from dtrepair.repair.relief import other_ways
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import detected, gathered
@@ -154,7 +155,8 @@ def test_what_leaves_less_is_taken_where_pushing_is_stuck_or_something_came_off(
         "wrong_in": wrong_in,
     }
     for name, function in stands_in.items():
-        monkeypatch.setattr(window_repairer, name, function)
+        module = other_ways if name in ("came_off", "wrong_in") else window_repairer
+        monkeypatch.setattr(module, name, function)
 
     def solved(_: Any, own: Scene, *__: Any, unless_stuck: bool) -> list[FloatArray] | None:
         return None if unless_stuck and why == "stuck" else poses[name_of(own)]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from pxr import Usd
 
 from usd_io.frame_grid import MOST_ADDED_FRAMES, FrameGrid, frame_grid
 from usd_io.read.mesh import AnimatedMesh
@@ -68,7 +69,25 @@ def stage_times(
     chosen = every if spec is None else every[spec.select(every, require=True)]
     if spec is not None and (told := spec.beyond(every)):
         warnings.append(told)
+    if spec is None and (told := _out_of_range(meshes[0].stage, every)):
+        warnings.append(told)
     return StageTimes(keys, every, chosen, tuple(warnings))
+
+
+def _out_of_range(stage: Usd.Stage, times: Times) -> str:
+    """Return a line on times (N,) that lie outside the time range of a stage; "" for none."""
+    start, end = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    known = times[~np.isnan(times)]
+    if not stage.HasAuthoredTimeCodeRange() or not start <= end:
+        return ""
+    beyond = int(np.count_nonzero((known < start) | (known > end)))
+    if not 0 < beyond < len(known):
+        return ""
+    return (
+        f"{beyond} of {len(known)} frames lie outside the time range of the stage, {start:.10g} to "
+        f"{end:.10g}, as handles do, and count like all others: --frames {start:.10g}:{end:.10g} "
+        "leaves them out"
+    )
 
 
 def _together(meshes: Sequence[AnimatedMesh], times: list[Times]) -> Times:

@@ -133,3 +133,22 @@ def test_frames_beside_others() -> None:
     times = StageTimes(every, every, every)
     assert times.beside([0.0, 2.0]) == {1.0, 2.5}
     assert times.beside([3.0]) == {2.5} and times.beside([]) == set()
+
+
+def test_frames_outside_the_time_range_are_told(tmp_path: Path) -> None:
+    path = two_cubes(tmp_path / "a.usda", (-2.0, 7.0))
+    stage = Usd.Stage.Open(str(path))
+
+    def told(start: float, end: float, spec: str | None = None) -> str:
+        stage.SetStartTimeCode(start)
+        stage.SetEndTimeCode(end)
+        stage.GetRootLayer().Save()
+        return " ".join(times_of(path, spec).warnings)
+
+    assert times_of(path).warnings == ()  # a stage without a range
+    assert "4 of 10 frames lie outside the time range of the stage, 0 to 5" in told(0.0, 5.0)
+    assert "--frames 0:5" in told(0.0, 5.0)
+    assert times_of(path, "0:5").chosen.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert told(0.0, 5.0, "0:5") == "" and told(-2.0, 7.0) == ""
+    # A range with nothing in it was never set for this stage, nor one that ends before it begins.
+    assert told(100.0, 200.0) == "" and told(5.0, 0.0) == ""

@@ -57,6 +57,16 @@ class AttachedParts:
             self._name[self._part_of_face] = attachments.part_of
             self._pairs = set(attachments.pairs_of_parts)
 
+    @cached_property
+    def pairs(self) -> list[tuple[int, int]]:
+        """The pairs of parts that are attached."""
+        if not self._pairs:
+            return []
+        used = np.unique(self._part_of_face).tolist()
+        number = dict(zip(self._name[used].tolist(), used, strict=True))
+        there = [both for both in sorted(self._pairs) if number.keys() >= set(both)]
+        return [(number[first], number[second]) for first, second in there]
+
     def attached(self, parts: IntArray) -> NDArray[np.bool_]:
         """Return which two parts of (K, 2) are attached to each other, (K,)."""
         if not self._pairs:

@@ -57,16 +57,19 @@ def released_frames(
     """Return poses (T, V, 3) at `frames` (T,) with what each of them encloses shifted out.
 
     All frames of a part leave along one way, that of the middle one, as far as each needs; before
-    and after, the shift comes and goes smoothly. What another part carries comes out with that.
+    and after, the shift comes and goes smoothly. What another part carries comes out with that, and
+    so does a link of a chain of attached parts of which some are outside.
     """
     result = poses.copy()
     met: dict[tuple[int, int], list[int]] = {}
     for frame, found in enumerate(parts):
         for inner, outer in found.tolist():
             met.setdefault((inner, outer), []).append(frame)
-    enclosures, carried = scene.enclosures, _carried(scene)
+    enclosures, carried, mates = scene.enclosures, _carried(scene), _mates(scene)
     for (inner, outer), where in met.items():
-        moved = None if inner in carried else _movable(scene, inner)
+        inside = {first for first, second in met if second == outer}
+        held = inner in carried or not _chain(mates, inner, outer) <= inside
+        moved = None if held else _movable(scene, inner)
         if moved is None:
             continue
         way = enclosures.way_out(poses[where[len(where) // 2]], inner, outer)
@@ -87,6 +90,25 @@ def _carried(scene: Scene) -> set[int]:
     if scene.attachments is None:
         return set()
     return set(scene.enclosures.part[scene.attachments.carried.vertices].tolist())
+
+
+def _mates(scene: Scene) -> dict[int, set[int]]:
+    """Return the parts that each part is attached to."""
+    mates: dict[int, set[int]] = {}
+    for first, second in scene.attached_parts.pairs:
+        mates.setdefault(first, set()).add(second)
+        mates.setdefault(second, set()).add(first)
+    return mates
+
+
+def _chain(mates: dict[int, set[int]], part: int, outer: int) -> set[int]:
+    """Return the parts that hang together with a part, but by another one."""
+    chain, ends = {part}, [part]
+    for end in ends:
+        new = mates.get(end, set()) - chain - {outer}
+        chain |= new
+        ends += sorted(new)
+    return chain
 
 
 def _movable(scene: Scene, part: int) -> NDArray[np.integer] | None:

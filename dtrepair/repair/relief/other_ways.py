@@ -47,9 +47,9 @@ class OtherWayOptions:
     more: float = 2.0
 
     def much_farther(self, most: float, than: float) -> bool:
-        """Return whether a move is much farther: a rigid cuff comes off its arm, and is clean.
+        """Return whether the farthest move of one way is much farther than that of another.
 
-        most, than: the farthest moves of two ways, diagonals.
+        most, than: of both, diagonals. A rigid cuff comes off its arm, and is clean.
         """
         return most > self.farther * than + self.near
 
@@ -92,7 +92,9 @@ def with_props(
         return judged, rigid
     other = judge(meshes, list(frames))
     less = left_over(meshes.scene, frames, other)
-    return (other, meshes) if less < left or not any(less) else (judged, rigid)
+    far, near = (farthest_move(meshes.scene, frames, own) for own in (judged, other))
+    nearer = less == left and options.much_farther(far, near)
+    return (other, meshes) if less < left or nearer else (judged, rigid)
 
 
 def _bends_nearer(

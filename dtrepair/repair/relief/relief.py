@@ -53,7 +53,7 @@ class ReliefOptions:
     cycles: int = 60
     patience: int = 4
     gain: float = 0.99
-    hold: tuple[tuple[float, ...], ...] = ((2.0, 0.5), (8.0, 2.0, 0.5))
+    hold: tuple[tuple[float, ...], ...] = ((20.0, 8.0, 2.0, 0.5), (2.0, 0.5))
     work: float = 8e5
     work_a_triangle: float = 24.0
     wholes: int = 8

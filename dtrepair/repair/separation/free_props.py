@@ -1,8 +1,9 @@
-"""Which props are free: nothing goes round them or they round it, and nothing holds them."""
+"""Which props are free: they go round nothing, and nothing holds them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -26,8 +27,7 @@ def with_free_props(scene: Scene, *, options: WornOptions) -> Scene:
     if free:
         over = covered_bodies(scene) & ~np.eye(len(scene.bodies), dtype=bool)
         free -= _attached(scene) | set(np.flatnonzero(over.any(axis=1)).tolist())
-        shapes = {k: BodyShape(scene, k) for k in range(len(scene.bodies))}
-        worn = WornPairs(scene, shapes.__getitem__, options)
+        worn = WornPairs(scene, cache(partial(BodyShape, scene)), options)
         free = {k for k in free if not worn.goes_round(k)}
     bodies = tuple(replace(body, prop=k in free) for k, body in enumerate(scene.bodies))
     return scene.changed(bodies=bodies)

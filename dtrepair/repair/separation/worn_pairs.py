@@ -45,7 +45,8 @@ class WornPairs:
 
     def goes_round(self, body: int) -> bool:
         """Return whether a body is worn by another one."""
-        others = np.flatnonzero(self._near[body]).tolist()
+        solid = np.diff(self._scene.triangle_starts) > 0
+        others = np.flatnonzero(self._near[body] & solid & solid[body]).tolist()
         found = (self.of(min(body, other), max(body, other)) for other in others if other != body)
         return any(own is not None and own[0] == body for own in found)
 

@@ -18,6 +18,7 @@ from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.relief.approach import ApproachOptions, bounded_approach
 from dtrepair.repair.relief.bodies_first import BodiesFirstOptions, with_bodies_first
 from dtrepair.repair.relief.followers import FollowerOptions, with_followers
+from dtrepair.repair.relief.props_back import PropsBackOptions
 from dtrepair.repair.relief.relief import ReliefOptions, relieved_poses
 from dtrepair.repair.result import RepairResult, Solved
 from dtrepair.repair.scene.bounds import Judged, bounded_pose, came_off, wrong_of
@@ -53,6 +54,7 @@ class IndependentOptions:
         bodies_first: How bodies are repaired before what they wear.
         approach: How what is strained or has pairs all the same is led in from the rest.
         followers: How loose parts go along with what they follow.
+        props_back: How props come back.
         share: How the share of a correction is found that does not do more.
         release: How enclosed parts are led out.
         lift, sunken: How layers are led back over what came through them, and parts out of what
@@ -70,6 +72,7 @@ class IndependentOptions:
     bodies_first: BodiesFirstOptions = field(default_factory=BodiesFirstOptions)
     approach: ApproachOptions = field(default_factory=ApproachOptions)
     followers: FollowerOptions = field(default_factory=FollowerOptions)
+    props_back: PropsBackOptions = field(default_factory=PropsBackOptions)
     share: ShareOptions = field(default_factory=ShareOptions)
     release: ReleaseOptions = field(default_factory=ReleaseOptions)
     lift: LiftOptions = field(default_factory=LiftOptions)
@@ -110,8 +113,7 @@ def repair_poses(
     results = []
     for k, pose in enumerate(opened):
         judged, pairs, solved, seconds = found[k]
-        own = scene, [pose], [judged], np.zeros(1)
-        (led,) = with_followers(*own, options=options.followers)
+        (led,) = with_followers(scene, [pose], [judged], np.zeros(1), options=options.followers)
         if led is not judged:
             judged, pairs = led, _pairs_of(scene, led.points)
         spent = {"detect": pose.seconds, "solve": seconds}

@@ -199,9 +199,8 @@ def hash_of_run(
     facts = {"version": __version__, "numpy": np.__version__, "device": device}
     digest.update(json.dumps([facts, dict(settings)], sort_keys=True, default=str).encode())
     for body in bodies:
-        digest.update(
-            f"{body.diffusion} {body.mobility} {body.rigid} {body.of_set} {body.prop}".encode()
-        )
+        choices = body.diffusion, body.mobility, body.rigid, body.of_set, body.prop
+        digest.update(str(choices).encode())
         for array in (body.rest, body.faces, body.pin, body.direction, body.layer):
             values = np.zeros(0) if array is None else np.ascontiguousarray(array)
             digest.update(f"{values.dtype.str}{values.shape}".encode())

@@ -33,6 +33,7 @@ from dtrepair.repair.relief.other_ways import (
     with_props,
     with_turns,
 )
+from dtrepair.repair.relief.props_back import props_back
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.scene.bounds import Judged, bounded_frames
 from dtrepair.repair.scene.scene import Scene
@@ -128,8 +129,9 @@ class WindowRepairer:
         judged, meshes = with_props(meshes, solved, self._judged, options=ways)
         judged, meshes = on_other_ways(meshes, solved, judged, self._judged, options=ways)
         judged = with_turns(meshes, solved, judged, self._judged, options=ways)
-        times, numbers = _times(solved), self.options.independent.followers
-        judged = with_followers(meshes.scene, solved, judged, times, options=numbers)
+        times, numbers = _times(solved), self.options.independent
+        judged = props_back(meshes.scene, solved, judged, times, options=numbers.props_back)
+        judged = with_followers(meshes.scene, solved, judged, times, options=numbers.followers)
         return [judged[index] for index in place], meshes
 
     def _judged(self, meshes: WeldedMeshes, frames: list[Frame]) -> list[Judged]:

@@ -163,7 +163,8 @@ class _Things:
         old, new = before[feet], after[feet]
         spread = np.linalg.svd(old - old.mean(axis=0), compute_uv=False) / np.sqrt(len(feet))
         if len(feet) < 3 or spread[1] < self.options.wide * extent(before[own]):
-            return before[own] + (new - old).mean(axis=0)
+            shifted: FloatArray = before[own] + (new - old).mean(axis=0)
+            return shifted
         turn, shift = rigid_motion_of(old, new)
         return np.asarray(before[own] @ turn.T + shift)
 

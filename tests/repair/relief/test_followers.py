@@ -14,7 +14,8 @@ from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.result import RepairResult
 from dtrepair.repair.scene.bodies import Body
-from tests.meshes import icosphere
+from dtrepair.repair.surface.rigid_bodies import RigidBodies
+from tests.meshes import Mesh, icosphere, joined
 
 X, Y = np.eye(3)[:2]
 HEAD, POLE, EARRING = icosphere(3, 0.5), icosphere(2, 0.3), icosphere(1, 0.06)
@@ -32,17 +33,21 @@ def solved(
     alone: bool = False,
     options: RepairOptions | None = None,
     mobility: float = 1.0,
+    ring: Mesh = EARRING,
+    rigid: bool = False,
+    origin: float = 0.0,
 ) -> tuple[list[list[FloatArray]], list[list[RepairResult]]]:
     """A pole that does not move goes into a rigid head; beside that hangs an earring.
 
     apart: how far the earring is from the head; wall: the same of something fixed, if anything,
-    nearer by `meets` in the first frame; mobility: of the earring.
+    nearer by `meets` in the first frame; mobility, ring, rigid: of the earring;
+    origin: added to all places of the poses and rests.
     """
-    ring = EARRING[0] + (0.5 + 0.06 + apart) * X
+    hung = ring[0] + (0.5 + 0.06 + apart) * X
     bodies = [
         Body(*HEAD, rigid=True),
         Body(*POLE, mobility=0.0),
-        Body(ring, EARRING[1], mobility=mobility),
+        Body(hung, ring[1], mobility=mobility, rigid=rigid),
     ]
     bodies[1] = replace(bodies[1], rest=POLE[0] - 2.0 * X)
     fixed: list[FloatArray] = []
@@ -53,7 +58,9 @@ def solved(
     for nod, depth in zip(nods, DEPTHS, strict=True):
         pole = POLE[0] + nod * Y + (depth - 0.8) * X
         walls = [own - meets * X * (len(poses) == 0) for own in fixed]
-        poses.append([HEAD[0] + nod * Y, pole, ring + nod * Y, *walls])
+        own = [HEAD[0] + nod * Y, pole, hung + nod * Y, *walls]
+        poses.append([points + origin for points in own])
+    bodies = [replace(body, rest=np.asarray(body.rest) + origin) for body in bodies]
     repairer = SceneRepairer(bodies, options=options)
     if alone:
         return poses, repairer.batch(poses)
@@ -76,6 +83,34 @@ def test_what_hangs_on_a_head_goes_along_and_keeps_its_shape(*, alone: bool) -> 
     for led, own in zip(head, ring, strict=True):
         assert lengths(own - own.mean(axis=0)).max() < 2e-3
         np.testing.assert_allclose(own.mean(axis=0), led.mean(axis=0), atol=3e-3)
+
+
+def test_a_pair_follows_as_one_where_it_is_rigid() -> None:
+    pair = joined((EARRING[0] + 0.1 * Y, EARRING[1]), (EARRING[0] - 0.1 * Y, EARRING[1]))
+    poses, found = solved(ring=pair, rigid=True)
+    for pose, own, led in zip(poses, found, moves(poses, found, 0), strict=True):
+        shape = RigidBodies([(0, len(pair[0]))], np.ones(len(pair[0])))
+        ended = own[2].points
+        assert lengths(shape.fitted(pose[2], ended) - ended).max() < 1e-6
+        np.testing.assert_allclose((ended - pose[2]).mean(axis=0), led.mean(axis=0), atol=3e-3)
+
+
+def test_what_is_split_at_its_seams_stays_whole() -> None:
+    split = EARRING[0][EARRING[1]].reshape(-1, 3), np.arange(EARRING[1].size).reshape(-1, 3)
+    poses, found = solved(ring=(split[0], split[1].astype(np.int32)), alone=True)
+    assert all(own.status is Status.CLEAN for frame in found for own in frame)
+    assert max(own[:, 0].max() for own in moves(poses, found, 2)) > 0.07
+    whole = EARRING[1].ravel()
+    for frame in found:
+        points = frame[2].points
+        for corner in range(len(EARRING[0])):
+            assert np.ptp(points[whole == corner], axis=0).max() < 1e-6
+
+
+def test_what_stands_still_does_not_far_from_the_origin_either() -> None:
+    still = solved(nods=[0.0] * len(DEPTHS), origin=1000.0)
+    assert max(own[:, 0].max() for own in moves(*still, 0)) > 0.07
+    assert not any(own.any() for own in moves(*still, 2))
 
 
 def test_what_stands_still_or_far_away_does_not() -> None:

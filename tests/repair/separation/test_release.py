@@ -132,3 +132,23 @@ def test_what_rides_in_a_head_comes_out_with_it(rides: bool) -> None:
     inner, outer = (int(of.enclosures.part[of.vertices_of(body).start]) for body in (2, 3))
     found = released(of, pose, np.array([[inner, outer]]))
     assert np.array_equal(found, pose) == rides
+
+
+@pytest.mark.parametrize("inside", [1, 2, 3])
+def test_a_link_of_a_chain_comes_out_with_all_of_it_or_by_the_solver(inside: int) -> None:
+    """Of three balls that hold on to each other in a row, the first ones lie in a larger one."""
+    links = [SMALL + AWAY + [0.0, 0.0, 0.4 * k] for k in range(3)]
+    rests, faces = [2.0 * BALL, *links], [BALL_FACES, *[SMALL_FACES] * 3]
+    points, every = joined(*zip(rests, faces, strict=True))
+    shown = Reference(points, Detector(points, every)(points))
+    bodies = [Body(*mesh) for mesh in zip(rests, faces, strict=True)]
+    of = SceneRepairer(bodies, references=[shown]).scene
+    part = [int(of.enclosures.part[of.vertices_of(body).start]) for body in range(4)]
+    assert len(of.attached_parts.pairs) == 2
+    # The first ones deep in the large ball, the others where they were.
+    pose = points.copy()
+    for body in range(1, inside + 1):
+        pose[of.vertices_of(body)] -= AWAY
+    enclosed = np.array([[part[body], part[0]] for body in range(1, inside + 1)])
+    found = released(of, pose, enclosed)
+    assert np.array_equal(found, pose) == (inside < 3)

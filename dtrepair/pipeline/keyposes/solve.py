@@ -12,7 +12,7 @@ import numpy as np
 from dtrepair.keyposes.tracks import Pose, Track
 from dtrepair.pipeline.repair.records import in_stage_units
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired
-from dtrepair.pipeline.stages.frames import Frame, count_frame, read_frame, told_size
+from dtrepair.pipeline.stages.frames import Frame, count_frame, read_frame
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import StageSource
 from dtrepair.report.record import FrameRecord
@@ -170,31 +170,26 @@ class StageKeys:
     ) -> FrameRecord:
         """Return the record of a key as it is in the end; `record` is that of its repair alone."""
         from dtrepair.numerics.metrics import displacements
-        from dtrepair.report.record import FramePrimRecord
 
         changed = [time in track.changed for track in tracks]
         if record is not None and (record.before is None or not any(changed)):
             return record
         old = [track.at(time) for track in self.given]
         new = [track.at(time) for track in tracks]
-        spaces = [self.frame(time, poses).spaces for poses in (old, new)]
-        before, after = (self.repairer.counter(points) for points in spaces)
-        moved = [
-            displacements(a.astype(np.float64), b.astype(np.float64))
-            for a, b in zip(old, new, strict=True)
-        ]
+        frame, ended = (self.frame(time, poses) for poses in (old, new))
+        spaces = [[np.asarray(p, np.float64) for p in own.spaces] for own in (frame, ended)]
+        before, after = (self.repairer.counter(own.spaces) for own in (frame, ended))
+        moved = [displacements(a, b) for a, b in zip(*spaces, strict=True)]
         strains = self._strains.get(time, ())
         if record is not None:
-            strains = self.repairer.repairer.strains(*spaces)
-        meshes = self.source.meshes
-        sizes = [told_size(self.source, m, time, pose) for m, pose in zip(meshes, old, strict=True)]
+            strains = self.repairer.repairer.strains(frame.spaces, ended.spaces)
+        sizes = self.repairer.record.sizes(frame, spaces[0])
         left = in_stage_units(_with_strains(record, strains, after.total.pairs), sizes)
         status = "clean" if not after.total.pairs else "improved"
         if left.strains:
             status = "strained"
         elif after.total.pairs >= max(before.total.pairs, 1):
             status = "unchanged"
-        prims = zip(meshes, before.each, after.each, sizes, strict=True)
         return replace(
             record or FrameRecord(time=time, status=status, message="added key"),
             status=status,
@@ -203,11 +198,10 @@ class StageKeys:
             after=after.total,
             displacement_max=max(float(part.max()) for part in moved),
             displacement_mean=float(np.concatenate(moved).mean()),
-            prims=tuple(
-                FramePrimRecord(mesh.path, first, last, size=size)
-                for mesh, first, last, size in prims
+            prims=self.repairer.record.prims(sizes, spaces[0], spaces[1], before, after),
+            modelled=self.repairer.modelled.in_frame(
+                time, before, frame.spaces, after, ended.spaces
             ),
-            modelled=self.repairer.modelled.in_frame(time, before, spaces[0], after, spaces[1]),
         )
 
 

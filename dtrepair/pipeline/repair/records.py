@@ -65,13 +65,7 @@ class FrameRecorder:
         old = [np.asarray(part, np.float64) for part in frame.spaces]
         new = [np.asarray(part, np.float64) for part in spaces]
         moved = [displacements(a, b) for a, b in zip(old, new, strict=True)]
-        sizes, prims = self._sizes(frame, old), []
-        for index, mesh in enumerate(self.source.meshes):
-            motion = None
-            if len(old) > 1:
-                motion = self._motion(index, old[index], new[index], moved[index])
-            counts = before.each[index], after.each[index]
-            prims.append(FramePrimRecord(mesh.path, *counts, motion=motion, size=sizes[index]))
+        sizes = self.sizes(frame, old)
         status = _status(before, after, results)
         left = in_stage_units(merged(result.diagnosis for result in results), sizes)
         return FrameRecord(
@@ -84,7 +78,7 @@ class FrameRecorder:
             seconds=sum(seconds.values()),
             displacement_max=max(float(part.max()) for part in moved),
             displacement_mean=float(np.concatenate(moved).mean()),
-            prims=tuple(prims),
+            prims=self.prims(sizes, old, new, before, after),
             contacts=contact_records(self.source, before, after),
             modelled=self.modelled.in_frame(frame.time, before, frame.spaces, after, spaces),
             stages=tuple(StageRecord(*astuple(stage)) for stage in results[0].stages),
@@ -96,7 +90,23 @@ class FrameRecorder:
             ),
         )
 
-    def _sizes(self, frame: Frame, poses: Sequence[FloatArray]) -> list[float]:
+    def prims(
+        self,
+        sizes: Sequence[float],
+        old: Sequence[FloatArray],
+        new: Sequence[FloatArray],
+        before: SceneCount,
+        after: SceneCount,
+    ) -> tuple[FramePrimRecord, ...]:
+        """The record of each mesh, from old to new points (V, 3); of several how they moved."""
+        several, prims = len(old) > 1, []
+        for index, mesh in enumerate(self.source.meshes):
+            motion = self._motion(index, old[index], new[index]) if several else None
+            counts = before.each[index], after.each[index]
+            prims.append(FramePrimRecord(mesh.path, *counts, motion=motion, size=sizes[index]))
+        return tuple(prims)
+
+    def sizes(self, frame: Frame, poses: Sequence[FloatArray]) -> list[float]:
         """Diagonals of the meshes in stage units, which are those of a space that they share."""
         from dtrepair.numerics.geometry import diagonal
 
@@ -127,14 +137,13 @@ class FrameRecorder:
         faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
         return normal_consistency(np.concatenate(old), np.concatenate(new), np.concatenate(faces))
 
-    def _motion(
-        self, index: int, old: FloatArray, new: FloatArray, moved: FloatArray
-    ) -> MotionRecord | None:
+    def _motion(self, index: int, old: FloatArray, new: FloatArray) -> MotionRecord | None:
         """How a mesh moved; None if it did not."""
         from dtrepair.numerics.geometry import diagonal
-        from dtrepair.numerics.metrics import edge_log_ratio
+        from dtrepair.numerics.metrics import displacements, edge_log_ratio
         from dtrepair.repair.surface.rigid_bodies import RigidBodies
 
+        moved = displacements(old, new)
         if not moved.any():
             return None
         whole = RigidBodies([(0, len(old))], np.ones(len(old)))

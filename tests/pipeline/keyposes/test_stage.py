@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
 
 from dtrepair.keyposes.options import KeyOptions
 from dtrepair.pipeline.errors import Cancelled, UsageError, exit_code
@@ -15,8 +18,10 @@ from dtrepair.pipeline.selection import Selection
 from dtrepair.repair.options import RepairOptions
 from dtrepair.report.record import read_report
 from tests.command_line import run, tube_obj, tube_stage
+from tests.meshes import elbow, icosphere
 from tests.observers import Recorder
 from tests.swinging_arm import arm_stage
+from usd_io import AuthoredMesh, write_animation
 
 
 @pytest.fixture
@@ -100,3 +105,36 @@ def test_only_stages_with_samples_have_keys(tmp_path: Path) -> None:
         repair_keyposes(still)
     with pytest.raises(UsageError, match="only stages have keys"):
         repair_keyposes(str(tube_obj(tmp_path / "a.obj")))
+
+
+def test_of_several_meshes_each_is_told_how_far_it_moved(tmp_path: Path) -> None:
+    """In its own size in the world: a large one that hardly moves, and a small one."""
+    arm, (ball, faces) = elbow(0.1), icosphere(2, 0.1)
+    side = arm[0][np.abs(arm[0][:, 2] - 0.6) < 0.1, 0].max()
+    shift = np.repeat(np.diag([2.0, 2.0, 2.0, 1.0])[None], 2, axis=0)
+    shift[:, 3, 0], shift[:, 3, 2] = side + np.array([0.5, 0.15]), 0.6
+    path, out = tmp_path / "a.usda", tmp_path / "b.usdc"
+    meshes = [
+        AuthoredMesh("/Shot/Arm", arm[1], rest=arm[0]),
+        AuthoredMesh("/Shot/Ball/Ball", faces, rest=ball, transforms=shift),
+    ]
+    write_animation(path, meshes, times=[1.0, 5.0])
+    report = repair_keyposes(path, out)
+    (frame,) = (own for own in report.frames if own.time == 5.0)
+    stages = [Usd.Stage.Open(str(own)) for own in (path, out)]
+    for prim in frame.prims:
+        old, new = (world_points(stage, prim.path, 5.0) for stage in stages)
+        far = float(np.linalg.norm(new - old, axis=1).max())
+        size = prim.size or 0.0
+        assert size == pytest.approx(float(np.linalg.norm(np.ptp(old, axis=0))), rel=1e-5)
+        moved = 0.0 if prim.motion is None else prim.motion.displacement_max * size
+        assert moved == pytest.approx(far, rel=1e-4, abs=1e-6)
+    assert frame.displacement_max > 0.0
+
+
+def world_points(stage: Usd.Stage, path: str, time: float) -> NDArray[np.float64]:
+    """Points (V, 3) of a mesh in the world."""
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath(path))
+    matrix = np.array(UsdGeom.XformCache(time).GetLocalToWorldTransform(mesh.GetPrim()))
+    points = np.array(mesh.GetPointsAttr().Get(time), dtype=np.float64)
+    return np.asarray(points @ matrix[:3, :3] + matrix[3, :3])

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from dtrepair.diagnosis import Status
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.repairer import SceneRepairer
@@ -36,12 +38,13 @@ def solved(
     ring: Mesh = EARRING,
     rigid: bool = False,
     origin: float = 0.0,
+    modelled: bool = False,
 ) -> tuple[list[list[FloatArray]], list[list[RepairResult]]]:
     """A pole that does not move goes into a rigid head; beside that hangs an earring.
 
     apart: how far the earring is from the head; wall: the same of something fixed, if anything,
     nearer by `meets` in the first frame; mobility, ring, rigid: of the earring;
-    origin: added to all places of the poses and rests.
+    origin: added to all places of the poses and rests; modelled: what meets at rest was meant.
     """
     hung = ring[0] + (0.5 + 0.06 + apart) * X
     bodies = [
@@ -61,7 +64,10 @@ def solved(
         own = [HEAD[0] + nod * Y, pole, hung + nod * Y, *walls]
         poses.append([points + origin for points in own])
     bodies = [replace(body, rest=np.asarray(body.rest) + origin) for body in bodies]
-    repairer = SceneRepairer(bodies, options=options)
+    rests = [(np.asarray(body.rest), np.asarray(body.faces)) for body in bodies]
+    points, faces = joined(*rests)
+    shown = [Reference(points, Detector(points, faces)(points))] if modelled else []
+    repairer = SceneRepairer(bodies, options=options, references=shown)
     if alone:
         return poses, repairer.batch(poses)
     return poses, [own.results for own in repairer.animator.stream(enumerate(poses), jobs=1)]
@@ -95,6 +101,16 @@ def test_a_pair_follows_as_one_where_it_is_rigid() -> None:
         np.testing.assert_allclose((ended - pose[2]).mean(axis=0), led.mean(axis=0), atol=3e-3)
 
 
+def test_what_holds_on_to_each_other_follows_as_one() -> None:
+    """A lens in its frame: the two overlap at rest."""
+    pair = joined((EARRING[0] + 0.04 * Y, EARRING[1]), (EARRING[0] - 0.04 * Y, EARRING[1]))
+    poses, found = solved(ring=pair, modelled=True)
+    for pose, own, led in zip(poses, found, moves(poses, found, 0), strict=True):
+        ended = own[2].points
+        assert lengths(ended - pose[2] - (ended - pose[2]).mean(axis=0)).max() < 3e-3
+        np.testing.assert_allclose((ended - pose[2]).mean(axis=0), led.mean(axis=0), atol=3e-3)
+
+
 def test_what_is_split_at_its_seams_stays_whole() -> None:
     split = EARRING[0][EARRING[1]].reshape(-1, 3), np.arange(EARRING[1].size).reshape(-1, 3)
     poses, found = solved(ring=(split[0], split[1].astype(np.int32)), alone=True)
@@ -123,8 +139,8 @@ def test_what_stands_still_or_far_away_does_not() -> None:
 
 def test_what_is_held_or_limited_does_not() -> None:
     assert not any(own.any() for own in moves(*solved(mobility=0.5), 2))
-    limit = RepairOptions(maximum_displacement=0.09)
-    assert not any(own.any() for own in moves(*solved(options=limit), 2))
+    for options in (RepairOptions(maximum_displacement=0.09), RepairOptions(clearance=0.001)):
+        assert not any(own.any() for own in moves(*solved(options=options), 2))
 
 
 def test_it_stays_behind_where_something_is_in_the_way() -> None:

@@ -33,9 +33,8 @@ class SourceMesh:
     """One mesh of an input: rest (V, 3) in local space, faces (F, 3), and the stage's own mesh.
 
     has_rest: the input says which pose is the rest pose (USD: by points at the default time).
-    collider: takes part in contact, but never moves. of_set: it is one that nobody called so;
-    faces_away: as a floor, which triangles (F,) face away from what moves. prop: a transform
-    carries it, beside a body that bends.
+    collider: takes part in contact, but never moves; of_set: nobody called it so; faces_away: which
+    of its triangles (F,) face away from what moves. prop: carried by a transform beside a body.
     """
 
     path: str
@@ -51,11 +50,10 @@ class SourceMesh:
     @property
     def animated(self) -> bool:
         """Whether it changes over time, or is moved."""
-        if self.handle is None:
-            return False
         import usd_io
 
-        return len(self.handle.times) > 1 or len(usd_io.transform_times(self.handle)) > 1
+        own = self.handle
+        return own is not None and max(len(own.times), len(usd_io.transform_times(own))) > 1
 
 
 class Source(Protocol):

@@ -26,7 +26,7 @@ from dtrepair.numerics.geometry import (
 )
 from dtrepair.numerics.temporal import eased_in_time
 from dtrepair.repair.relief.wholes import rigid_motion_of
-from dtrepair.repair.scene.bounds import Judged
+from dtrepair.repair.scene.bounds import Judged, wrong_of_groups
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
 
@@ -169,17 +169,9 @@ class _Things:
         return np.asarray(before[own] @ turn.T + shift)
 
     def wrong(self, frame: OpenedPose, points: FloatArray) -> IntArray:
-        """Return how much is wrong with each thing (P,) in a pose (V, 3) of a frame.
-
-        How many of its triangles intersect, and parts lie inside others, or have others inside.
-        """
-        own, scene = self.scene.enclosures, self.scene
-        pairs = scene.pairs(points, frame.weld)
-        enclosed = scene.enclosed_parts(points, pairs)
-        parts = np.concatenate([own.part_of_face[pairs].ravel(), enclosed.ravel()])
-        count = len(self._thing_of_part)
-        counts = np.bincount(self._thing_of_part[parts], minlength=count)[self.chosen]
-        return counts.astype(np.int32)
+        """Return how much is wrong with each thing (P,) in a pose (V, 3) of a frame."""
+        counts = wrong_of_groups(self.scene, frame, points, self._thing_of_part)
+        return counts[self.chosen]
 
     def _ties(self, frames: Sequence[OpenedPose]) -> tuple[Ties, FloatArray]:
         """Return what loose things follow, and the area (P,) of each thing."""

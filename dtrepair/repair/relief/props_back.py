@@ -12,7 +12,7 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import eased_in_time
-from dtrepair.repair.scene.bounds import Judged
+from dtrepair.repair.scene.bounds import Judged, wrong_of_groups
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
 
@@ -56,7 +56,12 @@ def props_back(
     # With a clearance what lies near counts as well.
     if not moved.any() or scene.options.clearance > 0.0:
         return judged
-    left = [_wrong(scene, frame, found.points, props) for frame, found in both]
+
+    def wrong(frame: OpenedPose, points: FloatArray) -> IntArray:
+        """Return how much is wrong with each prop (P,) in a pose (V, 3) of a frame."""
+        return wrong_of_groups(scene, frame, points, scene.body_of_part)[props]
+
+    left = [wrong(frame, found.points) for frame, found in both]
 
     def placed(kept: FloatArray) -> list[FloatArray]:
         """Return the poses (V, 3) with shares (T, P) of what moves the props."""
@@ -65,7 +70,7 @@ def props_back(
     def closed(kept: FloatArray) -> IntArray:
         """Return in which frames which props (T, P) then meet more than they did."""
         asked = zip(frames, placed(kept), left, strict=True)
-        return np.array([_wrong(scene, f, points, props) > was for f, points, was in asked])
+        return np.array([wrong(f, points) > was for f, points, was in asked])
 
     low, needed = np.zeros((2, *moved.shape))
     needed[moved & closed(low)] = 1.0
@@ -92,12 +97,3 @@ def _placed(
             result[vertices] = before[vertices] + share * (result[vertices] - before[vertices])
     fitted: FloatArray = scene.rigid.fitted(before, result)
     return fitted
-
-
-def _wrong(scene: Scene, frame: OpenedPose, points: FloatArray, props: Sequence[int]) -> IntArray:
-    """Return how much is wrong with each prop (P,) in a pose (V, 3) of a frame."""
-    pairs = scene.pairs(points, frame.weld)
-    enclosed = scene.enclosed_parts(points, pairs)
-    bodies = np.concatenate([scene.body_of[pairs].ravel(), scene.body_of_part[enclosed].ravel()])
-    counts = np.bincount(bodies, minlength=len(scene.bodies))[list(props)]
-    return counts.astype(np.int32)

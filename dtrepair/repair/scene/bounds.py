@@ -56,6 +56,21 @@ def came_off(scene: Scene, frame: OpenedPose, points: FloatArray) -> bool:
     return any(own.kind == StrainKind.WORN for own in excess)
 
 
+def wrong_of_groups(
+    scene: Scene, frame: OpenedPose, points: FloatArray, group: IntArray
+) -> IntArray:
+    """Return how much is wrong with each group of parts (G,) in a pose (V, 3) of a frame.
+
+    How many of their triangles intersect, counted by pairs, and parts lie inside others, or have
+    others inside. group: of each part of `enclosures`.
+    """
+    pairs = scene.pairs(points, frame.weld)
+    enclosed = scene.enclosed_parts(points, pairs)
+    parts = np.concatenate([scene.enclosures.part_of_face[pairs].ravel(), enclosed.ravel()])
+    count = int(group.max(initial=-1)) + 1
+    return np.bincount(group[parts], minlength=count).astype(np.int32)
+
+
 def badness(excess: Sequence[Excess]) -> float:
     """Return how far beyond its bounds a pose is, 0 where it is within them."""
     return float(sum(own.value / max(own.bound, 1e-12) for own in excess))

@@ -23,7 +23,8 @@ def with_free_props(scene: Scene, *, options: WornOptions) -> Scene:
     called = [k for k, body in enumerate(scene.bodies) if body.prop]
     if not called:
         return scene
-    free = set(called) if scene.options.method == "full" else set()
+    solid = np.diff(scene.triangle_starts) > 0
+    free = {k for k in called if solid[k] and scene.options.method == "full"}
     if free:
         over = covered_bodies(scene) & ~np.eye(len(scene.bodies), dtype=bool)
         free -= _attached(scene) | set(np.flatnonzero(over.any(axis=1)).tolist())

@@ -52,6 +52,13 @@ def test_what_lies_apart_is_a_prop_and_only_what_is_called_so() -> None:
     assert props_of(Body(*elbow(0.1)), Body(*apart)) == []
 
 
+def test_what_has_no_triangles_is_none() -> None:
+    points = icosphere(1, 0.1)[0]
+    bare = points + elbow(0.0)[0].mean(axis=0), np.zeros((0, 3), dtype=np.int32)
+    apart = icosphere(2, 0.2)[0] + ASIDE, icosphere(2)[1]
+    assert props_of(Body(*elbow(0.0)), prop(bare, "bare"), prop(apart)) == ["prop"]
+
+
 def test_what_goes_round_something_is_none() -> None:
     arm = elbow(0.0)
     points, faces = torus(40, 12, 0.3, 0.06)

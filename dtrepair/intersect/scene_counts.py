@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -82,17 +82,20 @@ class SceneCounter:
             device=device,
         )
 
-    def __call__(self, points: Sequence[ArrayLike]) -> SceneCount:
+    def __call__(self, points: Sequence[ArrayLike], *, hidden: Collection[int] = ()) -> SceneCount:
         """Count the intersections of one frame: points (V, 3) of each mesh, rounded to float32.
 
-        Vertices of one mesh at one float32 position count as one. Raises CollapsedPoseError where
-        so many triangles lie at one place that their pairs cannot be kept.
+        Nothing of `hidden` meshes is counted. Vertices of one mesh at one float32 position count
+        as one. Raises CollapsedPoseError where so many triangles lie at one place that their pairs
+        cannot be kept.
         """
         together = np.concatenate([np.asarray(pose) for pose in points]).astype(np.float32)
         weld = weld_maps(points)
         self._check_places(weld)
-        every = pairs = self._detector(together, weld=weld)
-        owner = self._owner[pairs]
+        every = self._detector(together, weld=weld)
+        if hidden:
+            every = every[~np.isin(self._owner[every], list(hidden)).any(axis=1)]
+        pairs, owner = every, self._owner[every]
         keep = counted_between(owner, mode=self.mode, ignored=self.ignored)
         pairs = pairs[keep]
         modelled = np.zeros((0, 2), dtype=np.int32)

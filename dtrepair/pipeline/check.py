@@ -32,8 +32,8 @@ from dtrepair.pipeline.selection import (
 from dtrepair.pipeline.stages.devices import use_device
 from dtrepair.pipeline.stages.enclosed_parts import EnclosedParts
 from dtrepair.pipeline.stages.frames import (
-    AtOnePlace,
     Frame,
+    HiddenMeshes,
     count_frame,
     frame_time,
     make_counter,
@@ -175,7 +175,7 @@ def _check(
         attachments=modelled.attachments,
     )
     enclosed = EnclosedParts(source, mode=settings.mode, ignored=ignored)
-    hidden = AtOnePlace(source)
+    hidden = HiddenMeshes(source)
     frames = hidden.among(read_frames(source, source.times))
     records: list[FrameRecord] = []
     met: list[IntArray] = []

@@ -86,6 +86,15 @@ def chain_times(prim: Usd.Prim, *, below: Sdf.Path = Sdf.Path.absoluteRootPath) 
     return times
 
 
+def scaled_to_nothing(prim: Usd.Prim, times: set[float]) -> bool:
+    """Return whether no axis of a prim has a length at any of the times; of none: by default."""
+    codes = [Usd.TimeCode(time) for time in sorted(times)] or [Usd.TimeCode.Default()]
+    placed = UsdGeom.Imageable(prim)
+    return not any(
+        np.array(placed.ComputeLocalToWorldTransform(code))[:3, :3].any() for code in codes
+    )
+
+
 def _knots(xformable: UsdGeom.Xformable) -> set[float]:
     """Return the time codes of the knots of transforms that are splines."""
     times: set[float] = set()

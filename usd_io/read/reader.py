@@ -12,7 +12,7 @@ from pxr import Sdf, Usd, UsdGeom
 from usd_io.diagnostics import reading, reading_frame
 from usd_io.errors import FrameError, StageError, time_text
 from usd_io.polygons import Triangulation, triangulate
-from usd_io.read.matrices import check_transforms
+from usd_io.read.matrices import chain_times, check_transforms, scaled_to_nothing
 from usd_io.read.mesh import AnimatedMesh, MeshSelection, mesh_warnings
 from usd_io.read.select import Candidate, select_prims
 from usd_io.read.skinning import Skin, find_skin
@@ -72,6 +72,7 @@ def read_meshes(
         try:
             with reading(str(candidate.prim.GetPath())):
                 check_transforms(candidate.prim, checked)
+                _check_scale(candidate.prim)
                 mesh = _read_mesh(usd, candidate, skip_varying=skip_varying)
         except _Skip as skip:
             if candidate.explicit:
@@ -148,6 +149,12 @@ def read_points(mesh: AnimatedMesh, times: ArrayLike) -> NDArray[np.float32]:
             raise FrameError(mesh.path, float(time), "the sample is blocked; leave the frame out")
         points[row] = frame
     return points
+
+
+def _check_scale(prim: Usd.Prim) -> None:
+    """Raise _Skip for a mesh that no frame can show."""
+    if scaled_to_nothing(prim, chain_times(prim)):
+        raise _Skip(f"{prim.GetPath()}: scaled to nothing at all times; mend its scale to take it")
 
 
 def _read_mesh(stage: Usd.Stage, candidate: Candidate, *, skip_varying: bool) -> AnimatedMesh:

@@ -220,16 +220,22 @@ def _skip_reason(
     return ""
 
 
-def _ever_visible(mesh: Usd.Prim) -> bool:
-    """Return whether the mesh is visible at any sample of the visibility on its chain."""
+def visibility_times(prim: Usd.Prim) -> set[float]:
+    """Return the time codes of samples of the visibility of a prim and those above it."""
     times: set[float] = set()
-    prim = mesh
     while prim and not prim.IsPseudoRoot():
         imageable = UsdGeom.Imageable(prim)
         if imageable:
             times.update(imageable.GetVisibilityAttr().GetTimeSamples())
         prim = prim.GetParent()
-    codes = [Usd.TimeCode(time) for time in sorted(times)] or [Usd.TimeCode.Default()]
+    return times
+
+
+def _ever_visible(mesh: Usd.Prim) -> bool:
+    """Return whether the mesh is visible at any sample of the visibility on its chain."""
+    codes = [Usd.TimeCode(time) for time in sorted(visibility_times(mesh))] or [
+        Usd.TimeCode.Default()
+    ]
     return any(
         UsdGeom.Imageable(mesh).ComputeVisibility(code) != UsdGeom.Tokens.invisible
         for code in codes

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dtrepair.keyposes.tracks import Pose, Track
+from dtrepair.pipeline.errors import InputError
 from dtrepair.pipeline.repair.records import in_stage_units
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired
-from dtrepair.pipeline.stages.frames import Frame, count_frame, read_frame
+from dtrepair.pipeline.stages.frames import Frame, count_frame, placed_frame, read_frame
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import StageSource
 from dtrepair.report.record import FrameRecord
@@ -86,15 +87,17 @@ class StageKeys:
 
     def frame(self, time: float, poses: Sequence[Pose]) -> Frame:
         """Return poses (V, 3) of all meshes as a frame."""
-        if len(self.source.meshes) == 1:
-            return Frame(time, tuple(poses), tuple(poses))
-        meshes = zip(self.source.meshes, poses, strict=True)
-        spaces = tuple(self.source.to_world(mesh, time, pose) for mesh, pose in meshes)
-        return Frame(time, tuple(poses), spaces)
+        frame = placed_frame(self.source, time, poses)
+        if not frame.usable:
+            raise InputError(f"{self.source.name}: {frame.failure}")
+        return frame
 
     def count(self, time: float, poses: Sequence[Pose]) -> SceneCount:
         """Return counts of poses at a time."""
-        return self.repairer.counter(self.frame(time, poses).spaces)
+        return self._counted(self.frame(time, poses))
+
+    def _counted(self, frame: Frame) -> SceneCount:
+        return self.repairer.counter(frame.spaces, hidden=frame.hidden)
 
     def pairs(self, time: float, poses: Sequence[Pose]) -> int:
         """Return intersecting pairs of poses at a time."""
@@ -152,7 +155,7 @@ class StageKeys:
 
     def _repaired(self, frame: Frame, before: SceneCount | None = None) -> Repaired:
         try:
-            solution: Any = self.repairer.repairer(frame.spaces)
+            solution: Any = self.repairer.repairer(frame.poses)
         except Exception as error:
             solution = error
         return self.repairer.finish(frame, solution, before)
@@ -178,7 +181,7 @@ class StageKeys:
         new = [track.at(time) for track in tracks]
         frame, ended = (self.frame(time, poses) for poses in (old, new))
         spaces = [[np.asarray(p, np.float64) for p in own.spaces] for own in (frame, ended)]
-        before, after = (self.repairer.counter(own.spaces) for own in (frame, ended))
+        before, after = (self._counted(own) for own in (frame, ended))
         moved = [displacements(a, b) for a, b in zip(*spaces, strict=True)]
         strains = self._strains.get(time, ())
         if record is not None:

@@ -82,7 +82,12 @@ def _read(source: Source) -> tuple[list[float], FloatArray]:
             frame = read_frame(source, float(time))
             if frame.usable:
                 times.append(float(time))
-                yield np.concatenate(frame.spaces)
+                yield np.concatenate(
+                    [
+                        np.full(own.shape, np.nan) if index in frame.hidden else own
+                        for index, own in enumerate(frame.spaces)
+                    ]
+                )
 
     motions = motions_of(poses())
     return times, motions

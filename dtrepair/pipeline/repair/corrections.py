@@ -14,7 +14,7 @@ from dtrepair.numerics.geometry import diagonal
 from dtrepair.numerics.low_rank import fewest_shapes
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.observer import CorrectionWritten, Observer
-from dtrepair.pipeline.stages.frames import Frame, read_frame, told_size
+from dtrepair.pipeline.stages.frames import Frame, placed_frame, read_frame, told_size
 from dtrepair.pipeline.stages.sources import Source, StageSource, is_stage
 
 if TYPE_CHECKING:
@@ -171,15 +171,13 @@ class CorrectionSink:
             frame = read_frame(self._source, time) if _key(time) in wanted else None
             if frame is None or not frame.usable:
                 continue
-            points, spaces = list(frame.points), list(frame.spaces)
+            points = list(frame.points)
             for index, mesh in enumerate(self._source.meshes):
                 if mesh.path in moved:
                     own = points_of(stage, mesh.path, time)
                     assert own is not None
-                    several = len(spaces) > 1
                     points[index] = own
-                    spaces[index] = self._source.to_world(mesh, time, own) if several else own
-            yield Frame(time, tuple(points), tuple(spaces))
+            yield placed_frame(self._source, time, points)
 
     def commit(self, record: dict[str, Any]) -> tuple[str, ...]:
         """Write the layer."""

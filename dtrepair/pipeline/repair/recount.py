@@ -73,7 +73,7 @@ def _worse(
     found = []
     for frame in sink.posed([np.nan if time is None else time for time in records]):
         record = records[None if np.isnan(frame.time) else frame.time]
-        count = repairer.counter(frame.spaces)
+        count = repairer.counter(frame.spaces, hidden=frame.hidden)
         assert record.after is not None
         if count.total.pairs > record.after.pairs:
             found.append(_Worse(record, frame, count))
@@ -83,7 +83,7 @@ def _worse(
 def _repair_again(sink: CorrectionSink, repairer: FrameRepairer, worse: Sequence[_Worse]) -> None:
     """Repair frames as shapes pose them: what is left is as small as their rounding."""
     for own in worse:
-        results = repairer.repairer(own.frame.spaces)
+        results = repairer.repairer(own.frame.poses)
         written = repairer.written(own.frame, [result.points for result in results])
         for index, points in enumerate(written):
             sink.put(index, own.frame.time, points)

@@ -24,7 +24,7 @@ from dtrepair.pipeline.repair.recount import settle_shapes
 from dtrepair.pipeline.repair.solve import FrameRepairer, repair_frames
 from dtrepair.pipeline.stages.bodies import Controls, PlacedBodies, in_units_of_frames
 from dtrepair.pipeline.stages.frames import (
-    AtOnePlace,
+    HiddenMeshes,
     make_counter,
     prim_records,
     read_frames,
@@ -124,7 +124,7 @@ def repair_here(
     tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
     tell_props(observer, repairer.repairer.scene)
     warn(observer, met)
-    hidden = AtOnePlace(source)
+    hidden = HiddenMeshes(source)
     among = colliders_of(source, prepared.controls, run.options.mode)
     outcome = _repair_frames(prepared, repairer, hidden, among, observer)
     records, sink, told = outcome.records, prepared.sink, list[str]()
@@ -166,7 +166,7 @@ def repair_here(
 def _repair_frames(
     prepared: Prepared,
     repairer: FrameRepairer,
-    hidden: AtOnePlace,
+    hidden: HiddenMeshes,
     among: ColliderContacts,
     observer: Observer,
 ) -> _Outcome:

@@ -140,7 +140,8 @@ class FrameRepairer:
         try:
             if isinstance(solution, Exception):
                 raise solution
-            return self._verified(frame, solution, before or self.counter(frame.spaces))
+            before = before or self.counter(frame.spaces, hidden=frame.hidden)
+            return self._verified(frame, solution, before)
         except Exception as error:
             # What usd_io says is meant for users; the rest is told with its kind.
             told = hasattr(error, "exit_code")
@@ -159,13 +160,13 @@ class FrameRepairer:
                 # What is only rounded again is judged by what it was: strained at any cost.
                 strained += [result for result in results if result.diagnosis.strains]
                 with self._again:
-                    results = self.repairer(spaces)
+                    results = self.repairer(replace(frame, spaces=spaces).poses)
             iterations += results[0].iterations
             for name in seconds:
                 seconds[name] += results[0].seconds.get(name, 0.0)
             written = self.written(frame, [result.points for result in results])
             placed = self._placed(frame, written)
-            count = self.counter(placed)
+            count = self.counter(placed, hidden=frame.hidden)
             # A clean frame may be moved, to go along with its neighbours, if it stays clean.
             if count.total.pairs >= max(after.total.pairs, 1):
                 break
@@ -185,7 +186,7 @@ class FrameRepairer:
             # A fixed vertex keeps its place whatever the solver says; the count tells the rest.
             moved = (np.asarray(results[index]) != frame.spaces[index]).any(axis=1)
             moved &= self.free[index]
-            if not moved.any():
+            if not moved.any() or index in frame.hidden:
                 written.append(None)
                 continue
             local = results[index]
@@ -231,7 +232,7 @@ def repair_frames(
             see(frame.time, before)
             waiting.append((frame, before))
             if frame.usable:
-                yield frame.time, frame.spaces
+                yield frame.time, frame.poses
         wait(finishing)
 
     ahead = 2 * repairer.workers

@@ -56,6 +56,8 @@ class EnclosedParts:
         parts = self._enclosures(points, count.every_pair).parts
         found: dict[tuple[int, int], int] = {}
         for inner, outer in self._body[parts].tolist():
+            if not frame.hidden.isdisjoint((inner, outer)):
+                continue
             key = min(inner, outer), max(inner, outer)
             between = inner != outer
             counts = self.mode == "both" or between == (self.mode == "inter")

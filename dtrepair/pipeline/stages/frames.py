@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import InputError
-from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time
+from dtrepair.pipeline.stages.sources import Source, SourceMesh, StageSource, placing_time
 from dtrepair.report.record import FrameRecord, PrimRecord
-from dtrepair.wording import frame_list
+from dtrepair.wording import frame_list, listed
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCount, SceneCounter
@@ -31,6 +31,7 @@ class Frame:
 
     `failure` is an unusable frame, `blocked` the path of a mesh without points at that time.
     `spaces`: the points in the space of counting and repair: local for one mesh, else world.
+    `hidden`: which of several meshes cannot be seen; `spaces` says where they would be.
     """
 
     time: float
@@ -38,6 +39,16 @@ class Frame:
     spaces: tuple[NDArray[Any], ...] = ()
     failure: str | None = None
     blocked: str | None = None
+    hidden: frozenset[int] = frozenset()
+
+    @property
+    def poses(self) -> list[Any]:
+        """The `spaces` for a solver: hidden meshes are not there."""
+        from dtrepair.repair.scene.bodies import Absent
+
+        return [
+            Absent(own) if index in self.hidden else own for index, own in enumerate(self.spaces)
+        ]
 
     @property
     def usable(self) -> bool:
@@ -56,46 +67,69 @@ def read_frame(source: Source, time: float) -> Frame:
     from usd_io import FrameError
 
     points: list[NDArray[np.float32]] = []
-    spaces: list[NDArray[Any]] = []
     for mesh in source.meshes:
         try:
             local = source.read(mesh, time)
-            if local is None:
-                return Frame(time, blocked=mesh.path)
-            points.append(local)
-            several = len(source.meshes) > 1
-            spaces.append(source.to_world(mesh, time, local) if several else local)
         except FrameError as error:
             return Frame(time, failure=str(error))
-    return Frame(time, tuple(points), tuple(spaces))
+        if local is None:
+            return Frame(time, blocked=mesh.path)
+        points.append(local)
+    return placed_frame(source, time, points)
 
 
-class AtOnePlace:
-    """Meshes of which all points lie at one place in a frame, as where a scale of zero hides them.
+def placed_frame(source: Source, time: float, points: Sequence[NDArray[np.float32]]) -> Frame:
+    """Return local points (V, 3) of each mesh at a time as a frame; one that fails says why."""
+    from usd_io import FrameError
 
-    Vertices at one place are one vertex, so that nothing of such a mesh is counted.
+    if len(source.meshes) == 1:
+        return Frame(time, tuple(points), tuple(points))
+    hidden, spaces = set[int](), list[NDArray[Any]]()
+    for index, (mesh, local) in enumerate(zip(source.meshes, points, strict=True)):
+        try:
+            nothing = len(mesh.faces) > 1 and bool((local == local[:1]).all())
+            spaces.append(source.to_world(mesh, time, mesh.rest if nothing else local))
+            if nothing or _hidden(source, mesh, time):
+                hidden.add(index)
+        except FrameError as error:
+            return Frame(time, failure=str(error))
+    return Frame(time, tuple(points), tuple(spaces), hidden=frozenset(hidden))
+
+
+def _hidden(source: Source, mesh: SourceMesh, time: float) -> bool:
+    """Return whether a mesh is invisible at a time, or scaled to nothing."""
+    return isinstance(source, StageSource) and source.matrices.hidden(mesh.handle, time)
+
+
+class HiddenMeshes:
+    """The frames in which meshes are hidden, by their visibility, a scale or points at one place.
+
+    There nothing of them is counted or changed.
     """
 
     def __init__(self, source: Source) -> None:
         self._source = source
-        self._times: dict[str, list[float]] = {}
+        self._times: dict[int, list[float]] = {}
 
     def among(self, frames: Iterable[Frame]) -> Iterator[Frame]:
         """Pass frames on, and remember the meshes."""
         for frame in frames:
-            for mesh, space in zip(self._source.meshes, frame.spaces, strict=False):
-                points = np.asarray(space, dtype=np.float32)
-                if len(mesh.faces) > 1 and (points == points[:1]).all():
-                    self._times.setdefault(mesh.path, []).append(frame.time)
+            for index in sorted(frame.hidden):
+                self._times.setdefault(index, []).append(frame.time)
             yield frame
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What there is to tell of them, once they have passed."""
-        return tuple(
-            f"{path}: all points are at one place{_in_frames(times)}, so that nothing of it is "
-            "counted there; where it should be seen, mend its points or its scale"
-            for path, times in self._times.items()
+        found = [
+            f"{self._source.meshes[index].path}{_in_frames(times)}"
+            for index, times in self._times.items()
+        ]
+        if not found:
+            return ()
+        return (
+            "hidden by visibility, by a scale or by points at one place, so that nothing of them "
+            f"counts or changes there: {listed(found)}",
         )
 
 
@@ -209,7 +243,7 @@ def count_frame(counter: SceneCounter, frame: Frame) -> tuple[Frame, SceneCount 
     if not frame.usable:
         return frame, None
     try:
-        return frame, counter(frame.spaces)
+        return frame, counter(frame.spaces, hidden=frame.hidden)
     except CollapsedPoseError as error:
         return Frame(frame.time, failure=str(error)), None
 

@@ -157,8 +157,8 @@ def open_source(
 class StageSource:
     """A USD stage: one or several meshes over time.
 
-    times: the selected frames, of all whole ones from the first key to the last, and all keys.
-    clock: these and all other time codes.
+    times: the selected frames, of all whole ones from the first key to the last, and all keys;
+    clock: these and all others. matrices: of the meshes, and when they are hidden.
     """
 
     def __init__(
@@ -197,15 +197,14 @@ class StageSource:
             raise UsageError(f"--collider {collider}: then nothing may move; leave a mesh out")
         up = next(iter(found.values())).up
         self.up = (float(up[0]), float(up[1]), float(up[2]))
+        handles = [mesh.handle for mesh in self.meshes]
         self.clock = usd_io.stage_times(
-            [mesh.handle for mesh in self.meshes],
-            spec,
-            whole=not keys,
-            authored=selection.samples_only,
+            handles, spec, whole=not keys, authored=selection.samples_only
         )
         self.times, self.all_times = self.clock.chosen, self.clock.every
         self.warnings += tuple(f"{path}: {warning}" for warning in self.clock.warnings)
-        self.origin, self._matrices = np.zeros(3), usd_io.WorldMatrices()
+        self.origin = np.zeros(3)
+        self.matrices = usd_io.WorldMatrices(visibility=not selection.include_invisible)
         if len(self.meshes) > 1:
             self._leave_coarse_coordinates()
 
@@ -281,7 +280,7 @@ class StageSource:
         """World points, float64; from the middle of a scene that is far from the origin."""
         import usd_io
 
-        matrix = self._matrices(mesh.handle, time).copy()
+        matrix = self.matrices(mesh.handle, time).copy()
         matrix[3, :3] -= self.origin
         moved = usd_io.transform_points(points, matrix)
         if moved.size and not np.abs(moved).max() < LARGEST:

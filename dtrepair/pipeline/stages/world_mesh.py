@@ -76,6 +76,8 @@ class WorldScene:
             self.source.to_world(mesh, frame.time, part)
             for mesh, part in zip(self.source.meshes, frame.points, strict=True)
         ]
+        for index in frame.hidden:
+            placed[index] = np.broadcast_to(placed[index][:1], placed[index].shape)
         return np.concatenate(placed)
 
     def meetings(self, time: float) -> list[tuple[str, str, int]]:

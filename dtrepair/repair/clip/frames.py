@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, extent
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.layout import CutOptions, cuts_along, motion_between
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import OpenedPose, gathered
@@ -30,6 +30,13 @@ class Frame(OpenedPose):
 
     time: float
     starts: bool = False
+
+    @property
+    def seen(self) -> FloatArray:
+        """The points (V, 3) as they came, not a number where a body is not there."""
+        if self.absent is None:
+            return self.original
+        return np.where(self.absent[:, None], np.nan, self.original)
 
 
 def read_frames(
@@ -53,7 +60,7 @@ def _steps(frames: Iterable[Frame], waiting: deque[Frame]) -> Iterator[tuple[flo
         if last is None:
             yield 0.0, math.inf
         else:
-            motion = motion_between(last.original, frame.original, extent(last.original) or 1.0)
+            motion = motion_between(last.seen, frame.seen)
             yield motion / (frame.time - last.time), motion
         last = frame
 

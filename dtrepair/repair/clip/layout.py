@@ -74,14 +74,17 @@ def cuts_along(
             before = 0.0
 
 
-def motion_between(first: FloatArray, second: FloatArray, size: float) -> float:
-    """Return the root mean square motion of vertices (V, 3) between two poses, in sizes; 0 of none.
+def motion_between(first: FloatArray, second: FloatArray) -> float:
+    """Return the root mean square motion of vertices (V, 3) between two poses; 0 of none.
 
-    size: what lengths are measured in.
+    In sizes of the first pose. What is not a number in one of them is not there, and no vertex.
     """
+    there = np.isfinite(first[:, 0]) & np.isfinite(second[:, 0])
+    if not there.all():
+        first, second = first[there], second[there]
     if len(first) == 0:
         return 0.0
-    return float(np.sqrt(((second - first) ** 2).sum(axis=1).mean())) / size
+    return float(np.sqrt(((second - first) ** 2).sum(axis=1).mean())) / (extent(first) or 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +132,7 @@ def motions_of(frames: Iterable[Any]) -> FloatArray:
     for frame in frames:
         points = np.asarray(frame, dtype=np.float64)
         if last is not None:
-            motions.append(motion_between(last, points, extent(last) or 1.0))
+            motions.append(motion_between(last, points))
         last = points
     return np.array(motions)
 

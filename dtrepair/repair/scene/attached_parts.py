@@ -157,3 +157,20 @@ class AttachedParts:
         if self._known is None:
             return np.zeros(0, np.int32), np.zeros(0, np.int32)
         return self._known.ties.vertices, self._part_of_face[self._known.ties.triangles]
+
+
+def attached_bodies(
+    known: Attachments | None, body_of: NDArray[np.integer], body_of_vertex: NDArray[np.integer]
+) -> set[int]:
+    """Return the bodies that hold on to others; the body of each triangle (F,), vertex (V,)."""
+    if known is None:
+        return set()
+    body_of_part = np.zeros(known.count, dtype=np.int64)
+    body_of_part[known.part_of] = body_of
+    ties = known.every_tie
+    pairs = [
+        body_of_part[np.array(known.pairs_of_parts, dtype=np.int64).reshape(-1, 2)],
+        np.stack([body_of_vertex[ties.vertices], body_of[ties.triangles]], axis=1),
+    ]
+    bodies = np.concatenate(pairs)
+    return set(np.unique(bodies[bodies[:, 0] != bodies[:, 1]]).tolist())

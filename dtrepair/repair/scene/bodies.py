@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, as_mesh, diagonal, extent
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    as_mesh,
+    as_numpy,
+    as_points,
+    diagonal,
+    extent,
+)
 
 # Poses farther from the origin than this many times their size are repaired about their centre:
 # float32 would lose too many digits there.
@@ -50,6 +59,18 @@ class Body:
     layer: ArrayLike | None = None
     of_set: bool = False
     prop: bool = False
+
+
+class Absent(NamedTuple):
+    """The points (V, 3) of a body that is not there in a pose, as one that is hidden: it meets
+    nothing and comes back as it is. They say where it would be."""
+
+    points: Any
+
+
+def points_of(pose: Any, count: int) -> FloatArray:
+    """Return the points (V, 3) of a body in a pose; ValueError for wrong shapes or numbers."""
+    return as_points(as_numpy(pose.points if isinstance(pose, Absent) else pose), count)
 
 
 def mobility_of(body: Body, count: int) -> FloatArray:

@@ -8,13 +8,18 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.scene.bodies import about_centre
+from dtrepair.numerics.geometry import FloatArray, IntArray, extent
+from dtrepair.repair.scene.attached_parts import attached_bodies
+from dtrepair.repair.scene.bodies import Absent, about_centre
 from dtrepair.repair.scene.scene import Scene
 
 # Up to so many times as many triangles, and so many more, may intersect where fewer pairs do.
 SPREAD, FEW = 1.1, 10
+
+
+BoolArray = NDArray[np.bool_]
 
 
 def _none() -> IntArray:
@@ -38,6 +43,7 @@ class OpenedPose:
         pairs: The same of `centred`.
         enclosed: Parts (K, 2) wholly inside others.
         seconds: What it took to find them.
+        absent: Vertices (V,) of bodies that are not there; None: all are.
     """
 
     given: Sequence[Any]
@@ -51,6 +57,7 @@ class OpenedPose:
     pairs: IntArray = field(default_factory=_none)
     enclosed: IntArray = field(default_factory=_none)
     seconds: float = 0.0
+    absent: BoolArray | None = None
 
     @property
     def wrong(self) -> int:
@@ -74,7 +81,11 @@ Pose = TypeVar("Pose", bound=OpenedPose)
 
 def gathered(scene: Scene, points: Sequence[Any]) -> OpenedPose:
     """Return points (V, 3) of each body as a pose; ValueError for wrong shapes or numbers."""
-    original = scene.gather(points)
+    original, absent = scene.gather(points), None
+    hidden = [body for body, own in enumerate(points) if isinstance(own, Absent)]
+    if hidden:
+        absent = np.isin(scene.body_of_vertex, hidden)
+        original = _out_of_the_way(scene, original, absent)
     centred, centre = about_centre(original)
     weld = scene.weld(centred)
     return OpenedPose(
@@ -84,7 +95,26 @@ def gathered(scene: Scene, points: Sequence[Any]) -> OpenedPose:
         centre=centre,
         weld=weld,
         sewn=scene.sewn(centred, weld),
+        absent=absent,
     )
+
+
+def _out_of_the_way(scene: Scene, points: FloatArray, absent: BoolArray) -> FloatArray:
+    """Return a pose (V, 3) with absent bodies beside all others, and beside each other.
+
+    What is attached to others stays where it would be: they hold on to it in all poses.
+    """
+    moved, there = points.copy(), ~absent
+    beside = points[there].max(axis=0)[0] if there.any() else 0.0
+    held = attached_bodies(scene.attachments, scene.body_of, scene.body_of_vertex)
+    for body in np.unique(scene.body_of_vertex[absent]).tolist():
+        own = scene.vertices_of(body)
+        if body in held:
+            continue
+        beside += extent(points[own])
+        moved[own] += [beside - points[own].min(axis=0)[0], 0.0, 0.0]
+        beside = moved[own].max(axis=0)[0]
+    return moved
 
 
 def detected(scene: Scene, pose: Pose) -> Pose:

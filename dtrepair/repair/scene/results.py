@@ -11,6 +11,7 @@ from dtrepair.diagnosis import Advice, Diagnosis, Status
 from dtrepair.numerics.geometry import FloatArray, IntArray, as_given, differing, pair_keys
 from dtrepair.numerics.metrics import displacements
 from dtrepair.repair.result import Count, RepairResult, Solved
+from dtrepair.repair.scene.bodies import Absent
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.diagnosis import (
     advice_for,
@@ -101,8 +102,9 @@ def _result(
     if judged is not None and (judged.excess or judged.lowered):
         left = _with_strains(scene, index, pose, found, judged, left)
         status = Status.STRAINED if left.strains else status
+    given = pose.given[index]
     return RepairResult(
-        points=as_given(repaired[own], pose.given[index]),
+        points=given.points if isinstance(given, Absent) else as_given(repaired[own], given),
         before=before,
         after=after,
         iterations=solved.iterations,

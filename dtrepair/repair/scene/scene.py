@@ -19,8 +19,6 @@ from dtrepair.numerics.attachments import Attachments, Reference, Ties, no_attac
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
-    as_numpy,
-    as_points,
     unique_edges,
     weld_maps,
 )
@@ -31,7 +29,7 @@ from dtrepair.numerics.worn.loops import Rings
 from dtrepair.numerics.worn.parts import Parts
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene.attached_parts import AttachedParts, known_attachments
-from dtrepair.repair.scene.bodies import STIFF, Body, about_centre, layer_of
+from dtrepair.repair.scene.bodies import STIFF, Body, about_centre, layer_of, points_of
 from dtrepair.repair.strain.letting_go import ties_that_hold
 from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
 from dtrepair.repair.strain.parts import ConnectedParts
@@ -289,7 +287,7 @@ class Scene:
         if len(points) != len(self.bodies):
             raise ValueError(f"points should hold {len(self.bodies)} poses, got {len(points)}")
         both = zip(points, np.diff(self.vertex_starts).tolist(), strict=True)
-        return np.concatenate([as_points(as_numpy(pose), count) for pose, count in both])
+        return np.concatenate([points_of(pose, count) for pose, count in both])
 
     def weld(self, points: FloatArray) -> IntArray:
         """Return the vertex (V,) that stands for each: one where those of a body coincide."""

@@ -8,6 +8,7 @@ from functools import cache, partial
 import numpy as np
 
 from dtrepair.numerics.worn.measure import WornOptions
+from dtrepair.repair.scene.attached_parts import attached_bodies
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.separation.penetration import BodyShape
 from dtrepair.repair.separation.worn_pairs import WornPairs, covered_bodies
@@ -27,24 +28,9 @@ def with_free_props(scene: Scene, *, options: WornOptions) -> Scene:
     free = {k for k in called if solid[k] and scene.options.method == "full"}
     if free:
         over = covered_bodies(scene) & ~np.eye(len(scene.bodies), dtype=bool)
-        free -= _attached(scene) | set(np.flatnonzero(over.any(axis=1)).tolist())
+        free -= set(np.flatnonzero(over.any(axis=1)).tolist())
+        free -= attached_bodies(scene.attachments, scene.body_of, scene.body_of_vertex)
         worn = WornPairs(scene, cache(partial(BodyShape, scene)), options)
         free = {k for k in free if not worn.goes_round(k)}
     bodies = tuple(replace(body, prop=k in free) for k, body in enumerate(scene.bodies))
     return scene.changed(bodies=bodies)
-
-
-def _attached(scene: Scene) -> set[int]:
-    """Return the bodies that hold on to others."""
-    known = scene.attachments
-    if known is None:
-        return set()
-    body_of_part = np.zeros(known.count, dtype=np.int64)
-    body_of_part[known.part_of] = scene.body_of
-    ties = known.every_tie
-    pairs = [
-        body_of_part[np.array(known.pairs_of_parts, dtype=np.int64).reshape(-1, 2)],
-        np.stack([scene.body_of_vertex[ties.vertices], scene.body_of[ties.triangles]], axis=1),
-    ]
-    bodies = np.concatenate(pairs)
-    return set(np.unique(bodies[bodies[:, 0] != bodies[:, 1]]).tolist())

@@ -239,3 +239,29 @@ def test_tights_lie_on_all_of_the_leg() -> None:
     mesh, count = skirted(0.0)
     own = attached(mesh).ties.vertices
     assert mesh[0][own[own < count]][:, 2].min() < -0.5
+
+
+@pytest.mark.parametrize("covered", [0.0, 0.75])
+def test_a_leg_that_grazes_its_robe_may_not_come_out_of_it_elsewhere(covered: float) -> None:
+    leg, robe = icosphere(4), tube(32, 40, 0.5, 2.0)
+    mesh = joined((leg[0] * [0.2, 0.2, 0.8] + [0.31, 0.0, 0.0], leg[1]), robe)
+    found = attached(mesh, covered=covered)
+    assert found.modelled(pairs_of(mesh)).all()
+    height = mesh[0][mesh[1]].mean(axis=1)[:, 2]
+    knee, hem = (
+        np.flatnonzero((height < -0.5) & (found.part_of == part) & (height > -0.7))
+        for part in (0, 1)
+    )
+    across = np.stack([np.resize(knee, len(hem)), hem], axis=1)
+    # What is attached as a whole may be anywhere in the other, as an eye in its head.
+    assert found.modelled(across).all() == (covered == 0.0)
+    assert found.modelled(across).any() == (covered == 0.0)
+
+
+@pytest.mark.parametrize("depth", [0.9, 0.85])
+def test_an_eye_in_a_head_that_is_open_at_the_neck_is_attached_as_a_whole(depth: float) -> None:
+    points, faces = icosphere(3)
+    head = points, faces[(points[faces][:, :, 2] > -0.6).all(axis=1)]
+    found = attached(joined(head, moved(icosphere(2), (0.0, 0.0, depth), 0.2)))
+    eye = np.flatnonzero(found.part_of == found.part_of[-1])
+    assert found.modelled(np.stack([np.zeros_like(eye), eye], axis=1)).all()

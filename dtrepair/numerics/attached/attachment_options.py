@@ -17,13 +17,16 @@ class AttachmentOptions:
         rings: A triangle belongs to a zone if it begins there, and lies wholly within the rms sizes
             or within so many edges of the overlap.
         enclosed: Behind a part lies only what it encloses by this winding number, as a sleeve its
-            arm: not all that is in front of a sheet. Beyond the reach of where the two meet, what
-            hangs farther off one with a border than it does there is not held: the knees under a
-            skirt.
+            arm: not all that is in front of a sheet.
+        hangs: Beyond the reach of where the two meet, what hangs farther off one with a border than
+            this share of what is behind it there is not held: the knees under a skirt.
         cells: Along the extent of a part, for its winding numbers: a sleeve is narrow.
         whole: A part of which more than this share is in or behind one of larger area is attached
             as a whole: eyes, teeth, buttons.
         larger: Ratio of areas above which that is so: copies of a part differ by rounding only.
+        small, covered: In one with a border that is so only of what has less than this share of its
+            area, or of which more than this share is within the reach of where the two meet: a leg
+            that grazes its robe at the hip may not come out of it at the knee.
         turned: Where rigid parts turn about each other, and in some pose more than this share of
             their contact has left the zone, it moves along; else small motions bring it back.
         nested: Of two parts that meet a third one where more than this share of what one has there
@@ -36,9 +39,12 @@ class AttachmentOptions:
     reach: float = 1.0
     rings: int = 3
     enclosed: float = 0.5
+    hangs: float = 0.5
     cells: int = 64
     whole: float = 0.5
     larger: float = 1.001
+    small: float = 0.1
+    covered: float = 0.75
     turned: float = 0.5
     nested: float = 0.25
     garments: int = 24

@@ -16,6 +16,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from dtrepair.numerics.attached.attachment_options import AttachmentOptions
+from dtrepair.numerics.attached.growth import grown, ringed
 from dtrepair.numerics.attached.hems import clear_of_hems
 from dtrepair.numerics.attached.hidden_ends import hidden_ends
 from dtrepair.numerics.attachments import (
@@ -203,7 +204,8 @@ class _Overlaps:
             triangles, of_part = self.triangles(part), seeds[part]
             if not whole:
                 zone = self._grown(of_part.own)
-                near = self._grown(of_part.every, coarse=False) | self._ringed(of_part.every)
+                near = self._grown(of_part.every, coarse=False)
+                near |= ringed(self.graph, of_part.every, self.options.rings)
                 corners = self.faces[triangles]
                 triangles = triangles[zone[corners].any(axis=1) & near[corners].all(axis=1)]
             keys = triangles.astype(np.int64) * self.parts + other
@@ -238,7 +240,7 @@ class _Overlaps:
         own = self.vertices(part)
         share = mask[own].mean()
         larger = self.areas[other] > self.options.larger * self.areas[part]
-        if share > self.options.whole and larger:
+        if share > self.options.whole and larger and self._small(part, other, touched):
             mask[own] = True
             return _Seeds(mask, mask, loose, True)
         every = self._reached(mask, touched)
@@ -247,6 +249,18 @@ class _Overlaps:
         hanging, clear = self._hanging(other, touched, behind)
         mask[hanging], loose[clear] = False, True
         return _Seeds(self._reached(mask, touched), every, loose, False)
+
+    def _small(self, part: int, other: int, touched: NDArray[np.integer]) -> bool:
+        """Return whether a part is small, or has little beyond where it meets another one.
+
+        A leg in a robe, which it meets at the hip, has its knee; what is in a closed part is sunk
+        in it wherever it meets it.
+        """
+        if not self.open[other] or self.areas[part] < self.options.small * self.areas[other]:
+            return True
+        met = np.zeros(len(self.points), dtype=bool)
+        met[touched] = True
+        return bool(self._grown(met)[self.vertices(part)].mean() > self.options.covered)
 
     def _reached(self, mask: BoolArray, touched: NDArray[np.integer]) -> BoolArray:
         """Return what of a mask (V,) is connected through it to vertices: a far shell is not."""
@@ -267,7 +281,8 @@ class _Overlaps:
         met[touched] = True
         near, points = self._grown(met)[behind], self.points[behind]
         away = lengths(self._tree(other).nearest(points)[1] - points)
-        far = ~near & (away > away[near].max(initial=0.0))
+        usual = np.quantile(away[near], self.options.hangs) if near.any() else 0.0
+        far = ~near & (away > usual)
         size, areas = extent(self.points[self.vertices(other)]), lengths(self.normals[behind])
         clear = clear_of_hems(near, far, away, areas, size, options=self.options.hems)
         return np.asarray(behind[far]), np.asarray(behind[clear])
@@ -297,30 +312,9 @@ class _Overlaps:
         return np.asarray(own[around > self.options.enclosed])
 
     def _grown(self, seeds: BoolArray, *, coarse: bool = True) -> BoolArray:
-        """Return the seeds (V,) grown over their part by the reach of each of their clusters.
-
-        coarse: by an edge at least.
-        """
-        zone = seeds.copy()
-        inner = np.flatnonzero(seeds)
-        label = csgraph.connected_components(self.graph[inner][:, inner], directed=False)[1]
-        for cluster in range(label.max(initial=-1) + 1):
-            own = inner[label == cluster]
-            centred = self.points[own] - self.points[own].mean(axis=0)
-            size = float(np.sqrt(dots(centred, centred).mean()))
-            limit = self.options.reach * size
-            if coarse:
-                limit = max(limit, float(self.edge_length[own].mean()))
-            distance = csgraph.dijkstra(self.graph, indices=own, min_only=True, limit=limit)
-            zone |= np.isfinite(distance)
-        return zone
-
-    def _ringed(self, seeds: BoolArray) -> BoolArray:
-        """Return the vertices (V,) within a few edges of the seeds."""
-        zone = seeds.copy()
-        for _ in range(self.options.rings):
-            zone[self.graph[np.flatnonzero(zone)].indices] = True
-        return zone
+        """Return the seeds (V,) grown over their part; coarse: by an edge at least."""
+        least = self.edge_length if coarse else None
+        return grown(self.graph, self.points, seeds, self.options.reach, least)
 
     def _ties(self, seeds: NDArray[np.integer], other: int) -> Ties:
         """Return ties of each seed to the nearest triangle of another part."""

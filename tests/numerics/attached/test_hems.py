@@ -48,7 +48,7 @@ def in_a_coat(gap: float, beyond: float) -> tuple[FloatArray, Ties]:
     shell = coat[0] * np.stack([radius, radius, np.ones_like(radius)], axis=1)
     points, faces = joined(body, (shell, coat[1]))
     reference = Reference(points, Detector(points, faces)(points))
-    options = AttachmentOptions(hems=HemOptions(beyond=beyond))
+    options = AttachmentOptions(hangs=1.0, hems=HemOptions(beyond=beyond))
     found = find_attachments(faces, len(points), [reference], options=options)
     return points, found.ties
 

@@ -1,0 +1,50 @@
+"""Grows sets of vertices over the surface that they lie on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from dtrepair.numerics.geometry import FloatArray, dots
+
+BoolArray = NDArray[np.bool_]
+
+
+def grown(
+    graph: sparse.csr_matrix,
+    points: FloatArray,
+    seeds: BoolArray,
+    reach: float,
+    least: FloatArray | None = None,
+) -> BoolArray:
+    """Return the seeds (V,) and what is within the reach of each of their clusters.
+
+    Args:
+        graph: Lengths of edges (V, V).
+        points: Positions (V, 3).
+        seeds: Which vertices (V,) to begin with.
+        reach: Geodesic growth, in rms sizes of a cluster.
+        least: Of a cluster by the mean of these lengths (V,) at least.
+    """
+    zone = seeds.copy()
+    inner = np.flatnonzero(seeds)
+    label = csgraph.connected_components(graph[inner][:, inner], directed=False)[1]
+    for cluster in range(label.max(initial=-1) + 1):
+        own = inner[label == cluster]
+        centred = points[own] - points[own].mean(axis=0)
+        limit = reach * float(np.sqrt(dots(centred, centred).mean()))
+        if least is not None:
+            limit = max(limit, float(least[own].mean()))
+        distance = csgraph.dijkstra(graph, indices=own, min_only=True, limit=limit)
+        zone |= np.isfinite(distance)
+    return zone
+
+
+def ringed(graph: sparse.csr_matrix, seeds: BoolArray, rings: int) -> BoolArray:
+    """Return the seeds (V,) and what is within so many edges of them."""
+    zone = seeds.copy()
+    for _ in range(rings):
+        zone[graph[np.flatnonzero(zone)].indices] = True
+    return zone

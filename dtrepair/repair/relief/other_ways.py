@@ -88,13 +88,29 @@ def with_props(
     if rigid is meshes:
         return judged, meshes
     left = left_over(rigid.scene, frames, judged)
-    if not any(left) and not _bends_nearer(meshes, frames, judged, judge, options):
+    if any(left):
+        helps = _met_where_left(rigid.scene, frames, judged)
+    else:
+        helps = _bends_nearer(meshes, frames, judged, judge, options)
+    if not helps:
         return judged, rigid
     other = judge(meshes, list(frames))
     less = left_over(meshes.scene, frames, other)
     far, near = (farthest_move(meshes.scene, frames, own) for own in (judged, other))
     nearer = less == left and options.much_farther(far, near)
     return (other, meshes) if less < left or nearer else (judged, rigid)
+
+
+def _met_where_left(scene: Scene, frames: Sequence[OpenedPose], judged: Sequence[Judged]) -> bool:
+    """Return whether something met a prop in a frame in which anything is wrong yet."""
+    props = [k for k, body in enumerate(scene.bodies) if body.prop]
+    of_prop = np.isin(scene.body_of, props)
+    poses = [own.points for own in judged]
+    wrong = wrong_in(scene, frames, poses)
+    return any(
+        bool(of_prop[frame.pairs].any()) and (left > 0 or came_off(scene, frame, pose))
+        for frame, left, pose in zip(frames, wrong, poses, strict=True)
+    )
 
 
 def _bends_nearer(

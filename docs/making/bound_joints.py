@@ -47,7 +47,7 @@ def drifting_hem() -> Example:
 
     def pose(harm: float) -> list[Floats]:
         x, angle = SLEEVE[0][:, 0], np.arctan2(SLEEVE[0][:, 2], SLEEVE[0][:, 1])
-        near = np.exp(-((angle / 0.41) ** 2) - ((x - _HEM) / 0.035) ** 2)
+        near = np.exp(-((angle / 0.3) ** 2) - ((x - _HEM) / 0.025) ** 2)
         return [ARM[0], SLEEVE[0] + harm * near[:, None] * [0.0, 1.0, 0.0]]
 
     return Example(

@@ -135,17 +135,20 @@ def steady_weights(frames: FloatArray) -> FloatArray:
     return weights
 
 
-def easing_weights(frames: FloatArray, needless: NDArray[np.bool_]) -> FloatArray:
+def easing_weights(
+    frames: FloatArray, needless: NDArray[np.bool_], *, level: bool = False
+) -> FloatArray:
     """Return the matrix (T, T), zero diagonal, of `steady_weights`, with ends that ease.
 
     A needless value (T,) at an end goes halfway back to nothing: to accelerate least it would go on
-    as it came, and swing to the other side before a correction begins.
+    as it came, and swing to the other side before a correction begins. level: others at an end go
+    to the one beside them.
     """
     weights = steady_weights(frames)
     for end, beside in ((0, 1), (len(frames) - 1, len(frames) - 2)):
-        if needless[end] and len(frames) > 1:
+        if (needless[end] or level) and len(frames) > 1:
             weights[end] = 0.0
-            weights[end, beside] = 0.5
+            weights[end, beside] = 0.5 if needless[end] else 1.0
     return weights
 
 

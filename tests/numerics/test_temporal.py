@@ -57,6 +57,16 @@ def test_needless_ends_ease_and_do_not_swing_to_the_other_side() -> None:
         assert (values[0] < -0.05) == swings
 
 
+def test_ends_that_are_level_do_not_swing_on() -> None:
+    frames, needless = np.arange(5.0), np.array([False, False, False, False, True])
+    weights = easing_weights(frames, needless, level=True)
+    assert weights[0].tolist() == [0.0, 1.0, 0.0, 0.0, 0.0]
+    assert weights[4].tolist() == [0.0, 0.0, 0.0, 0.5, 0.0]
+    np.testing.assert_array_equal(weights[1:4], steady_weights(frames)[1:4])
+    grown = np.array([0.0, 0.1, 0.4, 1.0, 1.0])
+    assert weights[0] @ grown > 0.0 > easing_weights(frames, needless)[0] @ grown
+
+
 def test_what_stands_out_is_a_part_or_a_limb_of_a_large_one() -> None:
     part_of = np.repeat([0, 1, -1], [4, 2, 1])
     moved = [np.zeros((7, 3)) for _ in range(4)]

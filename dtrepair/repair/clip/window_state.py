@@ -251,7 +251,10 @@ class WindowState:
         moved[:] = self.poses - self.original
         # Halfway between where a frame is and where it should be: all of them move at a time.
         needless = np.array([len(pairs) == 0 for pairs in self.found])
-        halfway = 0.5 * (np.eye(len(self.frames)) + easing_weights(self.frames, needless))
+        # Attached parts swing far beyond what others of a frame need that is faulty itself.
+        level = self.surface.ties is not None
+        asked = easing_weights(self.frames, needless, level=level)
+        halfway = 0.5 * (np.eye(len(self.frames)) + asked)
         if len(self.frames) < 3:
             halfway = np.eye(len(self.frames))
         length = np.linalg.norm(moved, axis=2).astype(np.float32)

@@ -23,6 +23,7 @@ from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.parallel.process_pool import in_batches, map_in_processes
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.result import Count, RepairResult, Stage
+from dtrepair.repair.scene.bodies import Absent
 
 if TYPE_CHECKING:
     # Single poses are remembered as well, and need no stages of clips.
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 Arrays = Mapping[str, NDArray[Any]]
 # Poses, and their results if they are known.
-_Item = tuple[list[NDArray[Any]], list[RepairResult] | None]
+_Item = tuple[list[Any], list[RepairResult] | None]
 # Finds the results of some poses, each of which holds the points of each body.
 SolveBatch = Callable[[Sequence[Sequence[Any]]], list[list[RepairResult]]]
 
@@ -95,11 +96,15 @@ def repair_each(
 
     def items() -> Iterator[_Item]:
         for points in poses:
-            arrays = [np.asarray(pose) for pose in points]
-            key = hash_of(*arrays) if memory is not None else ""
+            absent = [isinstance(pose, Absent) for pose in points]
+            arrays = [
+                np.asarray(own.points if gone else own)
+                for own, gone in zip(points, absent, strict=True)
+            ]
+            key = hash_of(*arrays, *[np.array(absent)] * any(absent)) if memory is not None else ""
             kept = memory.recall(key) if memory is not None else None
             recalled.append((key, kept is not None))
-            yield arrays, None if kept is None else _results(kept)
+            yield [*points], None if kept is None else _results(kept)
 
     def solved(batch: list[_Item]) -> list[list[RepairResult] | Exception]:
         kept = [known for _, known in batch if known is not None]
@@ -116,9 +121,7 @@ def repair_each(
         yield results
 
 
-def _solved(
-    poses: list[list[NDArray[Any]]], solve: SolveBatch
-) -> list[list[RepairResult] | Exception]:
+def _solved(poses: list[list[Any]], solve: SolveBatch) -> list[list[RepairResult] | Exception]:
     """Return the results of each pose, or what it raises; the others are solved without it."""
     if len(poses) > 1:
         try:

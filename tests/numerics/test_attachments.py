@@ -256,6 +256,8 @@ def test_a_leg_that_grazes_its_robe_may_not_come_out_of_it_elsewhere(covered: fl
     # What is attached as a whole may be anywhere in the other, as an eye in its head.
     assert found.modelled(across).all() == (covered == 0.0)
     assert found.modelled(across).any() == (covered == 0.0)
+    held = len(attached(mesh).ties.vertices)
+    assert 0 < held < len(attached(mesh, hangs=1.0).ties.vertices)
 
 
 @pytest.mark.parametrize("depth", [0.9, 0.85])

@@ -23,7 +23,7 @@ Matrix = NDArray[np.float64]
 MOST_KEPT = 2**16
 # A transform smaller than this share of what it grows to hides what is below it ...
 NOTHING = 0.01
-# ... and from this share on it shows how large that is.
+# ... and where it has this share of that, it tells what it would be.
 LARGE = 0.5
 
 
@@ -37,9 +37,14 @@ def transform_times(mesh: AnimatedMesh) -> NDArray[np.float64]:
     return np.array(sorted(chain_times(mesh.prim)), dtype=np.float64)
 
 
-def local_points(mesh: AnimatedMesh, time: float, world: ArrayLike) -> NDArray[np.float64]:
-    """Return world points (..., 3) in the local space of the mesh at a time code, float64."""
-    matrix = world_matrix(mesh, time)
+def local_points(
+    mesh: AnimatedMesh, time: float, world: ArrayLike, matrix: Matrix | None = None
+) -> NDArray[np.float64]:
+    """Return world points (..., 3) in the local space of the mesh at a time code, float64.
+
+    matrix: local to world (4, 4); None: see `world_matrix`.
+    """
+    matrix = world_matrix(mesh, time) if matrix is None else matrix
     inverse = inverse_matrix(matrix, path=mesh.path, time=time)
     # Subtract the offset before turning: no digits are lost far from the origin.
     centred = np.asarray(world, dtype=np.float64) - matrix[3, :3]
@@ -65,6 +70,7 @@ class WorldMatrices:
         self._visibility = visibility
         self._kept: dict[tuple[str, float | None], tuple[Matrix, bool]] = {}
         self._growing: dict[Sdf.Path, list[_Growing]] = {}
+        self._chains: dict[Sdf.Path, list[UsdGeom.Xformable]] = {}
         self._switched: dict[Sdf.Path, bool] = {}
 
     def __call__(self, mesh: AnimatedMesh, time: float) -> Matrix:
@@ -95,7 +101,7 @@ class WorldMatrices:
     def _read(self, mesh: AnimatedMesh, time: float) -> tuple[Matrix, bool]:
         with reading_frame(mesh.path, time):
             code = Usd.TimeCode.EarliestTime() if math.isnan(time) else time_code(time)
-            chain = _movable(mesh.prim)
+            chain = self._chain(mesh.prim)
             if not any(own.nothing(code) for one in chain for own in self._growing_of(one)):
                 return world_matrix(mesh, time), False
             matrix = np.eye(4)
@@ -112,6 +118,15 @@ class WorldMatrices:
             grown = own.grown(code) if own else np.array(operation.GetOpTransform(code))
             matrix = matrix @ grown
         return matrix
+
+    def _chain(self, prim: Usd.Prim) -> list[UsdGeom.Xformable]:
+        """Return a prim and those above it that move it; none where nothing may hide it."""
+        path = prim.GetPath()
+        if path not in self._chains:
+            chain = _movable(prim)
+            grows = any(self._growing_of(one) for one in chain)
+            self._chains[path] = chain if grows else []
+        return self._chains[path]
 
     def _growing_of(self, prim: UsdGeom.Xformable) -> list[_Growing]:
         path = prim.GetPath()
@@ -149,14 +164,15 @@ class _Growing(NamedTuple):
 
 
 def _growing(operation: UsdGeom.XformOp) -> _Growing | None:
-    """Return a transform that is nothing at one of its samples, and large at others."""
+    """Return a transform that is nothing at one of its samples; None of others."""
     if operation.GetOpType() not in (UsdGeom.XformOp.TypeScale, UsdGeom.XformOp.TypeTransform):
         return None
     times = np.array(operation.GetTimeSamples(), dtype=np.float64)
     if len(times) < 2:
         return None
     sizes = np.array([_size(operation, Usd.TimeCode(time)) for time in times])
-    if not sizes.min() < NOTHING * sizes.max():
+    # The inverse of nothing is no number.
+    if not (np.isfinite(sizes).all() and sizes.min() < NOTHING * sizes.max()):
         return None
     return _Growing(operation, times[sizes >= LARGE * sizes.max()], float(sizes.max()))
 

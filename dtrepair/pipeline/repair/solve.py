@@ -186,7 +186,7 @@ class FrameRepairer:
             # A fixed vertex keeps its place whatever the solver says; the count tells the rest.
             moved = (np.asarray(results[index]) != frame.spaces[index]).any(axis=1)
             moved &= self.free[index]
-            if not moved.any() or index in frame.hidden:
+            if not moved.any():
                 written.append(None)
                 continue
             local = results[index]

@@ -31,7 +31,8 @@ class Frame:
 
     `failure` is an unusable frame, `blocked` the path of a mesh without points at that time.
     `spaces`: the points in the space of counting and repair: local for one mesh, else world.
-    `hidden`: which of several meshes cannot be seen; `spaces` says where they would be.
+    `hidden`: which of several meshes cannot be seen; `spaces` says where they would be, or of
+    those that are `unplaced` only their shape.
     """
 
     time: float
@@ -40,6 +41,7 @@ class Frame:
     failure: str | None = None
     blocked: str | None = None
     hidden: frozenset[int] = frozenset()
+    unplaced: frozenset[int] = frozenset()
 
     @property
     def poses(self) -> list[Any]:
@@ -47,7 +49,8 @@ class Frame:
         from dtrepair.repair.scene.bodies import Absent
 
         return [
-            Absent(own) if index in self.hidden else own for index, own in enumerate(self.spaces)
+            Absent(own, index not in self.unplaced) if index in self.hidden else own
+            for index, own in enumerate(self.spaces)
         ]
 
     @property
@@ -84,16 +87,20 @@ def placed_frame(source: Source, time: float, points: Sequence[NDArray[np.float3
 
     if len(source.meshes) == 1:
         return Frame(time, tuple(points), tuple(points))
-    hidden, spaces = set[int](), list[NDArray[Any]]()
+    hidden, unplaced, spaces = set[int](), set[int](), list[NDArray[Any]]()
     for index, (mesh, local) in enumerate(zip(source.meshes, points, strict=True)):
         try:
-            nothing = len(mesh.faces) > 1 and bool((local == local[:1]).all())
-            spaces.append(source.to_world(mesh, time, mesh.rest if nothing else local))
-            if nothing or _hidden(source, mesh, time):
+            space = source.to_world(mesh, time, local)
+            if len(mesh.faces) > 1 and np.ptp(space.astype(np.float32), axis=0).max() == 0.0:
+                unplaced.add(index)
+                space = mesh.rest
+            elif _hidden(source, mesh, time):
                 hidden.add(index)
+            spaces.append(space)
         except FrameError as error:
             return Frame(time, failure=str(error))
-    return Frame(time, tuple(points), tuple(spaces), hidden=frozenset(hidden))
+    gone = frozenset(hidden | unplaced), frozenset(unplaced)
+    return Frame(time, tuple(points), tuple(spaces), hidden=gone[0], unplaced=gone[1])
 
 
 def _hidden(source: Source, mesh: SourceMesh, time: float) -> bool:

@@ -293,7 +293,8 @@ class StageSource:
         """Local points, float64. Raises FrameError where the transform flattens space."""
         import usd_io
 
-        return usd_io.local_points(mesh.handle, time, points + self.origin)
+        matrix = self.matrices(mesh.handle, time)
+        return usd_io.local_points(mesh.handle, time, points + self.origin, matrix)
 
 
 class MeshSource:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import UsageError
-from dtrepair.pipeline.stages.frames import Frame
+from dtrepair.pipeline.stages.frames import Frame, placed_frame
 from dtrepair.pipeline.stages.rest import Rest, choose_rests
 from dtrepair.pipeline.stages.sources import MeshSource, Source, StageSource
 from dtrepair.pipeline.transfer.inputs import (
@@ -97,18 +97,15 @@ class JoinedMeshes:
 
         Raises FrameError where a transform flattens space.
         """
-        local, spaces = [], []
+        local = []
         meshes = zip(self.source.meshes, self.split(points), self.rests, strict=True)
         for mesh, part, rest in meshes:
             if part is None:
                 part = rest.points
             elif self.several:
                 part = self.source.to_local(mesh, time, part)
-            rounded = part.astype(np.float32)
-            local.append(rounded)
-            several = self.several
-            spaces.append(self.source.to_world(mesh, time, rounded) if several else rounded)
-        return Frame(time, tuple(local), tuple(spaces))
+            local.append(part.astype(np.float32))
+        return placed_frame(self.source, time, local)
 
 
 @dataclass(frozen=True)

@@ -62,10 +62,13 @@ class Body:
 
 
 class Absent(NamedTuple):
-    """The points (V, 3) of a body that is not there in a pose, as one that is hidden: it meets
-    nothing and comes back as it is. They say where it would be."""
+    """A body that is not there in a pose, as one that is hidden: it meets nothing.
+
+    points: Where it would be (V, 3); it comes back as it is. placed: else only its shape.
+    """
 
     points: Any
+    placed: bool = True
 
 
 def points_of(pose: Any, count: int) -> FloatArray:

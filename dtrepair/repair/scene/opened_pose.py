@@ -10,16 +10,15 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, extent
+from dtrepair.numerics.geometry import FloatArray, IntArray, extent, triangle_frames
 from dtrepair.repair.scene.attached_parts import attached_bodies
 from dtrepair.repair.scene.bodies import Absent, about_centre
 from dtrepair.repair.scene.scene import Scene
-
-# Up to so many times as many triangles, and so many more, may intersect where fewer pairs do.
-SPREAD, FEW = 1.1, 10
-
+from dtrepair.repair.surface.rigid_bodies import RigidBodies
 
 BoolArray = NDArray[np.bool_]
+# Up to so many times as many triangles, and so many more, may intersect where fewer pairs do.
+SPREAD, FEW = 1.1, 10
 
 
 def _none() -> IntArray:
@@ -85,7 +84,8 @@ def gathered(scene: Scene, points: Sequence[Any]) -> OpenedPose:
     hidden = [body for body, own in enumerate(points) if isinstance(own, Absent)]
     if hidden:
         absent = np.isin(scene.body_of_vertex, hidden)
-        original = _out_of_the_way(scene, original, absent)
+        unplaced = [body for body in hidden if not points[body].placed]
+        original = _out_of_the_way(scene, original, absent, unplaced)
     centred, centre = about_centre(original)
     weld = scene.weld(centred)
     return OpenedPose(
@@ -99,10 +99,13 @@ def gathered(scene: Scene, points: Sequence[Any]) -> OpenedPose:
     )
 
 
-def _out_of_the_way(scene: Scene, points: FloatArray, absent: BoolArray) -> FloatArray:
+def _out_of_the_way(
+    scene: Scene, points: FloatArray, absent: BoolArray, unplaced: Sequence[int]
+) -> FloatArray:
     """Return a pose (V, 3) with absent bodies beside all others, and beside each other.
 
-    What is attached to others stays where it would be: they hold on to it in all poses.
+    What is attached to others stays where it would be: they hold on to it in all poses. Of bodies
+    that are unplaced they say where that is.
     """
     moved, there = points.copy(), ~absent
     beside = points[there].max(axis=0)[0] if there.any() else 0.0
@@ -110,11 +113,32 @@ def _out_of_the_way(scene: Scene, points: FloatArray, absent: BoolArray) -> Floa
     for body in np.unique(scene.body_of_vertex[absent]).tolist():
         own = scene.vertices_of(body)
         if body in held:
+            if body in unplaced:
+                moved[own] = _where_held(scene, points, body)
             continue
         beside += extent(points[own])
         moved[own] += [beside - points[own].min(axis=0)[0], 0.0, 0.0]
         beside = moved[own].max(axis=0)[0]
     return moved
+
+
+def _where_held(scene: Scene, points: FloatArray, body: int) -> FloatArray:
+    """Return a body (V, 3), moved as a whole to where the others of a pose hold it."""
+    assert scene.attachments is not None
+    ties, own = scene.attachments.every_tie, scene.vertices_of(body)
+    outwards = (scene.body_of_vertex[ties.vertices] == body) & (
+        scene.body_of[ties.triangles] != body
+    )
+    ties = ties.among(outwards)
+    corners = points[scene.faces[ties.triangles]]
+    places = np.einsum("nk,nkj->nj", ties.weights, corners)
+    places += np.einsum("nij,nj->ni", triangle_frames(corners), ties.offsets)
+    target, weights = points.copy(), np.zeros(len(points))
+    target[ties.vertices], weights[ties.vertices] = places, 1.0
+    if not len(places):
+        return points[own]
+    whole = RigidBodies([(own.start, own.stop)], weights)
+    return np.asarray(whole.fitted(points, target)[own])
 
 
 def detected(scene: Scene, pose: Pose) -> Pose:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +22,8 @@ from tests.command_line import read_samples
 from tests.meshes import elbow, icosphere
 from usd_io import AuthoredMesh, write_animation
 
+EVERY = RepairOptions(rest_contacts="repair")
+ALONG, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 TIMES = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
 ROD, FACES = icosphere(3, 0.12)[0] * [0.5, 6.0, 0.5], icosphere(3)[1]
 ARM, PROP = "/Shot/Arm", "/Shot/Rod/Rod"
@@ -55,15 +58,14 @@ def test_what_is_hidden_is_neither_counted_nor_met(tmp_path: Path, by: str) -> N
         record.before for record in check_stage(path, selection=Selection(strict=True)).frames
     ]
     assert [own is not None and own.pairs > 0 for own in before] == [True] * 3 + [False] * 3
-    report = repair_stage(path, output, jobs=1, options=RepairOptions(rest_contacts="repair"))
+    report = repair_stage(path, output, jobs=1, options=EVERY)
     assert [record.status for record in report.frames] == ["clean"] * 6
     assert f"{PROP} in frames 4:6" in next(t for t in report.warnings if t.startswith("hidden"))
-    seen = repair_stage(
-        whole, tmp_path / "whole.usda", jobs=1, options=RepairOptions(rest_contacts="repair")
-    )
+    seen = repair_stage(whole, tmp_path / "whole.usda", jobs=1, options=EVERY)
     moved = [record.displacement_max for record in report.frames]
     # The arm eases back where nobody sees what it made room for.
-    assert moved[5] < 0.2 * moved[1] and seen.frames[5].displacement_max > 0.5 * moved[1]
+    assert 0.0 < moved[3] < moved[2] and moved[5] < 0.2 * moved[1]
+    assert seen.frames[5].displacement_max > 0.5 * moved[1]
     written = read_samples(output, PROP)
     assert all(np.array_equal(written[time], ROD.astype(np.float32)) for time in (4.0, 5.0, 6.0))
 
@@ -96,3 +98,42 @@ def test_what_holds_it_is_modelled_though_a_scale_hides_it(tmp_path: Path) -> No
     assert [
         record.before is not None and record.before.modelled_pairs > 0 for record in report.frames
     ] == [False, False, True, True, True, False]
+
+
+@pytest.mark.parametrize("chosen", [{"alone": True}, {"selection": Selection(frames="5")}])
+def test_frames_by_themselves_leave_it_out(tmp_path: Path, chosen: dict[str, Any]) -> None:
+    path = shot(tmp_path / "a.usda", (4.0, 5.0, 6.0), "visibility")
+    report = repair_stage(path, tmp_path / "out.usda", jobs=1, options=EVERY, **chosen)
+    assert all(record.status == "clean" for record in report.frames)
+    assert report.frames[-1].displacement_max == 0.0
+
+
+def test_there_and_back_where_a_scale_hides_it(tmp_path: Path) -> None:
+    source = open_source(str(shot(tmp_path / "a.usda", (4.0,), "scale")), Selection())
+    rod = source.meshes[1]
+    back = source.to_local(rod, 4.0, source.to_world(rod, 4.0, rod.rest))
+    assert np.allclose(back, rod.rest, atol=1e-12)
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_points_at_one_place_stay_where_they_are_held(tmp_path: Path, held: bool) -> None:
+    """An arm that goes far with its rod, and a ball where the rod was at rest."""
+    arm, faces = elbow(0.3)
+    side = float(arm[np.abs(arm[:, 2] - 0.6) < 0.1, 0].max()) + 0.01 + (0.5 if not held else 0.0)
+    rod = ROD + side * ALONG + 0.6 * UP
+    poses = np.stack([arm + 2.0 * time * ALONG for time in TIMES])
+    rods = np.stack([rod + 2.0 * time * ALONG for time in TIMES])
+    rods[3:] = rods[3:, :1]
+    ball = icosphere(2, 0.2)[0] + side * ALONG + 0.6 * UP
+    meshes = [
+        AuthoredMesh(ARM, faces, poses, rest=arm),
+        AuthoredMesh(PROP, FACES, rods, rest=rod),
+        AuthoredMesh(
+            "/Shot/Ball", icosphere(2)[1], np.stack([ball] * len(TIMES)), rest=ball + 5.0 * UP
+        ),
+    ]
+    write_animation(tmp_path / "a.usda", meshes, times=TIMES)
+    report = repair_stage(tmp_path / "a.usda", tmp_path / "out.usda", jobs=1)
+    assert [record.status for record in report.frames] == ["clean"] * 6
+    assert max(record.displacement_max for record in report.frames) < 1e-3
+    assert any("frames 4:6" in text for text in report.warnings)

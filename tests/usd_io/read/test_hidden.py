@@ -11,6 +11,7 @@ from pxr import Gf, UsdGeom
 from tests.usd_stages import cube_file, define_cube, new_stage
 from usd_io import (
     AnimatedMesh,
+    FrameError,
     StageError,
     WorldMatrices,
     open_stage,
@@ -113,3 +114,37 @@ def test_what_no_frame_shows_takes_no_part(tmp_path: Path) -> None:
 def test_still_meshes_are_never_hidden(tmp_path: Path) -> None:
     mesh = read_meshes(open_stage(cube_file(tmp_path / "a.usda"))).meshes[0]
     assert not WorldMatrices().hidden(mesh, NAN) and not WorldMatrices().hidden(mesh, 5.0)
+
+
+def test_a_transform_that_is_inverted_hides_nothing(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "a.usda")
+    cube = UsdGeom.Xformable(define_cube(stage, "/Root/Cube"))
+    scale = cube.AddScaleOp(opSuffix="back")
+    for time in TIMES:
+        scale.Set(Gf.Vec3f(time < 3.0), time)
+    cube.SetXformOpOrder([cube.AddScaleOp(opSuffix="back", isInverseOp=True)])
+    stage.GetRootLayer().Save()
+    mesh = read_meshes(open_stage(tmp_path / "a.usda")).meshes[0]
+    matrices = WorldMatrices()
+    assert not matrices.hidden(mesh, 1.0) and np.array_equal(matrices(mesh, 1.0), np.eye(4))
+    with pytest.raises(FrameError, match="infinite"):
+        matrices(mesh, 3.0)
+
+
+def test_what_is_above_a_reset_hides_nothing(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "a.usda")
+    scale = UsdGeom.Xform.Define(stage, "/Root/Hand").AddScaleOp()
+    for time in TIMES:
+        scale.Set(Gf.Vec3f(time < 3.0), time)
+    cube = UsdGeom.Xformable(define_cube(stage, "/Root/Hand/Cube"))
+    cube.AddTranslateOp().Set((7.0, 0.0, 0.0))
+    cube.SetResetXformStack(True)
+    stage.GetRootLayer().Save()
+    mesh = read_meshes(open_stage(tmp_path / "a.usda")).meshes[0]
+    assert not any(WorldMatrices().hidden(mesh, time) for time in TIMES)
+
+
+def test_the_nearest_time_at_which_it_is_large_tells(tmp_path: Path) -> None:
+    mesh, matrices = hand_with_cube(tmp_path / "a.usda", 2.0, 0.0, 0.0, 3.0), WorldMatrices()
+    sizes = [np.linalg.norm(matrices(mesh, time)[0, :3]) for time in TIMES]
+    assert np.allclose(sizes, [2.0, 2.0, 3.0, 3.0])

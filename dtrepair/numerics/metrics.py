@@ -126,10 +126,20 @@ class JumpMeter:
 
     A correction that grows or fades, however fast, is no jump: the displacement between two others
     may be as far from both as they are from each other.
+
+    Args:
+        part_of: The part (V,) of each vertex: a belt may jump on a body that does not.
+        options: What counts as a jump.
     """
 
-    def __init__(self, *, options: JumpOptions = JumpOptions()) -> None:
-        self.options = options
+    def __init__(
+        self, part_of: ArrayLike | None = None, *, options: JumpOptions = JumpOptions()
+    ) -> None:
+        self.options, self._parts = options, list[NDArray[np.intp]]()
+        if part_of is not None:
+            order = np.argsort(part_of, kind="stable")
+            ends = np.flatnonzero(np.diff(np.asarray(part_of)[order])) + 1
+            self._parts = np.split(order, ends)
         self._last: list[tuple[float, FloatArray]] = []
         self._diagonal = 0.0
         # By how much frames jump, fractions of the diagonal of the first one, by their times.
@@ -152,6 +162,12 @@ class JumpMeter:
             return
         between = left + (middle - first) / (last - first) * (right - left)
         farther = lengths(own - between) - 0.5 * lengths(right - left)
-        jump = float(np.quantile(farther, self.options.quantile)) / self._diagonal
+        jump = self._most(farther) / self._diagonal
         if jump > self.options.farther:
             self.jumps[middle] = jump
+
+    def _most(self, farther: FloatArray) -> float:
+        """Return how far the part that stands out most does so, from values (V,) of vertices."""
+        quantile = self.options.quantile
+        own = [farther[part] for part in self._parts if farther[part].max() > 0.0]
+        return max(float(np.quantile(part, quantile)) for part in own or [farther])

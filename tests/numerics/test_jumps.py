@@ -49,6 +49,18 @@ def test_a_faint_one_is_none_and_neither_is_that_of_a_few_vertices() -> None:
     assert list(jumps([0.0, 0.5, 0.0], moving=0.01)) == [1.0]
 
 
+@pytest.mark.parametrize("first", [0, 200, 390])
+def test_a_small_part_that_jumps_on_a_still_body_is_told(first: int) -> None:
+    belt = np.arange(len(BEFORE)) // 2 == first // 2
+    told, untold = JumpMeter(7 - 2 * belt), JumpMeter()
+    for time, share in enumerate([0.0, 0.04, 0.0]):
+        after = BEFORE + share * SIZE * AWAY * belt[:, None]
+        for meter in (told, untold):
+            meter.add(float(time), BEFORE, after)
+    # Two vertices of 400 are none of the rest, and all of the belt.
+    assert told.jumps == {1.0: pytest.approx(0.04)} and untold.jumps == {}
+
+
 def test_frames_need_not_be_evenly_spaced() -> None:
     times = [1.0, 2.0, 5.0]
     assert jumps([0.0, 0.1, 0.4], times=times) == {}

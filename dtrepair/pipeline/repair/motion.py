@@ -8,9 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dtrepair.numerics.geometry import FloatArray, diagonal, lengths
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    IntArray,
+    components,
+    diagonal,
+    lengths,
+    weld_map,
+)
 from dtrepair.numerics.metrics import JitterMeter, JumpMeter
-from dtrepair.pipeline.stages.sources import Source
+from dtrepair.pipeline.stages.sources import Source, SourceMesh
 from dtrepair.wording import frame_list, listed
 
 
@@ -100,6 +107,12 @@ class StillMeter:
         return self._gives if self.still else {}
 
 
+def _parts(mesh: SourceMesh) -> IntArray:
+    """Return the connected part (V,) of each vertex; vertices at one place at rest are one."""
+    weld = weld_map(mesh.rest)
+    return components(weld[mesh.faces], len(weld))[weld]
+
+
 def _unbent(reference: FloatArray, points: FloatArray) -> float:
     """Return how far points (V, 3) are at most from the best rigid motion of others."""
     from dtrepair.repair.surface.rigid_bodies import RigidBodies
@@ -114,7 +127,7 @@ class Motion:
     def __init__(self, source: Source) -> None:
         self._paths = [mesh.path for mesh in source.meshes]
         self._jitter = [JitterMeter() for _ in self._paths]
-        self._jumps = [JumpMeter() for _ in self._paths]
+        self._jumps = [JumpMeter(_parts(mesh)) for mesh in source.meshes]
         # Of a single mesh nothing else moves.
         several = len(self._paths) > 1
         self._bends = [BendMeter() for _ in self._paths] if several else []

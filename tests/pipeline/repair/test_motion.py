@@ -14,12 +14,13 @@ from dtrepair.pipeline import ObjectOptions, Selection, repair_stage
 from dtrepair.pipeline.repair import motion
 from dtrepair.pipeline.repair.motion import BendMeter, BendOptions, Motion, StillMeter
 from dtrepair.pipeline.stages.sources import open_source
-from tests.meshes import bent_tube, icosphere
+from tests.meshes import bent_tube, icosphere, joined
 from tests.pipeline.hosts import Listener
 from usd_io import AuthoredMesh, write_animation
 
 # Transforms are written to the parents: each mesh has one of its own.
 MOVED, WALL = "/Set/Ball/Mesh", "/Set/Wall/Mesh"
+TIMES = (1.0, 2.0, 3.0)
 
 
 def stage_of(folder: Path, places: list[float]) -> Path:
@@ -53,6 +54,20 @@ def test_what_jumps_is_told_but_not_where_frames_are_solved_alone(
     (text,) = told(stage)
     assert text.startswith(f"corrections that jump: {MOVED} in frame 2:6 (by up to ")
     assert told(stage, alone=True) == []
+
+
+def test_a_part_of_a_mesh_that_jumps_is_told(tmp_path: Path) -> None:
+    small = icosphere(0, radius=0.05)
+    points, faces = joined(icosphere(4), (small[0] + 2.0, small[1]))
+    pose = np.stack([points] * 3)
+    write_animation(tmp_path / "a.usda", [AuthoredMesh("/Set/Hero", faces, pose)], times=TIMES)
+    corrections = Motion(open_source(str(tmp_path / "a.usda"), Selection()))
+    for time, far in zip(TIMES, (0.0, 0.3, 0.0), strict=True):
+        after = points.copy()
+        after[-len(small[0]) :, 0] += far
+        corrections.add(time, [points], [after])
+    (text,) = corrections.jumping
+    assert "/Set/Hero in frame 2" in text
 
 
 def test_the_meshes_that_jump_farthest_come_first(tmp_path: Path) -> None:

@@ -67,8 +67,9 @@ def test_attached_parts_come_back_to_their_shape() -> None:
     moved = state.poses - state.original
     assert np.linalg.norm(moved, axis=2).mean() < 0.5 * before
     assert not state.dirty
-    # A fifth of the step between two frames of the input.
-    assert np.abs(np.diff(moved, 2, axis=0)).max() < 0.002
+    # A fifth of the step between two frames of the input; at the ends, which are level, a quarter.
+    second = np.abs(np.diff(moved, 2, axis=0)).max(axis=(1, 2))
+    assert second[1:-1].max() < 0.002 and second.max() < 0.0025
 
 
 def test_a_first_frame_without_contacts_eases_in() -> None:

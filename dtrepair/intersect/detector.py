@@ -153,7 +153,7 @@ class Detector:
                 f"active should be booleans of shape ({len(self.faces)},), one for each "
                 f"triangle, got {active.dtype} of shape {active.shape}"
             )
-        return self._there.array(self.tree.marks(active), self._warp.uint8)
+        return self._there.view(self.tree.marks(active), self._warp.uint8)
 
     def _rounded(self, points: Any) -> NDArray[np.float32]:
         """Return points as float32 poses (B, V, 3). Raises ValueError for others."""

@@ -36,15 +36,15 @@ class Queries:
         """
         warp, device = self._warp, self._device
         mask = np.ones(self._detector.vertex_count, bool) if active is None else active
-        positions = device.array(points, warp.vec3f)
+        positions = device.view(points, warp.vec3f)
         bent = device.empty(len(mask), warp.uint8)
         inputs = [positions, self._mesh.corners[0], *self._rings]
-        inputs += [device.array(mask.view(np.uint8), warp.uint8), bent]
+        inputs += [device.view(mask.view(np.uint8), warp.uint8), bent]
         device.launch(self._kernels.find_bent, len(mask), inputs)
         rows = self._fan_rows(np.flatnonzero(bent.numpy()))
         folded = device.empty(len(rows), warp.uint8)
         inputs = [positions, self._mesh.faces, self._fan_array]
-        inputs += [device.array(rows, warp.int32), folded]
+        inputs += [device.view(rows, warp.int32), folded]
         device.launch(self._kernels.find_folds, len(rows), inputs)
         return np.sort(self._fans[rows[folded.numpy().astype(bool)]][:, [0, 2]], axis=1)
 
@@ -80,9 +80,9 @@ class Queries:
         positions = device.view(points[None], warp.vec3f)
         low, high = self._node_boxes(points)
         inputs = [positions, mesh.ordered, *mesh.leaves]
-        inputs += [low, high, device.array(vertices.astype(np.int32), warp.int32)]
-        inputs += [device.array(directions, warp.vec3d), device.array(part, warp.int32)]
-        inputs += [device.array(over.view(np.uint8), warp.uint8), result]
+        inputs += [low, high, device.view(vertices.astype(np.int32), warp.int32)]
+        inputs += [device.view(directions, warp.vec3d), device.array(part, warp.int32)]
+        inputs += [device.view(over.view(np.uint8), warp.uint8), result]
         device.launch(cast_rays, len(vertices), inputs)
         counts: IntArray = result.numpy()
         return counts
@@ -91,7 +91,7 @@ class Queries:
         """Return the vector area (V, 3) of each vertex: a third of its triangles'."""
         mesh, device, kind = self._mesh, self._device, self._warp.vec3d
         areas = device.empty(mesh.vertex_count, kind)
-        inputs = [device.array(points, kind), mesh.faces, *mesh.corners, areas]
+        inputs = [device.view(points, kind), mesh.faces, *mesh.corners, areas]
         device.launch(self._kernels.vertex_areas, mesh.vertex_count, inputs)
         of_vertices: FloatArray = areas.numpy()
         return of_vertices

@@ -9,7 +9,7 @@ but for what lies in the other: a ring does not make a hand come through its glo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -22,6 +22,8 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_f
 BoolArray = NDArray[np.bool_]
 KeyArray = NDArray[np.int64]
 Parts = frozenset[tuple[int, int]]
+# Bits that are kept in one number.
+WORD = 64
 
 
 class Reference(NamedTuple):
@@ -236,38 +238,46 @@ class Attachments:
         keys = np.unique(np.minimum(first, other) * self.count + np.maximum(first, other))
         return [(int(key // self.count), int(key % self.count)) for key in keys]
 
-    @cached_property
-    def _mates(self) -> dict[int, set[int]]:
-        mates: dict[int, set[int]] = {}
-        for first, second in self.pairs_of_parts:
-            mates.setdefault(first, set()).add(second)
-            mates.setdefault(second, set()).add(first)
-        return mates
-
     def modelled(self, pairs: NDArray[np.integer]) -> BoolArray:
         """Return which pairs (K, 2) of triangles are modelled contacts, (K,)."""
         result = np.zeros(len(pairs), dtype=bool)
-        if len(self.zones) == 0 or len(pairs) == 0:
+        if len(self.zones) == 0:
             return result
-        parts = self.part_of[pairs]
-        result |= self._in_zones(pairs[:, 0], parts[:, 1]) & self._in_zones(
-            pairs[:, 1], parts[:, 0]
-        )
-        attached = np.array(self.pairs_of_parts, dtype=np.int64) @ [self.count, 1]
-        low, high = parts.min(axis=1).astype(np.int64), parts.max(axis=1)
-        loose = np.flatnonzero((low != high) & ~np.isin(low * self.count + high, attached))
-        keys, place = np.unique(parts[loose], axis=0, return_inverse=True)
-        place = place.reshape(-1)
-        for index, (first, second) in enumerate(keys.tolist()):
-            if (min(first, second), max(first, second)) in self.nested:
-                continue
-            own = loose[place == index]
-            for host in self._mates.get(first, set()) & self._mates.get(second, set()):
-                towards = np.full(len(own), host)
-                result[own] |= self._in_zones(pairs[own, 0], towards) & self._in_zones(
-                    pairs[own, 1], towards
-                )
+        # Others lie in no zone at all.
+        own = np.flatnonzero(self.triangles[pairs].all(axis=1))
+        parts = self.part_of[pairs[own]]
+        first, second = parts.T
+        zones, mates = self._zone_bits[self._row[pairs[own]]], self._mates
+        both = _has(zones[:, 0], second) & _has(zones[:, 1], first)
+        through_third = (zones[:, 0] & zones[:, 1] & mates[first] & mates[second]).any(axis=1)
+        told = _has(mates[first], second) | _has(self._nested_bits[first], second)
+        result[own] = both | (through_third & (first != second) & ~told)
         return result
+
+    @cached_property
+    def _row(self) -> IntArray:
+        """The row (F,) of `_zone_bits` of each triangle that lies in any zone."""
+        return np.cumsum(self.triangles, dtype=np.int32) - 1
+
+    @cached_property
+    def _zone_bits(self) -> NDArray[np.uint64]:
+        """Towards which parts triangles have a zone, as bits (rows, words)."""
+        triangle, part = np.divmod(self.zones, max(self.count, 1))
+        return _bits(self._row[triangle], part, int(self.triangles.sum()), self.count)
+
+    @cached_property
+    def _mates(self) -> NDArray[np.uint64]:
+        """To which others each part is attached, as bits (P, words)."""
+        return self._bits_of_pairs(self.pairs_of_parts)
+
+    @cached_property
+    def _nested_bits(self) -> NDArray[np.uint64]:
+        return self._bits_of_pairs(self.nested)
+
+    def _bits_of_pairs(self, pairs: Iterable[tuple[int, int]]) -> NDArray[np.uint64]:
+        both = np.array([*pairs], dtype=np.int64).reshape(-1, 2)
+        both = np.concatenate([both, both[:, ::-1]])
+        return _bits(both[:, 0], both[:, 1], self.count, self.count)
 
     def of_triangles(self, kept: NDArray[np.integer], place: NDArray[np.integer]) -> Attachments:
         """Return the same for a mesh of some of the triangles (N,), ascending, numbered anew.
@@ -284,10 +294,21 @@ class Attachments:
         result.count = self.count
         return result
 
-    def _in_zones(self, triangles: NDArray[np.integer], towards: NDArray[np.integer]) -> BoolArray:
-        keys = triangles.astype(np.int64) * self.count + towards
-        place = np.minimum(np.searchsorted(self.zones, keys), len(self.zones) - 1)
-        return np.asarray(self.zones[place] == keys)
+
+def _bits(
+    rows: NDArray[np.integer], columns: NDArray[np.integer], count: int, width: int
+) -> NDArray[np.uint64]:
+    """Return bits (count, words) that are set at rows and columns (N,) below `width`."""
+    bits = np.zeros((count, width // WORD + 1), dtype=np.uint64)
+    value = np.uint64(1) << (columns % WORD).astype(np.uint64)
+    np.bitwise_or.at(bits, (rows, columns // WORD), value)
+    return bits
+
+
+def _has(bits: NDArray[np.uint64], columns: NDArray[np.integer]) -> BoolArray:
+    """Return whether each row of bits (N, words) has its column (N,) set."""
+    word = bits[np.arange(len(bits)), columns // WORD]
+    return np.asarray(word >> (columns % WORD).astype(np.uint64) & np.uint64(1) != 0)
 
 
 def no_attachments(part_of: IntArray) -> Attachments:

@@ -32,7 +32,7 @@ def least_linked(links: NDArray[np.integer], items: IntArray, device: Device) ->
     warp = start_warp()
     pairs = np.ascontiguousarray(links, dtype=np.int32).reshape(-1, 2)
     roots = device.array(items, warp.int32)
-    device.launch(hook_roots, len(pairs), [device.array(pairs, warp.vec2i), roots])
+    device.launch(hook_roots, len(pairs), [device.view(pairs, warp.vec2i), roots])
     device.launch(flatten_roots, len(items), [roots])
     found: IntArray = roots.numpy()
     return found

@@ -28,6 +28,7 @@ from dtrepair.numerics.geometry import (
     triangle_areas,
     vertex_areas,
 )
+from dtrepair.numerics.recent import Recent
 from dtrepair.numerics.worn.measure import Solid, WornOptions, worn_measure
 from dtrepair.numerics.worn.parts import Parts
 
@@ -121,6 +122,8 @@ class Rings:
         self._low = np.stack([rest[own].min(axis=0) for own in parts.vertices])
         self._high = np.stack([rest[own].max(axis=0) for own in parts.vertices])
         self._known: dict[int, list[Ring]] = {}
+        # Which rings, by their `id`, the input has on: many corrections of one are asked for.
+        self._worn_before = Recent(_none_yet)
 
     def taken_off(self, before: FloatArray, after: FloatArray) -> list[Ring]:
         """Return the rings that are on in one pose (V, 3), and off in another."""
@@ -130,7 +133,11 @@ class Rings:
         narrow = (width < farthest) | ~self.parts.closed
         found = [ring for top in self._large[narrow[self._large]] for ring in self.of(int(top))]
         near = [ring for ring in found if ring.width < farthest]
-        return [ring for ring in near if ring.worn(before) and not ring.worn(after)]
+        worn = self._worn_before(before)
+        for ring in near:
+            if id(ring) not in worn:
+                worn[id(ring)] = ring.worn(before)
+        return [ring for ring in near if worn[id(ring)] and not ring.worn(after)]
 
     def of(self, top: int) -> list[Ring]:
         """Return what a part goes round in the rest."""
@@ -171,6 +178,10 @@ class Rings:
         corners = self.parts.poses[0][self.parts.triangles[part]]
         # An arm is thinner than what of its body counts as one from afar.
         return abs(float(Dipoles(corners, self.options.cells).enclose_closely(point[None])[0]))
+
+
+def _none_yet(pose: FloatArray) -> dict[int, bool]:
+    return {}
 
 
 def _hems(faces: IntArray) -> list[IntArray]:

@@ -8,6 +8,7 @@ and the character does not jump from one way to the other.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -52,15 +53,15 @@ def started_again(
         rough = options.rough_attached
         most = max(1, options.triangles * len(frames) // len(mesh.surface.faces))
     tried = _lent(
-        state,
         lambda tried: _loans(state.merits, state.few, tried, rough, options),
+        state.solved,
         state.take,
         most,
     )
     if tied:
         _lent(
-            state,
             lambda again: _loans_in_step(state, tried | again, options),
+            partial(state.solved, in_step=True),
             state.take_in_step,
             2 * most,
         )
@@ -74,19 +75,19 @@ def started_again(
 
 
 def _lent(
-    state: Borrowing,
     next_loans: Callable[[frozenset[Loan]], list[Loan]],
+    solved: Callable[[list[Loan]], list[FloatArray]],
     take: Callable[[int, FloatArray], None],
     most: int,
 ) -> frozenset[Loan]:
     """Make at most so many loans, as long as there are next ones, and return them.
 
-    take: is given a frame and the pose (V, 3) that a loan leads to.
+    solved: finds the poses (V, 3) that loans lead to; take: is given a frame and that pose.
     """
     tried = frozenset[Loan]()
     while loans := next_loans(tried)[: most - len(tried)]:
         tried |= frozenset(loans)
-        for loan, points in zip(loans, state.solved(loans), strict=True):
+        for loan, points in zip(loans, solved(loans), strict=True):
             take(loan.frame, points)
     return tried
 
@@ -156,7 +157,7 @@ def _runs_in_step(state: Borrowing, most: int) -> None:
         for own, lender in ((run, first), (run[::-1], last + 1)):
             lent, found = state.merits[lender], state.merits[own[0]]
             good = not lent.strained and lent.wrong <= found.wrong
-            if good and state.taken_on(own, lender):
+            if good and state.taken_on(own, lender, least):
                 way = state.steps()[first : last + 1].sum()
                 if way < least:
                     best, least = state.snapshot(), way

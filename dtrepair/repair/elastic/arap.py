@@ -55,7 +55,8 @@ class ArapSystem:
         self._original = self._home = np.ascontiguousarray(original)
         if region is None:
             region = np.ones(surface.count, dtype=bool)
-        self._turning = np.flatnonzero(surface.dilate(region))
+        turning = np.flatnonzero(surface.dilate(region)).astype(np.int32)
+        self._turning = self._device.array(turning, self._warp.int32)
         self._inner = np.flatnonzero(region) if region.mean() < options.small_region else None
         laplacian = surface.laplacian
         self._matrix = [
@@ -75,7 +76,7 @@ class ArapSystem:
     def target(self, points: FloatArray) -> FloatArray:
         """Return the right-hand side (V, 3) of a step from `points`, zero beyond a small region."""
         warp, count = self._warp, self._surface.count
-        original = self._device.array(self._original, warp.vec3d)
+        original = self._device.view(self._original, warp.vec3d)
         rotations = self._fitted(points)
         edges = self._device.zeros(count, warp.vec3d)
         rows = np.arange(count) if self._inner is None else self._inner
@@ -94,9 +95,8 @@ class ArapSystem:
         warp = self._warp
         identities = np.tile(np.eye(3), (self._surface.count, 1, 1))
         rotations = self._device.array(identities, warp.mat33d)
-        turning = self._device.array(self._turning, warp.int32)
-        inputs = [turning, *self._matrix, self._device.array(self._original, warp.vec3d)]
-        inputs += [self._device.array(points, warp.vec3d), rotations]
+        inputs = [self._turning, *self._matrix, self._device.view(self._original, warp.vec3d)]
+        inputs += [self._device.view(points, warp.vec3d), rotations]
         self._device.launch(self._kernels.fit_rotations, len(self._turning), inputs)
         return rotations
 

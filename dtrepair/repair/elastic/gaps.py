@@ -166,8 +166,8 @@ class Gaps:
     def _nearest(self, points: FloatArray) -> list[FloatArray]:
         warp, device = self._warp, self._device
         nearest = [device.empty(len(self), warp.vec3d) for _ in range(3)]
-        corners = device.array(self.corners, warp.int32)
-        inputs = [device.array(points, warp.vec3d), corners, *nearest]
+        corners = device.view(self.corners, warp.int32)
+        inputs = [device.view(points, warp.vec3d), corners, *nearest]
         device.launch(self._kernels.nearest_points, len(self), inputs)
         return [array.numpy() for array in nearest]
 
@@ -179,11 +179,11 @@ class Gaps:
         normals = areas / (lengths(areas)[:, None] + 1e-300)
         low, high = surface.detector.boxes(surface.written(points)[None])[2:4]
         triangles = device.empty(len(vertices), warp.int32)
-        positions = device.array(points, warp.vec3d)
+        positions = device.view(points, warp.vec3d)
         fronts = device.empty(len(surface.faces), warp.vec3d)
         inputs = [positions, mesh.faces, mesh.order, fronts]
         device.launch(self._kernels.front_areas, len(fronts), inputs)
-        inputs = [positions, device.array(normals, warp.vec3d), device.array(vertices, warp.int32)]
+        inputs = [positions, device.view(normals, warp.vec3d), device.view(vertices, warp.int32)]
         inputs += [mesh.faces, fronts, mesh.order, *mesh.leaves, low, high]
         inputs += [float(surface.size), float(radius), triangles]
         device.launch(self._kernels.faced_triangles, len(vertices), inputs)

@@ -147,17 +147,40 @@ class Borrowing:
         self.merits = [self.merit(*both) for both in zip(frames, poses, strict=True)]
         self.few = [options.left_share * frame.wrong for frame in frames]
 
-    def solved(self, loans: Sequence[Loan]) -> list[FloatArray]:
-        """Return the poses (V, 3) that loans lead to."""
+    def solved(self, loans: Sequence[Loan], *, in_step: bool = False) -> list[FloatArray]:
+        """Return the poses (V, 3) that loans lead to.
+
+        in_step: those that stand out no less than what is there are not relaxed: that cures no way.
+        """
         of_loans = [
             (self.frames[lender].centred, self.result[lender], self.frames[index].centred)
             for index, lender in loans
         ]
         scene, options = self.scene, self.options
         borrowers = _Borrowers(self.mesh, of_loans, scene.options.effort, options.lending)
-        own = [self.frames[loan.frame] for loan in loans]
         found = _solved(borrowers, self.jobs)
-        return relieved_poses(scene, self.mesh, own, found, jobs=self.jobs, options=options.relief)
+        both = enumerate(zip(loans, found, strict=True))
+        own = [k for k, (loan, pose) in both if not in_step or self._nearer(loan.frame, pose)]
+        relieved = relieved_poses(
+            scene,
+            self.mesh,
+            [self.frames[loans[k].frame] for k in own],
+            [found[k] for k in own],
+            jobs=self.jobs,
+            options=options.relief,
+        )
+        for k, pose in zip(own, relieved, strict=True):
+            found[k] = pose
+        return found
+
+    def _nearer(self, index: int, points: FloatArray) -> bool:
+        """Return whether a pose (V, 3) of a frame would stand out less, with no more wrong."""
+        kept, before = self.result[index], self.standing_out()[index]
+        self.result[index] = points
+        after = self.standing_out()[index]
+        self.result[index] = kept
+        wrong = wrong_of(self.scene, self.frames[index], points)
+        return bool(after < before) and wrong <= self.merits[index].wrong
 
     def take(self, index: int, points: FloatArray) -> None:
         """Take a pose (V, 3) of a frame if it is better than what was found."""
@@ -205,10 +228,11 @@ class Borrowing:
         else:
             self.result[index] = kept
 
-    def taken_on(self, run: Sequence[int], lender: int) -> bool:
+    def taken_on(self, run: Sequence[int], lender: int, most: float) -> bool:
         """Solve frames one from the other, the first from a lender; return whether none is worse.
 
-        They stay as they were found, to be put back with `put_back`.
+        They stay as they were found, to be put back with `put_back`. most: what the steps to them
+        are together at most, units of the size.
         """
         for index in run:
             frame = self.frames[index]
@@ -218,6 +242,9 @@ class Borrowing:
             if worse or too_far(self.scene, frame, points).any():
                 return False
             self.result[index], self.merits[index] = points, merit
+            most -= float(self.steps()[min(index, lender)])
+            if most < 0.0:
+                return False
             lender = index
         return True
 

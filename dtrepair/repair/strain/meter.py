@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, vector_areas
+from dtrepair.numerics.recent import Recent
 from dtrepair.numerics.scale import WHOLE, Scale
 from dtrepair.numerics.worn.loops import Rings
 from dtrepair.repair.strain.parts import ConnectedParts, changes
-from dtrepair.repair.strain.turning import folded_more, turned_over
+from dtrepair.repair.strain.turning import turned_patches
 from dtrepair.repair.strain.volumes import Pieces, limbs
 
 Places = NDArray[np.integer]
@@ -89,6 +90,14 @@ class Excess(NamedTuple):
     vertices: IntArray
 
 
+class _Changed(NamedTuple):
+    """What a correction changed beyond bounds: edges, ties (N,) in diagonals, all else."""
+
+    edges: list[Excess]
+    drift: FloatArray
+    others: list[Excess]
+
+
 class StrainMeter:
     """Measures what became of the parts of a mesh.
 
@@ -113,6 +122,10 @@ class StrainMeter:
     ) -> None:
         self.parts, self.references, self.rest, self.options = parts, references, rest, options
         self.rings, self.scale = rings, scale
+        # Corrections of one input are measured in turn, each by the strict bounds, too.
+        self._offsets_before = Recent(parts.tie_offsets)
+        self._areas_before = Recent(partial(vector_areas, faces=parts.faces))
+        self._changes = Recent(self._changed)
 
     def __call__(
         self, before: FloatArray, after: FloatArray, *, strict: bool = False
@@ -120,27 +133,31 @@ class StrainMeter:
         """Return what is beyond its bound in a pose (V, 3), against that of the input.
 
         strict: what relief aims at: what the input let go is judged like what it holds, all may
-        slide a little less, and every bound is told, not only the first that a joint passes.
+        slide a little less, and all bounds are told, not only the first that a joint passes.
         """
         if np.array_equal(before, after):
             return []
         size = self.scale.diagonal(before) or 1.0
-        old, new = (vector_areas(points, self.parts.faces) for points in (before, after))
-        return [
-            *self._spoilt_edges(before, after, size),
-            *self._drifts(before, after, size, strict),
+        edges, drift, others = self._changes(before, after)
+        return [*edges, *self._drifts(drift, before, size, strict), *others]
+
+    def _changed(self, before: FloatArray, after: FloatArray) -> _Changed:
+        """Return what does not depend on how strict the bounds are."""
+        size = self.scale.diagonal(before) or 1.0
+        old, new = self._areas_before(before), vector_areas(after, self.parts.faces)
+        others = [
             *self._volumes(before, after, old, new),
             *self._flips(before, after, old, new, size),
             *self._taken_off(before, after),
         ]
+        edges = self._spoilt_edges(before, after, size)
+        return _Changed(edges, self._drift(before, after, size), others)
 
     def _spoilt_edges(self, before: FloatArray, after: FloatArray, size: float) -> list[Excess]:
         """Return parts, or else bodies, with too many edges that changed by the factor."""
         options = self.options
         first, second = self.parts.edges.T
-        ends = [
-            points.take(first, axis=0) - points.take(second, axis=0) for points in (before, after)
-        ]
+        ends = [pose.take(first, axis=0) - pose.take(second, axis=0) for pose in (before, after)]
         old, new = (dots(vectors, vectors) for vectors in ends)
         square = options.factor**2
         spoilt = (new > square * old) | (square * new < old)
@@ -176,18 +193,25 @@ class StrainMeter:
             )
         return result
 
-    def _drifts(
-        self, before: FloatArray, after: FloatArray, size: float, strict: bool
-    ) -> list[Excess]:
-        """Return where attached parts came off each other, or slid."""
+    def _drift(self, before: FloatArray, after: FloatArray, size: float) -> FloatArray:
+        """Return how far (N,), diagonals, each tied vertex came off; of no ties none."""
         if self.parts.ties is None:
+            return np.zeros(0)
+        offsets = self.parts.tie_offsets(after)
+        drift = changes(self._offsets_before(before), offsets) / size
+        if self.references and drift.max() > self.options.slide * self.options.aim:
+            # What goes back to where it was modelled has not come off.
+            drift = np.fmin(drift, changes(self._modelled, offsets / size))
+        return drift
+
+    def _drifts(
+        self, drift: FloatArray, before: FloatArray, size: float, strict: bool
+    ) -> list[Excess]:
+        """Return where attached parts came off each other, or slid, by their `_drift` (N,)."""
+        if not len(drift):
             return []
         options = self.options
-        drift = self.parts.tie_changes(before, after) / size
         slide = options.slide * (options.aim if strict else 1.0)
-        if self.references and drift.max() > slide:
-            # What goes back to where it was modelled has not come off.
-            drift = np.fmin(drift, changes(self._modelled, self.parts.tie_offsets(after) / size))
         if drift.max() <= min(options.drift, options.joint, slide):
             return []
         held = ~self.let_go(before, options.joint)
@@ -216,7 +240,7 @@ class StrainMeter:
         """Return which ties (N,) a pose (V, 3) of the input has led off their place at rest."""
         if not self.references:
             return np.zeros(len(self.parts.joint), dtype=bool)
-        offsets = self.parts.tie_offsets(pose) / (self.scale.diagonal(pose) or 1.0)
+        offsets = self._offsets_before(pose) / (self.scale.diagonal(pose) or 1.0)
         return changes(self._modelled, offsets) > bound
 
     @cached_property
@@ -279,25 +303,16 @@ class StrainMeter:
         size: float,
     ) -> list[Excess]:
         """Return patches of triangles that turned over; old, new: vector areas (F, 3)."""
-        faces, edges = self.parts.faces, self.parts.edges
-        had, has = lengths(old), lengths(new)
-        area = np.minimum(had, has)
-        whole = np.bincount(self.parts.of_face, had, self.parts.count)
+        area = np.minimum(lengths(old), lengths(new))
+        whole = np.bincount(self.parts.of_face, lengths(old), self.parts.count)
         bounds = np.minimum((self.options.patch * size) ** 2, self.options.patch_share * whole)
-        # Only what turned by 60 degrees can have turned over against its surroundings.
-        turned: Places = np.flatnonzero(dots(old, new) < 0.5 * had * has)
-        over = [
-            own[turned_over(faces[own], edges, before, after, old[own], new[own])]
-            for own in self._patches(turned, area, bounds)
-        ]
+        poses, few = (before, after, old, new), self.options.patch_triangles
         result = []
-        for own in self._patches(np.concatenate([turned[:0], *over]), area, bounds):
-            if not folded_more(self.parts.rim(own), old, new):
-                continue  # it was folded over in the input, and is so no longer
+        for own in turned_patches(self.parts, *poses, bounds, few=few):
             part = int(self.parts.of_face[own[0]])
-            worst = int(faces[own[np.argmax(area[own])], 0])
+            worst = int(self.parts.faces[own[np.argmax(area[own])], 0])
             value, bound = (float(np.sqrt(a)) / size for a in (area[own].sum(), bounds[part]))
-            vertices = np.unique(faces[own].ravel())
+            vertices = np.unique(self.parts.faces[own].ravel())
             result.append(Excess(StrainKind.FLIPS, part, value, bound, worst, vertices))
         return result
 
@@ -313,13 +328,3 @@ class StrainMeter:
             part, bound = int(self.parts.of_vertex[worst]), self.options.worn
             result.append(Excess(StrainKind.WORN, part, 1.0, bound, worst, vertices))
         return result
-
-    def _patches(self, chosen: Places, area: FloatArray, bounds: FloatArray) -> list[Places]:
-        """Return the patches of some triangles that are beyond the bounds of their parts (P,)."""
-        part = self.parts.of_face[chosen]
-        if not (np.bincount(part, area[chosen], self.parts.count) > bounds).any():
-            return []
-        label = self.parts.patches(chosen)
-        sums, counts = np.bincount(label, area[chosen]), np.bincount(label)
-        large = (sums[label] > bounds[part]) & (counts[label] > self.options.patch_triangles)
-        return [chosen[label == index] for index in np.unique(label[large])]

@@ -146,36 +146,23 @@ class ConnectedParts:
         inside = mask[self._sides]
         return np.asarray(self._sides[inside[:, 0] != inside[:, 1]])
 
-    def tie_changes(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return how far (N,) each tied vertex went from its point on the other part.
-
-        Seen from the world or from the triangle that it rests on, whichever is less: what swings
-        together has not come apart.
-        """
-        return changes(self.tie_offsets(before), self.tie_offsets(after))
-
     def tie_offsets(self, points: FloatArray) -> FloatArray:
         """Return the offset (N, 2, 3) of each tied vertex from its point on the other part.
 
         In the axes of the world, and in those of the triangle that it rests on.
         """
         assert self.ties is not None
-        corners = points[self.corners[self.ties.triangles]]
+        corners = points.take(self._hosts, axis=0)
         host = np.einsum("ik,ikj->ij", self.ties.weights, corners)
-        offsets = points[self.ties.vertices] - host
-        local = np.einsum("nij,nj->ni", self._frames(points), offsets)
+        offsets = points.take(self.ties.vertices, axis=0) - host
+        local = np.einsum("nij,nj->ni", _axes(corners), offsets)
         return np.stack([offsets, local], axis=1)
 
-    def _frames(self, points: FloatArray) -> FloatArray:
-        """Return the axes (N, 3, 3), as rows, of the triangle that each tied vertex rests on."""
+    @cached_property
+    def _hosts(self) -> IntArray:
+        """The corners (N, 3) of the triangle that each tied vertex rests on."""
         assert self.ties is not None
-        corners = points[self.corners[self.ties.triangles]]
-        first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        normal = cross(first, second)
-        axes = np.stack([first, cross(normal, first), normal], axis=1)
-        length = np.linalg.norm(axes, axis=2, keepdims=True)
-        # A triangle without area has no axes: nothing is seen from it.
-        return np.asarray(np.divide(axes, length, out=np.full_like(axes, np.nan), where=length > 0))
+        return self.corners[self.ties.triangles]
 
     def distances(self, points: FloatArray) -> sparse.csr_matrix:
         """Return the lengths (V, V) of edges and ties in a pose (V, 3)."""
@@ -189,7 +176,21 @@ class ConnectedParts:
         return sparse.csr_matrix(entries, shape=(self.vertices, self.vertices))
 
 
+def _axes(corners: FloatArray) -> FloatArray:
+    """Return the axes (N, 3, 3), as rows, of triangles of corners (N, 3, 3)."""
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = cross(first, second)
+    axes = np.stack([first, cross(normal, first), normal], axis=1)
+    length = np.linalg.norm(axes, axis=2, keepdims=True)
+    # A triangle without area has no axes: nothing is seen from it.
+    return np.asarray(np.divide(axes, length, out=np.full_like(axes, np.nan), where=length > 0))
+
+
 def changes(before: FloatArray, after: FloatArray) -> FloatArray:
-    """Return how far (N,) tied vertices went, by their offsets (N, 2, 3): the lesser of both."""
+    """Return how far (N,) tied vertices went, by their offsets (N, 2, 3).
+
+    Seen from the world or from the triangle that each rests on, whichever is less: what swings
+    together has not come apart.
+    """
     world, local = np.moveaxis(after - before, 1, 0)
     return np.asarray(np.fmin(lengths(world), lengths(local)))

@@ -6,9 +6,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths
+from dtrepair.repair.strain.parts import ConnectedParts
 
+Places = NDArray[np.integer]
 # Rings around a patch that tell how its surroundings turned: the first may be drawn in with it.
 SURROUNDINGS = 3
+
+
+def turned_patches(
+    parts: ConnectedParts,
+    before: FloatArray,
+    after: FloatArray,
+    old: FloatArray,
+    new: FloatArray,
+    bounds: FloatArray,
+    *,
+    few: int,
+) -> list[Places]:
+    """Return the patches of triangles (N,) that turned over, and are beyond what parts may have.
+
+    before, after: poses (V, 3); old, new: vector areas (F, 3); bounds: area that a patch of each
+    part (P,) may have; few: so many triangles are a crease.
+    """
+    had, has = lengths(old), lengths(new)
+    area = np.minimum(had, has)
+    # Only what turned by 60 degrees can have turned over against its surroundings.
+    turned: Places = np.flatnonzero(dots(old, new) < 0.5 * had * has)
+    over = [
+        own[turned_over(parts.faces[own], parts.edges, before, after, old[own], new[own])]
+        for own in _patches(parts, turned, area, bounds, few)
+    ]
+    turned = np.concatenate([turned[:0], *over])
+    # What was folded over in the input, and is so no longer, turned over, too: for the better.
+    found = _patches(parts, turned, area, bounds, few)
+    return [own for own in found if folded_more(parts.rim(own), old, new)]
+
+
+def _patches(
+    parts: ConnectedParts, chosen: Places, area: FloatArray, bounds: FloatArray, few: int
+) -> list[Places]:
+    """Return the patches of some triangles (N,) that are beyond the bounds of their parts (P,)."""
+    part = parts.of_face[chosen]
+    if not (np.bincount(part, area[chosen], parts.count) > bounds).any():
+        return []
+    label = parts.patches(chosen)
+    sums, counts = np.bincount(label, area[chosen]), np.bincount(label)
+    large = (sums[label] > bounds[part]) & (counts[label] > few)
+    return [chosen[label == index] for index in np.unique(label[large])]
 
 
 def turned_over(

@@ -102,7 +102,7 @@ def crossing_edges(mesh: Topology, points: FloatArray, pairs: IntArray) -> IntAr
     from dtrepair.repair.surface import winding_kernels
 
     warp, device, vertices = start_warp(), mesh.device, mesh.faces[pairs].reshape(-1, 6)
-    corners = device.array(points.take(vertices, axis=0), warp.vec3d)
+    corners = device.view(points.take(vertices, axis=0), warp.vec3d)
     cut = device.empty(vertices.shape, warp.uint8)
     device.launch(winding_kernels.find_cut, len(pairs), [corners, cut])
     pair, start = np.nonzero(cut.numpy())

@@ -34,6 +34,7 @@ class Line:
         self.merits = [(merits or {}).get(k, GOOD) for k in range(len(found))]
         self.options = BorrowingOptions(jump=0.5, **options)
         self.asked: list[tuple[list[int], int]] = []
+        self.most: list[float] = []
 
     def steps(self) -> FloatArray:
         return np.abs(np.diff(self.result))
@@ -44,8 +45,9 @@ class Line:
     def put_back(self, kept: list[float]) -> None:
         self.result = list(kept)
 
-    def taken_on(self, run: Sequence[int], lender: int) -> bool:
+    def taken_on(self, run: Sequence[int], lender: int, most: float) -> bool:
         self.asked.append((list(run), lender))
+        self.most.append(most)
         for frame in run:
             self.result[frame] = self.lent[lender]
         return lender not in self.worse
@@ -60,6 +62,8 @@ def test_a_run_is_solved_from_both_sides_and_keeps_the_nearer_way() -> None:
         line = Line(0.0, 1.0, 1.0, 0.0, lent=lent)
         assert line.run() == [0.0, nearer, nearer, 0.0]
         assert line.asked == [([1, 2], 0), ([2, 1], 3)]
+        # The second way has to be nearer than the first one.
+        assert line.most == [1.2, 2.0 * lent[0]]
 
 
 @pytest.mark.parametrize(("lent", "taken"), [(0.55, True), (0.65, False), (1.3, False)])

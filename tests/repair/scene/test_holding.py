@@ -15,6 +15,7 @@ from dtrepair.repair.scene.holding import Holding
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import detected, gathered
 from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.strain.parts import changes
 from dtrepair.repair.strain.shares import ShareOptions
 from tests.meshes import joined, tube
 from tests.repair.relief.test_relief import pairs_of, winged
@@ -37,7 +38,8 @@ def test_parts_come_together_at_their_joint_and_stay_elsewhere(pinned: bool) -> 
     scene, before, after = jointed(pinned)
     held = after + Holding(scene)(before, after)
     parts = scene.strain_meter.parts
-    was, still = (parts.tie_changes(before, points).max() for points in (after, held))
+    places = parts.tie_offsets(before)
+    was, still = (changes(places, parts.tie_offsets(points)).max() for points in (after, held))
     assert still < 0.2 * was
     far = np.abs(before[:, 2] - 1.85) > 2.2
     assert np.array_equal(held[far], after[far])

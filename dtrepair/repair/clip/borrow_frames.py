@@ -149,7 +149,9 @@ def _runs_in_step(state: Borrowing, most: int) -> None:
         run, steps = list(range(first + 1, last + 1)), state.steps()
         # The run before may have taken the first jump away.
         jumps = min(steps[first], steps[last]) > options.jump
-        if not jumps or len(run) > options.run or 2 * len(run) > most:
+        # Strained frames had their turn.
+        strained = any(state.merits[index].strained for index in run)
+        if strained or not jumps or len(run) > options.run or 2 * len(run) > most:
             continue
         most -= 2 * len(run)
         best = known = state.snapshot()

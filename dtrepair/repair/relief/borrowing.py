@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 from dtrepair.numerics.geometry import FloatArray
@@ -93,6 +94,14 @@ class Snapshot(NamedTuple):
     merits: list[Merit]
 
 
+class _Paid(NamedTuple):
+    """Of which pose (V, 3) a loan was, which one it led to, and whether that is relaxed."""
+
+    lent: FloatArray
+    found: FloatArray
+    relieved: bool
+
+
 class _Borrowers:
     """Frames that borrow; a pool calls `solved`.
 
@@ -146,32 +155,35 @@ class Borrowing:
         self.jobs, self.options = jobs, options
         self.merits = [self.merit(*both) for both in zip(frames, poses, strict=True)]
         self.few = [options.left_share * frame.wrong for frame in frames]
+        self._paid: dict[Loan, _Paid] = {}
 
     def solved(self, loans: Sequence[Loan], *, in_step: bool = False) -> list[FloatArray]:
         """Return the poses (V, 3) that loans lead to.
 
         in_step: those that stand out no less than what is there are not relaxed: that cures no way.
         """
+        paid = self._paid
+        # A loan of what has not changed leads where it did before.
+        new = [k for k in loans if k not in paid or paid[k].lent is not self.result[k.lender]]
+        for loan, pose in zip(new, self._solved(new), strict=True):
+            paid[loan] = _Paid(self.result[loan.lender], pose, relieved=False)
+        rough = [k for k in loans if not paid[k].relieved]
+        rough = [k for k in rough if not in_step or self._nearer(k.frame, paid[k].found)]
+        frames, poses = [self.frames[k.frame] for k in rough], [paid[k].found for k in rough]
+        relieve = partial(relieved_poses, jobs=self.jobs, options=self.options.relief)
+        relieved = relieve(self.scene, self.mesh, frames, poses)
+        for loan, pose in zip(rough, relieved, strict=True):
+            paid[loan] = paid[loan]._replace(found=pose, relieved=True)
+        return [paid[k].found for k in loans]
+
+    def _solved(self, loans: Sequence[Loan]) -> list[FloatArray]:
+        """Return the poses (V, 3) that loans lead to, before they are relaxed."""
         of_loans = [
             (self.frames[lender].centred, self.result[lender], self.frames[index].centred)
             for index, lender in loans
         ]
-        scene, options = self.scene, self.options
-        borrowers = _Borrowers(self.mesh, of_loans, scene.options.effort, options.lending)
-        found = _solved(borrowers, self.jobs)
-        both = enumerate(zip(loans, found, strict=True))
-        own = [k for k, (loan, pose) in both if not in_step or self._nearer(loan.frame, pose)]
-        relieved = relieved_poses(
-            scene,
-            self.mesh,
-            [self.frames[loans[k].frame] for k in own],
-            [found[k] for k in own],
-            jobs=self.jobs,
-            options=options.relief,
-        )
-        for k, pose in zip(own, relieved, strict=True):
-            found[k] = pose
-        return found
+        effort = self.scene.options.effort
+        return _solved(_Borrowers(self.mesh, of_loans, effort, self.options.lending), self.jobs)
 
     def _nearer(self, index: int, points: FloatArray) -> bool:
         """Return whether a pose (V, 3) of a frame would stand out less, with no more wrong."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from dtrepair.numerics.metrics import distortion
 from dtrepair.repair.clip.borrow_frames import started_again
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.relief import borrowing
-from dtrepair.repair.relief.borrowing import Borrowing, BorrowingOptions, Loan
+from dtrepair.repair.relief.borrowing import BorrowingOptions
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.scene.bounds import strain_of
 from dtrepair.repair.scene.make_scene import make_scene
@@ -292,36 +291,3 @@ def test_a_run_on_another_way_takes_that_of_the_frames_around_it(jump: float) ->
     for chosen in (replace(options, triangles=1), replace(options, run=2)):
         again = started_again(scene, mesh, frames, poses, options=chosen)
         assert all(a is b for a, b in zip(again, poses, strict=True))
-
-
-def test_a_run_ends_where_its_steps_are_too_long() -> None:
-    scene, frame, mesh, whole, bent = bent_wing()
-
-    def reached(most: float) -> tuple[bool, int]:
-        poses = [whole, bent, bent, whole]
-        state = Borrowing(scene, mesh, [frame] * 4, poses, 1, BorrowingOptions())
-        done = state.taken_on([1, 2], 0, most)
-        return done, sum(own is not bent for own in state.result[1:3])
-
-    assert reached(np.inf) == (True, 2)
-    assert reached(0.0) == (False, 1)
-
-
-def test_what_stands_out_no_less_is_not_relaxed(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, frame, mesh, whole, bent = bent_wing()
-    asked = list[int]()
-
-    def relieved(*known: Any, **options: Any) -> list[FloatArray]:
-        asked.append(len(known[3]))
-        return list(known[3])
-
-    monkeypatch.setattr(borrowing, "relieved_poses", relieved)
-    for lent, own, relaxed in ((bent, bent, 0), (whole, bent, 1), (frame.centred, bent, 0)):
-        state = Borrowing(scene, mesh, [frame] * 3, [whole, own, whole], 1, BorrowingOptions())
-        found_there = [lent]
-        monkeypatch.setattr(borrowing, "_solved", lambda *_, own=found_there: list(own))
-        (found,) = state.solved([Loan(1, 0)], in_step=True)
-        assert found is lent and asked.pop() == relaxed
-        # Loans to strained frames always are.
-        state.solved([Loan(1, 0)])
-        assert asked.pop() == 1

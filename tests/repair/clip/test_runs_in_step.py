@@ -87,6 +87,11 @@ def test_lenders_are_within_the_bounds_and_no_worse() -> None:
     assert line.run() == [0.0, 0.1, 0.1, 0.0]
 
 
+def test_strained_frames_are_in_no_run() -> None:
+    line = Line(0.0, 1.0, 1.0, 0.0, lent={0: 0.1, 3: 0.2}, merits={2: STRAINED})
+    assert line.run() == [0.0, 1.0, 1.0, 0.0] and not line.asked
+
+
 def test_only_short_runs_are_and_no_more_than_may_be() -> None:
     found, lent = (0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0), {0: 0.0, 3: 0.0, 4: 0.0, 6: 0.0}
     assert Line(*found, lent=lent).run() == [0.0] * 7

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -162,6 +163,23 @@ def test_what_the_input_let_go_is_brought_near_though_it_is_not_strained() -> No
     relieved = relieved_poses(own, mesh, [frame], [found])[0]
     assert not meter(before, relieved, strict=True)
     assert not len(pairs_of(own, frame, relieved))
+
+
+@pytest.mark.parametrize(("left", "ways"), [((False, 1.2), 1), ((True, 1.2), 2), ((False, 0.0), 1)])
+def test_only_what_stays_strained_is_led_a_second_way(
+    left: tuple[bool, float], ways: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, frame, mesh = winged(1.6)
+    found, led = mesh.solve([frame.centred])[0][0], list[list[float]]()
+
+    def led_to(state: relief.Relief, *known: Any) -> tuple[FloatArray, tuple[bool, float]]:
+        led.append(known[2])
+        return found, left
+
+    monkeypatch.setattr(relief.Relief, "_led", led_to)
+    monkeypatch.setattr(relief.Relief, "_strain", lambda *_: (True, 2.0))
+    relieved_poses(scene, mesh, [frame], [found])
+    assert led == [list(hold) for hold in ReliefOptions.hold[:ways]]
 
 
 @pytest.mark.parametrize("spoils", [False, True])

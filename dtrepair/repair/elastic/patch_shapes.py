@@ -45,8 +45,11 @@ def patch_shapes(
     smoothest continuation; None where none is. How these are turned and stretched is taken from the
     second ring around them, whose neighbours no patch replaces, and interpolated between.
     """
+    threads = mask & _threads(surface, points, film, mask, options)
+    if not threads.any():
+        return None
     beside = abs(surface.uniform)
-    own = beside @ (mask & _threads(surface, points, film, mask, options)) > 0.0
+    own = beside @ threads > 0.0
     rim = (beside @ own > 0.0) & ~own & ~(beside @ mask > 0.0)
     if not rim.any():
         return None
@@ -78,8 +81,10 @@ def _threads(
     areas = vector_areas(surface.rest, corners)
     total = np.bincount(patch, lengths(areas), surface.count)
     summed = [np.bincount(patch, areas[:, k], surface.count) for k in range(3)]
-    filled = np.bincount(patch, lengths(vector_areas(film, corners)), surface.count)
     around = lengths(np.stack(summed, axis=1)) < options.flat * total
+    if not around.any():
+        return around
+    filled = np.bincount(patch, lengths(vector_areas(film, corners)), surface.count)
     # A pose of another size has areas of another one.
     now, rest = (triangle_areas(pose, surface.faces).sum() for pose in (points, surface.rest))
     threads: BoolArray = around & (filled < options.shrunk * total * now / rest)

@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 _START = threading.Lock()
 # How the names of compiled modules of this program begin.
@@ -136,9 +136,12 @@ class Device:
         """Return a copy of values on the device, as a Warp array."""
         return self._warp.array(np.ascontiguousarray(values), dtype=dtype, device=self._there)
 
-    def view(self, values: NDArray[Any], dtype: Any) -> Any:
-        """Return values of the type itself as a Warp array to be read: on the CPU no copy."""
-        own = np.ascontiguousarray(values)
+    def view(self, values: Any, dtype: Any) -> Any:
+        """Return values of the type itself as a Warp array to be read: on the CPU no copy.
+
+        values: an array of NumPy or, as it is, of Warp on this device.
+        """
+        own = np.ascontiguousarray(values) if isinstance(values, np.ndarray) else values
         return self._warp.array(own, dtype=dtype, device=self._there, copy=False)
 
     def empty(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
@@ -155,7 +158,7 @@ class Device:
 
     def load(self) -> None:
         """Compile and load what was imported of kernels, before processes are forked."""
-        self._warp.force_load(self.name)
+        self._warp.force_load(self._there)
 
 
 class DeviceQueue:

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NoReturn
 
+import numpy as np
 import pytest
 import torch
 
@@ -170,3 +171,20 @@ def test_an_error_says_what_to_set_where_no_folder_can_be_written(
         device.own_cache()
     error = plain_error(caught.value)
     assert isinstance(error, OutputError) and error.exit_code == 5
+
+
+def test_views_copy_nothing_and_take_arrays_of_warp_as_they_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    warp, own, values = start_warp(), device.Device(), np.arange(6, dtype=np.int32)
+    view = own.view(values, warp.int32)
+    values[2] = 7
+    assert view.numpy().tolist() == [0, 1, 7, 3, 4, 5]
+    assert own.view(values[::2], warp.int32).numpy().tolist() == [0, 7, 4]
+
+    def refused(*_: Any) -> NoReturn:
+        # Warp hands no array of a GPU to NumPy.
+        raise TypeError("no implicit conversion")
+
+    monkeypatch.setattr(np, "ascontiguousarray", refused)
+    assert own.view(view, warp.int32).ptr == view.ptr

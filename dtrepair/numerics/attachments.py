@@ -9,12 +9,13 @@ but for what lies in the other: a ring does not make a hand come through its glo
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from dtrepair.numerics.closest_point import NearestTriangles, barycentric
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_frames
@@ -22,8 +23,6 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_f
 BoolArray = NDArray[np.bool_]
 KeyArray = NDArray[np.int64]
 Parts = frozenset[tuple[int, int]]
-# Bits that are kept in one number.
-WORD = 64
 
 
 class Reference(NamedTuple):
@@ -243,41 +242,32 @@ class Attachments:
         result = np.zeros(len(pairs), dtype=bool)
         if len(self.zones) == 0:
             return result
-        # Others lie in no zone at all.
+        # Of others a triangle lies in no zone.
         own = np.flatnonzero(self.triangles[pairs].all(axis=1))
-        parts = self.part_of[pairs[own]]
-        first, second = parts.T
-        zones, mates = self._zone_bits[self._row[pairs[own]]], self._mates
-        both = _has(zones[:, 0], second) & _has(zones[:, 1], first)
-        through_third = (zones[:, 0] & zones[:, 1] & mates[first] & mates[second]).any(axis=1)
-        told = _has(mates[first], second) | _has(self._nested_bits[first], second)
-        result[own] = both | (through_third & (first != second) & ~told)
+        first, second = pairs[own].T
+        parts = self.part_of[pairs[own]].astype(np.int64)
+        found = self._in_zones(first, parts[:, 1]) & self._in_zones(second, parts[:, 0])
+        low, high = parts.min(axis=1), parts.max(axis=1)
+        # Of parts that are attached to each other, or nested, no third one tells anything.
+        loose = np.flatnonzero((low != high) & ~np.isin(low * self.count + high, self._told))
+        both = self._zone_rows[first[loose]].multiply(self._zone_rows[second[loose]])
+        found[loose] |= both.getnnz(axis=1) > 0
+        result[own] = found
         return result
 
     @cached_property
-    def _row(self) -> IntArray:
-        """The row (F,) of `_zone_bits` of each triangle that lies in any zone."""
-        return np.cumsum(self.triangles, dtype=np.int32) - 1
+    def _zone_rows(self) -> sparse.csr_matrix:
+        """The matrix (F, P) with 1 where a triangle has a zone towards a part."""
+        shape = len(self.part_of), max(self.count, 1)
+        start = np.searchsorted(self.zones, np.arange(shape[0] + 1, dtype=np.int64) * shape[1])
+        entries = np.ones(len(self.zones), dtype=np.uint8), self.zones % shape[1], start
+        return sparse.csr_matrix(entries, shape=shape)
 
     @cached_property
-    def _zone_bits(self) -> NDArray[np.uint64]:
-        """Towards which parts triangles have a zone, as bits (rows, words)."""
-        triangle, part = np.divmod(self.zones, max(self.count, 1))
-        return _bits(self._row[triangle], part, int(self.triangles.sum()), self.count)
-
-    @cached_property
-    def _mates(self) -> NDArray[np.uint64]:
-        """To which others each part is attached, as bits (P, words)."""
-        return self._bits_of_pairs(self.pairs_of_parts)
-
-    @cached_property
-    def _nested_bits(self) -> NDArray[np.uint64]:
-        return self._bits_of_pairs(self.nested)
-
-    def _bits_of_pairs(self, pairs: Iterable[tuple[int, int]]) -> NDArray[np.uint64]:
-        both = np.array([*pairs], dtype=np.int64).reshape(-1, 2)
-        both = np.concatenate([both, both[:, ::-1]])
-        return _bits(both[:, 0], both[:, 1], self.count, self.count)
+    def _told(self) -> KeyArray:
+        """Pairs of parts that are attached or nested, as keys A x number of parts + B, A < B."""
+        told = np.array([*self.pairs_of_parts, *self.nested], dtype=np.int64).reshape(-1, 2)
+        return np.unique(told[:, 0] * self.count + told[:, 1])
 
     def of_triangles(self, kept: NDArray[np.integer], place: NDArray[np.integer]) -> Attachments:
         """Return the same for a mesh of some of the triangles (N,), ascending, numbered anew.
@@ -294,21 +284,10 @@ class Attachments:
         result.count = self.count
         return result
 
-
-def _bits(
-    rows: NDArray[np.integer], columns: NDArray[np.integer], count: int, width: int
-) -> NDArray[np.uint64]:
-    """Return bits (count, words) that are set at rows and columns (N,) below `width`."""
-    bits = np.zeros((count, width // WORD + 1), dtype=np.uint64)
-    value = np.uint64(1) << (columns % WORD).astype(np.uint64)
-    np.bitwise_or.at(bits, (rows, columns // WORD), value)
-    return bits
-
-
-def _has(bits: NDArray[np.uint64], columns: NDArray[np.integer]) -> BoolArray:
-    """Return whether each row of bits (N, words) has its column (N,) set."""
-    word = bits[np.arange(len(bits)), columns // WORD]
-    return np.asarray(word >> (columns % WORD).astype(np.uint64) & np.uint64(1) != 0)
+    def _in_zones(self, triangles: NDArray[np.integer], towards: NDArray[np.integer]) -> BoolArray:
+        keys = triangles.astype(np.int64) * self.count + towards
+        place = np.minimum(np.searchsorted(self.zones, keys), len(self.zones) - 1)
+        return np.asarray(self.zones[place] == keys)
 
 
 def no_attachments(part_of: IntArray) -> Attachments:

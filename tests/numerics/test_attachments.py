@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attached.attachment_options import AttachmentOptions
 from dtrepair.numerics.attached.overlaps import find_attachments
-from dtrepair.numerics.attachments import Attachments, Reference
+from dtrepair.numerics.attachments import NO_TIES, Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from tests.measures.modelled_zones import attach
 from tests.measures.surfaces import make_surface
@@ -267,3 +267,34 @@ def test_an_eye_in_a_head_that_is_open_at_the_neck_is_attached_as_a_whole(depth:
     found = attached(joined(head, moved(icosphere(2), (0.0, 0.0, depth), 0.2)))
     eye = np.flatnonzero(found.part_of == found.part_of[-1])
     assert found.modelled(np.stack([np.zeros_like(eye), eye], axis=1)).all()
+
+
+def modelled_one_by_one(known: Attachments, pair: tuple[int, int]) -> bool:
+    """The definition, of sets: both in the zones of the same two parts, or of a common third."""
+    towards = dict[int, set[int]]()
+    for key in known.zones.tolist():
+        towards.setdefault(key // known.count, set()).add(key % known.count)
+    mates = {frozenset((int(known.part_of[t]), p)) for t, own in towards.items() for p in own}
+    first, second = (towards.get(triangle, set()) for triangle in pair)
+    a, b = (int(known.part_of[triangle]) for triangle in pair)
+    if b in first and a in second:
+        return True
+    nested = (min(a, b), max(a, b)) in known.nested
+    return a != b and frozenset((a, b)) not in mates and not nested and bool(first & second)
+
+
+@pytest.mark.parametrize("count", [2, 7, 140])
+def test_modelled_pairs_are_those_of_the_definition(count: int) -> None:
+    random = np.random.default_rng(count)
+    for _ in range(20):
+        part_of = random.integers(0, count, 60).astype(np.int32)
+        part_of[0] = count - 1
+        # Of many parts only few towards which there are zones: else they never agree.
+        hosts = random.choice(count, min(count, 4), replace=False)
+        zones = random.integers(0, 60, 90) * count + random.choice(hosts, 90)
+        both = np.sort(random.integers(0, count, (30, 2)), axis=1)
+        nested = frozenset((int(a), int(b)) for a, b in both if a < b)
+        known = Attachments(part_of, np.unique(zones), NO_TIES, nested=nested)
+        pairs = random.integers(0, 60, (200, 2))
+        expected = [modelled_one_by_one(known, (int(a), int(b))) for a, b in pairs]
+        assert np.array_equal(known.modelled(pairs), expected) and 0 < sum(expected) < 200

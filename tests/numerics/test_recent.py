@@ -21,23 +21,26 @@ def test_a_function_is_asked_once_for_the_same_poses() -> None:
         asked.append(len(poses))
         return length(*poses)
 
-    recent = Recent(counted)
+    recent = Recent[float]()
     first, second = np.ones((4, 3)), np.zeros((4, 3))
-    assert recent(first, second) == recent(first.copy(), second) == length(first, second)
+    for _ in range(2):
+        assert recent(counted, first.copy(), second.copy()) == length(first, second)
     assert asked == [2]
-    # Only what was found last is kept.
-    assert recent(second, first) == recent(first, second) and len(asked) == 3
+    # Only what was found last is kept, and of all poses.
+    for poses in ((second, second), (second, first), (second,), (second, first)):
+        assert recent(counted, *poses) == length(*poses)
+    assert asked == [2, 2, 2, 1, 2]
 
 
 def test_a_pose_that_was_changed_in_place_is_another_one() -> None:
-    recent, pose = Recent(length), np.ones((4, 3))
-    before = recent(pose)
+    recent, pose = Recent[float](), np.ones((4, 3))
+    before = recent(length, pose)
     pose *= 2.0
-    assert recent(pose) == 2.0 * before
+    assert recent(length, pose) == 2.0 * before
 
 
 def test_what_is_known_does_not_travel() -> None:
-    recent, pose = Recent(length), np.ones((4, 3))
-    assert recent(pose) == 12.0**0.5
+    recent, pose = Recent[float](), np.ones((4, 3))
+    assert recent(length, pose) == 12.0**0.5
     again = pickle.loads(pickle.dumps(recent))
-    assert again._known is None and again(pose) == recent(pose)
+    assert again._known is None and again(length, pose) == recent(length, pose)

@@ -122,8 +122,8 @@ class Rings:
         self._low = np.stack([rest[own].min(axis=0) for own in parts.vertices])
         self._high = np.stack([rest[own].max(axis=0) for own in parts.vertices])
         self._known: dict[int, list[Ring]] = {}
-        # Which rings, by their `id`, the input has on: many corrections of one are asked for.
-        self._worn_before = Recent(_none_yet)
+        # Many corrections of one input are asked for.
+        self._worn_before = Recent[_WornIn]()
 
     def taken_off(self, before: FloatArray, after: FloatArray) -> list[Ring]:
         """Return the rings that are on in one pose (V, 3), and off in another."""
@@ -133,16 +133,13 @@ class Rings:
         narrow = (width < farthest) | ~self.parts.closed
         found = [ring for top in self._large[narrow[self._large]] for ring in self.of(int(top))]
         near = [ring for ring in found if ring.width < farthest]
-        worn = self._worn_before(before)
-        for ring in near:
-            if id(ring) not in worn:
-                worn[id(ring)] = ring.worn(before)
-        return [ring for ring in near if worn[id(ring)] and not ring.worn(after)]
+        was_worn = self._worn_before(_WornIn, before)
+        return [ring for ring in near if was_worn(ring) and not ring.worn(after)]
 
     def of(self, top: int) -> list[Ring]:
         """Return what a part goes round in the rest."""
         if top not in self._known:
-            self._known[top] = self._found(top)
+            self._known.setdefault(top, self._found(top))
         return self._known[top]
 
     def _found(self, top: int) -> list[Ring]:
@@ -180,8 +177,17 @@ class Rings:
         return abs(float(Dipoles(corners, self.options.cells).enclose_closely(point[None])[0]))
 
 
-def _none_yet(pose: FloatArray) -> dict[int, bool]:
-    return {}
+class _WornIn:
+    """Which rings a pose (V, 3) has on; they are kept while it is asked."""
+
+    def __init__(self, pose: FloatArray) -> None:
+        self._pose, self._known = pose.copy(), dict[int, bool]()
+
+    def __call__(self, ring: Ring) -> bool:
+        """Return whether the pose has a ring on."""
+        if id(ring) not in self._known:
+            self._known[id(ring)] = ring.worn(self._pose)
+        return self._known[id(ring)]
 
 
 def _hems(faces: IntArray) -> list[IntArray]:

@@ -149,7 +149,7 @@ def _runs_in_step(state: Borrowing, most: int) -> None:
         run, steps = list(range(first + 1, last + 1)), state.steps()
         # The run before may have taken the first jump away.
         jumps = min(steps[first], steps[last]) > options.jump
-        # Strained frames had their turn.
+        # Strained frames have loans of their own.
         strained = any(state.merits[index].strained for index in run)
         if strained or not jumps or len(run) > options.run or 2 * len(run) > most:
             continue

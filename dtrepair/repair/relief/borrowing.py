@@ -160,7 +160,8 @@ class Borrowing:
     def solved(self, loans: Sequence[Loan], *, in_step: bool = False) -> list[FloatArray]:
         """Return the poses (V, 3) that loans lead to.
 
-        in_step: those that stand out no less than what is there are not relaxed: that cures no way.
+        in_step: of those that stand out no less than what is there, or in which more is wrong, that
+        is returned instead: relaxing cures neither.
         """
         paid = self._paid
         # A loan of what has not changed leads where it did before.
@@ -168,13 +169,15 @@ class Borrowing:
         for loan, pose in zip(new, self._solved(new), strict=True):
             paid[loan] = _Paid(self.result[loan.lender], pose, relieved=False)
         rough = [k for k in loans if not paid[k].relieved]
-        rough = [k for k in rough if not in_step or self._nearer(k.frame, paid[k].found)]
+        if in_step and rough:
+            out = self.standing_out()
+            rough = [k for k in rough if self._nearer(k.frame, paid[k].found, out[k.frame])]
         frames, poses = [self.frames[k.frame] for k in rough], [paid[k].found for k in rough]
         relieve = partial(relieved_poses, jobs=self.jobs, options=self.options.relief)
         relieved = relieve(self.scene, self.mesh, frames, poses)
         for loan, pose in zip(rough, relieved, strict=True):
             paid[loan] = paid[loan]._replace(found=pose, relieved=True)
-        return [paid[k].found for k in loans]
+        return [paid[k].found if paid[k].relieved else self.result[k.frame] for k in loans]
 
     def _solved(self, loans: Sequence[Loan]) -> list[FloatArray]:
         """Return the poses (V, 3) that loans lead to, before they are relaxed."""
@@ -185,10 +188,9 @@ class Borrowing:
         effort = self.scene.options.effort
         return _solved(_Borrowers(self.mesh, of_loans, effort, self.options.lending), self.jobs)
 
-    def _nearer(self, index: int, points: FloatArray) -> bool:
+    def _nearer(self, index: int, points: FloatArray, before: float) -> bool:
         """Return whether a pose (V, 3) of a frame would stand out less, with no more wrong."""
-        kept, before = self.result[index], self.standing_out()[index]
-        self.result[index] = points
+        kept, self.result[index] = self.result[index], points
         after = self.standing_out()[index]
         self.result[index] = kept
         wrong = wrong_of(self.scene, self.frames[index], points)

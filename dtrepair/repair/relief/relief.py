@@ -39,8 +39,8 @@ class ReliefOptions:
         patience: After so many that gained nothing the pull changes, or it ends.
         gain: A cycle gains if it lowers the strain to this factor of the least before.
         hold: Weights, next to the edges, of the pull to where attached parts are in their places,
-            in turn; a second way starts again where the first leaves it strained. Under a strong
-            one joints close, under a weak one shapes recover and contacts make way.
+            in turn; a second way starts again where the first leaves the pose strained. Under a
+            strong one joints close, under a weak one shapes recover and contacts make way.
         work, work_a_triangle: After so much of it, plus this for each triangle, times the effort, a
             pose is left as it is (units of `numerics.work`).
         wholes: So many parts that lost their shapes are tried as wholes: pins, buttons and teeth

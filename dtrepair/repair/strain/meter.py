@@ -91,7 +91,7 @@ class Excess(NamedTuple):
 
 
 class _Changed(NamedTuple):
-    """What a correction changed beyond bounds: edges, ties (N,) in diagonals, all else."""
+    """What a correction spoilt: edges, how far each tie (N,) came off, diagonals, and all else."""
 
     edges: list[Excess]
     drift: FloatArray
@@ -123,9 +123,8 @@ class StrainMeter:
         self.parts, self.references, self.rest, self.options = parts, references, rest, options
         self.rings, self.scale = rings, scale
         # Corrections of one input are measured in turn, each by the strict bounds, too.
-        self._offsets_before = Recent(parts.tie_offsets)
-        self._areas_before = Recent(partial(vector_areas, faces=parts.faces))
-        self._changes = Recent(self._changed)
+        self._offsets_before, self._areas_before = Recent[FloatArray](), Recent[FloatArray]()
+        self._changes = Recent[_Changed]()
 
     def __call__(
         self, before: FloatArray, after: FloatArray, *, strict: bool = False
@@ -138,13 +137,14 @@ class StrainMeter:
         if np.array_equal(before, after):
             return []
         size = self.scale.diagonal(before) or 1.0
-        edges, drift, others = self._changes(before, after)
+        edges, drift, others = self._changes(self._changed, before, after)
         return [*edges, *self._drifts(drift, before, size, strict), *others]
 
     def _changed(self, before: FloatArray, after: FloatArray) -> _Changed:
         """Return what does not depend on how strict the bounds are."""
         size = self.scale.diagonal(before) or 1.0
-        old, new = self._areas_before(before), vector_areas(after, self.parts.faces)
+        of = partial(vector_areas, faces=self.parts.faces)
+        old, new = self._areas_before(of, before), of(after)
         others = [
             *self._volumes(before, after, old, new),
             *self._flips(before, after, old, new, size),
@@ -155,8 +155,7 @@ class StrainMeter:
 
     def _spoilt_edges(self, before: FloatArray, after: FloatArray, size: float) -> list[Excess]:
         """Return parts, or else bodies, with too many edges that changed by the factor."""
-        options = self.options
-        first, second = self.parts.edges.T
+        options, (first, second) = self.options, self.parts.edges.T
         ends = [pose.take(first, axis=0) - pose.take(second, axis=0) for pose in (before, after)]
         old, new = (dots(vectors, vectors) for vectors in ends)
         square = options.factor**2
@@ -198,8 +197,9 @@ class StrainMeter:
         if self.parts.ties is None:
             return np.zeros(0)
         offsets = self.parts.tie_offsets(after)
-        drift = changes(self._offsets_before(before), offsets) / size
-        if self.references and drift.max() > self.options.slide * self.options.aim:
+        drift = changes(self._offsets_before(self.parts.tie_offsets, before), offsets) / size
+        # Whatever the bounds, nothing is told below this.
+        if self.references and drift.max() > self.options.slide * min(self.options.aim, 1.0):
             # What goes back to where it was modelled has not come off.
             drift = np.fmin(drift, changes(self._modelled, offsets / size))
         return drift
@@ -240,8 +240,8 @@ class StrainMeter:
         """Return which ties (N,) a pose (V, 3) of the input has led off their place at rest."""
         if not self.references:
             return np.zeros(len(self.parts.joint), dtype=bool)
-        offsets = self._offsets_before(pose) / (self.scale.diagonal(pose) or 1.0)
-        return changes(self._modelled, offsets) > bound
+        shown = self._offsets_before(self.parts.tie_offsets, pose)
+        return changes(self._modelled, shown / (self.scale.diagonal(pose) or 1.0)) > bound
 
     @cached_property
     def _modelled(self) -> FloatArray:

@@ -50,6 +50,18 @@ def test_a_band_that_went_through_its_arm_is_off() -> None:
     assert taken(rings, arm) == [(1, 0)]
 
 
+def test_what_an_input_has_on_is_asked_of_each_input() -> None:
+    rings = rings_of(ARM, BAND)
+    on, off = rings.parts.poses[0], with_ring_moved(rings, 1, (0.8, 0.0, 0.0))
+    for before, after, taken_off in ((on, off, 1), (off, off + 1e-3, 0), (on, off, 1)):
+        assert len(rings.taken_off(before, after)) == taken_off
+    # Also where it is the same array, changed in place.
+    pose = on.copy()
+    assert len(rings.taken_off(pose, off)) == 1
+    pose[:] = off
+    assert rings.taken_off(pose, off + 2.0) == []
+
+
 def test_a_cuff_goes_round_the_thin_arm_of_a_large_body() -> None:
     belly = icosphere(3, 2.0)
     thin = tube(16, 80, 0.05, 4.0)

@@ -16,14 +16,14 @@ from tests.repair.clip.test_borrow_frames import bent_wing
 def test_a_run_ends_where_its_steps_are_too_long() -> None:
     scene, frame, mesh, whole, bent = bent_wing()
 
-    def reached(most: float) -> tuple[bool, int]:
+    def reached(run: list[int], lender: int, most: float) -> tuple[bool, int]:
         poses = [whole, bent, bent, whole]
         state = Borrowing(scene, mesh, [frame] * 4, poses, 1, BorrowingOptions())
-        done = state.taken_on([1, 2], 0, most)
+        done = state.taken_on(run, lender, most)
         return done, sum(own is not bent for own in state.result[1:3])
 
-    assert reached(np.inf) == (True, 2)
-    assert reached(0.0) == (False, 1)
+    assert reached([1, 2], 0, np.inf) == reached([2, 1], 3, np.inf) == (True, 2)
+    assert reached([1, 2], 0, 0.0) == reached([2, 1], 3, 0.0) == (False, 1)
 
 
 def test_what_stands_out_no_less_is_not_relaxed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -44,7 +44,10 @@ def test_what_stands_out_no_less_is_not_relaxed(monkeypatch: pytest.MonkeyPatch)
         poses = [whole, bent, whole]
         state = Borrowing(scene, mesh, [frame] * 3, poses, 1, BorrowingOptions())
         made, asked = [], []
-        assert state.solved([Loan(1, 0)], in_step=True)[0] is lent and asked == [relaxed]
+        (found,) = state.solved([Loan(1, 0)], in_step=True)
+        # What was not relaxed is not handed out, nor left behind.
+        assert found is (lent if relaxed else bent) and asked == [relaxed]
+        assert state.result[1] is bent
         # Loans to strained frames always are, but each once, and none is solved again ...
         assert state.solved([Loan(1, 0)])[0] is lent and asked == [relaxed, 1 - relaxed]
         assert made == [1, 0]

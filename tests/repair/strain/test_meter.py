@@ -13,7 +13,7 @@ from dtrepair.diagnosis import StrainKind
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Attachments, Reference
-from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal
+from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, vector_areas
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.bounds import share_search
@@ -250,3 +250,19 @@ def test_what_becomes_rigid_may_come_off_then() -> None:
     # Whether or not the meter was asked before.
     assert scene.strain_meter(before, after)
     assert with_rigid(scene, [1]).strain_meter(before, after) == []
+
+
+def test_a_pose_is_measured_once_for_all_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = list[int]()
+
+    def areas(points: FloatArray, faces: IntArray) -> FloatArray:
+        asked.append(len(points))
+        return vector_areas(points, faces)
+
+    monkeypatch.setattr("dtrepair.repair.strain.meter.vector_areas", areas)
+    own, spoilt = meter((BALL, FACES)), pinched(BALL, 0.5, 0.05)
+    strict, usual = own(BALL, spoilt, strict=True), own(BALL, spoilt)
+    assert kinds(strict) == kinds(usual) != set() and len(asked) == 2
+    # Another correction of it, and another input.
+    assert own(BALL, BALL + 1e-3) == [] and len(asked) == 3
+    assert kinds(own(2.0 * BALL, 2.0 * spoilt)) == kinds(usual) and len(asked) == 5

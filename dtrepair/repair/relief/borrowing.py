@@ -166,7 +166,7 @@ class Borrowing:
         paid = self._paid
         # A loan of what has not changed leads where it did before.
         new = [k for k in loans if k not in paid or paid[k].lent is not self.result[k.lender]]
-        for loan, pose in zip(new, self._solved(new), strict=True):
+        for loan, pose in zip(new, self._unrelieved(new), strict=True):
             paid[loan] = _Paid(self.result[loan.lender], pose, relieved=False)
         rough = [k for k in loans if not paid[k].relieved]
         if in_step and rough:
@@ -179,7 +179,7 @@ class Borrowing:
             paid[loan] = paid[loan]._replace(found=pose, relieved=True)
         return [paid[k].found if paid[k].relieved else self.result[k.frame] for k in loans]
 
-    def _solved(self, loans: Sequence[Loan]) -> list[FloatArray]:
+    def _unrelieved(self, loans: Sequence[Loan]) -> list[FloatArray]:
         """Return the poses (V, 3) that loans lead to, before they are relaxed."""
         of_loans = [
             (self.frames[lender].centred, self.result[lender], self.frames[index].centred)

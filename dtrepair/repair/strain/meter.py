@@ -306,9 +306,8 @@ class StrainMeter:
         area = np.minimum(lengths(old), lengths(new))
         whole = np.bincount(self.parts.of_face, lengths(old), self.parts.count)
         bounds = np.minimum((self.options.patch * size) ** 2, self.options.patch_share * whole)
-        poses, few = (before, after, old, new), self.options.patch_triangles
-        result = []
-        for own in turned_patches(self.parts, *poses, bounds, few=few):
+        few, result = self.options.patch_triangles, []
+        for own in turned_patches(self.parts, before, after, old, new, bounds, few=few):
             part = int(self.parts.of_face[own[0]])
             worst = int(self.parts.faces[own[np.argmax(area[own])], 0])
             value, bound = (float(np.sqrt(a)) / size for a in (area[own].sum(), bounds[part]))

@@ -37,8 +37,8 @@ def turned_patches(
         for own in _patches(parts, turned, area, bounds, few)
     ]
     turned = np.concatenate([turned[:0], *over])
-    # What was folded over in the input, and is so no longer, turned over, too: for the better.
     found = _patches(parts, turned, area, bounds, few)
+    # What lay folded over in the input, and does so no longer, is no fault.
     return [own for own in found if folded_more(parts.rim(own), old, new)]
 
 

@@ -31,11 +31,16 @@ def time_code(time: float) -> Usd.TimeCode:
 
 @dataclass(frozen=True)
 class FrameRange:
-    """Frames start, start + step, ... up to and including stop (within rounding)."""
+    """Frames start, start + step, ... up to and including stop (within rounding).
+
+    exact: each of them was meant, as a frame by itself, a stride or a start between whole frames
+    says; else they are those of the stage.
+    """
 
     start: float
     stop: float
     step: float
+    exact: bool = True
 
     @property
     def count(self) -> int:
@@ -101,6 +106,21 @@ class FrameSpec:
             f"{times[-1]:.10g}; what is beyond is left out"
         )
 
+    def exact(self, times: NDArray[np.float64], *, most: int) -> NDArray[np.float64]:
+        """Return what is meant to the number, and none of the time codes (T,), sorted, (N,).
+
+        Between the first and the last of them; nothing where that is more than `most`.
+        """
+        meant = FrameSpec(self.text, tuple(part for part in self.ranges if part.exact))
+        named = meant.between(times[0], times[-1], most=most) if meant.ranges else None
+        if named is None:
+            return np.zeros(0)
+        taken = np.concatenate([[-np.inf], times[self.select(times)], [np.inf]])
+        after = np.searchsorted(taken, named)
+        off = np.minimum(taken[after] - named, named - taken[after - 1])
+        # As far as `FrameRange.select` takes for the same frame.
+        return named[off > np.maximum(1e-6, 1e-12 * np.abs(named))]
+
     def values(self) -> NDArray[np.float64]:
         """Return all frames, sorted and without repetition, (N,)."""
         found = self.between(-math.inf, math.inf, most=MOST_FRAMES)
@@ -143,6 +163,7 @@ def _parse_part(spec: str, part: str) -> FrameRange:
     stop = start if match[2] is None else float(match[2])
     downwards = stop < start
     step = (-1.0 if downwards else 1.0) if match[3] is None else float(match[3])
+    exact = match[2] is None or match[3] is not None or not start.is_integer()
     if not all(math.isfinite(value) for value in (start, stop, step)):
         raise FrameSpecError(f"frames {spec!r}: {part!r} is not finite; {_HELP}")
     if step == 0.0:
@@ -152,9 +173,9 @@ def _parse_part(spec: str, part: str) -> FrameRange:
             f"frames {spec!r}: the stride of {part!r} leads away from its end; change its sign"
         )
     if not downwards:
-        return FrameRange(start, stop, abs(step))
+        return FrameRange(start, stop, abs(step), exact)
     last = start + math.floor((stop - start) / step + 1e-6) * step
-    return FrameRange(last, start, -step)
+    return FrameRange(last, start, -step, exact)
 
 
 def _none_in_range(text: str, times: NDArray[np.float64]) -> str:

@@ -54,7 +54,8 @@ def stage_times(
     Args:
         meshes: of one stage.
         spec: which of the frames to choose; None: all.
-        whole: whether all whole frames between the first and the last key count, too.
+        whole: whether all whole frames between the first and the last key count, too, and what
+            `spec` names between them: see `FrameSpec.exact`.
         authored: only authored samples count; of a skin the samples of its joints and the like.
 
     Raises:
@@ -66,6 +67,8 @@ def stage_times(
         every = _together(meshes, [mesh.samples for mesh in meshes])
     elif whole and not np.isnan(keys).any():
         every, warnings = _filled(keys, spec, frame_grid(meshes[0].stage))
+        if spec is not None:
+            every = np.union1d(every, spec.exact(every, most=MOST_ADDED_FRAMES))
     chosen = every if spec is None else every[spec.select(every, require=True)]
     if spec is not None and (told := spec.beyond(every)):
         warnings.append(told)

@@ -152,3 +152,30 @@ def test_frames_outside_the_time_range_are_told(tmp_path: Path) -> None:
     assert told(0.0, 5.0, "0:5") == "" and told(-2.0, 7.0) == ""
     # A range with nothing in it was never set for this stage, nor one that ends before it begins.
     assert told(100.0, 200.0) == "" and told(5.0, 0.0) == ""
+
+
+def test_frames_between_whole_ones_are_looked_at_where_they_are_meant(tmp_path: Path) -> None:
+    path = two_cubes(tmp_path / "a.usda")
+    found = times_of(path, "2.5")
+    assert found.chosen.tolist() == [2.5] and found.beside([2.5]) == {2.0, 3.0}
+    assert times_of(path, "3:4x0.5,1").chosen.tolist() == [1.0, 3.0, 3.5, 4.0]
+    assert times_of(path, "0.5:3").chosen.tolist() == [0.5, 1.5, 2.5]
+    with pytest.raises(FrameSpecError, match="none of the frames, 0 to 5"):
+        times_of(path, "5.5")
+    with pytest.raises(FrameSpecError, match="none of the frames, 0 to 5"):
+        times_of(path, "2.5", authored=True)
+
+
+def test_a_frame_within_rounding_of_another_is_that_one(tmp_path: Path) -> None:
+    path = two_cubes(tmp_path / "a.usda", (0.1 + 0.2, 5.0))
+    assert times_of(path, "0.3,2.0000001").chosen.tolist() == [0.1 + 0.2, 2.0]
+    assert times_of(path, "0.3,2.0000001").every.tolist() == times_of(path).every.tolist()
+
+
+def test_a_range_without_a_stride_is_of_the_frames_of_the_stage(tmp_path: Path) -> None:
+    stage = skinned_stage(tmp_path / "a.usda", keys={0.0: 0.0, 1000.0: 90.0})
+    stage.SetTimeCodesPerSecond(4800.0)
+    stage.SetFramesPerSecond(24.0)
+    stage.GetRootLayer().Save()
+    assert times_of(tmp_path / "a.usda", "100:500").chosen.tolist() == [200.0, 400.0]
+    assert times_of(tmp_path / "a.usda", "100:500x200").chosen.tolist() == [100.0, 300.0, 500.0]

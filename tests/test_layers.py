@@ -90,13 +90,14 @@ WALLS = {
     },
     "dtrepair.report": {
         "page": "modelled",
-        "joining": "record modelled",
-        "record": "sections schema modelled",
+        "joining": "record findings modelled",
+        "record": "sections schema findings modelled",
         "sections": "",
         "modelled": "",
         "fields": "command_fields",
         "command_fields": "",
-        "schema": "conformance",
+        "schema": "findings conformance",
+        "findings": "",
         "conformance": "",
     },
     "dtrepair.repair": {

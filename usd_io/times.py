@@ -119,7 +119,8 @@ class FrameSpec:
         after = np.searchsorted(taken, named)
         off = np.minimum(taken[after] - named, named - taken[after - 1])
         # As far as `FrameRange.select` takes for the same frame.
-        return named[off > np.maximum(1e-6, 1e-12 * np.abs(named))]
+        apart: NDArray[np.bool_] = off > np.maximum(1e-6, 1e-12 * np.abs(named))
+        return named[apart]
 
     def values(self) -> NDArray[np.float64]:
         """Return all frames, sorted and without repetition, (N,)."""

@@ -256,16 +256,22 @@ class Detector:
         return self._there.array(corners, self._warp.vec3i)
 
 
-def find_intersections(points: ArrayLike, faces: ArrayLike) -> NDArray[np.int32]:
+def find_intersections(points: Any, faces: Any) -> Any:
     """Return the intersecting pairs (K, 2) of a mesh (V, 3), (F, 3): i < j, sorted, exact.
 
+    An int32 array, or a tensor where the points are one, on their device.
     Vertices at one float32 position count as one vertex. For several poses of one topology build a
     `Detector` once.
     """
-    vertices, triangles = as_mesh(points, faces)
+    vertices, triangles = as_mesh(as_numpy(points), as_numpy(faces))
     with np.errstate(over="ignore"):  # the detector tells what is beyond float32
         weld = weld_map(vertices)
-    return Detector(vertices, triangles, weld=weld)(vertices)
+    pairs = Detector(vertices, triangles, weld=weld)(vertices)
+    if not hasattr(points, "detach"):
+        return pairs
+    import torch
+
+    return torch.from_numpy(pairs).to(points.device)
 
 
 def triangle_count(pairs: NDArray[np.int32]) -> int:

@@ -241,7 +241,9 @@ class Repairer:
         times: time of each frame (T,), increasing; default: one apart. jobs: workers; default:
         all processors. ValueError for wrong frames or times.
         """
-        count = len(points)
+        count, shape = len(points), np.shape(points[0]) if len(points) else (0, 3)
+        if len(shape) != 2:
+            raise ValueError(f"points should be frames (T, V, 3), got frames of shape {shape}")
         stamps = np.arange(count) if times is None else np.asarray(times, dtype=np.float64)
         if stamps.shape != (count,):
             raise ValueError(

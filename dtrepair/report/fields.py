@@ -33,6 +33,8 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "attached": "Parts whose contacts were modelled, where there are any.",
             "worn": "Open parts that are taken as worn, the largest first; of `repair` and "
             "`keyposes` where anything was to repair, of `check` with `--modelled`.",
+            "findings": "What a repair may still be looked at for though nothing intersects, where "
+            "there is any: by kinds and meshes, with their frames; `warnings` say it in words.",
             "alone_from": "First frame from which frames could not be repaired together.",
             "transfer": "What a transfer is worth; of `transfer` only.",
             "keyposes": "The poses between keys; of `keyposes` only.",
@@ -265,6 +267,18 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
         {
             "over": "What is worn.",
             "under": "What it lies over.",
+        },
+    ),
+    "Finding": (
+        "findings[]",
+        "What the corrections of a mesh do in some frames.",
+        {
+            "kind": "bent (it moves as a whole in the input), moved (it stands still in the "
+            "input), breaks_off (frames beside these were not chosen, and it pops there), jumps "
+            "(it stands out from the frames before and after).",
+            "path": "The mesh.",
+            "largest": "How far in the worst frame, as a fraction of its size.",
+            "times": "The frames.",
         },
     ),
     "Summary": (

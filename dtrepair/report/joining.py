@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from dtrepair.diagnosis import Diagnosis
+from dtrepair.report.findings import joined
 from dtrepair.report.modelled import AttachedList, ModelledList, WornRecord
 from dtrepair.report.record import (
     ContactRecord,
@@ -45,6 +46,7 @@ def join_reports(documents: Sequence[Document]) -> Report:
         warnings=tuple(warnings),
         attached=AttachedList.from_document(attached) if attached else AttachedList(),
         worn=tuple(dict.fromkeys(worn)),
+        findings=joined([found for d in documents for found in d.get("findings", ())]),
         alone_from=min(alone, default=None),
     )
 

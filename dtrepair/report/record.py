@@ -18,6 +18,7 @@ from typing import Any
 from dtrepair.diagnosis import CountRecord as CountRecord
 from dtrepair.diagnosis import Diagnosis
 from dtrepair.files.atomic import write_atomically
+from dtrepair.report.findings import MotionFinding
 from dtrepair.report.modelled import AttachedList, ModelledList, WornRecord, over_frames
 from dtrepair.report.schema import SCHEMA as SCHEMA
 from dtrepair.report.schema import SCHEMA_NAME, STATUSES, ReportError, validate
@@ -147,6 +148,7 @@ class Report:
     folder: where the run stood: what `input` and `output` are relative to.
     attached: the pairs of connected parts whose contacts are modelled.
     worn: the connected parts that are taken as worn, where anybody looked.
+    findings: what a clean repair may still be looked at for.
     alone_from: first frame from which a repair could not go on with frames together.
     """
 
@@ -164,6 +166,7 @@ class Report:
     jitter: float | None = None
     attached: AttachedList = field(default_factory=AttachedList)
     worn: tuple[WornRecord, ...] = ()
+    findings: tuple[MotionFinding, ...] = ()
     alone_from: float | None = None
     transfer: TransferRecord | None = None
     keyposes: KeyposesRecord | None = None
@@ -195,6 +198,8 @@ class Report:
             content["attached"] = asdict(self.attached)
         if self.worn:
             content["worn"] = [asdict(record) for record in self.worn]
+        if self.findings:
+            content["findings"] = [found.document() for found in self.findings]
         if self.alone_from is not None:
             content["alone_from"] = self.alone_from
         try:

@@ -8,6 +8,7 @@ from dtrepair.diagnosis import Advice, Status, StrainKind
 from dtrepair.keyposes.options import INTERPOLATIONS
 from dtrepair.report.conformance import ReportError as ReportError
 from dtrepair.report.conformance import check_value
+from dtrepair.report.findings import FindingKind
 
 SCHEMA_NAME = "dtrepair.report/1"
 STATUSES = tuple(str(status) for status in Status)
@@ -115,6 +116,13 @@ _ATTACHED = _object(
 )
 # What is taken as worn: one connected part over another.
 _WORN = _object(over=_PART, under=_PART)
+# What a clean repair may still be looked at for: see `dtrepair.report.findings`.
+_FINDING = _object(
+    kind={"type": "string", "enum": [str(kind) for kind in FindingKind]},
+    path=_TEXT,
+    largest=_AMOUNT,
+    times={"type": "array", "items": {"type": "number"}},
+)
 _FRAME = _object(
     "contacts",
     "enclosed",
@@ -234,6 +242,7 @@ SCHEMA: dict[str, Any] = {
         "folder",
         "attached",
         "worn",
+        "findings",
         "alone_from",
         "transfer",
         "keyposes",
@@ -260,6 +269,7 @@ SCHEMA: dict[str, Any] = {
         summary=_SUMMARY,
         attached=_ATTACHED,
         worn={"type": "array", "items": _WORN},
+        findings={"type": "array", "items": _FINDING},
         alone_from={"type": "number"},
         transfer=_TRANSFER,
         keyposes=_KEYPOSES,

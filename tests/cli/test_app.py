@@ -63,6 +63,9 @@ def test_usage_errors_are_one_line() -> None:
     assert_fails(run("chek"), 2, "chek", "--help")
     assert_fails(run("chek", "a.obj"), 2, "no such command: chek (did you mean check?)")
     assert_fails(run("-q", "Repiar"), 2, "(did you mean repair?)")
+    assert_fails(run("check", "a.obj", "-picture", "a.png"), 2, "(did you mean --picture?)")
+    assert_fails(run("check", "a.obj", "-picture=a.png"), 2, "(did you mean --picture?)")
+    assert "mean" not in run("check", "a.obj", "-pear", "--picture", "a.png").err
     assert "mean" not in run("xyzzy").err
     assert_fails(run("check"), 2, "STAGE|MESH", "dtrepair check --help")
     assert_fails(run("check", "a.obj", "--nonsense"), 2, "--nonsense")

@@ -40,6 +40,15 @@ def test_a_mesh_without_faces_or_with_one_has_no_pairs() -> None:
     assert find_intersections(np.zeros((0, 3)), np.zeros((0, 3))).shape == (0, 2)
 
 
+def test_of_tensors_the_pairs_are_a_tensor() -> None:
+    points, faces = MESHES["random soup"]
+    pairs = find_intersections(points, faces)
+    given = torch.tensor(points, requires_grad=True), torch.tensor(faces)
+    found = find_intersections(*given)
+    assert isinstance(found, torch.Tensor) and found.dtype == torch.int32
+    assert len(pairs) > 0 and np.array_equal(found.numpy(), pairs)
+
+
 @pytest.mark.parametrize("shape", [(5, 3), (6, 2), (6,), (2, 5, 3), (1, 2, 6, 3)])
 def test_wrong_shapes_are_named(shape: tuple[int, ...]) -> None:
     detector = Detector(np.eye(6, 3), TWO_FACES)

@@ -53,6 +53,13 @@ def test_a_clip_of_nothing_comes_back(mesh: tuple[np.ndarray, np.ndarray]) -> No
     assert all(np.array_equal(result.points, mesh[0]) for result in results)
 
 
+def test_a_single_pose_is_no_clip() -> None:
+    points, faces = torus()
+    with pytest.raises(ValueError, match=r"frames \(T, V, 3\), got frames of shape \(3,\)"):
+        Repairer(points, faces).animation(points)
+    assert Repairer(points, faces).animation([]) == []
+
+
 def test_unused_vertices_and_zero_area_triangles_do_no_harm() -> None:
     points, faces = overlapping_spheres()
     points = np.concatenate([points, [[9.0, 9, 9], points[3]]])

@@ -11,6 +11,7 @@ from dtrepair.diagnosis import (
     RemainingContact,
     RemainingEnclosure,
 )
+from dtrepair.report.findings import FindingKind, MotionFinding
 from dtrepair.report.joining import join_reports
 from dtrepair.report.modelled import AttachedList, AttachedRecord, WornRecord, bounded
 from dtrepair.report.record import (
@@ -79,6 +80,20 @@ def test_what_is_worn_is_told_by_the_chunks_that_had_to_know() -> None:
     for chunks in ([clean, WHOLE], [WHOLE, WHOLE], [WHOLE, clean]):
         assert join_reports([chunk.document() for chunk in chunks]).worn == WHOLE.worn
     assert join_reports([clean.document(), clean.document()]).worn == ()
+
+
+def test_findings_of_chunks_are_those_of_the_whole() -> None:
+    def chunk(path: str, largest: float, *times: float) -> Report:
+        found = MotionFinding(kind=FindingKind.JUMPS, path=path, largest=largest, times=times)
+        return replace(WHOLE, findings=(found,))
+
+    chunks = [chunk("/A", 0.1, 1.0, 2.0), chunk("/A", 0.3, 2.0, 7.0), chunk("/B", 0.2, 5.0)]
+    joined = join_reports([each.document() for each in chunks])
+    assert joined.findings == (
+        *chunk("/A", 0.3, 1.0, 2.0, 7.0).findings,
+        *chunk("/B", 0.2, 5.0).findings,
+    )
+    assert "findings" not in WHOLE.document()
 
 
 def test_only_frames_with_something_left_say_so() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import click
 
 from dtrepair.cli.exit_codes import exit_codes
@@ -12,6 +14,7 @@ from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.outputs import already_written
 from dtrepair.pipeline.errors import CLEAN, INPUT, OUTPUT
+from dtrepair.wording import counted
 
 
 @click.command("join", cls=Command, epilog=exit_codes(INPUT, OUTPUT, clean="written"))
@@ -38,7 +41,8 @@ def command(*, chunks: tuple[str, ...], output: str, skip_existing: bool, consol
 
     if skip_existing and already_written(output, console):
         return CLEAN
+    older = os.path.isfile(output)
     join_layers(chunks, output)
-    count = len(chunks)
-    console.result(f"{output}: written from {count} layer{'s' * (count > 1)}")
+    end = ", in place of an older one" if older else ""
+    console.result(f"{output}: written from {counted(len(chunks), 'layer')}{end}")
     return CLEAN

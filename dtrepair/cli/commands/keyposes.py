@@ -94,7 +94,7 @@ def command(
     if output is not None:
         clean_up_if_forced(output)
     inputs = (source_path, output, settings)
-    observer = ConsoleObserver(console, say)
+    observer = ConsoleObserver(console, say, output=output)
     if dry_run:
         print_plan(console, plan_keyposes(*inputs, device=device, observer=observer))
         return CLEAN

@@ -107,7 +107,8 @@ def command(
     if skip_existing and already_written(output, console):
         return CLEAN
     inputs = (source_path, output, settings)
-    running["observer"] = ConsoleObserver(console, say)
+    replaced = None if running["resume"] else output
+    running["observer"] = ConsoleObserver(console, say, output=replaced)
     if dry_run:
         print_plan(console, plan_repair(*inputs, **running))
         return CLEAN

@@ -117,7 +117,7 @@ def command(
         return CLEAN
     read, written = files_of(source_path, target_path, settings)
     check_report_places(reports, console, *read, others=[output, *written])
-    observer = ConsoleObserver(console, say)
+    observer = ConsoleObserver(console, say, output=output)
     inputs = (source_path, target_path, output, settings)
     clean_up_if_forced(output)
     if dry_run:

@@ -31,6 +31,8 @@ def print_check(console: Console, report: Report) -> None:
                 numbers = [str(count.triangles), str(count.pairs), str(count.inter_pairs)]
                 rows.append([label, *numbers, path] if several else [label, *numbers[:2]])
     console.table(header, rows)
+    if any(record.before and record.before.inter_pairs for record in records):
+        console.result("a pair between two meshes is counted in the row of either, and once in all")
     for line in enclosed_lines(records):
         console.result(line)
     console.result(_conclusion(records))

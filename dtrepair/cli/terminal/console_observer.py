@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 
 from dtrepair.cli.terminal.console import Console
@@ -32,14 +33,23 @@ class ConsoleObserver(Observer):
     Ctrl-C ends a run by a KeyboardInterrupt of its own, so that `cancelled` never does.
     """
 
-    def __init__(self, console: Console, say_frame: SayFrame | None = None) -> None:
-        """Print on a console; `say_frame` prints what became of a frame; None: nothing does."""
+    def __init__(
+        self, console: Console, say_frame: SayFrame | None = None, *, output: str | None = None
+    ) -> None:
+        """Print on a console; `say_frame` prints what became of a frame; None: nothing does.
+
+        output: what a run writes; that an older one is replaced is told when its work begins.
+        """
         self.console, self._say_frame = console, say_frame
         self._bar: ProgressBar | None = None
+        self._older = output if output and os.path.isfile(output) else None
         self._heartbeat = None if console.quiet else heartbeat(console.tell)
 
     def start(self, phase: str, total: int) -> None:
         """Show a progress bar where one is wanted, else a line now and then."""
+        if self._older is not None:
+            self.console.tell(f"{self._older}: exists, and is replaced when this run is done")
+            self._older = None
         if not self.console.quiet and wanted(total):
             self._bar = ProgressBar(phase, total)
         if self._heartbeat is not None:

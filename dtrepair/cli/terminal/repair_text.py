@@ -89,16 +89,19 @@ def _print_contacts(
     if contacts:
         rows = [
             [str(found["before"]), str(found["after"]), found["first"], found["second"]]
-            for found in contacts
+            for found in sorted(contacts, key=lambda own: (-own["after"], -own["before"]))
         ]
+        console.result("what met what, in all frames together:")
         console.table(["pairs before", "after", "of", "and"], rows)
-    rows = []
+    moves = []
     for path, motions in motions_of(records).items():
         largest = max(((own.displacement_max, size) for own, size in motions), key=_span)
         rigid = max(((own.rigid_rms, size) for own, size in motions), key=_span)
         change = max(motion.edge_change for motion, _ in motions)
-        rows.append([length(*largest), length(*rigid), f"{change:.4f}", path])
-    if rows:
+        moves.append((_span(largest), [length(*largest), length(*rigid), f"{change:.4f}", path]))
+    if moves:
+        rows = [row for _, row in sorted(moves, key=lambda move: -move[0])]
+        console.result("how far meshes moved, the most in any frame:")
         console.table(["largest move", "as a whole", "edges changed", "mesh"], rows)
 
 
@@ -159,7 +162,7 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
     if modelled:
         console.result(
             f"taken as modelled: {totals['modelled_pairs_before']} -> {counted(modelled, 'pair')} "
-            "of different parts that overlap on purpose"
+            "between attached parts, which overlap on purpose"
         )
     if totals["strained"]:
         console.result(strained_line(records))
@@ -169,7 +172,8 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
         console.result(f"{where}pairs stay closer than --clearance: the report has their numbers")
     for line in (*strain_lines(records), *advice_lines(records)):
         console.result(line)
-    console.result(f"written: {output}")
+    same = all(record.displacement_max == 0.0 for record in records)
+    console.result(f"written: {output}{'; no point of it moved' if same else ''}")
 
 
 def moved_line(records: Sequence[FrameRecord]) -> str:

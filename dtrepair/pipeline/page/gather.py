@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dtrepair.display.closeups import CloseupOptions, contact_view, draw_closeups
 from dtrepair.display.colours import Colours
-from dtrepair.display.contact_events import ContactEvent, FramePairs, contact_events
+from dtrepair.display.contact_events import ContactEvent, contact_events
 from dtrepair.display.render import Image, View, png_bytes
 from dtrepair.pipeline.observer import SILENT, Observer, Progress
 from dtrepair.pipeline.page.clip import PosedClip
@@ -100,13 +100,14 @@ def _colours(count: int) -> list[tuple[float, float, float]]:
 def listed_event(clip: PosedClip, event: ContactEvent) -> Contact:
     """Return a contact without a picture."""
     run, worst = clip.run, event.worst
-    first, second = _objects(event, clip.pairs(worst), run.first.objects)
+    met = _objects(event, clip, run.first.objects)
     paths = [mesh.path for mesh in run.first.source.meshes]
     after = event.count(worst, "after") if len(run.scenes) > 1 else None
     numbers = [run.numbers[index] for index in (event.frames[0], event.frames[-1], worst)]
     return Contact(
-        first=paths[first],
-        second=paths[second],
+        first=paths[met[0][0]],
+        second=paths[met[0][1]],
+        others=len(met) - 1,
         frames=(numbers[0], numbers[1], numbers[2]),
         triangles=(event.count(worst, "before"), after),
     )
@@ -121,12 +122,11 @@ def _contact(clip: PosedClip, event: ContactEvent, limit: int, options: PageOpti
 
 
 def _objects(
-    event: ContactEvent, pairs: FramePairs, objects: NDArray[np.integer]
-) -> tuple[int, int]:
-    """Numbers of the two objects that most pairs of an event are between in a frame."""
-    own = np.concatenate([*event.before.values(), *event.after.values()])
+    event: ContactEvent, clip: PosedClip, objects: NDArray[np.integer]
+) -> list[tuple[int, int]]:
+    """Numbers of the objects that meet in an event in its worst frame, the most pairs first."""
+    pairs = clip.pairs(event.worst)
     every = np.concatenate([pairs.before, pairs.after])
-    met = np.sort(objects[every[np.isin(every[:, 0], own)]], axis=1)
+    met = np.sort(objects[every[np.isin(every[:, 0], worst_triangles(event))]], axis=1)
     found, count = np.unique(met, axis=0, return_counts=True)
-    first, second = found[count.argmax()].tolist()
-    return first, second
+    return [(int(i), int(j)) for i, j in found[np.argsort(-count, kind="stable")]]

@@ -79,13 +79,10 @@ def _rows(
 
 def _caption(clip: PosedClip, event: ContactEvent) -> str:
     found = listed_event(clip, event)
-    who = f"{found.first} with itself"
-    if found.first != found.second:
-        who = f"{found.first} and {found.second}"
     before, after = found.triangles
     count = f"{before}" if after is None else f"{before} before, {after} after"
     time = float(clip.run.times[event.worst])
-    return f"frame {time_label(time)}, intersecting triangles: {count}: {who}"
+    return f"frame {time_label(time)}, intersecting triangles: {count}: {found.between}"
 
 
 def _calm(document: Mapping[str, Any], run: PosedRun, size: int) -> tuple[Image, str]:

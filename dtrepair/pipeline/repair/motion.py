@@ -1,4 +1,4 @@
-"""How corrections go in time: jitter, frames in which they jump, props and sets that give way."""
+"""How corrections go in time: jitter, frames in which they jump or break off, what gives way."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dtrepair.numerics.geometry import (
 )
 from dtrepair.numerics.metrics import JitterMeter, JumpMeter
 from dtrepair.pipeline.stages.sources import Source, SourceMesh
-from dtrepair.wording import frame_list, listed
+from dtrepair.report.findings import FindingKind, MotionFinding
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,6 +113,14 @@ def _parts(mesh: SourceMesh) -> IntArray:
     return components(weld[mesh.faces], len(weld))[weld]
 
 
+def _edges(source: Source) -> FloatArray:
+    """Return the chosen frames (N,) that have a neighbour which was not chosen."""
+    every = source.all_times
+    chosen = np.isin(every, source.times)
+    beside = np.concatenate([[True], chosen, [True]])
+    return np.asarray(every[chosen & ~(beside[:-2] & beside[2:])])
+
+
 def _unbent(reference: FloatArray, points: FloatArray) -> float:
     """Return how far points (V, 3) are at most from the best rigid motion of others."""
     from dtrepair.repair.surface.rigid_bodies import RigidBodies
@@ -122,9 +130,16 @@ def _unbent(reference: FloatArray, points: FloatArray) -> float:
 
 
 class Motion:
-    """The corrections of all meshes, frame by frame, in memory for three frames and the first."""
+    """The corrections of all meshes, frame by frame, in memory for three frames and the first.
 
-    def __init__(self, source: Source) -> None:
+    Args:
+        source: What is repaired, with the frames that were chosen.
+        least: A correction that ends in front of a frame that was not chosen breaks off where a
+            vertex is farther off than this, diagonals.
+    """
+
+    def __init__(self, source: Source, *, least: float = 0.002) -> None:
+        self._least = least
         self._paths = [mesh.path for mesh in source.meshes]
         self._jitter = [JitterMeter() for _ in self._paths]
         self._jumps = [JumpMeter(_parts(mesh)) for mesh in source.meshes]
@@ -133,6 +148,8 @@ class Motion:
         self._bends = [BendMeter() for _ in self._paths] if several else []
         self._still = [StillMeter() for _ in self._paths] if several else []
         self._frames = 0
+        self._edges = set(_edges(source))
+        self._ends: list[dict[float, float]] = [{} for _ in self._paths]
 
     def add(self, time: float, before: Sequence[ArrayLike], after: Sequence[ArrayLike]) -> None:
         """Take the next frame: points (V, 3) of the meshes, before and after; none if it failed."""
@@ -141,60 +158,49 @@ class Motion:
         for jitter, jumps, own, repaired in meters:
             jitter.add(own, repaired)
             jumps.add(time, own, repaired)
+        if time in self._edges:
+            self._break_off(time, before, after)
         props = zip(self._bends, self._still, before, after, strict=False)
         for bends, still, own, repaired in props:
             bends.add(time, own, repaired)
             still.add(time, own, repaired)
+
+    def _break_off(
+        self, time: float, before: Sequence[ArrayLike], after: Sequence[ArrayLike]
+    ) -> None:
+        """Take a frame beside which nothing is corrected."""
+        for ends, own, repaired in zip(self._ends, before, after, strict=False):
+            original = np.asarray(own, np.float64)
+            size = diagonal(original) if len(original) else 0.0
+            far = float(lengths(np.asarray(repaired, np.float64) - original).max()) if size else 0.0
+            if far > self._least * size:
+                ends[time] = far / size
 
     @property
     def jitter(self) -> float | None:
         """The largest jitter of a mesh, see `JitterMeter`; None for fewer than three frames."""
         return max(meter.value for meter in self._jitter) if self._frames > 2 else None
 
-    @property
-    def jumping(self) -> tuple[str, ...]:
-        """One line on the meshes whose corrections jump, those that jump farthest first."""
-        names = self._names([meter.jumps for meter in self._jumps])
-        if not names:
-            return ()
-        return (
-            f"corrections that jump: {listed(names)}; what moves there stands out from the frames "
-            "before and after, perhaps on the other side of something: look at these frames",
-        )
+    def findings(self, worn: Collection[str] = ()) -> tuple[MotionFinding, ...]:
+        """Return what is to be looked at though nothing intersects, by meshes and frames.
 
-    @property
-    def bending(self) -> tuple[str, ...]:
-        """One line on the meshes that move as wholes among others, and were bent."""
-        names = self._names([meter.bends for meter in self._bends])
-        if not names:
-            return ()
-        return (
-            f"bent, though moved as a whole in the input: {listed(names)}; where that must not be, "
-            "--rigid keeps the shape of what it names, and what it touches gives way instead",
-        )
-
-    def giving_way(self, worn: Collection[str]) -> tuple[str, ...]:
-        """One line on the meshes that stand still beside others that move, and were moved.
-
-        Of those that are worn, whose paths are given, that is asked for.
+        worn: the paths of what is worn, which gives way as it should.
         """
-        meters = zip(self._paths, self._still, strict=False)
-        names = self._names([{} if path in worn else meter.gives for path, meter in meters])
-        if not names or all(meter.still for meter in self._still):
-            return ()
-        return (
-            f"moved, though it stands still in the input: {listed(names)}; where that must not be, "
-            "--collider keeps what it names in its place, and what meets it gives way instead",
-        )
-
-    def _names(self, found: Sequence[Mapping[float, float]]) -> list[str]:
-        """Name the meshes of which anything was found, with their frames, the worst first."""
-        told = [
-            (max(own.values()), path, list(own))
-            for path, own in zip(self._paths, found, strict=False)
+        gives = [
+            {} if path in worn else meter.gives
+            for path, meter in zip(self._paths, self._still, strict=False)
+        ]
+        if all(meter.still for meter in self._still):
+            gives = []
+        found: dict[FindingKind, Sequence[Mapping[float, float]]] = {
+            FindingKind.BENT: [meter.bends for meter in self._bends],
+            FindingKind.MOVED: gives,
+            FindingKind.BREAKS_OFF: self._ends,
+            FindingKind.JUMPS: [meter.jumps for meter in self._jumps],
+        }
+        return tuple(
+            MotionFinding(kind=kind, path=path, largest=max(own.values()), times=tuple(own))
+            for kind, each in found.items()
+            for path, own in zip(self._paths, each, strict=False)
             if own
-        ]
-        return [
-            f"{path} in frame {frame_list(times)} (by up to {100.0 * farthest:.2g} % of its size)"
-            for farthest, path, times in sorted(told, key=lambda each: -each[0])
-        ]
+        )

@@ -33,6 +33,8 @@ from dtrepair.pipeline.stages.frames import (
 from dtrepair.pipeline.stages.rest import Rest, rest_warnings
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import Source
+from dtrepair.report.findings import FindingKind, MotionFinding
+from dtrepair.report.findings import told as findings_told
 from dtrepair.report.modelled import WornRecord
 from dtrepair.report.record import FrameRecord, Report, summarize
 
@@ -135,11 +137,9 @@ def repair_here(
     written = sink.commit({"counts": summarize(records)})
     if isinstance(sink, CorrectionSink):
         sink.tell(observer)
-    worn = {own.over.path for own in outcome.worn}
-    props = (*outcome.motion.bending, *outcome.motion.giving_way(worn))
-    warnings = (*repairer.warnings, *hidden.warnings, *among.warnings, *told, *written, *props)
-    if not run.alone:  # who asks for frames by themselves does not ask for steady ones
-        warnings = (*warnings, *outcome.motion.jumping)
+    findings = _findings(run, outcome)
+    warnings = (*repairer.warnings, *hidden.warnings, *among.warnings, *told, *written)
+    warnings = (*warnings, *findings_told(findings))
     if journal is not None:
         warnings = (*warnings, *journal.failures)
         journal.remove()
@@ -159,8 +159,20 @@ def repair_here(
         jitter=outcome.motion.jitter,
         attached=repairer.modelled.attached,
         worn=outcome.worn,
+        findings=findings,
         alone_from=repairer.alone_from,
     )
+
+
+def _findings(run: Run, outcome: _Outcome) -> tuple[MotionFinding, ...]:
+    """What is to be looked at; of what was asked for to be so nothing."""
+    unasked = set(FindingKind)
+    if run.alone:  # who asks for frames by themselves does not ask for steady ones
+        unasked -= {FindingKind.JUMPS, FindingKind.BREAKS_OFF}
+    if run.settings.get("only_frames"):  # there are none beside them
+        unasked -= {FindingKind.BREAKS_OFF}
+    found = outcome.motion.findings({own.over.path for own in outcome.worn})
+    return tuple(own for own in found if own.kind in unasked)
 
 
 def _repair_frames(

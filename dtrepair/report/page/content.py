@@ -6,6 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from dtrepair.wording import counted
+
+
+def pair_name(first: str, second: str, others: int = 0) -> str:
+    """Return what two objects are called together, or one with itself, and more such pairs."""
+    who = f"{first} with itself" if first == second else f"{first} and {second}"
+    return who + (f", and {counted(others, 'more pair')}" if others else "")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Contact:
@@ -17,6 +25,7 @@ class Contact:
         frames: Numbers of the first, the last and the worst frame among those of the report.
         triangles: Intersecting triangles in the worst frame: before, and after; None where the
             report has one pose only.
+        others: So many more pairs of objects meet in it in the worst frame.
         png: Its picture; empty without one.
         view: What the viewer shows, see `dtrepair.display`; None without.
     """
@@ -25,8 +34,14 @@ class Contact:
     second: str
     frames: tuple[int, int, int]
     triangles: tuple[int | None, int | None]
+    others: int = 0
     png: bytes = b""
     view: Mapping[str, Any] | None = None
+
+    @property
+    def between(self) -> str:
+        """What meets in it, in words."""
+        return pair_name(self.first, self.second, self.others)
 
 
 @dataclass(frozen=True, kw_only=True)

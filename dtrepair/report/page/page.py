@@ -16,7 +16,7 @@ from dtrepair.report.page.content import Contact, PageContent
 from dtrepair.report.page.lengths import farthest, largest_move
 from dtrepair.report.page.libraries import Library, LibraryError, chart_library, space_library
 from dtrepair.report.page.meaning import meaning
-from dtrepair.report.page.tables import pair_name, smaller_contacts, tables
+from dtrepair.report.page.tables import smaller_contacts, tables
 from dtrepair.report.page.timeline import chart_data
 
 _ASSETS = files("dtrepair.report.page").joinpath("assets")
@@ -182,7 +182,7 @@ def _figure(frames: Sequence[Mapping[str, Any]], number: int, contact: Contact) 
 
 def _name(frames: Sequence[Mapping[str, Any]], contact: Contact) -> str:
     """Return what a contact is called: its objects, its worst frame, its triangles."""
-    who = pair_name(contact.first, contact.second)
+    who = contact.between
     before, after = contact.triangles
     count = f"{before} → {after}" if after is not None else f"{before}"
     return f"{who}, frame {label(frames[contact.frames[2]])}: {count} intersecting triangles"

@@ -8,7 +8,7 @@ from typing import Any
 
 from dtrepair.report.modelled import ModelledList, place
 from dtrepair.report.page.advice import Frames, frame_links
-from dtrepair.report.page.content import Contact
+from dtrepair.report.page.content import Contact, pair_name
 from dtrepair.report.page.lengths import largest_move, length_of
 from dtrepair.report.page.sections import keyposes_table, transfer_table
 from dtrepair.report.page.table import Cell, Markup, html_table
@@ -41,18 +41,12 @@ def smaller_contacts(frames: Frames, contacts: Sequence[Contact]) -> str:
         first, last, worst = contact.frames
         links = [frame_links(frames, range(first, last + 1)), frame_links(frames, [worst])]
         counts = ["" if count is None else str(count) for count in contact.triangles]
-        who = pair_name(contact.first, contact.second)
-        rows.append([*counts, *(Markup(each) for each in links), who])
+        rows.append([*counts, *(Markup(each) for each in links), contact.between])
     if not rows:
         return ""
     table = html_table(["triangles before", "after", "frames", "worst", "between"], rows)
     title = f"Smaller contacts ({len(rows)})"
     return f"<details><summary><h2>{title}</h2></summary>{table}</details>"
-
-
-def pair_name(first: str, second: str) -> str:
-    """Return what two objects are called together, or one with itself."""
-    return f"{first} with itself" if first == second else f"{first} and {second}"
 
 
 def _objects(report: Mapping[str, Any], colours: Colours) -> str:

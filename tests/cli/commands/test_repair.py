@@ -207,7 +207,7 @@ def test_verbose_tells_each_frame_on_stderr(tmp_path: Path) -> None:
     lines = done.err.splitlines()
     assert lines[0].startswith("frame 1: 0 -> 0") and lines[1].startswith("frame 2: ")
     assert "iteration" not in done.err  # frames that are solved together have none of their own
-    alone = run("repair", path, "-o", tmp_path / "b.usdc", "-v", "--alone").err.splitlines()
+    alone = run("repair", path, "-o", tmp_path / "c.usdc", "-v", "--alone").err.splitlines()
     assert "iteration" not in alone[0]
     assert re.search(r" triangles, [1-9]\d* iterations?, ", alone[1])
 

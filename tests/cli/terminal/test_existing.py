@@ -48,3 +48,16 @@ def test_what_is_no_file_is_not_done(tmp_path: Path) -> None:
     os.mkfifo(output)
     done = run("repair", path, "-o", output, "--skip-existing", "-q")
     assert_fails(done, 5, "FIFO")
+
+
+@pytest.mark.parametrize("command", ["repair", "transfer", "keyposes", "join"])
+def test_what_is_replaced_is_told(tmp_path: Path, command: str) -> None:
+    path, part = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN)), tmp_path / "part.usdc"
+    assert "exists" not in run("repair", path, "-o", part).err
+    inputs = {"transfer": [path, path], "join": [part]}.get(command, [path])
+    output = tmp_path / "b.usdc"
+    for older in (False, True):
+        done = run(command, *inputs, "-o", output)
+        told = f"{output}: exists, and is replaced when this run is done" in done.err
+        assert (told or "in place of an older one" in done.out) == older
+    assert "exists" not in run(command, *inputs, "-o", output, "-q").err

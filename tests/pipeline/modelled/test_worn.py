@@ -160,9 +160,9 @@ def test_the_command_lists_what_would_be_worn(sleeve: Path) -> None:
 
 def test_the_command_says_it_and_what_changes_it(sleeve: Path, tmp_path: Path) -> None:
     arguments = ("repair", sleeve, "--frames", "3", "-o", tmp_path / "b.usda")
-    (line,) = run(*arguments).err.splitlines()
+    line, end = run(*arguments).err.splitlines()
     told = "taken as worn: /Hero/Sleeve over /Hero/Arm; another order with --layer"
-    assert line == f"dtrepair: {told}"
+    assert line == f"dtrepair: {told}" and "break off with --frames" in end
     assert run(*arguments, "-q").err == ""
 
 

@@ -20,6 +20,7 @@ from dtrepair.pipeline.page.gather import PageOptions, gather_content
 from dtrepair.pipeline.page.posed_run import PosedRun, open_run, with_found_files
 from dtrepair.report.page.content import PageContent
 from tests.command_line import CLOSED, OPEN, tube_stage
+from tests.usd_stages import define_cube, new_stage
 
 Poses = NDArray[np.float64]
 SMALL = PageOptions(closeup=CloseupOptions(size=40, azimuths=(25,), elevations=(12,)))
@@ -120,6 +121,18 @@ def test_a_check_has_one_pose(tmp_path: Path) -> None:
     assert contact.triangles == (report["frames"][1]["before"]["triangles"], None)
     assert contact.view is not None and contact.view["names"] == ["before"]
     assert content.measures == {}
+
+
+def test_a_contact_of_several_meshes_says_of_how_many_more_it_is(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "a.usda")
+    for number, name in enumerate("ABC"):
+        corner = define_cube(stage, f"/Root/{name}").AddTranslateOp()
+        corner.Set((1.7 * number, 0.1 * number, 0.13 * number))
+    stage.GetRootLayer().Save()
+    report = check_stage(tmp_path / "a.usda", device="cpu").document()
+    (contact,) = gather_content(report, open_run(report), options=SMALL).contacts
+    assert {contact.first, contact.second} < {"/Root/A", "/Root/B", "/Root/C"}
+    assert contact.others == 1 and contact.between.endswith(f"{contact.second}, and 1 more pair")
 
 
 def test_other_meshes_are_refused(

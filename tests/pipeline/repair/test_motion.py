@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from dtrepair.numerics.metrics import JumpMeter, JumpOptions
 from dtrepair.pipeline import ObjectOptions, Selection, repair_stage
 from dtrepair.pipeline.repair import motion
 from dtrepair.pipeline.repair.motion import BendMeter, BendOptions, Motion, StillMeter
+from dtrepair.pipeline.repair.settings import OutputOptions
 from dtrepair.pipeline.stages.sources import open_source
+from dtrepair.report.findings import told as warned
 from tests.meshes import bent_tube, icosphere, joined
 from tests.pipeline.hosts import Listener
 from usd_io import AuthoredMesh, write_animation
@@ -66,8 +69,8 @@ def test_a_part_of_a_mesh_that_jumps_is_told(tmp_path: Path) -> None:
         after = points.copy()
         after[-len(small[0]) :, 0] += far
         corrections.add(time, [points], [after])
-    (text,) = corrections.jumping
-    assert "/Set/Hero in frame 2" in text
+    (found,) = corrections.findings()
+    assert str(found).startswith("/Set/Hero in frame 2 (by up to ")
 
 
 def test_the_meshes_that_jump_farthest_come_first(tmp_path: Path) -> None:
@@ -77,10 +80,38 @@ def test_the_meshes_that_jump_farthest_come_first(tmp_path: Path) -> None:
     for time, far in enumerate([0.0, 0.0, 0.1, 0.0, 0.0, 0.2, 0.0]):
         found.add(float(time), [ball, ball], [ball + 0.5 * far, ball + far])
     found.add(7.0, [], [])  # a frame that failed
-    (text,) = found.jumping
+    findings = found.findings()
+    assert [own.kind for own in findings] == ["jumps"] * 2 and findings[1].times == (2.0, 5.0)
+    (text,) = warned(findings)
     assert text.startswith(f"corrections that jump: {WALL} in frame 2, 5 (by up to 20 %")
     assert "; " in text and f"{MOVED} in frame 2, 5 (by up to 10 %" in text
     assert found.jitter is not None and found.jitter > 0.01
+
+
+def test_a_range_of_frames_breaks_off_where_it_ends(tmp_path: Path) -> None:
+    stage = stage_of(tmp_path, [1.3, 1.1, 0.95, 0.9, 0.95, 1.1, 1.3])
+    out = tmp_path / "b.usda"
+
+    def broken(frames: str, **choices: Any) -> list[tuple[str, tuple[float, ...]]]:
+        selection = Selection(frames=frames)
+        report = repair_stage(stage, out, selection=selection, **choices)
+        found = [own for own in report.findings if own.kind == "breaks_off"]
+        assert any("break off" in text for text in report.warnings) == bool(found)
+        listed = report.document().get("findings", [])
+        assert [own for own in listed if own["kind"] == "breaks_off"] == [
+            {"kind": own.kind, "path": own.path, "largest": own.largest, "times": list(own.times)}
+            for own in found
+        ]
+        assert all(0.002 < own.largest < 0.2 for own in found)
+        return [(own.path, own.times) for own in found]
+
+    objects = ObjectOptions(collider=WALL)
+    assert broken("1:7", objects=objects) == []
+    assert broken("4:7", objects=objects) == [(MOVED, (4.0,))]
+    assert broken("3:5", objects=objects) == [(MOVED, (3.0, 5.0))]
+    assert broken("3:5", objects=objects, alone=True) == []
+    only = OutputOptions(only_frames=True)
+    assert broken("3:5", objects=objects, writing=only) == []
 
 
 BALL = icosphere(2, radius=0.5)[0]

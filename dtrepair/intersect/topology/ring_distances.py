@@ -11,6 +11,8 @@ from dtrepair.numerics.geometry import IntArray, pair_keys
 
 # Words of 64 bits that a search at once may keep of the vertices: 128 MiB, twice.
 WORDS = 1 << 24
+# Rings up to which distances are known, unless more are asked for.
+MOST_RINGS = 20
 
 
 class RingDistances:
@@ -25,7 +27,7 @@ class RingDistances:
             search grows with the square of it.
     """
 
-    def __init__(self, mesh: DeviceMesh, *, limit: int = 20) -> None:
+    def __init__(self, mesh: DeviceMesh, *, limit: int = MOST_RINGS) -> None:
         self._mesh, self.limit = mesh, limit
         self._search = rings_in_turn if mesh.device.serial else rings_at_once
         self._known = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int32)

@@ -24,10 +24,10 @@ class FillOptions:
     """Numbers of the patches that replace the surroundings of defects.
 
     Args:
-        rounds: Times that a patch grows before it starts again as a membrane.
+        rounds: Usual rings by which a patch grows before it starts again as a membrane.
         largest: Fraction of a part, what edges connect, that patches may cover at most: a whole
             limb replaced is lost, and a whole sleeve shrinks into its arm.
-        restart_rings: Rings that a patch loses where it starts again, as a membrane needs fewer.
+        restart_rings: Usual rings that a patch loses where it starts again, as a membrane needs fewer.
         shapes: Of attached parts, which patches keep the shapes that they have at rest.
     """
 
@@ -70,10 +70,10 @@ class _Patches:
         np.maximum.at(fill, labels[failing], self.fill[failing])
         self.failures[failing] = failures[labels[failing]]
         self.fill[failing] = fill[labels[failing]]
-        restart = failing & (self.failures > options.rounds) & (self.fill == BILAPLACIAN)
-        self.fill[restart] = MEMBRANE
+        restart = failing & (self.failures > surface.rings(options.rounds)) & (self.fill == BILAPLACIAN)
+        self.fill[restart], fewer = MEMBRANE, surface.rings(options.restart_rings)
         self.failures[restart] = 1
-        self.rings[restart] = np.maximum(self.rings[restart] - options.restart_rings, 0)
+        self.rings[restart] = np.maximum(self.rings[restart] - fewer, 0)
         self.rings[bad] += 1
 
     def settle(self, surface: Surface, mask: BoolArray) -> IntArray:
@@ -104,7 +104,7 @@ def biharmonic_fill(
     filled, defects = points, base
     best = Filled(points, base)
     patches, last = _Patches(surface.count), np.zeros(surface.count, dtype=bool)
-    for _ in range(2 * options.rounds):
+    for _ in range(2 * surface.rings(options.rounds)):
         if len(defects.triangles) == 0:
             break
         patches.grow(surface, surface.vertices_of(defects.triangles), options)

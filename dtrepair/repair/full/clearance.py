@@ -67,7 +67,7 @@ def open_contacts(
         opened = push(
             surface,
             points,
-            near=surface.contacts.neighbour_rings,
+            near=surface.options.neighbour_rings,
             step=options.step * clearance * 0.5**attempt,
             limit=limit,
             detect=close,

@@ -11,7 +11,7 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.ignored import CountedPairs, counted_between
 from dtrepair.intersect.proximity import close_pairs, face_each_other
 from dtrepair.intersect.queries import Queries
-from dtrepair.intersect.topology.ring_distances import RingDistances
+from dtrepair.intersect.topology.ring_distances import MOST_RINGS, RingDistances
 from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import FloatArray, IntArray, pair_keys
 from dtrepair.repair.surface.uncertain_pairs import UncertainPairs
@@ -54,6 +54,7 @@ class Contacts:
         ignored: tuple[tuple[int, int], ...] = (),
         leave_rest: bool = False,
         neighbour_rings: int = 6,
+        most_rings: int = MOST_RINGS,
         attachments: Attachments | None = None,
     ) -> None:
         self._detector, self._queries, self._size = detector, queries, size
@@ -68,7 +69,7 @@ class Contacts:
         self._whole = rigid[faces[:, 0]] if self._stiff.any() else None
         self._uncertain = UncertainPairs(detector, self._rest)
         self._close_at_rest: dict[float, NDArray[np.int64]] = {}
-        self.ring_distance = RingDistances(detector.mesh)
+        self.ring_distance = RingDistances(detector.mesh, limit=most_rings)
 
     def pairs(self, points: FloatArray, *, active: BoolArray | None = None) -> IntArray:
         """Return the intersecting pairs (K, 2); with `active` (F,) those with an active triangle.

@@ -58,12 +58,12 @@ def update_pairs(
 
 
 def near_contacts(surface: Surface, pairs: IntArray, near: int) -> BoolArray:
-    """Return which pairs (K,) are the sides of a crease: at most `near` edge rings apart.
+    """Return which pairs (K,) are the sides of a crease: at most `near` usual rings apart.
 
     So are an arm and the sleeve that it is tied to where the arm has a crease with itself, or the
     sleeve. ValueError where so many rings are not searched.
     """
-    limit = surface.contacts.ring_distance.limit
+    limit, near = surface.contacts.ring_distance.limit, surface.rings(near)
     if near > limit:
         raise ValueError(f"near should be at most {limit}, the rings that are searched, got {near}")
     near_by: BoolArray = surface.body_of[pairs[:, 0]] == surface.body_of[pairs[:, 1]]

@@ -14,14 +14,9 @@ from dtrepair.device import Device
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.queries import Queries
 from dtrepair.intersect.topology.components import link_labels
+from dtrepair.intersect.topology.ring_distances import MOST_RINGS
 from dtrepair.numerics.attachments import Attachments
-from dtrepair.numerics.geometry import (
-    FloatArray,
-    IntArray,
-    extents,
-    lengths,
-    unit_vectors,
-)
+from dtrepair.numerics.geometry import FloatArray, IntArray, extents, lengths, unit_vectors
 from dtrepair.numerics.operators import (
     Factor,
     Factorise,
@@ -61,6 +56,8 @@ class SurfaceOptions:
             of the two bodies or parts is beside it.
         neighbour_rings: Triangles at most so many edge rings apart are the sides of a crease to a
             clearance, which they cannot keep.
+        usual_edge: Mean length of edges, units of the size, for which all numbers of rings are
+            meant: a skin of finer ones has so many more, see `Topology.rings`.
         rigid: Of bodies that only move as a whole.
         ties: How strongly attached parts hold.
     """
@@ -70,6 +67,7 @@ class SurfaceOptions:
     covered_within: float = 0.1
     covered_slide: float = 0.25
     neighbour_rings: int = 6
+    usual_edge: float = 0.006
     rigid: RigidOptions = field(default_factory=RigidOptions)
     ties: TieOptions = field(default_factory=TieOptions)
 
@@ -160,6 +158,7 @@ class Surface(Topology):
         self.stiff = self.fixed | self.rigid.mask
         ends = self.edges[scale.counted(self.count)[self.edges[:, 0]]]
         self.edge_length = float(lengths(self.rest[ends[:, 0]] - self.rest[ends[:, 1]]).mean())
+        self.set_fineness(self.edge_length, options.usual_edge)
         self.detector = Detector(rest, faces, device=device)
         self.queries = Queries(self.detector)
         self.contacts = self._contacts(mode, ignored, attachments, leave_rest=leave_rest)
@@ -195,7 +194,8 @@ class Surface(Topology):
             mode=mode,
             ignored=tuple(ignored),
             leave_rest=leave_rest,
-            neighbour_rings=self.options.neighbour_rings,
+            neighbour_rings=self.rings(self.options.neighbour_rings),
+            most_rings=self.rings(MOST_RINGS),
             attachments=attachments,
         )
 
@@ -223,6 +223,7 @@ class Surface(Topology):
         A body that nothing is tied to has a factor of its own.
         """
         factors: list[tuple[slice | NDArray[np.intp], Solver]] = []
+        finer = self.fineness**2  # the unit of strengths is the area around a vertex
         for cluster in range(int(self.cluster_of_body.max(initial=-1)) + 1):
             bodies = [self.bodies[k] for k in np.flatnonzero(self.cluster_of_body == cluster)]
             moving = [b for b in bodies if not (b.rigid or self.fixed[b.start : b.stop].all())]
@@ -230,10 +231,10 @@ class Surface(Topology):
                 continue
             if len(moving) == 1:
                 own: slice | NDArray[np.intp] = slice(moving[0].start, moving[0].stop)
-                strong = moving[0].diffusion * self.laplacian[own, own]
+                strong = finer * moving[0].diffusion * self.laplacian[own, own]
             else:
                 own = np.concatenate([np.arange(b.start, b.stop) for b in moving])
-                roots = [np.full(b.stop - b.start, np.sqrt(b.diffusion)) for b in moving]
+                roots = [np.full(b.stop - b.start, np.sqrt(finer * b.diffusion)) for b in moving]
                 scale = sparse.diags(np.concatenate(roots))
                 strong = scale @ self.laplacian[own][:, own] @ scale
             factors.append((own, self.factor(sparse.diags(self.mass[own]) + strong)))

@@ -51,6 +51,7 @@ class Topology:
             shape=(count, count),
         )
         self.linked = self.edges
+        self.fineness = 1.0
         if links is not None:
             tied = np.stack(links.nonzero(), axis=1)
             self.linked = np.concatenate([self.edges, tied], dtype=np.int32)
@@ -131,6 +132,19 @@ class Topology:
             distance[wider & ~grown] = ring
             grown = wider
         return distance
+
+    def set_fineness(self, edge_length: float, usual: float) -> None:
+        """Tell how long edges are, and for which length numbers of rings are meant.
+
+        What has several parts is taken as usual: rings mean something else to each of them.
+        """
+        part = self.part_of_vertex[self.faces[:, 0]]
+        if edge_length > 0.0 and np.bincount(part).max() > 0.9 * len(part):
+            self.fineness = max(usual / edge_length, 1.0)
+
+    def rings(self, usual: int) -> int:
+        """Return how many rings reach as far as so many of a mesh with edges of usual length."""
+        return round(usual * self.fineness)
 
     def components(self, mask: BoolArray) -> IntArray:
         """Return the component (V,) that each vertex of a mask is in; others stand alone."""

@@ -167,7 +167,7 @@ OF_REST = "what is left intersects in the rest pose as well"
 EASE = "look at it, and ease the pose where it is deepest"
 # What became of strains.
 LEFT_OUT = "only the share of the correction within the bounds is kept"
-KEPT = "beyond the bounds, and kept at any cost"
+KEPT = "beyond the bounds, and kept all the same"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,12 +26,13 @@ _WORDS: Mapping[StrainKind, str] = {
     StrainKind.EDGES: "{0:.0f} edges four times longer or shorter, at most {1:.0f} may be",
     StrainKind.DRIFT: "{0} off what it is attached to, at most {1}",
     StrainKind.SLIDE: "a twentieth of what is attached is {0} off, at most {1}",
-    StrainKind.VOLUME: "volume changed by {0:.0%}, at most {1:.0%}",
-    StrainKind.LIMB: "volume of a piece of a limb changed by {0:.0%}, at most {1:.0%}",
+    StrainKind.VOLUME: "volume changed by {0}, at most {1}",
+    StrainKind.LIMB: "volume of a piece of a limb changed by {0}, at most {1}",
     StrainKind.FLIPS: "a patch {0} wide turned over, at most {1}",
     StrainKind.WORN: "came off what it goes round",
 }
 _LENGTHS = (StrainKind.DRIFT, StrainKind.SLIDE, StrainKind.FLIPS)
+_SHARES = (StrainKind.VOLUME, StrainKind.LIMB)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +79,10 @@ class Strain:
         numbers = (self.value, self.bound)
         if self.kind in _LENGTHS:
             return _WORDS[self.kind].format(*(length(number, self.size) for number in numbers))
+        if self.kind in _SHARES:
+            # What is little beyond its bound has to look so.
+            near = f"{self.value:.0%}" == f"{self.bound:.0%}"
+            return _WORDS[self.kind].format(*(f"{own:.{2 * near}%}" for own in numbers))
         return _WORDS[self.kind].format(*numbers)
 
     def __str__(self) -> str:

@@ -32,6 +32,8 @@ class SearchOptions:
             finer samples, which show more.
         least_gain: Fraction of the cost of a span that must go where keys are moved without
             cleaning it: less is not worth the animator's surprise.
+        shortest: No key is added between two that are nearer to each other than this fraction of
+            the given span: keys crowd where contacts begin, and what lies between them pops.
         trials: Most changes between two given keys, times the number of spans they may be split
             into.
         changes: Numbers of the changes that are tried.
@@ -39,6 +41,7 @@ class SearchOptions:
 
     finer: float = 0.5
     least_gain: float = 0.1
+    shortest: float = 0.1
     trials: int = 4
     changes: ChangeOptions = field(default_factory=ChangeOptions)
 
@@ -163,7 +166,8 @@ class _Search:
             part = max(dirty, key=lambda item: dirty[item], default=None)
             if part is None or dirty[part] == 0.0:
                 return
-            trial = self.best_trial(part, full=len(parts) > self.options.extra)
+            short = part[1] - part[0] < self.numbers.shortest * (span[1] - span[0])
+            trial = self.best_trial(part, full=short or len(parts) > self.options.extra)
             if trial is None:
                 hopeless.add(part)
             else:

@@ -12,7 +12,7 @@ from pxr import Usd, UsdGeom, Vt
 from dtrepair import Repairer, RepairOptions, find_intersections
 from dtrepair.keyposes.changes import ChangeOptions, neighbours_moved, scaled
 from dtrepair.keyposes.options import KeyOptions
-from dtrepair.keyposes.search import clean_in_betweens, verify_in_betweens
+from dtrepair.keyposes.search import SearchOptions, clean_in_betweens, verify_in_betweens
 from dtrepair.keyposes.spans import Sample
 from dtrepair.keyposes.tracks import Track, between
 from tests.swinging_arm import arm_mesh, arm_pose
@@ -187,6 +187,38 @@ def test_verification_changes_nothing() -> None:
     assert [s.pairs for s in span.after] == [
         solver.pairs(t, [track.at(t)]) for t in (2.0, 4.0, 6.0, 8.0)
     ]
+
+
+class SteepSolver:
+    """Wants one vertex beyond a curve that no chain of lines from the first key stays beyond."""
+
+    def pairs(self, time: float, poses: Sequence[NDArray[np.float32]]) -> int:
+        return int(poses[0][0, 0] < np.sqrt(time) - 1e-6)
+
+    def repair(
+        self, time: float, poses: Sequence[NDArray[np.float32]]
+    ) -> tuple[NDArray[np.float32], ...]:
+        return (float32([[1.1 * np.sqrt(time), 0.0, 0.0]]),)
+
+    def allowed(
+        self, index: int, time: float, given: NDArray[np.float32], pose: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        return float32(np.minimum(pose, 1.15 * np.sqrt(time)))
+
+
+@pytest.mark.parametrize("shortest", [0.1, 1e-9])
+def test_keys_do_not_crowd_where_none_helps(shortest: float) -> None:
+    track = Track((0.0, 10.0), tuple(float32([[x, 0.0, 0.0]]) for x in (0.0, 4.0)))
+    options, numbers = KeyOptions(keep_keys=True), SearchOptions(shortest=shortest)
+    found = clean_in_betweens(
+        [track], [(0.0, 10.0)], SteepSolver(), options=options, numbers=numbers
+    )
+    (span,) = found.spans
+    assert dirty(span.after)[0] < 1.0 and span.added
+    nearest = float(np.diff([0.0, *sorted(span.added), 10.0]).min())
+    assert (nearest >= shortest * 10.0 / (options.samples + 1)) and (nearest < 0.1) == (
+        shortest < 0.1
+    )
 
 
 @pytest.mark.parametrize("helpless", [True, False])

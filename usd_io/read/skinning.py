@@ -194,8 +194,10 @@ def find_skin(prim: Usd.Prim) -> Skin | None:
         return None
     cache = UsdSkel.Cache()
     skel_root = UsdSkel.Root(root)
-    cache.Populate(skel_root, Usd.PrimDefaultPredicate)
-    for binding in cache.ComputeSkelBindings(skel_root, Usd.PrimDefaultPredicate):
+    # What lies below an instance is seen by its proxies only.
+    everything = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
+    cache.Populate(skel_root, everything)
+    for binding in cache.ComputeSkelBindings(skel_root, everything):
         for query in binding.GetSkinningTargets():
             if query.GetPrim() == prim:
                 _check_own_binding(prim)

@@ -29,7 +29,7 @@ from dtrepair.pipeline.observer import (
     stop_if_cancelled,
     warn,
 )
-from dtrepair.pipeline.repair.collider_contacts import colliders_of
+from dtrepair.pipeline.repair.collider_contacts import ColliderContacts, colliders_of
 from dtrepair.pipeline.repair.run import Run, make_repairer
 from dtrepair.pipeline.repair.settings import recorded_settings
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
@@ -187,7 +187,8 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     rigid = [bool(own.rigid) for own in controls.settings]
     keys = StageKeys(source, repairer, rigid, lambda: stop_if_cancelled(observer))
     records = _repair_keys(keys, observer, only_count=sink is None)
-    still = _collider_warnings(source, controls, mode, keys)
+    among = colliders_of(source, controls, mode, rest_counts)
+    still = _collider_warnings(among, keys)
     warn(observer, still)
     repaired = sink is not None and any(r.before and r.before.pairs for r in records.values())
     worn = worn_records(source, repairer.repairer.scene) if repaired else ()
@@ -224,11 +225,8 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     )
 
 
-def _collider_warnings(
-    source: StageSource, controls: Controls, mode: str, keys: StageKeys
-) -> tuple[str, ...]:
-    """Return what there is to tell of colliders that intersect each other at keys."""
-    among = colliders_of(source, controls, mode)
+def _collider_warnings(among: ColliderContacts, keys: StageKeys) -> tuple[str, ...]:
+    """Return what there is to tell of colliders that intersect at keys."""
     for time, count in keys.counts.items():
         among.see(time, count)
     return among.warnings

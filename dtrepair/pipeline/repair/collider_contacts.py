@@ -1,4 +1,4 @@
-"""Contacts of colliders with each other: nobody repairs or counts them, and so they are told."""
+"""Contacts of what may not move, or keeps its shape: not repaired, not counted, but told."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dtrepair.numerics.geometry import pair_keys
 from dtrepair.pipeline.stages.bodies import Controls
 from dtrepair.pipeline.stages.sources import Source, time_label
 from dtrepair.wording import counted, listed
@@ -21,7 +22,7 @@ class ColliderContacts:
 
     Args:
         source: The meshes.
-        looked_for: Pairs (i, j), i < j, of colliders.
+        looked_for: Pairs (i, j) of colliders; i is j for one, or a rigid mesh, with itself.
     """
 
     def __init__(self, source: Source, looked_for: Sequence[tuple[int, int]]) -> None:
@@ -35,7 +36,8 @@ class ColliderContacts:
         """Look at all pairs of triangles of a frame; frames come in order."""
         if count is None or not self._open or not len(count.every_pair):
             return
-        meshes = np.sort(self._mesh_of[count.every_pair], axis=1)
+        meant = np.isin(pair_keys(count.every_pair), pair_keys(count.modelled))
+        meshes = np.sort(self._mesh_of[count.every_pair[~meant]], axis=1)
         met, numbers = np.unique(meshes, axis=0, return_counts=True)
         for (i, j), number in zip(met.tolist(), numbers.tolist(), strict=True):
             if (i, j) in self._open:
@@ -44,23 +46,41 @@ class ColliderContacts:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One line on those that were found, those with most pairs first."""
-        if not self._found:
-            return ()
+        """A line on those that were found, those with most pairs first; one on single meshes."""
         order = sorted(self._found, key=lambda pair: (-self._found[pair][1], pair))
-        names = listed([self._told(*pair) for pair in order])
-        return (
-            f"colliders that intersect each other: {names}; as neither may move, that is neither "
-            "repaired nor counted here; check counts it",
-        )
+        each = [self._told(*pair) for pair in order if pair[0] != pair[1]]
+        alone = [self._told(*pair) for pair in order if pair[0] == pair[1]]
+        told = []
+        if each:
+            told.append(
+                f"colliders that intersect each other: {listed(each)}; as neither may move, that "
+                "is neither repaired nor counted here; check counts it"
+            )
+        if alone:
+            told.append(
+                f"colliders or rigid, and intersect themselves: {listed(alone)}; as they keep "
+                "their shape, that is neither repaired nor counted here; check counts it"
+            )
+        return tuple(told)
 
     def _told(self, first: int, second: int) -> str:
         time, number = self._found[first, second]
         when = "" if math.isnan(time) else f" in frame {time_label(time)}"
-        meshes = self._source.meshes
-        return f"{meshes[first].path} and {meshes[second].path} ({counted(number, 'pair')}{when})"
+        paths = dict.fromkeys(self._source.meshes[own].path for own in (first, second))
+        return f"{' and '.join(paths)} ({counted(number, 'pair')}{when})"
 
 
-def colliders_of(source: Source, controls: Controls, mode: str) -> ColliderContacts:
-    """Return what looks for contacts of colliders, where contacts of two meshes count at all."""
-    return ColliderContacts(source, () if mode == "self" else controls.between_colliders)
+def colliders_of(
+    source: Source, controls: Controls, mode: str, rests: Sequence[int | None]
+) -> ColliderContacts:
+    """Return what looks for contacts of colliders, and of what keeps its shape, that may count.
+
+    rests: intersecting triangles of the rest poses; those with any are told already.
+    """
+    looked_for = [] if mode == "self" else [*controls.between_colliders]
+    if mode != "inter" and len(source.meshes) > 1:
+        each = zip(source.meshes, controls.settings, rests, strict=True)
+        for index, (mesh, own, known) in enumerate(each):
+            if (mesh.collider or own.rigid) and not known:
+                looked_for.append((index, index))
+    return ColliderContacts(source, looked_for)

@@ -15,6 +15,7 @@ from dtrepair.numerics.low_rank import fewest_shapes
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.observer import CorrectionWritten, Observer
 from dtrepair.pipeline.stages.frames import Frame, placed_frame, read_frame, told_size
+from dtrepair.pipeline.stages.sinks import refuse_instances
 from dtrepair.pipeline.stages.sources import Source, StageSource, is_stage
 
 if TYPE_CHECKING:
@@ -82,6 +83,7 @@ class CorrectionSink:
             raise UsageError(f"{option}: only for USD stages, and {source.name} is a mesh file")
         if not is_stage(path):
             raise UsageError(f"{path}: the output is a layer; name a .usd, .usdc or .usda file")
+        refuse_instances(source)
         check_output_path(path)
         check_not_an_input(source.opened.stage, path)
         for mesh in source.meshes:

@@ -127,7 +127,7 @@ def repair_here(
     tell_props(observer, repairer.repairer.scene)
     warn(observer, met)
     hidden = HiddenMeshes(source)
-    among = colliders_of(source, prepared.controls, run.options.mode)
+    among = colliders_of(source, prepared.controls, run.options.mode, rest_counts)
     outcome = _repair_frames(prepared, repairer, hidden, among, observer)
     records, sink, told = outcome.records, prepared.sink, list[str]()
     if isinstance(sink, CorrectionSink) and sink.form == "shapes":

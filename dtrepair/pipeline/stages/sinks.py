@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.pipeline.errors import UsageError
+from dtrepair.pipeline.errors import InputError, UsageError
 from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting, writing
 from dtrepair.pipeline.stages.sources import MeshSource, Source, StageSource, is_stage
 
@@ -47,6 +47,15 @@ def open_sink(
     return MeshSink(source, path)
 
 
+def refuse_instances(source: StageSource) -> None:
+    """Raise InputError where all that might change lies in instances, which cannot be written."""
+    if all(mesh.handle.instanced for mesh in source.meshes):
+        raise InputError(
+            f"{source.name}: nothing may change: all lies in instances, as "
+            f"{source.meshes[0].path} does; uninstance to change it"
+        )
+
+
 class StageSink:
     """A layer over a stage."""
 
@@ -67,6 +76,7 @@ class StageSink:
                 f"{path}: the input is a USD stage, so the output is a layer over it; "
                 "name a .usd, .usdc or .usda file"
             )
+        refuse_instances(source)
         self._meshes = [mesh.handle for mesh in source.meshes]
         self._clock = source.clock
         self._own = [set(mesh.times.tolist()) for mesh in self._meshes]

@@ -175,8 +175,6 @@ class StageSource:
         self.name, self._given = path, (selection, collider, keys)
         self.opened = usd_io.open_stage(path, strict=selection.whole_stages_only)
         chosen = self._read(selection, selection.prim)
-        if all(mesh.instanced for mesh in chosen.meshes):
-            raise InputError(f"{path}: nothing may change: {chosen.warnings[-1]}")
         still = self._read(selection, collider) if collider is not None else None
         colliders = {mesh.path for mesh in still.meshes} if still else set()
         found = {mesh.path: mesh for part in (chosen, still) if part for mesh in part.meshes}

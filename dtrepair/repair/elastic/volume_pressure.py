@@ -64,7 +64,9 @@ class VolumePressure:
         closed = lengths(total) <= options.closed * self._sum(lengths(areas))
         volumes = self._volumes(original, areas)
         self._sign, self._given = np.sign(volumes), np.abs(volumes)
-        self._highest = np.where(closed, options.highest / self._extents(), 0.0)
+        # Finer skins have more gaps to be pressed open.
+        highest = options.highest * surface.fineness**2
+        self._highest = np.where(closed, highest / self._extents(), 0.0)
         self.pressure = np.zeros(len(total))
 
     def force(self, points: FloatArray, pull: FloatArray, solve: Solve) -> FloatArray:

@@ -27,7 +27,8 @@ class FillOptions:
         rounds: Usual rings by which a patch grows before it starts again as a membrane.
         largest: Fraction of a part, what edges connect, that patches may cover at most: a whole
             limb replaced is lost, and a whole sleeve shrinks into its arm.
-        restart_rings: Usual rings that a patch loses where it starts again, as a membrane needs fewer.
+        restart_rings: Usual rings that a patch loses where it starts again, as a membrane needs
+            fewer.
         shapes: Of attached parts, which patches keep the shapes that they have at rest.
     """
 
@@ -70,7 +71,9 @@ class _Patches:
         np.maximum.at(fill, labels[failing], self.fill[failing])
         self.failures[failing] = failures[labels[failing]]
         self.fill[failing] = fill[labels[failing]]
-        restart = failing & (self.failures > surface.rings(options.rounds)) & (self.fill == BILAPLACIAN)
+        restart = (
+            failing & (self.failures > surface.rings(options.rounds)) & (self.fill == BILAPLACIAN)
+        )
         self.fill[restart], fewer = MEMBRANE, surface.rings(options.restart_rings)
         self.failures[restart] = 1
         self.rings[restart] = np.maximum(self.rings[restart] - fewer, 0)

@@ -40,6 +40,8 @@ def test_other_parts_and_measures_have_lines_of_their_own() -> None:
     lines = list(strain_lines([record(1.0, HAND, volume, replace(HAND, part=3))]))
     assert len(lines) == 3 and all(line.startswith("strained: frame 1: ") for line in lines)
     assert any("volume changed by 40%, at most 20%" in line for line in lines)
+    little = replace(volume, value=0.2025)
+    assert little.measure == "volume changed by 20.25%, at most 20.00%"
 
 
 def test_a_pose_without_a_time_and_what_was_taken_at_any_cost() -> None:

@@ -19,7 +19,7 @@ from dtrepair.pipeline import (
 from dtrepair.pipeline.errors import CLEAN, exit_code
 from dtrepair.repair.options import RepairOptions
 from tests.command_line import run
-from tests.meshes import icosphere
+from tests.meshes import bent_tube, icosphere
 from tests.pipeline.hosts import Listener
 from usd_io import AuthoredMesh, write_animation
 
@@ -111,3 +111,33 @@ def test_several_workers_tell_it_as_one_run_does(stage: Path, tmp_path: Path) ->
     several = run(*arguments, tmp_path / "c.usda", "--distributed", "local", "--jobs", "2")
     told = [[t for t in done.err.splitlines() if "colliders" in t] for done in (one, several)]
     assert told[0] == told[1] and len(told[0]) == 1 and one.code == several.code == 0
+
+
+CALLED, KEPT = ("collider",), ("rigid", "inter")
+
+
+@pytest.mark.parametrize("how", [*CALLED, *KEPT, "free"])
+def test_what_keeps_its_shape_and_intersects_itself_in_frames_is_told(
+    tmp_path: Path, how: str
+) -> None:
+    """Its rest does not, so that nothing else tells it."""
+    poses = [bent_tube(angle)[0] for angle in (1.0, 2.0, 7.0)]
+    ball, faces = icosphere(1)
+    meshes = [
+        AuthoredMesh("/Set/Tube", bent_tube(1.0)[1], rest=poses[0], points=poses),
+        AuthoredMesh("/Set/Ball", faces, points=[ball + 9.0] * 3),
+    ]
+    write_animation(tmp_path / "a.usda", meshes, times=np.arange(1.0, 4.0))
+    collider, rigid = ("/Set/Tube" if how in ways else None for ways in (CALLED, KEPT))
+    host, count = Listener(), pairs_of(tmp_path / "a.usda", "3")
+    options = RepairOptions(mode="inter" if how == "inter" else "both")
+    objects = ObjectOptions(collider=collider, rigid=rigid)
+    report = repair_stage(
+        tmp_path / "a.usda", tmp_path / "b.usda", objects=objects, options=options, observer=host
+    )
+    told = [text for text in report.warnings if "intersect themselves" in text]
+    if how in ("free", "inter"):
+        assert not told
+        return
+    assert count > 0 and f"/Set/Tube ({count} pairs in frame 3); as they keep" in told[0]
+    assert len(told) == 1 and exit_code(report) == CLEAN

@@ -138,6 +138,10 @@ def test_an_instance_is_left_as_it_is_and_what_meets_it_gives_way(tmp_path: Path
     assert run("repair", path, "-o", tmp_path / "c.usda", *there).code == 0
     only = run("repair", path, "-o", tmp_path / "c.usda", "--prim", "/Shot/Girl/Instance//")
     assert only.code == 3 and "nothing may change" in only.err and "uninstance" in only.err
+    shapes = run("repair", path, "-o", tmp_path / "c.usda", "--prim", "/Shot/G*/I*//", "--delta")
+    assert shapes.code == 3 and "nothing may change" in shapes.err
+    looked = run("check", path, "--prim", "/Shot/Girl/Instance//")
+    assert looked.code == 0 and "no intersections" in looked.out
     assert not any(mesh.collider for mesh in open_poses(str(path), (), Selection()).meshes)
     # What meets it may be attached to it, not so what meets a thing that was named.
     for named, told in ((None, False), (BODY, True)):

@@ -7,11 +7,12 @@ import pytest
 
 from dtrepair.numerics.geometry import extent, unique_edges, vector_areas
 from dtrepair.numerics.operators import Factor
-from dtrepair.repair.surface.surface import BodyRange, Surface
+from dtrepair.repair.surface.surface import BodyRange, Surface, SurfaceOptions
 from tests.meshes import (
     Mesh,
     grid,
     icosphere,
+    joined,
     overlapping_spheres,
     torus,
 )
@@ -120,3 +121,28 @@ def test_diffused_field_of_a_thin_body_is_finite() -> None:
     points, faces = torus()
     flat = Surface(points * (1.0, 1.0, 1e-9), faces)
     assert np.isfinite(flat.diffuse(np.ones((len(points), 3)))).all()
+
+
+def test_rings_and_diffusion_reach_as_far_on_finer_skins() -> None:
+    fine, reached = SurfaceOptions(usual_edge=0.08), []
+    for level in (3, 4, 5):
+        points, faces = icosphere(level)
+        surface = Surface(points, faces, options=fine)
+        finer = fine.usual_edge / surface.edge_length
+        assert surface.rings(20) == round(20 * finer) == surface.contacts.ring_distance.limit > 20
+        # The motion that forces on one side of an area lead to, and how far it spreads.
+        field = np.zeros_like(points)
+        field[points[:, 0] > 0.9] = (1.0, 0.0, 0.0)
+        smooth = surface.diffuse(field)[:, 0]
+        reached.append(float(smooth[points[:, 0] < 0.0].max() / smooth.max()))
+    assert np.ptp(reached) < 0.1 * max(reached)
+    plain = Surface(points, faces).diffuse(field)[:, 0]
+    assert plain[points[:, 0] < 0.0].max() < 0.5 * max(reached) * plain.max()
+
+
+def test_rings_mean_the_same_to_what_has_several_parts() -> None:
+    fine = icosphere(4)
+    for level, same in ((3, True), (0, False)):  # of a quarter of the triangles, and of few
+        points, faces = icosphere(level)
+        both = joined(fine, (points + 3.0, faces))
+        assert (Surface(*both, options=SurfaceOptions(usual_edge=0.05)).rings(20) == 20) == same

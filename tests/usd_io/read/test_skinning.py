@@ -235,3 +235,29 @@ def test_a_stage_without_skeletons_has_no_skins(tmp_path: Path) -> None:
     define_cube(stage)
     stage.GetRootLayer().Save()
     assert only_mesh(tmp_path / "in.usda").skin is None
+
+
+@pytest.mark.parametrize("above", [False, True])
+def test_skins_in_instances_are_posed(tmp_path: Path, above: bool) -> None:
+    """The root of the skeleton may be the instance itself, whose children are proxies then."""
+    skinned_file(tmp_path / "asset.usda")
+    stage = new_stage(tmp_path / "a.usda")
+    define_cube(stage, "/Plain")
+    crowd = stage.DefinePrim("/Crowd")
+    instance = crowd if above else stage.DefinePrim("/Crowd/One")
+    asset = stage.DefinePrim("/Crowd/One/Hero") if above else instance
+    asset.GetReferences().AddReference("./asset.usda", "/Root")
+    if above:
+        inner = Usd.Stage.CreateNew(str(tmp_path / "inner.usda"))
+        inner.DefinePrim("/Set/Hero").GetReferences().AddReference("./asset.usda", "/Root")
+        inner.Save()
+        stage.RemovePrim("/Crowd/One")
+        instance.GetReferences().AddReference("./inner.usda", "/Set")
+    instance.SetInstanceable(True)
+    stage.GetRootLayer().Save()
+    plain = only_mesh(tmp_path / "asset.usda")
+    found = read_meshes(open_stage(tmp_path / "a.usda"), instances=True).meshes
+    (mesh,) = [own for own in found if own.instanced]
+    assert mesh.skinned and mesh.times.tolist() == plain.times.tolist()
+    for time in (0.0, 15.0, 30.0):
+        assert np.array_equal(present(read_frame(mesh, time)), present(read_frame(plain, time)))

@@ -1,12 +1,15 @@
 """The default method on single meshes: what is left, how far from the input, how long.
 
     python benchmarks/stills.py --data DIR [--no-rest] [--variant NAME] [--sheet FILE.png]
+        [--split N] [--only CLASS ...]
 
 DIR holds misc/*.obj, humans/human_0*.obj with human_male_rest.obj, transfer/horse/horse-*.obj with
 horse_ref.obj, transfer/camel/camel_ref.obj and animals/*.obj. Prints Markdown: class means, then
 single meshes. Intersections and folds are counted on the float32 coordinates of the result;
 displacements are relative to the bounding-box diagonal; seconds are processor time of the repair,
 tightening included, set-up (tree, operators, factors) not. Run it with OMP_NUM_THREADS=1.
+
+--split N divides every triangle into four, N times, without changing the surface.
 
 --variant measures one idea beside the default:
     rest-shape  creases filled towards the rest pose's differential coordinates, not towards zero
@@ -72,29 +75,44 @@ def classes(data: Path, use_rest: bool) -> dict[str, list[tuple[Path, Path | Non
     }
 
 
-def measure(path: Path, rest: Path | None, options: RepairOptions) -> Row:
+def split(
+    poses: list[NDArray[np.float64]], faces: NDArray[np.int32]
+) -> tuple[list[NDArray[np.float64]], NDArray[np.int32]]:
+    """Poses (V, 3) and faces with every triangle divided into four at the middles of its edges."""
+    ends = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges, middle = np.unique(ends, axis=0, return_inverse=True)
+    a, b, c = faces.T
+    ab, bc, ca = middle.reshape(-1, 3).T + len(poses[0])
+    corners = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    finer = np.concatenate([np.stack(own, axis=1) for own in corners]).astype(np.int32)
+    return [np.concatenate([own, own[edges].mean(axis=1)]) for own in poses], finer
+
+
+def measure(path: Path, rest: Path | None, options: RepairOptions, splits: int = 0) -> Row:
     """Repair one mesh and measure the result."""
     mesh = read_mesh(path)
-    faces = mesh.faces()
-    repairer = Repairer(
-        mesh.points if rest is None else read_mesh(rest).points, faces, options=options
-    )
-    nudged = mesh.points + 1e-3 * np.random.default_rng(0).normal(size=mesh.points.shape)
+    faces, shape = mesh.faces(), mesh.points if rest is None else read_mesh(rest).points
+    poses = [mesh.points.astype(np.float64), shape.astype(np.float64)]
+    for _ in range(splits):
+        poses, faces = split(poses, faces)
+    before, shape = poses
+    repairer = Repairer(shape, faces, options=options)
+    nudged = before + 1e-3 * np.random.default_rng(0).normal(size=before.shape)
     repairer(nudged.astype(np.float32))  # builds everything that is built once
     start = time.process_time()
-    result = repairer(mesh.points)
+    result = repairer(before)
     seconds = time.process_time() - start
     points = np.asarray(result.points, dtype=np.float64)
     return Row(
         path.stem,
         result.before.triangles,
         len(np.unique(find_intersections(points, faces))),
-        (fold_count(mesh.points, faces), fold_count(points, faces)),
-        (bent_count(mesh.points, faces), bent_count(points, faces)),
+        (fold_count(before, faces), fold_count(points, faces)),
+        (bent_count(before, faces), bent_count(points, faces)),
         result.displacement_mean,
         result.displacement_max,
-        edge_log_ratio(mesh.points, points, unique_edges(faces)),
-        volume(points, faces) / volume(mesh.points, faces),
+        edge_log_ratio(before, points, unique_edges(faces)),
+        volume(points, faces) / volume(before, faces),
         seconds,
     )
 
@@ -211,6 +229,8 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--no-rest", action="store_true", help="every mesh is its own rest pose")
     parser.add_argument("--variant", choices=VARIANTS, default="default")
+    parser.add_argument("--split", type=int, default=0, help="times that triangles are divided")
+    parser.add_argument("--only", nargs="+", choices=PUBLISHED, default=[*PUBLISHED])
     parser.add_argument("--sheet", type=Path, help="draw all meshes before and after")
     arguments = parser.parse_args()
     if arguments.sheet:
@@ -219,11 +239,11 @@ def main() -> None:
     rows: dict[str, list[Row]] = {}
     default_fill = crease.bilaplacian_fill
     for name, meshes in classes(arguments.data, not arguments.no_rest).items():
-        for path, rest in meshes:
+        for path, rest in meshes if name in arguments.only else ():
             if arguments.variant == "rest-shape":
                 shape = read_mesh(rest or path).points
                 crease.bilaplacian_fill = rest_shape_fill(shape / extent(shape))
-            row = measure(path, rest, options_of(arguments.variant))
+            row = measure(path, rest, options_of(arguments.variant), arguments.split)
             rows.setdefault(name, []).append(row)
             crease.bilaplacian_fill = default_fill
     print_tables(rows)

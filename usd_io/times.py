@@ -109,17 +109,20 @@ class FrameSpec:
     def exact(self, times: NDArray[np.float64], *, most: int) -> NDArray[np.float64]:
         """Return what is meant to the number, and none of the time codes (T,), sorted, (N,).
 
-        Between the first and the last of them; nothing where that is more than `most`.
+        Between the first and the last of them. Raises FrameSpecError for more than `most`.
         """
         meant = FrameSpec(self.text, tuple(part for part in self.ranges if part.exact))
-        named = meant.between(times[0], times[-1], most=most) if meant.ranges else None
+        named = meant.between(times[0], times[-1], most=most) if meant.ranges else np.zeros(0)
         if named is None:
-            return np.zeros(0)
+            raise FrameSpecError(f"frames {self.text!r}: more than {most} frames; name fewer")
+        # As far as `FrameRange.select` takes for the same frame.
+        within = np.maximum(1e-6, 1e-12 * np.abs(named))
+        first = np.diff(named, prepend=-np.inf) > within
+        named, within = named[first], within[first]
         taken = np.concatenate([[-np.inf], times[self.select(times)], [np.inf]])
         after = np.searchsorted(taken, named)
         off = np.minimum(taken[after] - named, named - taken[after - 1])
-        # As far as `FrameRange.select` takes for the same frame.
-        apart: NDArray[np.bool_] = off > np.maximum(1e-6, 1e-12 * np.abs(named))
+        apart: NDArray[np.bool_] = off > within
         return named[apart]
 
     def values(self) -> NDArray[np.float64]:

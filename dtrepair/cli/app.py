@@ -118,8 +118,7 @@ def _run(arguments: list[str], interrupts: Interrupts) -> object:
         return done.exit_code
     except click.UsageError as error:
         context = error.ctx.command_path if error.ctx else "dtrepair"
-        message = f"{error.format_message().rstrip('.')}{_meant(error, arguments)}"
-        _complain(f"{message}; see {context} --help")
+        _complain(f"{error.format_message().rstrip('.')}; see {context} --help")
         return error.exit_code
     except PipelineError as error:
         _complain(str(error))
@@ -137,16 +136,6 @@ def _run(arguments: list[str], interrupts: Interrupts) -> object:
             return 0
         _complain(f"standard output: cannot be written: {error.strerror}")
         return OUTPUT
-
-
-def _meant(error: click.UsageError, arguments: Sequence[str]) -> str:
-    """What was meant by a long option with one dash, which is read as short ones; else ""."""
-    if isinstance(error, click.NoSuchOption) and error.ctx is not None:
-        known = {name for own in error.ctx.command.get_params(error.ctx) for name in own.opts}
-        for given in arguments:
-            if f"-{given.partition('=')[0]}" in known and given.startswith(error.option_name):
-                return f" (did you mean -{given.partition('=')[0]}?)"
-    return ""
 
 
 def _complain(message: str) -> None:

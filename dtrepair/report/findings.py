@@ -82,6 +82,7 @@ def joined(documents: Iterable[Mapping[str, Any]]) -> tuple[MotionFinding, ...]:
     met: dict[tuple[FindingKind, str], list[Mapping[str, Any]]] = {}
     for own in documents:
         met.setdefault((FindingKind(own["kind"]), own["path"]), []).append(own)
+    order = list(FindingKind)
     return tuple(
         MotionFinding(
             kind=kind,
@@ -89,5 +90,5 @@ def joined(documents: Iterable[Mapping[str, Any]]) -> tuple[MotionFinding, ...]:
             largest=max(each["largest"] for each in own),
             times=tuple(sorted({time for each in own for time in each["times"]})),
         )
-        for (kind, path), own in met.items()
+        for (kind, path), own in sorted(met.items(), key=lambda each: order.index(each[0][0]))
     )

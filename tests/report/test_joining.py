@@ -87,9 +87,12 @@ def test_findings_of_chunks_are_those_of_the_whole() -> None:
         found = MotionFinding(kind=FindingKind.JUMPS, path=path, largest=largest, times=times)
         return replace(WHOLE, findings=(found,))
 
-    chunks = [chunk("/A", 0.1, 1.0, 2.0), chunk("/A", 0.3, 2.0, 7.0), chunk("/B", 0.2, 5.0)]
+    bent = replace(chunk("/A", 0.4, 3.0).findings[0], kind=FindingKind.BENT)
+    chunks = [chunk("/A", 0.3, 2.0, 7.0), chunk("/A", 0.1, 1.0, 2.0), chunk("/B", 0.2, 5.0)]
+    chunks.append(replace(WHOLE, findings=(bent,)))
     joined = join_reports([each.document() for each in chunks])
     assert joined.findings == (
+        bent,
         *chunk("/A", 0.3, 1.0, 2.0, 7.0).findings,
         *chunk("/B", 0.2, 5.0).findings,
     )

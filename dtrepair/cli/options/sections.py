@@ -34,7 +34,16 @@ def heading_of(parameter: click.Parameter) -> str:
 
 
 class Command(click.Command):
-    """A command whose help lists its options under headings."""
+    """A command whose help lists its options under headings; a long one needs both dashes."""
+
+    def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
+        """Refuse a long option with one dash: it would be read as short ones, -o nly-frames."""
+        known = {name for own in self.get_params(context) for name in own.opts}
+        for given in args:
+            name = given.partition("=")[0]
+            if len(name) > 2 and f"-{name}" in known:
+                context.fail(f"No such option: {name} (did you mean -{name}?)")
+        return super().parse_args(context, args)
 
     def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write a section for each heading that has options."""

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dtrepair.numerics.geometry import pair_keys
 from dtrepair.pipeline.stages.bodies import Controls
 from dtrepair.pipeline.stages.sources import Source, time_label
 from dtrepair.wording import counted, listed
@@ -36,8 +35,7 @@ class ColliderContacts:
         """Look at all pairs of triangles of a frame; frames come in order."""
         if count is None or not self._open or not len(count.every_pair):
             return
-        meant = np.isin(pair_keys(count.every_pair), pair_keys(count.modelled))
-        meshes = np.sort(self._mesh_of[count.every_pair[~meant]], axis=1)
+        meshes = np.sort(self._mesh_of[count.every_pair], axis=1)
         met, numbers = np.unique(meshes, axis=0, return_counts=True)
         for (i, j), number in zip(met.tolist(), numbers.tolist(), strict=True):
             if (i, j) in self._open:
@@ -58,8 +56,8 @@ class ColliderContacts:
             )
         if alone:
             told.append(
-                f"colliders or rigid, and intersect themselves: {listed(alone)}; as they keep "
-                "their shape, that is neither repaired nor counted here; check counts it"
+                f"colliders or rigid, and intersect themselves: {listed(alone)}; as none "
+                "changes its shape here, that is neither repaired nor counted here; check counts it"
             )
         return tuple(told)
 
@@ -75,12 +73,11 @@ def colliders_of(
 ) -> ColliderContacts:
     """Return what looks for contacts of colliders, and of what keeps its shape, that may count.
 
-    rests: intersecting triangles of the rest poses; those with any are told already.
+    rests: intersecting triangles of the rest poses: of meshes that have any a warning tells before.
     """
-    looked_for = [] if mode == "self" else [*controls.between_colliders]
-    if mode != "inter" and len(source.meshes) > 1:
-        each = zip(source.meshes, controls.settings, rests, strict=True)
-        for index, (mesh, own, known) in enumerate(each):
-            if (mesh.collider or own.rigid) and not known:
-                looked_for.append((index, index))
-    return ColliderContacts(source, looked_for)
+    counted_at_all = [
+        (i, j)
+        for i, j in controls.unmovable
+        if (mode != "inter" and not rests[i] if i == j else mode != "self")
+    ]
+    return ColliderContacts(source, counted_at_all)

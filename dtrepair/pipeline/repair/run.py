@@ -166,13 +166,13 @@ def repair_here(
 
 def _findings(run: Run, outcome: _Outcome) -> tuple[MotionFinding, ...]:
     """What is to be looked at; of what was asked for to be so nothing."""
-    unasked = set(FindingKind)
+    wanted = set(FindingKind)
     if run.alone:  # who asks for frames by themselves does not ask for steady ones
-        unasked -= {FindingKind.JUMPS, FindingKind.BREAKS_OFF}
+        wanted -= {FindingKind.JUMPS, FindingKind.BREAKS_OFF}
     if run.settings.get("only_frames"):  # there are none beside them
-        unasked -= {FindingKind.BREAKS_OFF}
+        wanted -= {FindingKind.BREAKS_OFF}
     found = outcome.motion.findings({own.over.path for own in outcome.worn})
-    return tuple(own for own in found if own.kind in unasked)
+    return tuple(own for own in found if own.kind in wanted)
 
 
 def _repair_frames(

@@ -43,8 +43,8 @@ class Controls:
     """For each mesh its settings, weights (V,) from 0 free to 1 fixed, world directions (V, 3).
 
     ignored: pairs of meshes (i, j), i <= j, whose contacts do not count.
-    between_colliders: those of them, i < j, that do not for no other reason than that neither mesh
-        may move.
+    unmovable: those of them that do not for no other reason than that neither mesh may move, or
+        that one keeps its shape, apart from the set around.
     attached: pairs of meshes (i, j), i <= j, that the user calls attached.
     layers: for each mesh how far out its triangles (F,) lie, None where nobody says.
     """
@@ -53,7 +53,7 @@ class Controls:
     pins: PerMesh
     directions: PerMesh
     ignored: tuple[tuple[int, int], ...] = ()
-    between_colliders: tuple[tuple[int, int], ...] = ()
+    unmovable: tuple[tuple[int, int], ...] = ()
     attached: tuple[tuple[int, int], ...] = ()
     layers: tuple[NDArray[np.int32] | None, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -97,7 +97,7 @@ def read_controls(
         pins,
         directions,
         tuple(sorted(told | among)),
-        tuple(sorted((i, j) for i, j in among - told - pairs_of_sets(source) if i < j)),
+        tuple(sorted(among - told - pairs_of_sets(source))),
         attached=attached,
         layers=tuple(read_layers(source, found.each)),
         warnings=(*found.warnings, *warnings),

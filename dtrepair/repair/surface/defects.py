@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dtrepair.intersect.topology.components import link_labels
+from dtrepair.intersect.topology.ring_distances import MOST_RINGS
 from dtrepair.numerics.geometry import FloatArray, IntArray, extent
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
@@ -63,9 +64,9 @@ def near_contacts(surface: Surface, pairs: IntArray, near: int) -> BoolArray:
     So are an arm and the sleeve that it is tied to where the arm has a crease with itself, or the
     sleeve. ValueError where so many rings are not searched.
     """
-    limit, near = surface.contacts.ring_distance.limit, surface.rings(near)
-    if near > limit:
-        raise ValueError(f"near should be at most {limit}, the rings that are searched, got {near}")
+    if near > MOST_RINGS:
+        raise ValueError(f"near should be at most {MOST_RINGS}, got {near}: no more are searched")
+    near = surface.rings(near)
     near_by: BoolArray = surface.body_of[pairs[:, 0]] == surface.body_of[pairs[:, 1]]
     near_by[near_by] = surface.contacts.ring_distance(pairs[near_by]) <= near
     if surface.ties is not None and near > 0:

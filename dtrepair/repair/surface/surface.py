@@ -56,8 +56,8 @@ class SurfaceOptions:
             of the two bodies or parts is beside it.
         neighbour_rings: Triangles at most so many edge rings apart are the sides of a crease to a
             clearance, which they cannot keep.
-        usual_edge: Mean length of edges, units of the size, for which all numbers of rings are
-            meant: a skin of finer ones has so many more, see `Topology.rings`.
+        usual_edge: Mean length of edges, over the size of what moves, for which rings of contacts,
+            of fills and diffusion are meant: a skin of finer ones has more, see `Topology.rings`.
         rigid: Of bodies that only move as a whole.
         ties: How strongly attached parts hold.
     """
@@ -158,7 +158,9 @@ class Surface(Topology):
         self.stiff = self.fixed | self.rigid.mask
         ends = self.edges[scale.counted(self.count)[self.edges[:, 0]]]
         self.edge_length = float(lengths(self.rest[ends[:, 0]] - self.rest[ends[:, 1]]).mean())
-        self.set_fineness(self.edge_length, options.usual_edge)
+        still = np.array([self.fixed[body.start : body.stop].all() for body in self.bodies])
+        moving = scale.counted(self.count) & ~still[self.body_of_vertex]
+        self.set_fineness(self.rest, moving, options.usual_edge)
         self.detector = Detector(rest, faces, device=device)
         self.queries = Queries(self.detector)
         self.contacts = self._contacts(mode, ignored, attachments, leave_rest=leave_rest)

@@ -11,16 +11,21 @@ from scipy import sparse
 from dtrepair.device import Device
 from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.geometry import (
+    FloatArray,
     IntArray,
     adjacency,
     closed_parts,
     components,
+    extent,
+    lengths,
     pair_keys,
     shared_edges,
     unique_edges,
 )
 
 BoolArray = NDArray[np.bool_]
+# Finer edges count as so many times finer than usual ones: searches of rings grow with the square.
+FINEST = 4.0
 
 
 class Topology:
@@ -133,14 +138,19 @@ class Topology:
             grown = wider
         return distance
 
-    def set_fineness(self, edge_length: float, usual: float) -> None:
-        """Tell how long edges are, and for which length numbers of rings are meant.
+    def set_fineness(self, rest: FloatArray, moving: BoolArray, usual: float) -> None:
+        """Tell a rest (V, 3), what moves of it (V,), and for which edges rings are meant.
 
-        What has several parts is taken as usual: rings mean something else to each of them.
+        usual: their mean length, over the largest coordinate range of what moves. What has several
+        parts is taken as usual: rings mean something else to each of them.
         """
-        part = self.part_of_vertex[self.faces[:, 0]]
-        if edge_length > 0.0 and np.bincount(part).max() > 0.9 * len(part):
-            self.fineness = max(usual / edge_length, 1.0)
+        part = self.part_of_vertex[self.faces[moving[self.faces[:, 0]], 0]]
+        if not len(part) or np.bincount(part).max() <= 0.9 * len(part):
+            return
+        first, second = self.edges[moving[self.edges[:, 0]]].T
+        length = float(lengths(rest[first] - rest[second]).mean())
+        if length > 0.0:
+            self.fineness = min(max(usual * extent(rest[moving]) / length, 1.0), FINEST)
 
     def rings(self, usual: int) -> int:
         """Return how many rings reach as far as so many of a mesh with edges of usual length."""

@@ -139,5 +139,5 @@ def test_what_keeps_its_shape_and_intersects_itself_in_frames_is_told(
     if how in ("free", "inter"):
         assert not told
         return
-    assert count > 0 and f"/Set/Tube ({count} pairs in frame 3); as they keep" in told[0]
+    assert count > 0 and f"/Set/Tube ({count} pairs in frame 3); as none" in told[0]
     assert len(told) == 1 and exit_code(report) == CLEAN

@@ -124,8 +124,8 @@ def test_diffused_field_of_a_thin_body_is_finite() -> None:
 
 
 def test_rings_and_diffusion_reach_as_far_on_finer_skins() -> None:
-    fine, reached = SurfaceOptions(usual_edge=0.08), []
-    for level in (3, 4, 5):
+    fine, reached = SurfaceOptions(usual_edge=0.07), []
+    for level in (4, 5):
         points, faces = icosphere(level)
         surface = Surface(points, faces, options=fine)
         finer = fine.usual_edge / surface.edge_length
@@ -146,3 +146,15 @@ def test_rings_mean_the_same_to_what_has_several_parts() -> None:
         points, faces = icosphere(level)
         both = joined(fine, (points + 3.0, faces))
         assert (Surface(*both, options=SurfaceOptions(usual_edge=0.05)).rings(20) == 20) == same
+
+
+def test_what_never_moves_does_not_change_how_fine_a_skin_is() -> None:
+    fine, floor, options = icosphere(4), icosphere(3), SurfaceOptions(usual_edge=0.05)
+    points, faces = joined(fine, (9.0 * floor[0], floor[1]))
+    bodies = [BodyRange(0, len(fine[0]), 99.0), BodyRange(len(fine[0]), len(points), 99.0)]
+    mobility = np.where(np.arange(len(points)) < len(fine[0]), 1.0, 0.0)
+    both = Surface(points, faces, bodies=bodies, mobility=mobility, options=options)
+    assert both.fineness == pytest.approx(Surface(*fine, options=options).fineness) and (
+        both.fineness > 1.2
+    )
+    assert Surface(*fine, options=SurfaceOptions(usual_edge=99.0)).rings(20) == 80

@@ -170,6 +170,12 @@ def test_a_frame_within_rounding_of_another_is_that_one(tmp_path: Path) -> None:
     path = two_cubes(tmp_path / "a.usda", (0.1 + 0.2, 5.0))
     assert times_of(path, "0.3,2.0000001").chosen.tolist() == [0.1 + 0.2, 2.0]
     assert times_of(path, "0.3,2.0000001").every.tolist() == times_of(path).every.tolist()
+    assert len(times_of(path, "1:2x0.1,1.7,1.7000000001").chosen) == 11
+
+
+def test_more_frames_than_can_be_looked_at_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FrameSpecError, match="more than 20000 frames"):
+        times_of(two_cubes(tmp_path / "a.usda"), "1:4x0.0001")
 
 
 def test_a_range_without_a_stride_is_of_the_frames_of_the_stage(tmp_path: Path) -> None:

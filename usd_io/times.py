@@ -40,7 +40,7 @@ class FrameRange:
     start: float
     stop: float
     step: float
-    exact: bool = True
+    exact: bool
 
     @property
     def count(self) -> int:
@@ -106,10 +106,10 @@ class FrameSpec:
             f"{times[-1]:.10g}; what is beyond is left out"
         )
 
-    def exact(self, times: NDArray[np.float64], *, most: int) -> NDArray[np.float64]:
-        """Return what is meant to the number, and none of the time codes (T,), sorted, (N,).
+    def missing_from(self, times: NDArray[np.float64], *, most: int) -> NDArray[np.float64]:
+        """Return the exact frames that sorted time codes (T,) lack, from first to last, (N,).
 
-        Between the first and the last of them. Raises FrameSpecError for more than `most`.
+        Raises FrameSpecError for more than `most`.
         """
         meant = FrameSpec(self.text, tuple(part for part in self.ranges if part.exact))
         named = meant.between(times[0], times[-1], most=most) if meant.ranges else np.zeros(0)

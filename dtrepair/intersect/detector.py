@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,9 @@ from dtrepair.intersect.topology.device_mesh import DeviceMesh
 from dtrepair.intersect.tree import build_tree, leaf_neighbors
 from dtrepair.numerics.geometry import as_mesh, as_numpy, weld_map
 from dtrepair.numerics.work import add_work
+
+if TYPE_CHECKING:
+    import torch
 
 # Levels of the tree that one launch on a GPU fits.
 LEVELS = 3
@@ -254,6 +257,14 @@ class Detector:
             )
         corners = welded.astype(np.int32)[self.faces[self.tree.order]]
         return self._there.array(corners, self._warp.vec3i)
+
+
+@overload
+def find_intersections(points: torch.Tensor, faces: Any) -> torch.Tensor: ...
+
+
+@overload
+def find_intersections(points: ArrayLike, faces: Any) -> NDArray[np.int32]: ...
 
 
 def find_intersections(points: Any, faces: Any) -> Any:

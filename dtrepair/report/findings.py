@@ -68,7 +68,7 @@ class MotionFinding:
         return {**asdict(self), "kind": str(self.kind), "times": list(self.times)}
 
 
-def told(findings: Iterable[MotionFinding]) -> tuple[str, ...]:
+def warnings_of(findings: Iterable[MotionFinding]) -> tuple[str, ...]:
     """Return a line for each kind of finding: its meshes, the worst first, and what cures it."""
     every, lines = sorted(findings, key=lambda own: -own.largest), list[str]()
     for kind, (what, cure) in _WORDS.items():

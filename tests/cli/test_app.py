@@ -66,6 +66,7 @@ def test_usage_errors_are_one_line() -> None:
     assert_fails(run("check", "a.obj", "-picture", "a.png"), 2, "(did you mean --picture?)")
     assert_fails(run("check", "a.obj", "-picture=a.png"), 2, "(did you mean --picture?)")
     assert_fails(run("repair", "a.obj", "-only-frames"), 2, "(did you mean --only-frames?)")
+    assert "mean" not in run("check", "--", "-picture").err
     assert "mean" not in run("check", "a.obj", "-pear", "--picture", "a.png").err
     assert "mean" not in run("xyzzy").err
     assert_fails(run("check"), 2, "STAGE|MESH", "dtrepair check --help")

@@ -55,7 +55,7 @@ def stage_times(
         meshes: of one stage.
         spec: which of the frames to choose; None: all.
         whole: whether all whole frames between the first and the last key count, too, and what
-            `spec` names between them: see `FrameSpec.exact`.
+            `spec` names between them: see `FrameRange.exact`.
         authored: only authored samples count; of a skin the samples of its joints and the like.
 
     Raises:
@@ -68,7 +68,7 @@ def stage_times(
     elif whole and not np.isnan(keys).any():
         every, warnings = _filled(keys, spec, frame_grid(meshes[0].stage))
         if spec is not None:
-            every = np.union1d(every, spec.exact(every, most=MOST_ADDED_FRAMES))
+            every = np.union1d(every, spec.missing_from(every, most=MOST_ADDED_FRAMES))
     chosen = every if spec is None else every[spec.select(every, require=True)]
     if spec is not None and (told := spec.beyond(every)):
         warnings.append(told)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import takewhile
+
 import click
 
 # Heading: names of parameters, in the order in which they are listed.
@@ -39,7 +41,7 @@ class Command(click.Command):
     def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
         """Refuse a long option with one dash: it would be read as short ones, -o nly-frames."""
         known = {name for own in self.get_params(context) for name in own.opts}
-        for given in args:
+        for given in takewhile(lambda own: own != "--", args):
             name = given.partition("=")[0]
             if len(name) > 2 and f"-{name}" in known:
                 context.fail(f"No such option: {name} (did you mean -{name}?)")

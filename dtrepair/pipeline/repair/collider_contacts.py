@@ -56,8 +56,9 @@ class ColliderContacts:
             )
         if alone:
             told.append(
-                f"colliders or rigid, and intersect themselves: {listed(alone)}; as none "
-                "changes its shape here, that is neither repaired nor counted here; check counts it"
+                f"colliders or rigid, and intersect themselves: {listed(alone)}; as the "
+                "repair bends none of them, that is neither repaired nor counted here; "
+                "check counts it"
             )
         return tuple(told)
 

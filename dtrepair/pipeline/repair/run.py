@@ -33,8 +33,7 @@ from dtrepair.pipeline.stages.frames import (
 from dtrepair.pipeline.stages.rest import Rest, rest_warnings
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import Source
-from dtrepair.report.findings import FindingKind, MotionFinding
-from dtrepair.report.findings import told as findings_told
+from dtrepair.report.findings import FindingKind, MotionFinding, warnings_of
 from dtrepair.report.modelled import WornRecord
 from dtrepair.report.record import FrameRecord, Report, summarize
 
@@ -139,7 +138,7 @@ def repair_here(
         sink.tell(observer)
     findings = _findings(run, outcome)
     warnings = (*repairer.warnings, *hidden.warnings, *among.warnings, *told, *written)
-    warnings = (*warnings, *findings_told(findings))
+    warnings = (*warnings, *warnings_of(findings))
     if journal is not None:
         warnings = (*warnings, *journal.failures)
         journal.remove()

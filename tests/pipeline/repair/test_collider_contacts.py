@@ -113,12 +113,18 @@ def test_several_workers_tell_it_as_one_run_does(stage: Path, tmp_path: Path) ->
     assert told[0] == told[1] and len(told[0]) == 1 and one.code == several.code == 0
 
 
-CALLED, KEPT = ("collider",), ("rigid", "inter")
-
-
-@pytest.mark.parametrize("how", [*CALLED, *KEPT, "free"])
+@pytest.mark.parametrize(
+    ("objects", "mode", "told"),
+    [
+        (ObjectOptions(collider="/Set/Tube"), "both", True),
+        (ObjectOptions(rigid="/Set/Tube"), "both", True),
+        (ObjectOptions(rigid="/Set/Tube"), "inter", False),
+        (ObjectOptions(rigid="/Set/Tube", ignore=("/Set/Tube,/Set/Tube",)), "both", False),
+        (ObjectOptions(), "both", False),
+    ],
+)
 def test_what_keeps_its_shape_and_intersects_itself_in_frames_is_told(
-    tmp_path: Path, how: str
+    tmp_path: Path, objects: ObjectOptions, mode: str, told: bool
 ) -> None:
     """Its rest does not, so that nothing else tells it."""
     poses = [bent_tube(angle)[0] for angle in (1.0, 2.0, 7.0)]
@@ -128,16 +134,10 @@ def test_what_keeps_its_shape_and_intersects_itself_in_frames_is_told(
         AuthoredMesh("/Set/Ball", faces, points=[ball + 9.0] * 3),
     ]
     write_animation(tmp_path / "a.usda", meshes, times=np.arange(1.0, 4.0))
-    collider, rigid = ("/Set/Tube" if how in ways else None for ways in (CALLED, KEPT))
-    host, count = Listener(), pairs_of(tmp_path / "a.usda", "3")
-    options = RepairOptions(mode="inter" if how == "inter" else "both")
-    objects = ObjectOptions(collider=collider, rigid=rigid)
+    options, count = RepairOptions(mode=mode), pairs_of(tmp_path / "a.usda", "3")
     report = repair_stage(
-        tmp_path / "a.usda", tmp_path / "b.usda", objects=objects, options=options, observer=host
+        tmp_path / "a.usda", tmp_path / "b.usda", objects=objects, options=options
     )
-    told = [text for text in report.warnings if "intersect themselves" in text]
-    if how in ("free", "inter"):
-        assert not told
-        return
-    assert count > 0 and f"/Set/Tube ({count} pairs in frame 3); as none" in told[0]
-    assert len(told) == 1 and exit_code(report) == CLEAN
+    found = [text for text in report.warnings if "intersect themselves" in text]
+    assert count > 0 and exit_code(report) == CLEAN and len(found) == told
+    assert all(f"/Set/Tube ({count} pairs in frame 3); as the" in text for text in found)

@@ -16,7 +16,7 @@ from dtrepair.pipeline.repair import motion
 from dtrepair.pipeline.repair.motion import BendMeter, BendOptions, Motion, StillMeter
 from dtrepair.pipeline.repair.settings import OutputOptions
 from dtrepair.pipeline.stages.sources import open_source
-from dtrepair.report.findings import told as warned
+from dtrepair.report.findings import warnings_of
 from tests.meshes import bent_tube, icosphere, joined
 from tests.pipeline.hosts import Listener
 from usd_io import AuthoredMesh, write_animation
@@ -82,7 +82,7 @@ def test_the_meshes_that_jump_farthest_come_first(tmp_path: Path) -> None:
     found.add(7.0, [], [])  # a frame that failed
     findings = found.findings()
     assert [own.kind for own in findings] == ["jumps"] * 2 and findings[1].times == (2.0, 5.0)
-    (text,) = warned(findings)
+    (text,) = warnings_of(findings)
     assert text.startswith(f"corrections that jump: {WALL} in frame 2, 5 (by up to 20 %")
     assert "; " in text and f"{MOVED} in frame 2, 5 (by up to 10 %" in text
     assert found.jitter is not None and found.jitter > 0.01

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from dtrepair.numerics.closest_point import NearestTriangles, barycentric
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_frames
@@ -250,18 +249,19 @@ class Attachments:
         low, high = parts.min(axis=1), parts.max(axis=1)
         # Of parts that are attached to each other, or nested, no third one tells anything.
         loose = np.flatnonzero((low != high) & ~np.isin(low * self.count + high, self._told))
-        both = self._zone_rows[first[loose]].multiply(self._zone_rows[second[loose]])
-        found[loose] |= both.getnnz(axis=1) > 0
+        both = self._zone_bits[first[loose]] & self._zone_bits[second[loose]]
+        found[loose] |= both.any(axis=1)
         result[own] = found
         return result
 
     @cached_property
-    def _zone_rows(self) -> sparse.csr_matrix:
-        """The matrix (F, P) with 1 where a triangle has a zone towards a part."""
-        shape = len(self.part_of), max(self.count, 1)
-        start = np.searchsorted(self.zones, np.arange(shape[0] + 1, dtype=np.int64) * shape[1])
-        entries = np.ones(len(self.zones), dtype=np.uint8), self.zones % shape[1], start
-        return sparse.csr_matrix(entries, shape=shape)
+    def _zone_bits(self) -> NDArray[np.uint64]:
+        """The parts towards which each triangle has a zone, bit by bit (F, words)."""
+        triangles, parts = np.divmod(self.zones, max(self.count, 1))
+        bits = np.zeros((len(self.part_of), max(self.count, 1) // 64 + 1), dtype=np.uint64)
+        ones = np.uint64(1) << (parts % 64).astype(np.uint64)
+        np.bitwise_or.at(bits, (triangles, parts // 64), ones)
+        return bits
 
     @cached_property
     def _told(self) -> KeyArray:

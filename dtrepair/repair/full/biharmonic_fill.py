@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +19,9 @@ from dtrepair.repair.surface.surface import BoolArray, Surface
 from dtrepair.repair.surface.ties import KeptOffsets, TieSystem
 
 BILAPLACIAN, MEMBRANE = 0, 1
+
+# The differential coordinates (V, 3) that a pose (V, 3) should rather have; None: it is good.
+ShapesOf = Callable[[FloatArray], FloatArray | None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,12 +124,10 @@ def biharmonic_fill(
         kinds = patches.settle(surface, mask)
         filled = points
         if (own := kinds == BILAPLACIAN).any():
-            filled = bilaplacian_fill(surface.uniform, points, own, surface.ties)
             shapes = None
             if surface.ties is not None:
-                shapes = patch_shapes(surface, points, filled, mask, options=options.shapes)
-            if shapes is not None:
-                filled = bilaplacian_fill(surface.uniform, points, own, surface.ties, shapes)
+                shapes = partial(patch_shapes, surface, points, mask=mask, options=options.shapes)
+            filled = bilaplacian_fill(surface.uniform, points, own, surface.ties, shapes)
         if (own := kinds == MEMBRANE).any():
             filled = membrane_fill(surface.uniform, filled, own, surface.ties)
         defects = update_defects(surface, base, filled, mask)
@@ -159,7 +162,7 @@ def membrane_fill(
     rows = laplacian[inner]
     known = rows @ np.where(mask[:, None], 0.0, field)
     system = rows[:, inner]
-    return _filled(field, inner, system, -known, ties)
+    return _Patch(field, inner, system, ties)(-known)
 
 
 def bilaplacian_fill(
@@ -167,43 +170,52 @@ def bilaplacian_fill(
     field: FloatArray,
     mask: BoolArray,
     ties: TieSystem | None = None,
-    shapes: FloatArray | None = None,
+    shapes: ShapesOf | None = None,
 ) -> FloatArray:
     """Return a field (V, k) whose masked values make sum |L field|^2 least.
 
-    With ties or shapes, differential coordinates (V, 3) that L field is near to, it is a pose.
+    With ties or shapes it is a pose. shapes: may ask for differential coordinates (V, 3) that
+    L field is near to, where it sees the field without them.
     """
     inner = np.flatnonzero(mask)
     near = np.flatnonzero(abs(laplacian) @ mask)
     rows = laplacian[near]
     system = rows[:, inner]
     known = rows @ np.where(mask[:, None], 0.0, field)
-    if shapes is not None:
-        known -= shapes[near]
-    normal = system.T @ system
-    right = -(system.T @ known)
-    return _filled(field, inner, normal, right, ties)
+    patch = _Patch(field, inner, system.T @ system, ties)
+    film = patch(-(system.T @ known))
+    wanted = None if shapes is None else shapes(film)
+    return film if wanted is None else patch(-(system.T @ (known - wanted[near])))
 
 
-def _filled(
-    field: FloatArray,
-    inner: NDArray[np.intp],
-    system: sparse.csr_matrix,
-    right: FloatArray,
-    ties: TieSystem | None,
-) -> FloatArray:
-    """Return a field (V, k) with the solution of a patch; with ties, whose offsets turn with it."""
-    if ties is None:
-        return _replaced(field, inner, patch_factor(system)(right))
-    kept = KeptOffsets(ties, inner, field)
-    solve = patch_factor(system + kept.matrix)
-    filled = _replaced(field, inner, solve(right + kept.right_hand_side(None)))
-    for _ in range(ties.options.turns if kept.turn else 0):
-        filled = _replaced(field, inner, solve(right + kept.right_hand_side(filled)))
-    return filled
+class _Patch:
+    """The system (M, M) of what is replaced of a field (V, k), factored once.
 
+    With ties, whose offsets turn with it, the field is a pose (V, 3).
+    """
 
-def _replaced(field: FloatArray, inner: NDArray[np.intp], values: FloatArray) -> FloatArray:
-    result = field.copy()
-    result[inner] = values
-    return result
+    def __init__(
+        self,
+        field: FloatArray,
+        inner: NDArray[np.intp],
+        system: sparse.csr_matrix,
+        ties: TieSystem | None,
+    ) -> None:
+        self._field, self._inner = field, inner
+        self._kept = None if ties is None else KeptOffsets(ties, inner, field)
+        self._solve = patch_factor(system if self._kept is None else system + self._kept.matrix)
+
+    def __call__(self, right: FloatArray) -> FloatArray:
+        """Return the field (V, k) with the solution of a right-hand side (M, k)."""
+        kept = self._kept
+        if kept is None:
+            return self._with(self._solve(right))
+        filled = self._with(self._solve(right + kept.right_hand_side(None)))
+        for _ in range(kept.turns):
+            filled = self._with(self._solve(right + kept.right_hand_side(filled)))
+        return filled
+
+    def _with(self, values: FloatArray) -> FloatArray:
+        result = self._field.copy()
+        result[self._inner] = values
+        return result

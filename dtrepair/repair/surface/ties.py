@@ -150,8 +150,8 @@ class KeptOffsets:
         flat = (frames == 0.0).all(axis=1).any(axis=1)
         self._turned = ~far & ~flat
         self._corners, self._modelled = corners[self._turned], modelled[self._turned]
-        # Whether any offset turns with what is replaced.
-        self.turn = bool(self._turned.any())
+        # So many times offsets are turned with what is replaced, where any turns.
+        self.turns = options.turns if self._turned.any() else 0
         self._fixed = rows @ np.where(mask[:, None], 0.0, points)
         self._pull = options.hold * options.weight * rows[:, inner].T
         # What is added to the system (M, M).

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from scipy import sparse
 
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.operators import Factor, patch_factor
-from dtrepair.numerics.work import add_work, work_done
+from dtrepair.numerics.work import Repeats, add_work, work_done
 from tests.meshes import icosphere
 
 
@@ -52,3 +53,27 @@ def test_patches_count_by_their_rows() -> None:
         patch_factor(sparse.identity(rows, format="csc"))(np.ones((rows, 3)))
         spent.append(work_done() - before)
     assert 0.0 < spent[0] < spent[1]
+
+
+def test_what_is_found_again_counts_as_much_work_as_the_first_time() -> None:
+    poses, repeats, asked = [np.zeros((2, 3)), np.zeros((2, 3))], Repeats[int](), list[int]()
+
+    def find() -> int:
+        add_work(3.0)
+        asked.append(len(asked))
+        return asked[-1]
+
+    before = work_done()
+    # Poses are told apart as objects, and so are the choices by their values.
+    calls = [(poses[0], 0.1), (poses[0], 0.1), (poses[1], 0.1), (poses[0], 0.2), (poses[0], 0.1)]
+    assert [repeats(find, pose, choice) for pose, choice in calls] == [0, 0, 1, 2, 0]
+    assert work_done() - before == 15.0
+    assert asked == [0, 1, 2]
+
+
+def test_a_pose_that_nobody_else_keeps_is_not_mistaken_for_another() -> None:
+    repeats = Repeats[float]()
+    for value in range(50):
+        pose = np.full((2, 3), float(value))
+        assert repeats(partial(pose.item, 0), pose) == value
+        del pose

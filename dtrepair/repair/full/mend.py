@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.work import Repeats
 from dtrepair.repair.elastic.parting import PartingOptions, parted
 from dtrepair.repair.full.biharmonic_fill import Filled, FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import PushOptions, push
@@ -59,6 +61,7 @@ def mend(
     """
     limit = np.inf if most is None else options.hopeless * most + options.few
     best: Filled | None = None
+    fills = Repeats[Filled]()
     for start in starts:
         pose = surface.rigid.fitted(original, start)
         known = surface.contacts.pairs(pose)
@@ -70,7 +73,8 @@ def mend(
                 surface, pose, near=near, step=step, known_pairs=known, options=options.push
             )
             pose, known = pushed.points, pushed.pairs
-            filled = biharmonic_fill(surface, pose, options=options.fill)
+            fill = partial(biharmonic_fill, surface, pose, options=options.fill)
+            filled = fills(fill, pose)  # a push in vain leaves the pose as it was
             if best is None or filled.defects.rank[0] < best.defects.rank[0]:
                 best = filled
             if len(best.defects.crossings) == 0:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion
-from dtrepair.numerics.work import work_done
+from dtrepair.numerics.work import Repeats, work_done
 from dtrepair.repair.elastic.parting import PartingOptions, parted
 from dtrepair.repair.elastic.sections import SectionOptions, sections_apart
 from dtrepair.repair.full.biharmonic_fill import FillOptions, biharmonic_fill
@@ -123,6 +124,7 @@ class Phases:
         self.known = find_defects(surface, original)
         self.scale = contact_scale(surface, self.known.crossings)
         self.candidates: list[Candidate] = []
+        self._fills = Repeats[Candidate]()
         self.good_enough = options.tightenable if tightened else options.good_enough
         self.steering = Steering(surface, options=options.steering)
         self.push = options.push
@@ -302,16 +304,15 @@ class Phases:
             volume="volume" not in self.skip,
             options=self.push,
         )
-        self.log.add(
-            f"push {near}",
-            pushed.points,
-            start,
-            crossings=len(pushed.pairs),
-            iterations=pushed.iterations,
-        )
+        found = {"crossings": len(pushed.pairs), "iterations": pushed.iterations}
+        self.log.add(f"push {near}", pushed.points, start, **found)
         return pushed
 
     def _filled(self, pushed: Pushed, near: int, options: FillOptions) -> Candidate:
+        newly = partial(self._newly_filled, pushed, near, options)
+        return self._fills(newly, pushed.points, near, options)
+
+    def _newly_filled(self, pushed: Pushed, near: int, options: FillOptions) -> Candidate:
         start = time.perf_counter()
         surface = self.surface
         folds = surface.contacts.folds(pushed.points)
@@ -322,9 +323,8 @@ class Phases:
         limited = self.limited(points)
         if (limited != points).any():
             points, left = limited, find_defects(surface, limited)
-        value = self.log.add(
-            "fill", points, start, crossings=len(left.crossings), folds=len(left.folds)
-        )
+        counts = {"crossings": len(left.crossings), "folds": len(left.folds)}
+        value = self.log.add("fill", points, start, **counts)
         off = self.options.steering.weight * self.steering.astray(points - self.original)
         self.candidates.append(Candidate(points, left, value, near, off))
         return self.candidates[-1]

@@ -63,6 +63,22 @@ def test_what_a_push_left_as_it_was_is_not_filled_again() -> None:
     assert phases.candidates == [best] and not best.clean
 
 
+def test_insisting_fills_what_its_steps_leave_as_it_was_once() -> None:
+    points, faces = crossing_tubes(24, 32, 0.0)
+    surface = Surface(points, faces)
+    options = replace(
+        HARD,
+        near=(0,),
+        insist_steps=(1.0, 2.0, 3.0),
+        push=PushOptions(patience=1, part=float("inf")),
+        last_fill=HARD.fill,
+    )
+    phases = Phases(surface, points / surface.size, options=options, effort=1e3)
+    phases.insist(phases.run(1.0))
+    filled = [stage for stage in phases.log.stages if stage.name == "fill"]
+    assert len(phases.candidates) == len(filled) < len(phases.log.stages) - len(filled)
+
+
 @pytest.mark.parametrize("effort", [0.0, -1.0, float("inf"), float("nan")])
 def test_effort_is_positive_and_finite(effort: float) -> None:
     with pytest.raises(OptionError, match="effort"):

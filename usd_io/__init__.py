@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from usd_io.read.matrices import inverse_matrix, transform_points
     from usd_io.read.mesh import AnimatedMesh, MeshSelection
     from usd_io.read.reader import read_frame, read_meshes, read_points
-    from usd_io.read.stage_times import StageTimes, stage_times
+    from usd_io.read.stage_times import StageTimes, key_times, stage_times
     from usd_io.read.stages import OpenedStage, input_digest, open_stage
     from usd_io.read.transforms import (
         WorldMatrices,
@@ -64,6 +64,7 @@ __all__ = [
     "input_digest",
     "inverse_matrix",
     "join_layers",
+    "key_times",
     "local_points",
     "open_stage",
     "parse_frames",
@@ -95,7 +96,7 @@ _MODULES = {
     "read.matrices": ("inverse_matrix", "transform_points"),
     "read.mesh": ("AnimatedMesh", "MeshSelection"),
     "read.reader": ("read_frame", "read_meshes", "read_points"),
-    "read.stage_times": ("StageTimes", "stage_times"),
+    "read.stage_times": ("StageTimes", "key_times", "stage_times"),
     "read.stages": ("OpenedStage", "input_digest", "open_stage"),
     "times": ("FrameSpec", "parse_frames"),
     "read.transforms": (

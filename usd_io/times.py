@@ -78,6 +78,12 @@ class FrameSpec:
     text: str
     ranges: tuple[FrameRange, ...]
 
+    @property
+    def one_by_one(self) -> FrameSpec | None:
+        """The part that names frames one by one, see `FrameRange.exact`; None for no such part."""
+        exact = tuple(part for part in self.ranges if part.exact)
+        return FrameSpec(self.text, exact) if exact else None
+
     def select(self, times: ArrayLike, *, require: bool = False) -> NDArray[np.bool_]:
         """Return which of the time codes (T,) the specification names, as a mask (T,).
 
@@ -111,8 +117,8 @@ class FrameSpec:
 
         Raises FrameSpecError for more than `most`.
         """
-        meant = FrameSpec(self.text, tuple(part for part in self.ranges if part.exact))
-        named = meant.between(times[0], times[-1], most=most) if meant.ranges else np.zeros(0)
+        meant = self.one_by_one
+        named = np.zeros(0) if meant is None else meant.between(times[0], times[-1], most=most)
         if named is None:
             raise FrameSpecError(f"frames {self.text!r}: more than {most} frames; name fewer")
         # As far as `FrameRange.select` takes for the same frame.

@@ -12,7 +12,8 @@ class KeyOptions:
     """How in-betweens are looked at and mended.
 
     Args:
-        samples: in-betweens that are looked at between two keys, evenly spread.
+        samples: in-betweens that are looked at between two keys, evenly spread; frames of the
+            input between them are looked at as well.
         extra: most keys added between two given ones.
         keep_keys: given keys are not moved for the sake of an in-between.
         interpolation: "linear" as USD interpolates, or "cubic", a Catmull-Rom spline.

@@ -123,9 +123,11 @@ class _Search:
     def measure(self, tracks: Sequence[Track], part: tuple[float, float]) -> tuple[Sample, ...]:
         start, end = part
         count = self.options.samples
-        times = [start + (end - start) * k / (count + 1) for k in range(1, count + 1)]
+        times = {start + (end - start) * k / (count + 1) for k in range(1, count + 1)}
+        times |= {time for track in tracks for time in track.frames if start < time < end}
         return tuple(
-            Sample(time, self.solver.pairs(time, self.poses(tracks, time))) for time in times
+            Sample(time, self.solver.pairs(time, self.poses(tracks, time)))
+            for time in sorted(times)
         )
 
     def measure_all(self, jobs: int) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,14 +23,18 @@ class Track:
     Args:
         times: Key times, increasing; empty for a mesh that does not move.
         poses: Points (V, 3) float32 at each key; one pose for a mesh that does not move.
-        original: Points at any time as long as no key was changed; None: interpolated keys.
+        original: Points of the input at any time; None: interpolated keys. They are the points as
+            long as no key was changed.
         changed: Times of the keys that were changed or added.
+        frames: Times, increasing, that are written as well where a key was changed: points of the
+            input, displaced as the keys around them. Needs `original`.
     """
 
     times: tuple[float, ...]
     poses: tuple[Pose, ...]
     original: Callable[[float], Pose] | None = None
     changed: frozenset[float] = frozenset()
+    frames: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that keys and times fit together."""
@@ -47,7 +52,45 @@ class Track:
             return self.original(time)
         if not self.times:
             return self.poses[0]
-        return between(self.times, self.poses, time, interpolation=interpolation)
+        if not self.frames:
+            return between(self.times, self.poses, time, interpolation=interpolation)
+        after = bisect_left(self.written, time)
+        if after < len(self.written) and self.written[after] == time:
+            return self._at_frame(time)
+        # A cubic depends on the two samples before a time and the two after it.
+        reach = 1 if interpolation == "linear" else 2
+        near = self.written[max(after - reach, 0) : after + reach]
+        poses = [self._at_frame(other) for other in near]
+        return between(near, poses, time, interpolation=interpolation)
+
+    @cached_property
+    def written(self) -> tuple[float, ...]:
+        """The times of all samples: keys and frames, increasing."""
+        return tuple(sorted({*self.times, *self.frames}))
+
+    def moved_at(self, time: float) -> bool:
+        """Return whether a sample is not that of the input: at a key, or between two of them."""
+        return not self.changed.isdisjoint(self.around(time) or (time,))
+
+    def _at_frame(self, time: float) -> Pose:
+        """Return the sample (V, 3) at one of the `written` times."""
+        if time in self.times:
+            return self.poses[self.times.index(time)]
+        assert self.original is not None
+        given, around = self.original(time), self.around(time)
+        if around is None or not self.moved_at(time):
+            return given
+        start, end = around
+        part = (time - start) / (end - start)
+        moved = (1.0 - part) * self._moved(start) + part * self._moved(end)
+        return (given + moved).astype(np.float32)
+
+    def _moved(self, key: float) -> NDArray[np.float64] | float:
+        """Return how far a key was moved from the input (V, 3)."""
+        if key not in self.changed or self.original is None:
+            return 0.0
+        pose = self.poses[self.times.index(key)].astype(np.float64)
+        return np.asarray(pose - self.original(key))
 
     def with_key(self, time: float, pose: Pose, *, all_times: Sequence[float] = ()) -> Track:
         """Return the track with a key changed or added.

@@ -14,7 +14,7 @@ from dtrepair.keyposes.changes import ChangeOptions, neighbours_moved, scaled
 from dtrepair.keyposes.options import KeyOptions
 from dtrepair.keyposes.search import SearchOptions, clean_in_betweens, verify_in_betweens
 from dtrepair.keyposes.spans import Sample
-from dtrepair.keyposes.tracks import Track, between
+from dtrepair.keyposes.tracks import Pose, Track, between
 from tests.swinging_arm import arm_mesh, arm_pose
 
 
@@ -86,6 +86,46 @@ def test_the_original_holds_until_a_key_changes() -> None:
     assert np.array_equal(track.at(2.0), other)
     changed = track.with_key(1.0, first + 1)
     assert np.array_equal(changed.at(2.0), between((1.0, 3.0), (first + 1, second), 2.0))
+
+
+def test_frames_between_keys_are_displaced_as_the_keys_around_them() -> None:
+    start, *given = random_poses(3, 20)
+
+    def bent(time: float) -> NDArray[np.float32]:
+        return float32(start + time**2 * given[0])
+
+    keys = (0.0, 4.0, 8.0)
+    frames = (1.0, 2.0, 3.0, 5.0, 6.0, 7.0)
+    track = Track(keys, tuple(bent(key) for key in keys), original=bent, frames=frames)
+    assert np.array_equal(track.at(2.5), bent(2.5))
+    moved = track.with_key(4.0, bent(4.0) + given[1])
+    assert moved.written == tuple(range(9))
+    assert [moved.moved_at(time) for time in moved.written] == [False] + [True] * 7 + [False]
+    for time, share in ((1.0, 0.25), (2.0, 0.5), (4.0, 1.0), (7.0, 0.25)):
+        assert moved.at(time) == pytest.approx(bent(time) + share * given[1], rel=1e-4, abs=1e-4)
+    for way in ("linear", "cubic"):
+        samples = [moved.at(time) for time in moved.written]
+        expected = between(moved.written, samples, 4.4, interpolation=way)
+        assert np.array_equal(moved.at(4.4, interpolation=way), expected)
+    assert np.array_equal(moved.with_key(8.0, bent(8.0)).at(1.0), moved.at(1.0))
+
+
+def test_frames_between_keys_are_looked_at() -> None:
+    pose = random_poses(1)[0]
+    track = Track((0.0, 4.0), (pose, pose), original=lambda time: pose, frames=(1.0, 2.0, 3.0))
+
+    class Dirty:
+        def pairs(self, time: float, poses: Sequence[Pose]) -> int:
+            return int(time == 3.0)
+
+        def repair(self, time: float, poses: Sequence[Pose]) -> None:
+            return None
+
+        def allowed(self, index: int, time: float, given: Pose, pose: Pose) -> Pose:
+            return pose
+
+    found = verify_in_betweens([track], [(0.0, 4.0)], Dirty(), options=KeyOptions(samples=1))
+    assert found.spans[0].before == (Sample(1.0, 0), Sample(2.0, 0), Sample(3.0, 1))
 
 
 @pytest.mark.parametrize("only_added", [False, True])

@@ -15,6 +15,8 @@ from usd_io.read.transforms import transform_times
 from usd_io.times import FrameSpec
 
 Times = NDArray[np.float64]
+# So many keys on neighbouring frames may be poses that were laid out one after the other.
+FEW_KEYS = 8
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,51 @@ def stage_times(
     if spec is None and (told := _out_of_range(meshes[0].stage, every)):
         warnings.append(told)
     return StageTimes(keys, every, chosen, tuple(warnings))
+
+
+def key_times(meshes: Sequence[AnimatedMesh], spec: FrameSpec | None = None) -> StageTimes:
+    """Return the time codes of the key poses of meshes of one stage.
+
+    They are authored samples, of a skin those of its joints and the like; whole frames of a skin
+    are keys as well where `spec` names them one by one. Where every whole frame has a sample, as
+    baked animation has, nothing tells keys from other frames: then `every` has none between those
+    that `spec` names one by one. Raises FrameSpecError where no key is chosen.
+    """
+    frames = _together(meshes, [mesh.times for mesh in meshes])
+    every = _together(meshes, [mesh.samples for mesh in meshes])
+    baked = _on_every_frame(every, frame_grid(meshes[0].stage))
+    warnings = list[str]()
+    if spec is None:
+        if baked and len(every) > FEW_KEYS:
+            warnings.append(_told_baked(every))
+        if told := _out_of_range(meshes[0].stage, every):
+            warnings.append(told)
+        return StageTimes(frames, every, every, tuple(warnings))
+    if (named := spec.one_by_one) is not None:
+        every = np.union1d(every, frames[named.select(frames)]) if len(frames) > 1 else every
+    chosen = every[spec.select(every, require=True)]
+    if baked and named == spec:
+        outside = (every <= chosen[0]) | (every >= chosen[-1])
+        every = every[outside | np.isin(every, chosen)]
+    if told := spec.beyond(every):
+        warnings.append(told)
+    return StageTimes(frames, every, chosen, tuple(warnings))
+
+
+def _on_every_frame(samples: Times, grid: FrameGrid) -> bool:
+    """Return whether each whole frame from the first to the last sample (N,) has one."""
+    filled = None if np.isnan(samples).any() else grid.filled(samples)
+    return len(samples) > 1 and filled is not None and len(filled) == len(samples)
+
+
+def _told_baked(every: Times) -> str:
+    """Return a line on keys (N,) on every frame."""
+    return (
+        f"every whole frame from {every[0]:.10g} to {every[-1]:.10g} has a sample, as in baked "
+        "animation, and so each is taken as a key; name the key poses, such as --frames "
+        f"{every[0]:.10g},{every[len(every) // 2]:.10g},{every[-1]:.10g}, to take all others as "
+        "in-betweens, or repair all frames as a clip"
+    )
 
 
 def _out_of_range(stage: Usd.Stage, times: Times) -> str:

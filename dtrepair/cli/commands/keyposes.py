@@ -75,16 +75,19 @@ def command(
 ) -> int:
     """Repair the keys of a stage, and make the poses between them clean.
 
-    Keys are the samples of the points, and of the transforms where several meshes meet. Each is
-    repaired for itself; clean ones stay bit for bit. Then N in-betweens of each span between keys
-    are counted exactly as USD interpolates them. Where some intersect, the two keys are moved
-    by up to 2 % of their size at a time, if that is enough; else in-betweens are repaired and
-    added as keys, the fewest that were found. Spans between new keys have N samples each, too.
+    Keys are the samples of the points, of skins those of the joints, and of the transforms where
+    several meshes meet; of animation with a sample on every frame those that --frames names one by
+    one. Each is repaired for itself; clean ones stay bit for bit. Then N in-betweens of each span
+    between keys are counted exactly as USD interpolates them, and whole frames of skins there.
+    Where some intersect, the two keys are moved by up to 2 % of their size at a time, if that is
+    enough; else in-betweens are repaired and added as keys, the fewest that were found. Spans
+    between new keys have N samples each, too.
 
     \b
     Example:
         dtrepair keyposes poses.usd -o poses_repaired.usdc --samples 8 --report report.json
         dtrepair keyposes poses.usd --verify-only
+        dtrepair keyposes baked.usd --frames 1,9,17,25 -o baked_repaired.usdc
     """
     if verify_only == (output is not None):
         raise UsageError("name an output with -o OUT, or --verify-only, which writes nothing")

@@ -26,9 +26,10 @@ if TYPE_CHECKING:
 class StageKeys:
     """The keys of an input; answers what `dtrepair.keyposes.search` asks about poses.
 
-    tracks: of each mesh; selected: times of keys to repair; spans: times of neighbouring keys that
-    are selected and have points; skipped: spans that lack points; counts: of the selected keys as
-    they came, None of unusable ones.
+    tracks: of each mesh; selected: times of keys to repair; between: times of frames that are no
+    keys; spans: times of neighbouring keys that are selected and have points, as the frames between
+    them; skipped: spans that lack points; counts: of the selected keys as they came, None of
+    unusable ones.
     """
 
     def __init__(
@@ -52,12 +53,19 @@ class StageKeys:
             check()
             self.frames[time], self.counts[time] = count_frame(repairer.counter, self.frames[time])
         self._usable = [time for time in times if self.frames[time].usable]
+        others = [float(time) for time in source.clock.keys if time not in self.frames]
+        self.between = tuple(time for time in others if read_frame(source, time).usable)
+        lacking = set(others).difference(self.between)
         # Of in-betweens: what is interpolated has no shape that it should keep, so they are judged
         # where they are repaired, and keys as they end.
         self._strains: dict[float, tuple[Strain, ...]] = {}
         self.tracks = self.given
         chosen = [pair for pair in pairwise(times) if set(pair) <= set(self.selected)]
-        self.spans = [pair for pair in chosen if set(pair) <= set(self._usable)]
+        self.spans = [
+            (start, end)
+            for start, end in chosen
+            if {start, end} <= set(self._usable) and not any(start < time < end for time in lacking)
+        ]
         self.skipped = len(chosen) - len(self.spans)
 
     @property
@@ -68,14 +76,16 @@ class StageKeys:
     def _track(self, index: int) -> Track:
         mesh = self.source.meshes[index]
         own = np.asarray(mesh.handle.times)
-        keys = tuple(time for time in self._usable if time in own)
+        # Where frames are written between the keys, each mesh needs all keys: it is held there.
+        keys = tuple(time for time in self._usable if self.between or time in own)
         at = keys or tuple(self._usable[:1])
         if not at:
             return Track((), (mesh.rest.astype(np.float32),))
         poses = tuple(self.frames[time].points[index] for time in at)
         # A skin bends between its keys; points are interpolated as soon as they are written.
-        skinned = mesh.handle.skinned and bool(keys)
-        return Track(keys, poses, original=self._reader(index) if skinned else None)
+        bends = bool(keys) and (mesh.handle.skinned or bool(self.between))
+        original = self._reader(index) if bends else None
+        return Track(keys, poses, original=original, frames=self.between)
 
     def _reader(self, index: int) -> Any:
         def read(time: float) -> Pose:
@@ -161,12 +171,11 @@ class StageKeys:
         return self.repairer.finish(frame, solution, before)
 
     def write(self, tracks: Sequence[Track], sink: Sink) -> None:
-        """Put the keys that were changed or added; others keep the samples of the input."""
+        """Put what changed: keys, and frames between them; others keep the samples of the input."""
         for index, track in enumerate(tracks):
             # A mesh at the default time only has no times: its one pose is its key.
-            for time in track.times if track.changed else ():
-                pose = track.poses[track.times.index(time)]
-                sink.put(index, time, pose if time in track.changed else None)
+            for time in track.written if track.changed else ():
+                sink.put(index, time, track.at(time) if track.moved_at(time) else None)
 
     def record(
         self, record: FrameRecord | None, time: float, tracks: Sequence[Track]

@@ -56,8 +56,9 @@ def repair_keyposes(
 ) -> Report:
     """Repair the keys of a stage and make the poses between them clean; write a layer over it.
 
-    Keys are the samples of the points, and of the transforms where several meshes meet. Where
-    in-betweens intersect, keys are moved a little, or as few as possible are added.
+    Keys are the samples of the points, of skins those of the joints, and of the transforms where
+    several meshes meet; of animation with a sample on every whole frame those that are named one by
+    one. Where in-betweens intersect, keys are moved a little, or as few as possible are added.
 
     Args:
         stage: path of a USD stage.
@@ -167,7 +168,9 @@ def _open(stage: str, settings: KeyposeSettings) -> StageSource:
     """Return the stage, which must have time samples."""
     if not is_stage(stage):
         raise UsageError(f"{stage}: is not a USD stage: only stages have keys")
-    source = open_source(stage, settings.selection, collider=settings.objects.collider, keys=True)
+    source = open_source(
+        stage, settings.selection, collider=settings.objects.collider, frames="key poses"
+    )
     assert isinstance(source, StageSource)
     if math.isnan(source.times[0]):
         raise UsageError(f"{stage}: no mesh has time samples; use dtrepair repair")

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 USD_EXTENSIONS = (".usd", ".usda", ".usdc", ".usdz")
 Points = NDArray[Any]
+# Whole frames and samples; samples alone, of skins whole frames; or see `usd_io.key_times`.
+Frames = Literal["whole", "samples", "key poses"]
 
 # Coordinates beyond have no float32.
 LARGEST = float(np.finfo(np.float32).max)
@@ -137,15 +139,11 @@ def _misplaced(source: Source, time: float) -> Exception | None:
 
 
 def open_source(
-    path: str, selection: Selection, *, collider: str | None = None, keys: bool = False
+    path: str, selection: Selection, *, collider: str | None = None, frames: Frames = "whole"
 ) -> Source:
-    """Open a STAGE or MESH; `times` are those of the selected frames.
-
-    `collider` is an expression of meshes that take part and never move, in addition. `keys`: only
-    the keys of a stage are frames.
-    """
+    """Open a STAGE or MESH; `collider`: more meshes, that take part and never move."""
     if is_stage(path):
-        return StageSource(path, selection, collider=collider, keys=keys)
+        return StageSource(path, selection, collider=collider, frames=frames)
     given = [*selection.given(), *(["--collider"] if collider else [])]
     if given:
         raise UsageError(
@@ -167,12 +165,12 @@ class StageSource:
         selection: Selection,
         *,
         collider: str | None = None,
-        keys: bool = False,
+        frames: Frames = "whole",
     ) -> None:
         import usd_io
 
         spec = usd_io.parse_frames(selection.frames) if selection.frames is not None else None
-        self.name, self._given = path, (selection, collider, keys)
+        self.name, self._given = path, (selection, collider, frames)
         self.opened = usd_io.open_stage(path, strict=selection.whole_stages_only)
         chosen = self._read(selection, selection.prim)
         still = self._read(selection, collider) if collider is not None else None
@@ -196,9 +194,11 @@ class StageSource:
         up = next(iter(found.values())).up
         self.up = (float(up[0]), float(up[1]), float(up[2]))
         handles = [mesh.handle for mesh in self.meshes]
-        self.clock = usd_io.stage_times(
-            handles, spec, whole=not keys, authored=selection.samples_only
-        )
+        if frames == "key poses":
+            self.clock = usd_io.key_times(handles, spec)
+        else:
+            whole, authored = frames == "whole", selection.samples_only
+            self.clock = usd_io.stage_times(handles, spec, whole=whole, authored=authored)
         self.times, self.all_times = self.clock.chosen, self.clock.every
         self.warnings += tuple(f"{path}: {warning}" for warning in self.clock.warnings)
         self.origin = np.zeros(3)
@@ -208,8 +208,8 @@ class StageSource:
 
     def like(self, path: str) -> StageSource:
         """Open another stage as this one was opened, with all its frames."""
-        selection, collider, keys = self._given
-        return StageSource(path, replace(selection, frames=None), collider=collider, keys=keys)
+        selection, collider, frames = self._given
+        return StageSource(path, replace(selection, frames=None), collider=collider, frames=frames)
 
     def _read(self, selection: Selection, prim: str | None) -> MeshSelection:
         import usd_io

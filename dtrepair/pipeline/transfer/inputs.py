@@ -102,13 +102,13 @@ def open_poses(path: str, poses: Sequence[str], selection: Selection) -> Source:
                 f"{path}: is a mesh file, which holds one pose; name its poses with --poses, or "
                 "give an animated stage"
             )
-        return _posing(open_source(path, selection, keys=True))
+        return _posing(open_source(path, selection, frames="samples"))
     if any(is_stage(pose) for pose in poses):
         if len(poses) > 1:
             raise UsageError(f"--poses: expected one stage or mesh files, got {len(poses)}")
-        return _posing(open_source(poses[0], selection, keys=True))
+        return _posing(open_source(poses[0], selection, frames="samples"))
     of_rest = replace(selection, frames=None)
-    rest = _single(open_source(path, of_rest, keys=True), "--prim")
+    rest = _single(open_source(path, of_rest, frames="samples"), "--prim")
     return PoseFiles(rest, poses, selection.frames)
 
 
@@ -122,7 +122,7 @@ def open_target(path: str, prim: str | None, collider: str | None) -> StageSourc
     """Open the target: meshes of a stage, or a mesh file."""
     if prim is not None and not is_stage(path):
         raise UsageError(f"--target-prim: only for USD stages, and {path} is a mesh file")
-    source = open_source(path, Selection(prim=prim), collider=collider, keys=True)
+    source = open_source(path, Selection(prim=prim), collider=collider, frames="samples")
     assert isinstance(source, StageSource | MeshSource)
     return source
 

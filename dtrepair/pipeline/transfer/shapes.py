@@ -37,7 +37,7 @@ class ShapePoses(StageSource):
         """Read the shapes of the one selected mesh."""
         from usd_io.read.blend_shapes import read_blend_shapes
 
-        super().__init__(path, selection, keys=True)
+        super().__init__(path, selection, frames="samples")
         if len(self.meshes) != 1:
             raise UsageError(
                 f"{path}: expected one mesh, got {len(self.meshes)}; choose one with --prim"

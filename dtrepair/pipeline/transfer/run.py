@@ -112,7 +112,7 @@ def _prepared(
     warn(observer, pair.warnings)
     open_sink = ShapeSink if settings.options.shapes else open_clip
     recorded = settings.recorded(source, target)
-    sink = open_sink(pair.source, pair.target, output, recorded)
+    sink = open_sink(pair.source, pair.target, output, recorded, pair.axes.up)
     try:
         count = len(pair.source.times)
         pins = read_pin_set(pair.to_meshes, settings.options.pin, count)

@@ -77,6 +77,7 @@ class ShapeSink:
         target: StageSource | MeshSource,
         path: str,
         settings: dict[str, Any],
+        up: NDArray[np.float64],
     ) -> None:
         from usd_io.paths import check_output_path
         from usd_io.read.stages import check_not_an_input
@@ -93,7 +94,7 @@ class ShapeSink:
         check_output_path(path)
         check_writable(path)
         self._source, self._target, self._path = source, target, path
-        self._settings = settings
+        self._settings, self._up = settings, up
         self._offsets: dict[int, NDArray[np.float64]] = {}
 
     def put(self, index: int, time: float, points: NDArray[np.float32] | None) -> None:
@@ -126,7 +127,7 @@ class ShapeSink:
             mesh = target.meshes[0].handle
             write_shapes_over(self._path, target.opened, mesh, shapes, record=record)
         else:
-            metadata = stage_metadata(self._source)
+            metadata = stage_metadata(self._source, self._up)
             mesh = authored_mesh(target, [])
             write_shapes(self._path, mesh, shapes, record=record, **metadata)
         return ()

@@ -18,9 +18,13 @@ if TYPE_CHECKING:
 
 
 def open_clip(
-    source: Source, target: StageSource | MeshSource, path: str, settings: dict[str, Any]
+    source: Source,
+    target: StageSource | MeshSource,
+    path: str,
+    settings: dict[str, Any],
+    up: NDArray[np.float64],
 ) -> Sink:
-    """Check the output and open it, before anything is computed."""
+    """Check the output and open it, before anything is computed; `up`: the target's axis (3,)."""
     if not is_stage(path):
         raise UsageError(
             f"{path}: a transfer writes an animation: name a .usd, .usdc or .usda file"
@@ -31,7 +35,7 @@ def open_clip(
         check_not_an_input(source.opened.stage, path)
     if isinstance(target, StageSource):
         return LayerClip(source, target, path, settings)
-    return NewStage(source, target, path, settings)
+    return NewStage(source, target, path, settings, up)
 
 
 class LayerClip:
@@ -76,7 +80,12 @@ class NewStage:
     """A stage of its own for a target that is a mesh file."""
 
     def __init__(
-        self, source: Source, target: MeshSource, path: str, settings: dict[str, Any]
+        self,
+        source: Source,
+        target: MeshSource,
+        path: str,
+        settings: dict[str, Any],
+        up: NDArray[np.float64],
     ) -> None:
         from usd_io.paths import check_output_path
 
@@ -84,7 +93,7 @@ class NewStage:
         check_output_path(path)
         check_writable(path)
         self._path, self._source, self._target = path, source, target
-        self._settings = settings
+        self._settings, self._up = settings, up
         self._points: dict[float, NDArray[np.float32]] = {}
 
     def put(self, index: int, time: float, points: NDArray[np.float32] | None) -> None:
@@ -104,7 +113,7 @@ class NewStage:
             authored_mesh(self._target, [self._points[time] for time in times]),
             times=times,
             record=record,
-            **stage_metadata(self._source),
+            **stage_metadata(self._source, self._up),
         )
         return ()
 
@@ -130,13 +139,13 @@ def authored_mesh(target: MeshSource, points: list[NDArray[np.float32]]) -> Auth
     )
 
 
-def stage_metadata(source: Source) -> dict[str, Any]:
-    """Return up axis, units and rate of a new stage: those of the source, where it is a stage."""
+def stage_metadata(source: Source, up: NDArray[np.float64]) -> dict[str, Any]:
+    """Return the up axis (3,) of a target, by name, and a source stage's units and rate."""
+    axis = {"up": "Z" if up[2] > 0.5 else "Y"}
     if not isinstance(source, StageSource):
-        return {}
-    up = "Z" if source.up[2] > 0.5 else "Y"
+        return axis
     units = source.meshes[0].handle.meters_per_unit
-    return {"up": up, "meters_per_unit": units, "fps": frame_rate(source)}
+    return {**axis, "meters_per_unit": units, "fps": frame_rate(source)}
 
 
 def frame_rate(source: Source) -> float | None:

@@ -239,7 +239,8 @@ class Repairer:
         """Repair frames (T, V, 3) together: clean, close to the input, and steady in time.
 
         times: time of each frame (T,), increasing; default: one apart. jobs: workers; default:
-        all processors. ValueError for wrong frames or times.
+        all processors. ValueError for wrong frames or times, before any frame is repaired; it
+        names the first wrong frame.
         """
         count, shape = len(points), np.shape(points[0]) if len(points) else (0, 3)
         if len(shape) != 2:
@@ -249,8 +250,19 @@ class Repairer:
             raise ValueError(
                 f"times should hold one time for each of {count} frames, got {stamps.shape}"
             )
+        self._check_frames(points)
         frames = ((float(stamp), [points[index]]) for index, stamp in enumerate(stamps))
         return [frame.results[0] for frame in self._scene.animator.stream(frames, jobs=jobs)]
+
+    def _check_frames(self, points: Any) -> None:
+        """Refuse frames (T, V, 3) that cannot be used, with the number of the first; ValueError."""
+        for index in range(len(points)):
+            try:
+                self._scene.scene.gather([points[index]])
+            except ValueError as error:
+                raise ValueError(
+                    f"frame {index} of {len(points)}, counted from 0: {error}"
+                ) from None
 
 
 def repair_mesh(

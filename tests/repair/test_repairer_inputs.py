@@ -86,6 +86,18 @@ def test_wrong_poses_are_refused() -> None:
         repairer(points * 1e39)
 
 
+def test_of_wrong_frames_the_first_is_named() -> None:
+    points, faces = torus()
+    repairer = Repairer(points, faces)
+    frames = np.stack([points] * 4)
+    frames[2:, 7, 1] = np.nan
+    for given in (frames, frames.tolist()):
+        with pytest.raises(ValueError, match=r"frame 2 of 4, counted from 0: .*finite.*vertex 7"):
+            repairer.animation(given)
+    with pytest.raises(ValueError, match=r"frame 1 of 2, counted from 0: .*rows"):
+        repairer.animation([points, points[1:]])
+
+
 def test_wrong_meshes_and_controls_are_refused() -> None:
     points, faces = torus()
     count = len(points)

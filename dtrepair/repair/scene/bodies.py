@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,6 +47,9 @@ class Body:
         of_set: It is of the set around what moves, by which no lengths are measured.
         prop: A transform carries it, beside bodies that bend: it is rigid where that leaves no
             more than bending it does, unless it is worn, or attached to another body.
+
+    Raises:
+        ValueError: diffusion or mobility out of range. What must fit the mesh, a scene checks.
     """
 
     rest: ArrayLike
@@ -59,6 +63,25 @@ class Body:
     layer: ArrayLike | None = None
     of_set: bool = False
     prop: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the numbers that stand for the whole body."""
+        values = (self.mobility, self.diffusion)
+        mobility, diffusion = (
+            v if isinstance(v, Real) else f"a {type(v).__name__}" for v in values
+        )
+        if isinstance(mobility, str) or not 0.0 <= mobility <= 1.0:
+            raise ValueError(
+                f"mobility should be a number from 0, never moves, to 1, got {mobility}; what "
+                "differs from vertex to vertex is a pin"
+            )
+        if self.diffusion is None:
+            return
+        if isinstance(diffusion, str) or not 0.0 < diffusion < np.inf:
+            raise ValueError(
+                f"diffusion should be positive and finite, got {diffusion}: "
+                "None takes that of the options"
+            )
 
 
 class Absent(NamedTuple):
@@ -80,10 +103,8 @@ def mobility_of(body: Body, count: int) -> FloatArray:
     """Return how freely each vertex (count,) moves, 0 to 1.
 
     Raises:
-        ValueError: wrong pins or mobilities.
+        ValueError: wrong pins.
     """
-    if not 0.0 <= body.mobility <= 1.0:
-        raise ValueError(f"mobility should be between 0 and 1, got {body.mobility}")
     if body.pin is None:
         return np.full(count, body.mobility)
     pin = np.asarray(body.pin, dtype=np.float64)
@@ -128,12 +149,6 @@ def checked_meshes(bodies: Sequence[Body]) -> list[tuple[FloatArray, IntArray]]:
     """
     if not bodies:
         raise ValueError("bodies should hold at least one body, got none")
-    for body in bodies:
-        if body.diffusion is not None and not 0.0 < body.diffusion < np.inf:
-            raise ValueError(
-                f"diffusion should be positive and finite, got {body.diffusion}: "
-                "None takes that of the options"
-            )
     meshes = [as_mesh(body.rest, body.faces) for body in bodies]
     for number, (body, (points, faces)) in enumerate(zip(bodies, meshes, strict=True)):
         if len(points) == 0 and len(bodies) > 1:

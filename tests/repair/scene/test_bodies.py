@@ -27,3 +27,18 @@ def test_a_layer_is_one_whole_number_for_each_triangle() -> None:
 def test_layers_that_do_not_fit_are_refused(layer: Any) -> None:
     with pytest.raises(ValueError, match=f"a whole number for each of {COUNT} triangles"):
         SceneRepairer([Body(BALL, FACES, layer=layer)])
+
+
+@pytest.mark.parametrize("value", [2, -0.1, float("nan"), None, "1", np.ones(3)])
+def test_a_mobility_out_of_range_is_refused_at_once(value: Any) -> None:
+    with pytest.raises(ValueError, match="mobility should be a number from 0, never moves, to 1"):
+        Body(BALL, FACES, mobility=value)
+    half: Any = np.float32(0.5)  # a number of numpy is one
+    assert Body(BALL, FACES, mobility=half).mobility == 0.5
+
+
+@pytest.mark.parametrize("value", [0, -1.0, float("inf"), float("nan"), "99"])
+def test_a_diffusion_out_of_range_is_refused_at_once(value: Any) -> None:
+    with pytest.raises(ValueError, match="diffusion should be positive and finite, got"):
+        Body(BALL, FACES, diffusion=value)
+    assert Body(BALL, FACES, diffusion=None).diffusion is None

@@ -18,6 +18,8 @@ from usd_io.errors import FrameSpecError
 
 # Largest number of frames that `FrameSpec.values` lists; a mask has no such limit.
 MOST_FRAMES = 10_000_000
+# So many frames that lie apart are named in a message.
+_MOST_TOLD = 8
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _PART = re.compile(rf"({_NUMBER})(?::({_NUMBER})(?:x({_NUMBER}))?)?")
@@ -193,5 +195,13 @@ def _none_in_range(text: str, times: NDArray[np.float64]) -> str:
     if not len(times):
         none = "the selected meshes have no time samples of their own; leave the frames out"
         return f"frames {text!r}: {none}"
-    first, last = times.min(), times.max()
-    return f"frames {text!r}: none of the frames, {first:.15g} to {last:.15g}, is among them"
+    return f"frames {text!r}: none of the frames, {_told(np.unique(times))}, is among them"
+
+
+def _told(times: NDArray[np.float64]) -> str:
+    """Return time codes (T,) in words: the ends where each frame is there, else the first few."""
+    first, *_, last = words = [f"{time:.15g}" for time in (*times[:_MOST_TOLD], times[-1])]
+    if len(times) > 1 and np.diff(times).max() < 1.0 + 1e-6:
+        return f"{first} to {last}"
+    left = len(times) - _MOST_TOLD
+    return ", ".join(words[:-1]) + (f" and {left} more up to {last}" if left > 0 else "")

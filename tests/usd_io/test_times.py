@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from pxr import Usd, UsdUtils
@@ -96,3 +98,18 @@ def test_nothing_in_range_is_an_error_on_request() -> None:
 def test_time_code_of_nan_is_the_default_time() -> None:
     assert time_code(float("nan")).IsDefault()
     assert time_code(1.5) == Usd.TimeCode(1.5)
+
+
+@pytest.mark.parametrize(
+    ("times", "told"),
+    [
+        (range(2, 26), "the frames, 2 to 25, is"),
+        ([2.0], "the frames, 2, is"),
+        ([2, 9, 17, 25], "the frames, 2, 9, 17, 25, is"),
+        ([2, 2.5, 3], "the frames, 2 to 3, is"),
+        (range(2, 100, 8), "the frames, 2, 10, 18, 26, 34, 42, 50, 58 and 5 more up to 98, is"),
+    ],
+)
+def test_frames_that_there_are_are_told(times: Sequence[float], told: str) -> None:
+    with pytest.raises(FrameSpecError, match=told):
+        parse_frames("1").select(times, require=True)

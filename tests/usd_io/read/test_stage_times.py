@@ -162,7 +162,7 @@ def test_frames_between_whole_ones_are_looked_at_where_they_are_meant(tmp_path: 
     assert times_of(path, "0.5:3").chosen.tolist() == [0.5, 1.5, 2.5]
     with pytest.raises(FrameSpecError, match="none of the frames, 0 to 5"):
         times_of(path, "5.5")
-    with pytest.raises(FrameSpecError, match="none of the frames, 0 to 5"):
+    with pytest.raises(FrameSpecError, match="none of the frames, 0, 5, is"):
         times_of(path, "2.5", authored=True)
 
 

@@ -114,6 +114,20 @@ class FrameSpec:
             f"{times[-1]:.10g}; what is beyond is left out"
         )
 
+    def left_out(self, times: NDArray[np.float64], what: str) -> str:
+        """Return what to say of exact frames between time codes (T,), sorted, that are not theirs.
+
+        what: what they are then, such as "no key"; "" where there is nothing to say.
+        """
+        try:
+            missing = self.missing_from(times, most=MOST_FRAMES)
+        except FrameSpecError:
+            return f"frames {self.text!r}: those that are {what} are left out"
+        if not len(missing):
+            return ""
+        are = "is" if len(missing) == 1 else "are"
+        return f"frames {self.text!r}: {_told(missing)} {are} {what}, and {are} left out"
+
     def missing_from(self, times: NDArray[np.float64], *, most: int) -> NDArray[np.float64]:
         """Return the exact frames that sorted time codes (T,) lack, from first to last, (N,).
 

@@ -72,8 +72,8 @@ def stage_times(
         if spec is not None:
             every = np.union1d(every, spec.missing_from(every, most=MOST_ADDED_FRAMES))
     chosen = every if spec is None else every[spec.select(every, require=True)]
-    if spec is not None and (told := spec.beyond(every)):
-        warnings.append(told)
+    if spec is not None:
+        warnings += _left_out(spec, every, "without a sample")
     if spec is None and (told := _out_of_range(meshes[0].stage, every)):
         warnings.append(told)
     return StageTimes(keys, every, chosen, tuple(warnings))
@@ -103,9 +103,13 @@ def key_times(meshes: Sequence[AnimatedMesh], spec: FrameSpec | None = None) -> 
     if baked and named == spec:
         outside = (every <= chosen[0]) | (every >= chosen[-1])
         every = every[outside | np.isin(every, chosen)]
-    if told := spec.beyond(every):
-        warnings.append(told)
+    warnings += _left_out(spec, every, "no key")
     return StageTimes(frames, every, chosen, tuple(warnings))
+
+
+def _left_out(spec: FrameSpec, every: Times, what: str) -> list[str]:
+    """Return lines on frames that are named, and are not among all (N,), but `what`."""
+    return [told for told in (spec.left_out(every, what), spec.beyond(every)) if told]
 
 
 def _on_every_frame(samples: Times, grid: FrameGrid) -> bool:

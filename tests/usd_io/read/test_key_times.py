@@ -41,6 +41,8 @@ def test_keys_of_points_are_their_samples(tmp_path: Path) -> None:
     assert keys_of(path).every.tolist() == [1.0, 4.0, 9.0]
     apart = keys_of(path, "1,9")
     assert apart.chosen.tolist() == [1.0, 9.0] and apart.every.tolist() == [1.0, 4.0, 9.0]
+    (told,) = keys_of(path, "1,6,9").warnings
+    assert told.endswith("6 is no key, and is left out") and not apart.warnings
 
 
 def test_of_baked_animation_the_keys_are_named(tmp_path: Path) -> None:

@@ -185,3 +185,19 @@ def test_a_range_without_a_stride_is_of_the_frames_of_the_stage(tmp_path: Path) 
     stage.GetRootLayer().Save()
     assert times_of(tmp_path / "a.usda", "100:500").chosen.tolist() == [200.0, 400.0]
     assert times_of(tmp_path / "a.usda", "100:500x200").chosen.tolist() == [100.0, 300.0, 500.0]
+
+
+def test_named_frames_without_a_sample_are_told(tmp_path: Path) -> None:
+    path = two_cubes(tmp_path / "a.usda", (0.0, 2.0, 8.0))
+    found = times_of(path, "0,1,2,5.5,9", authored=True)
+    assert found.chosen.tolist() == [0.0, 2.0]
+    left_out, beyond = found.warnings
+    assert left_out.endswith("1, 5.5 are without a sample, and are left out")
+    assert "go beyond" in beyond
+    (one,) = times_of(path, "0:8x7,0:8x8", authored=True).warnings
+    assert one.endswith(" 7 is without a sample, and is left out")
+    # A range chooses among the samples, and without `authored` nothing is left out.
+    assert not times_of(path, "0:8", authored=True).warnings
+    assert not times_of(path, "0,1,5.5").warnings
+    (many,) = times_of(path, "0:8x1e-7", authored=True).warnings
+    assert many.endswith("those that are without a sample are left out")

@@ -25,12 +25,11 @@ from dtrepair.pipeline.stages.sources import (
     placing_time,
     usable_times,
 )
-from dtrepair.wording import counted
+from dtrepair.wording import counted, listed
 
 if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions
     from dtrepair.repair.scene.bodies import Body
-    from usd_io import AnimatedMesh
 
 # Frames of a clip that are tried as placements of the rest poses.
 PLACEMENTS = 9
@@ -79,11 +78,15 @@ def read_controls(
     nothing: PerMesh = [None] * len(source.meshes)
     pins = nothing.copy() if pin is None else read_pins(source, pin)
     directions = nothing if direction is None else _read_directions(source, direction)
-    for index, own in enumerate(found.each):
+    for index, (own, by) in enumerate(zip(found.each, found.origins, strict=True)):
         if own.pin is not None:
-            pins[index] = read_pins(source, own.pin, only=index)[0]
+            option = f"{by['pin']}: pin {own.pin}"
+            pins[index] = read_pins(source, own.pin, only=index, option=option)[0]
         if own.direction is not None:
-            directions[index] = _read_directions(source, own.direction, only=index)[0]
+            option = f"{by['direction']}: direction {own.direction}"
+            directions[index] = _read_directions(source, own.direction, only=index, option=option)[
+                0
+            ]
     # What cannot move at all is not to be repaired: contacts of colliders among themselves.
     colliders = [index for index, mesh in enumerate(source.meshes) if mesh.collider]
     among = {(i, j) for i in colliders for j in colliders if i <= j}
@@ -104,35 +107,39 @@ def read_controls(
     )
 
 
-def read_pins(source: Source, name: str, *, only: int | None = None) -> PerMesh:
+def read_pins(source: Source, name: str, *, only: int | None = None, option: str = "") -> PerMesh:
     """Return weights (V,) of each mesh that has a primvar or GeomSubset `name`, else None.
 
-    only: look at this mesh alone. It is a usage error if no mesh has anything of that name.
+    only: look at this mesh alone; option: who asks, for messages. It is a usage error if no mesh
+    has anything of that name.
     """
     from usd_io.read.vertex_weights import read_vertex_weights
 
-    handles = _handles(source, f"--pin {name}", only)
-    pins = [read_vertex_weights(handle, name) for handle in handles]
-    return _found(pins, f"--pin {name}", "primvar or GeomSubset")
+    meshes = _asked(source, option or f"--pin {name}", only)
+    pins = [read_vertex_weights(mesh.handle, name) for mesh in meshes]
+    return _found(pins, meshes, option or f"--pin {name}", "primvar or GeomSubset")
 
 
-def _read_directions(source: Source, text: str, *, only: int | None = None) -> PerMesh:
+def _read_directions(
+    source: Source, text: str, *, only: int | None = None, option: str = ""
+) -> PerMesh:
     """A vector primvar, or SUBSET=x,y,z: the vector where the subset's weight is above 0."""
     from usd_io.read.vertex_weights import read_vertex_directions, read_vertex_weights
 
-    handles = _handles(source, f"--direction {text}", only)
+    option = option or f"--direction {text}"
+    meshes = _asked(source, option, only)
     name, sign, numbers = text.partition("=")
     if not sign:
-        vectors = [read_vertex_directions(handle, name) for handle in handles]
-        return _found(vectors, f"--direction {text}", "vector primvar")
+        vectors = [read_vertex_directions(mesh.handle, name) for mesh in meshes]
+        return _found(vectors, meshes, option, "vector primvar")
     try:
         vector = np.array([float(number) for number in numbers.split(",")])
     except ValueError:
         vector = np.zeros(0)
     if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-        raise UsageError(f"--direction {text}: expected SUBSET=x,y,z, such as hand=0,1,0")
-    weights = [read_vertex_weights(handle, name) for handle in handles]
-    chosen = _found(weights, f"--direction {text}", "primvar or GeomSubset")
+        raise UsageError(f"{option}: expected SUBSET=x,y,z, such as hand=0,1,0")
+    weights = [read_vertex_weights(mesh.handle, name) for mesh in meshes]
+    chosen = _found(weights, meshes, option, "primvar or GeomSubset")
     return [None if part is None else (part > 0)[:, None] * vector for part in chosen]
 
 
@@ -154,16 +161,19 @@ def read_layers(
             yield numbers
 
 
-def _handles(source: Source, option: str, only: int | None) -> list[AnimatedMesh]:
+def _asked(source: Source, option: str, only: int | None) -> Sequence[SourceMesh]:
     if not isinstance(source, StageSource):
         raise UsageError(f"{option}: only for USD stages; leave it out")
-    chosen = source.meshes if only is None else source.meshes[only : only + 1]
-    return [mesh.handle for mesh in chosen]
+    return source.meshes if only is None else source.meshes[only : only + 1]
 
 
-def _found(values: PerMesh, option: str, what: str) -> PerMesh:
+def _found(values: PerMesh, meshes: Sequence[SourceMesh], option: str, what: str) -> PerMesh:
     if all(value is None for value in values):
-        raise UsageError(f"{option}: no selected mesh has a {what} of that name; check the name")
+        paths = listed([mesh.path for mesh in meshes])
+        nobody = f"{paths} has no" if len(meshes) == 1 else f"none of {paths} has a"
+        raise UsageError(
+            f"{option}: {nobody} {what} of that name; check the name, or add it to the stage"
+        )
     return values
 
 

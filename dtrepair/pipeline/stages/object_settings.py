@@ -29,9 +29,10 @@ WRITTEN = ("offset",)
 
 @dataclass
 class SettingsOfMeshes:
-    """Settings of each mesh, and warnings about what the stage holds."""
+    """Settings of each mesh, who asked for them by their names, and warnings on the stage."""
 
     each: list[ObjectSettings]
+    origins: list[dict[str, str]]
     warnings: list[str] = field(default_factory=list)
 
 
@@ -48,23 +49,27 @@ def read_settings(
     Of several tables, or texts of `layers`, that match a mesh the last one counts, key by key.
     keys: what is read; of the others nothing is looked at, or refused.
     """
-    result = SettingsOfMeshes([ObjectSettings() for _ in source.meshes])
+    every = source.meshes
+    result = SettingsOfMeshes([ObjectSettings() for _ in every], [{} for _ in every])
 
-    def add(meshes: Iterable[int], given: Mapping[str, Any]) -> None:
+    def add(meshes: Iterable[int], given: Mapping[str, Any], origin: str) -> None:
         for index in meshes:
             result.each[index] = replace(result.each[index], **given)
+            result.origins[index] |= dict.fromkeys(given, origin)
 
     if rigid is not None:
-        add(matching_meshes(source, rigid, f"--rigid {rigid}"), {"rigid": True})
+        option = f"--rigid {rigid}"
+        add(matching_meshes(source, rigid, option), {"rigid": True}, option)
     for text in layers:
         pattern, number = parse_layer(text)
-        add(matching_meshes(source, pattern, f"--layer {text}"), {"layer": number})
+        option = f"--layer {text}"
+        add(matching_meshes(source, pattern, option), {"layer": number}, option)
     if isinstance(source, StageSource):
         for index, mesh in enumerate(source.meshes):
-            add([index], _of_stage(mesh.path, mesh.handle, keys, result.warnings))
+            add([index], _of_stage(mesh.path, mesh.handle, keys, result.warnings), mesh.path)
     for table in tables:
         given = {key: value for key in keys if (value := getattr(table.settings, key)) is not None}
-        add(matching_meshes(source, table.path, table.origin), given)
+        add(matching_meshes(source, table.path, table.origin), given, table.origin)
     return result
 
 

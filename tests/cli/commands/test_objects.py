@@ -154,7 +154,15 @@ def test_pins_of_a_single_object(repaired: Repair, rod_in_ball: Path, tmp_path: 
     assert np.array_equal(points[: len(ROD) // 2], np.float32(ROD[: len(ROD) // 2]))
     wrong = config(tmp_path, '[[prim]]\npath = "/Scene/Ball"\npin = "held"\n')
     done = run("repair", rod_in_ball, "-o", tmp_path / "o.usda", "--config", wrong)
-    assert_fails(done, 2, "held", "no selected mesh")
+    where = (
+        f"{wrong}: [[prim]] /Scene/Ball: pin held: /Scene/Ball/Mesh has no primvar or GeomSubset"
+    )
+    assert_fails(done, 2, where, "add it to the stage")
+    wrong = config(tmp_path, '[[prim]]\npath = "/Scene/Ball"\ndirection = "up"\n')
+    done = run("repair", rod_in_ball, "-o", tmp_path / "o.usda", "--config", wrong)
+    assert_fails(done, 2, f"{wrong}: [[prim]] /Scene/Ball: direction up", "no vector primvar")
+    done = run("repair", rod_in_ball, "-o", tmp_path / "o.usda", "--pin", "grip")
+    assert_fails(done, 2, "--pin grip: none of /Scene/", "has a primvar or GeomSubset of that name")
 
 
 def test_ignored_pairs(repaired: Repair, rod_in_ball: Path, tmp_path: Path) -> None:

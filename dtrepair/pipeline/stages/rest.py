@@ -79,7 +79,7 @@ def rest_warnings(
     each = zip(source.meshes, rests, counts, settings, strict=True)
     for mesh, rest, count, setting in each:
         # A mesh file, or points at the default time only, is its own rest pose: nothing to say.
-        own = len(source.times) == 1 and mesh.has_rest
+        own = len(source.all_times) == 1 and mesh.has_rest and not rest.named
         if count and mesh.collider:
             still.append(mesh.path)
         elif count and setting.rigid and len(source.meshes) > 1:

@@ -77,6 +77,20 @@ def test_intersecting_rest_is_a_warning(tmp_path: Path) -> None:
     assert " triangles, default time); " in told and "--rest" in told
 
 
+def test_an_intersecting_rest_is_told_of_a_single_frame_as_well(tmp_path: Path) -> None:
+    words = "rest poses that intersect themselves: "
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
+    one = ("repair", path, "-o", tmp_path / "b.usdc", "--frames", "3")
+    assert f"{words}/Root/Tube (" in run(*one, "--rest", "2").err
+    assert words not in run(*one).err
+    bound = tube_stage(tmp_path / "c.usda", (OPEN, OPEN), rest=CLOSED)
+    assert words in run("repair", bound, "-o", tmp_path / "d.usdc", "--frames", "1").err
+    # A mesh file is what is repaired, another one that is named is not.
+    mesh, out = tube_obj(tmp_path / "m.obj", OPEN), ("-o", tmp_path / "n.obj")
+    assert words in run("repair", mesh, *out, "--rest", tube_obj(tmp_path / "r.obj", CLOSED)).err
+    assert words not in run("repair", tmp_path / "r.obj", *out).err
+
+
 def test_one_line_tells_of_all_rests_that_are_at_fault(tmp_path: Path) -> None:
     """Five meshes that intersect themselves are one warning; a collider among them another."""
     from usd_io import AuthoredMesh, write_animation

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -106,10 +107,12 @@ class MeshSelection:
     Attributes:
         meshes: the usable meshes.
         warnings: one line each: skipped meshes and oddities of the selected ones.
+        shapes: path and type of what was selected and is no mesh, such as "/Set/Ball (Sphere)".
     """
 
     meshes: tuple[AnimatedMesh, ...]
     warnings: tuple[str, ...]
+    shapes: tuple[str, ...] = ()
 
 
 def mesh_warnings(mesh: AnimatedMesh, degenerate: int) -> tuple[str, ...]:
@@ -132,3 +135,16 @@ def mesh_warnings(mesh: AnimatedMesh, degenerate: int) -> tuple[str, ...]:
             f"{mesh.coordinate_step:.3g} units on a mesh of {size:.3g} units"
         )
     return tuple(warnings)
+
+
+def shape_warnings(selections: Iterable[MeshSelection], named: int = 3) -> list[str]:
+    """Return a line on what was selected and is no mesh, if anything is; each is named once."""
+    shapes = list(dict.fromkeys(shape for own in selections for shape in own.shapes))
+    if not shapes:
+        return []
+    more = f" and {len(shapes) - named} more" if shapes[named:] else ""
+    are = "is no mesh" if len(shapes) == 1 else "are no meshes"
+    return [
+        f"{', '.join(shapes[:named])}{more} {are}, so that nothing meets there; convert to meshes "
+        "what should count"
+    ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +15,7 @@ from usd_io.errors import FrameError, StageError, time_text
 from usd_io.polygons import Triangulation, triangulate
 from usd_io.read.matrices import chain_times, check_transforms, scaled_to_nothing
 from usd_io.read.mesh import AnimatedMesh, MeshSelection, mesh_warnings
-from usd_io.read.select import Candidate, select_prims
+from usd_io.read.select import Candidate, select_prims, select_shapes
 from usd_io.read.skinning import Skin, find_skin
 from usd_io.read.stages import OpenedStage, as_stage
 from usd_io.times import time_code
@@ -58,15 +59,13 @@ def read_meshes(
             has no mesh.
     """
     usd = as_stage(stage)
-    candidates, warnings = select_prims(
-        usd,
-        prim=prim,
-        exclude=exclude,
-        include_invisible=include_invisible,
-        include_purposes=include_purposes,
-        uninstance=uninstance,
-        instances=instances,
-    )
+    chosen: dict[str, Any] = {
+        "prim": prim,
+        "exclude": exclude,
+        "include_invisible": include_invisible,
+        "include_purposes": include_purposes,
+    }
+    candidates, warnings = select_prims(usd, **chosen, uninstance=uninstance, instances=instances)
     meshes, checked = [], set[Sdf.Path]()
     for candidate in candidates:
         try:
@@ -81,7 +80,7 @@ def read_meshes(
             continue
         warnings.extend(mesh.warnings)
         meshes.append(mesh)
-    return MeshSelection(tuple(meshes), tuple(warnings))
+    return MeshSelection(tuple(meshes), tuple(warnings), tuple(select_shapes(usd, **chosen)))
 
 
 def read_frame(mesh: AnimatedMesh, time: float) -> NDArray[np.float32] | None:

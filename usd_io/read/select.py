@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from pxr import Sdf, Tf, Usd, UsdGeom
 
 from usd_io.errors import SelectionError, StageError, one_line
+
+# What renders as a surface and is no mesh.
+_SHAPES = {
+    *("Sphere", "Cube", "Cone", "Cylinder", "Cylinder_1", "Capsule", "Capsule_1", "Plane"),
+    "NurbsPatch",
+}
 
 # Lives on the session layer while an expression is evaluated.
 _HELPER = "/__usd_io_selection"
@@ -76,6 +82,28 @@ def select_prims(
     return candidates, warnings
 
 
+def select_shapes(
+    stage: Usd.Stage,
+    *,
+    prim: str | None,
+    exclude: str | None,
+    include_invisible: bool,
+    include_purposes: bool,
+) -> list[str]:
+    """Return spheres, cubes and the like that would be selected if they were meshes.
+
+    Each as its path and type, such as "/Set/Ball (Sphere)", in the order of traversal. See
+    `usd_io.read_meshes` for the arguments.
+    """
+    found = _matching(stage, prim, exclude, _is_shape)
+    prototypes = _prototype_roots(stage) if found else []
+    return [
+        _named(item)
+        for item in found
+        if not _skip_reason(item, prototypes, include_invisible, include_purposes)
+    ]
+
+
 def matching_paths(stage: Usd.Stage, expression: str) -> set[Sdf.Path]:
     """Return the paths of all prims, instance proxies too, that an expression matches.
 
@@ -129,14 +157,31 @@ def _everywhere() -> Usd._PrimFlagsPredicate:
 
 def _matching_meshes(stage: Usd.Stage, prim: str | None, exclude: str | None) -> list[Usd.Prim]:
     """Return the mesh prims that an expression matches and another does not exclude."""
+    return _matching(stage, prim, exclude, lambda item: bool(item.IsA(UsdGeom.Mesh)))
+
+
+def _is_shape(prim: Usd.Prim) -> bool:
+    return prim.GetTypeName() in _SHAPES
+
+
+def _named(prim: Usd.Prim) -> str:
+    return f"{prim.GetPath()} ({prim.GetTypeName()})"
+
+
+def _matching(
+    stage: Usd.Stage, prim: str | None, exclude: str | None, kind: Callable[[Usd.Prim], bool]
+) -> list[Usd.Prim]:
+    """Return the prims of a kind that an expression matches and another does not exclude."""
+    # Of a stage that has none no expression needs to be evaluated.
+    items = [item for item in stage.Traverse(_everywhere()) if kind(item)]
+    if not items:
+        return []
     included = None if prim is None else matching_paths(stage, prim)
     excluded = set() if exclude is None else matching_paths(stage, exclude)
     return [
         item
-        for item in stage.Traverse(_everywhere())
-        if item.IsA(UsdGeom.Mesh)
-        and (included is None or item.GetPath() in included)
-        and item.GetPath() not in excluded
+        for item in items
+        if (included is None or item.GetPath() in included) and item.GetPath() not in excluded
     ]
 
 
@@ -144,17 +189,22 @@ def _no_match(stage: Usd.Stage, prim: str | None, exclude: str | None) -> Except
     """Return the error for an expression that matches no mesh."""
     if prim is None:
         broken = stage.GetCompositionErrors()
+        shapes = _matching(stage, None, exclude, _is_shape)
         return StageError(
             "the stage has no active, defined and loaded mesh"
             + ("" if exclude is None else f" besides those excluded by {exclude!r}")
+            + (f"; convert {_named(shapes[0])} to one" if shapes else "")
             + (f"; mend its broken reference: {' '.join(str(broken[0]).split())}" if broken else "")
         )
     matched = sorted(matching_paths(stage, prim))
     if matched and exclude is None:
         first = stage.GetPrimAtPath(matched[0])
+        cure = f"try '{matched[0]}//' for the meshes below it"
+        if first.GetTypeName() in _SHAPES:
+            cure = "convert it to a mesh"
         return SelectionError(
             f"prim expression {prim!r}: no match among meshes; {matched[0]} is "
-            f"{first.GetTypeName() or 'untyped'}; try '{matched[0]}//' for the meshes below it"
+            f"{first.GetTypeName() or 'untyped'}; {cure}"
         )
     return SelectionError(
         f"prim expression {prim!r}: no match among the active, defined and loaded meshes"

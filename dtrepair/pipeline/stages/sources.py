@@ -168,6 +168,7 @@ class StageSource:
         frames: Frames = "whole",
     ) -> None:
         import usd_io
+        from usd_io.read.mesh import shape_warnings
 
         spec = usd_io.parse_frames(selection.frames) if selection.frames is not None else None
         self.name, self._given = path, (selection, collider, frames)
@@ -175,9 +176,10 @@ class StageSource:
         chosen = self._read(selection, selection.prim)
         still = self._read(selection, collider) if collider is not None else None
         colliders = {mesh.path for mesh in still.meshes} if still else set()
-        found = {mesh.path: mesh for part in (chosen, still) if part for mesh in part.meshes}
-        warnings = [*self.opened.warnings, *chosen.warnings, *(still.warnings if still else ())]
-        self.warnings = tuple(dict.fromkeys(warnings))
+        parts = (chosen, still) if still else (chosen,)
+        found = {mesh.path: mesh for part in parts for mesh in part.meshes}
+        warnings = [told for part in (self.opened, *parts) for told in part.warnings]
+        self.warnings = tuple(dict.fromkeys([*warnings, *shape_warnings(parts)]))
         self.meshes = tuple(
             SourceMesh(
                 mesh.path,

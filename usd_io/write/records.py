@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -39,6 +40,18 @@ def _is_repair(layer: Sdf.Layer) -> bool:
     if not isinstance(settings, Mapping) or len(layer.subLayerPaths) != 1:
         return False
     return "rest_contacts" in settings and "source_path" not in settings
+
+
+def record_of(path: str | os.PathLike[str]) -> tuple[dict[str, Any], str]:
+    """Return the record of a layer file, and the path of the one stage that it lies over.
+
+    Without a record, or without such a stage, these are empty.
+    """
+    layer = Sdf.Layer.FindOrOpen(os.fspath(path))
+    if layer is None:
+        return {}, ""
+    below = list(layer.subLayerPaths)
+    return get_record(layer), layer.ComputeAbsolutePath(below[0]) if len(below) == 1 else ""
 
 
 def check_record(path: str, record: Mapping[str, Any]) -> None:

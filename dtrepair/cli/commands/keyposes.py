@@ -52,7 +52,7 @@ from dtrepair.pipeline.keyposes.stage import plan_keyposes, repair_keyposes
 )
 @report_options()
 @click.option(
-    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, and can be read."
+    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, of this input."
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @as_settings(KeyposeSettings, key_options, object_options, key_selection_options, method_options)
@@ -92,7 +92,7 @@ def command(
     if verify_only == (output is not None):
         raise UsageError("name an output with -o OUT, or --verify-only, which writes nothing")
     check_report_places(reports, console, source_path, others=[output])
-    if output is not None and skip_existing and already_written(output, console):
+    if output is not None and skip_existing and already_written(output, console, over=source_path):
         return CLEAN
     if output is not None:
         clean_up_if_forced(output)

@@ -58,7 +58,7 @@ from dtrepair.pipeline.repair.stage import plan_repair, repair_stage
 @report_options()
 @click.option("--resume", is_flag=True, help="Go on with an interrupted run of the same command.")
 @click.option(
-    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, and can be read."
+    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, of this input."
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @click.option(
@@ -104,7 +104,8 @@ def command(
         dtrepair repair body.obj -o body_repaired.obj
     """
     check_report_places(reports, console, source_path, others=[output])
-    if skip_existing and already_written(output, console):
+    chunk = settings.chunk
+    if skip_existing and already_written(output, console, over=source_path, chunk=chunk):
         return CLEAN
     inputs = (source_path, output, settings)
     replaced = None if running["resume"] else output

@@ -75,7 +75,7 @@ class GreedyPoses(Command):
 )
 @report_options()
 @click.option(
-    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, and can be read."
+    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, of this input."
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @transfer_settings
@@ -113,7 +113,8 @@ def command(
         dtrepair transfer walk.usd hero.usd --prim /Cat/Body --target-prim /Lion/Body \\
             --correspondence cat_lion.npz -o lion_walk.usdc
     """
-    if skip_existing and already_written(output, console):
+    paths = {"source_path": source_path, "target_path": target_path}
+    if skip_existing and already_written(output, console, **paths):
         return CLEAN
     read, written = files_of(source_path, target_path, settings)
     check_report_places(reports, console, *read, others=[output, *written])

@@ -12,10 +12,13 @@ from dtrepair.pipeline.errors import OutputError, UsageError
 from dtrepair.pipeline.observer import SILENT, Observer
 from dtrepair.pipeline.stages.outputs import (
     check_writable,
+    has_record,
     is_readable,
+    other_result,
     refuse_overwriting,
     writing,
 )
+from dtrepair.pipeline.stages.sources import is_stage
 from dtrepair.report.record import Report, render_report, write_report
 
 STDOUT = "-"
@@ -78,12 +81,26 @@ def put_reports(report: Report, reports: Reports, observer: Observer = SILENT) -
         write_picture(report, reports.picture, observer=observer)
 
 
-def already_written(output: str, console: Console) -> bool:
-    """Return whether --skip-existing finds a whole output; tell that, and what cannot be read."""
+def already_written(
+    output: str, console: Console, *, over: str | None = None, **settings: str | None
+) -> bool:
+    """Return whether --skip-existing finds a whole output; tell that, and what cannot be read.
+
+    over: the stage that the output lies over; settings: choices that its record holds. Raises
+    UsageError for a layer that says that it is the result of another run.
+    """
     if not os.path.exists(output):
         return False
-    if is_readable(output):
-        console.result(f"{output}: exists; skipped")
-        return True
-    console.warn([f"{output}: exists, but cannot be read: it is written again"])
-    return False
+    if not is_readable(output):
+        console.warn([f"{output}: exists, but cannot be read: it is written again"])
+        return False
+    if is_stage(output):
+        if other := other_result(output, over, settings):
+            raise UsageError(
+                f"{output}: exists, and is {other}: --skip-existing takes only the result of this "
+                "run for done; name another output, or remove it"
+            )
+        if not has_record(output):
+            console.warn([f"{output}: has no record of dtrepair, and may not be its output"])
+    console.result(f"{output}: exists; skipped")
+    return True

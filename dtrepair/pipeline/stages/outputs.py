@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
 from dtrepair.pipeline.errors import OutputError, UsageError
@@ -59,6 +59,42 @@ def is_readable(path: FilePath) -> bool:
     except MeshFileError:
         return False
     return True
+
+
+def has_record(path: FilePath) -> bool:
+    """Return whether a layer says how it was made, as outputs do; mesh files cannot say it."""
+    from usd_io.write.records import record_of
+
+    return bool(record_of(path)[0])
+
+
+def other_result(path: FilePath, over: str | None, settings: Mapping[str, str | None]) -> str:
+    """Return what a layer is, in words, if another run made it than one that is asked for; else "".
+
+    over: the stage that the run lies over; settings: some of its choices. Files are compared by
+    their names where one of them is not there, as on another machine.
+    """
+    from usd_io.write.records import record_of
+
+    record, below = record_of(path)
+    if over is not None and below and not _same(below, over):
+        return f"a layer over {below}"
+    kept = record.get("settings", {})
+    for name, value in settings.items():
+        own = kept.get(name) if isinstance(kept, Mapping) else None
+        if name.endswith("_path") and own and value and not _same(own, value):
+            return f"made of {own}"
+        if not name.endswith("_path") and own != value:
+            return f"of {name} {own}" if own else f"of no {name}"
+    return ""
+
+
+def _same(one: str, other: str) -> bool:
+    """Return whether two paths name one file; of a file in a package, the package."""
+    paths = [path.partition("[")[0] if path.endswith("]") else path for path in (one, other)]
+    if all(os.path.exists(path) for path in paths):
+        return os.path.samefile(*paths)
+    return os.path.basename(paths[0]) == os.path.basename(paths[1])
 
 
 def refuse_overwriting(

@@ -43,6 +43,51 @@ def test_the_other_commands_too(tmp_path: Path, command: str) -> None:
     assert done.code == 0 and "exists; skipped" in done.out
 
 
+@pytest.mark.parametrize("command", ["repair", "keyposes"])
+def test_the_result_of_another_input_is_not_done(tmp_path: Path, command: str) -> None:
+    first, other = (tube_stage(tmp_path / name, (CLOSED, OPEN)) for name in ("a.usdc", "o.usdc"))
+    output = tmp_path / "b.usdc"
+    assert run(command, first, "-o", output).code == 0
+    whole = output.read_bytes()
+    done = run(command, other, "-o", output, "--skip-existing")
+    assert_fails(done, 2, f"is a layer over {first}", "remove it")
+    assert output.read_bytes() == whole
+    # Another path of the same file, as a link, is the same input.
+    (tmp_path / "link.usdc").symlink_to(first)
+    done = run(command, tmp_path / "link.usdc", "-o", output, "--skip-existing")
+    assert done.code == 0 and "exists; skipped" in done.out
+
+
+def test_another_part_is_not_done(tmp_path: Path) -> None:
+    path, output = tube_stage(tmp_path / "a.usdc", (OPEN, CLOSED, OPEN, OPEN)), tmp_path / "b.usdc"
+    command = ("repair", path, "-o", output, "--skip-existing")
+    assert run(*command, "--chunk", "1/2").code == 0
+    assert "exists; skipped" in run(*command, "--chunk", "1/2").out
+    assert_fails(run(*command, "--chunk", "2/2"), 2, "is of chunk 1/2")
+    assert_fails(run(*command), 2, "is of chunk 1/2")
+    output.unlink()
+    assert run(*command).code == 0
+    assert_fails(run(*command, "--chunk", "2/2"), 2, "is of no chunk")
+
+
+def test_a_transfer_of_another_motion_is_not_done(tmp_path: Path) -> None:
+    walk, jump, target = (tube_stage(tmp_path / f"{n}.usdc", (OPEN, OPEN)) for n in "wjt")
+    onto, output = tube_obj(tmp_path / "t.obj", OPEN), tmp_path / "b.usdc"
+    for aim in (target, onto):
+        assert run("transfer", walk, aim, "-o", output).code == 0
+        assert run("transfer", walk, aim, "-o", output, "--skip-existing").code == 0
+        done = run("transfer", jump, aim, "-o", output, "--skip-existing")
+        assert_fails(done, 2, f"is made of {walk}")
+
+
+def test_what_nobody_signed_is_told(tmp_path: Path) -> None:
+    path, output = (tube_stage(tmp_path / name, (CLOSED, OPEN)) for name in ("a.usdc", "b.usdc"))
+    whole = output.read_bytes()
+    done = run("repair", path, "-o", output, "--skip-existing")
+    assert done.code == 0 and "exists; skipped" in done.out and output.read_bytes() == whole
+    assert "has no record of dtrepair, and may not be its output" in done.err
+
+
 def test_what_is_no_file_is_not_done(tmp_path: Path) -> None:
     path, output = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN)), tmp_path / "b.usdc"
     os.mkfifo(output)

@@ -308,6 +308,7 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "fraction of the size; null for fewer than three frames.",
             "contacts": "Of several meshes which met which, summed.",
             "modelled": "Modelled contacts, summed.",
+            "too_close": "Frames that keep less than the clearance; where there are any.",
         },
     ),
     **COMMAND_SECTIONS,

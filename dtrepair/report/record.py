@@ -191,6 +191,9 @@ class Report:
             "frames": [frame.document() for frame in self.frames],
             "summary": summarize(self.frames, jitter=self.jitter),
         }
+        # Not in `summarize`: outputs hold that, and stay the same to the byte.
+        if close := sum(frame.left.too_close > 0 for frame in self.frames):
+            content["summary"]["too_close"] = close
         for name, section in (("transfer", self.transfer), ("keyposes", self.keyposes)):
             if section is not None:
                 content[name] = asdict(section)

@@ -172,6 +172,7 @@ _FRAME = _object(
 _SUMMARY = _object(
     "contacts",
     "modelled",
+    "too_close",
     str(Status.STRAINED),
     *(f"{name}_{when}" for when in ("before", "after") for name in _MODELLED),
     frames=_COUNT,
@@ -186,6 +187,7 @@ _SUMMARY = _object(
     jitter={"type": ["number", "null"], "minimum": 0},
     contacts={"type": "array", "items": _CONTACT},
     modelled=_MODELLED_LIST,
+    too_close=_COUNT,
 )
 _FIGURE = {"type": ["number", "null"], "minimum": 0}
 # Only of transfers. Residuals have no unit; parts are of the target's triangles or area; None

@@ -166,10 +166,8 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
         )
     if totals["strained"]:
         console.result(strained_line(records))
-    close = [record for record in records if record.left.too_close]
-    if close:
-        where = in_frames(close)
-        console.result(f"{where}pairs stay closer than --clearance: the report has their numbers")
+    if close := clearance_line(records):
+        console.result(close)
     for line in (*strain_lines(records), *advice_lines(records)):
         console.result(line)
     same = all(record.displacement_max == 0.0 for record in records)
@@ -189,6 +187,12 @@ def moved_line(records: Sequence[FrameRecord]) -> str:
     share, size, path = _farthest(worst)
     farthest = f"{length(share, size)} in {frames_of([worst])}, {path}"
     return f"moved, though nothing intersects there: {where}; by up to {farthest}"
+
+
+def clearance_line(records: Sequence[FrameRecord]) -> str:
+    """In how many frames pairs stay closer than the clearance; empty if in none."""
+    close = sum(record.left.too_close > 0 for record in records)
+    return f"--clearance is not reached in {close} of {len(records)} frames" if close else ""
 
 
 def strained_line(records: Sequence[FrameRecord]) -> str:

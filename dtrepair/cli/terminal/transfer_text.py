@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.repair_text import clearance_line
 from dtrepair.cli.terminal.strain_text import strain_lines
 from dtrepair.pipeline.observer import FrameDone
 from dtrepair.pipeline.stages.plan import Plan
@@ -66,6 +67,7 @@ def print_report(console: Console, report: Report, *, repaired: bool) -> None:
         f"{clean} of {len(report.frames)} frames clean; {left} intersecting triangles"
         + ("" if repaired or not left else ": --repair removes them")
     )
-    for line in strain_lines(report.frames):
-        console.result(line)
+    for line in (clearance_line(report.frames), *strain_lines(report.frames)):
+        if line:
+            console.result(line)
     console.result(f"written: {report.output}")

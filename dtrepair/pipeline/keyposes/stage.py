@@ -30,6 +30,7 @@ from dtrepair.pipeline.observer import (
     warn,
 )
 from dtrepair.pipeline.repair.collider_contacts import ColliderContacts, colliders_of
+from dtrepair.pipeline.repair.records import clearance_warnings
 from dtrepair.pipeline.repair.run import Run, make_repairer
 from dtrepair.pipeline.repair.settings import recorded_settings
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
@@ -205,11 +206,13 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         keys.record(record, time, found.tracks)
         for time, record in sorted({**records, **added}.items())
     )
-    warnings: tuple[str, ...] = ()
+    warnings = clearance_warnings(frames, run.options.clearance)
+    warn(observer, warnings)
     if sink is not None:
         keys.write(found.tracks, sink)
-        warnings = sink.commit({"counts": summarize(frames)})
-        warn(observer, warnings)
+        told = sink.commit({"counts": summarize(frames)})
+        warn(observer, told)
+        warnings += told
         run.clock.lap("write")
     return Report(
         command="keyposes",

@@ -23,6 +23,7 @@ from dtrepair.report.record import (
     MotionRecord,
     StageRecord,
 )
+from dtrepair.wording import counted, frame_list
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCount
@@ -37,6 +38,23 @@ REMEDIES = {
     Advice.RAISE_EFFORT: "raise --effort",
     Advice.CALL_ATTACHED: "take where joints turned to as modelled with --attach",
 }
+
+
+def clearance_warnings(records: Sequence[FrameRecord], clearance: float) -> tuple[str, ...]:
+    """Say in a line in which frames pairs stay closer than a clearance, stage units, if any do."""
+    close = [own for own in records if own.left.too_close]
+    if not close:
+        return ()
+    worst = max(close, key=lambda own: own.left.too_close)
+    times = [own.time for own in close if own.time is not None]
+    where = f" in {'frame' if len(times) == 1 else 'frames'} {frame_list(times)}" if times else ""
+    most = f" in frame {worst.time:.10g}" if len(times) > 1 else ""
+    return (
+        f"--clearance {clearance:g} is not reached{where}: "
+        f"{counted(worst.left.too_close, 'pair')} of triangles{most} closer than that; a smaller "
+        "--clearance may be, or take more work with --effort; what is pinned, limited or thin "
+        "cannot make room",
+    )
 
 
 class FrameRecorder:

@@ -20,6 +20,7 @@ from dtrepair.pipeline.repair.collider_contacts import ColliderContacts, collide
 from dtrepair.pipeline.repair.corrections import CorrectionSink
 from dtrepair.pipeline.repair.journal import Journal, hash_of_run
 from dtrepair.pipeline.repair.motion import Motion
+from dtrepair.pipeline.repair.records import clearance_warnings
 from dtrepair.pipeline.repair.recount import settle_shapes
 from dtrepair.pipeline.repair.solve import FrameRepairer, repair_frames
 from dtrepair.pipeline.stages.bodies import Controls, PlacedBodies, in_units_of_frames
@@ -138,7 +139,8 @@ def repair_here(
         sink.tell(observer)
     findings = _findings(run, outcome)
     warnings = (*repairer.warnings, *hidden.warnings, *among.warnings, *told, *written)
-    warnings = (*warnings, *warnings_of(findings))
+    close = clearance_warnings(records, run.options.clearance)
+    warnings = (*warnings, *close, *warnings_of(findings))
     if journal is not None:
         warnings = (*warnings, *journal.failures)
         journal.remove()

@@ -15,6 +15,7 @@ from dtrepair import __version__
 from dtrepair.pipeline.clock import Clock
 from dtrepair.pipeline.errors import plain_errors
 from dtrepair.pipeline.observer import SILENT, Observer, stop_if_cancelled, warn
+from dtrepair.pipeline.repair.records import clearance_warnings
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import prim_records, refuse_if_none_usable
 from dtrepair.pipeline.stages.outputs import FilePath, check_writable, refuse_overwriting
@@ -158,6 +159,8 @@ def _transferred(run: TransferRun) -> Report:
     target = listed(pair.to_meshes.paths)
     section, concerns = describe(found, moves, pair.meshes, target)
     late = [*run.late, *found.warnings, *concerns]
+    if run.settings.repair is not None:
+        late += clearance_warnings(records, run.settings.repair.clearance)
     if rest_count := sum(count or 0 for count in rest_counts):
         late.append(
             f"{pair.target.name}: the rest pose has {rest_count} intersecting triangles of its own"

@@ -140,6 +140,8 @@ def _totals(report: Mapping[str, Any]) -> str:
     ]
     if summary.get("strained"):
         values.append(("frames strained", str(summary["strained"])))
+    if summary.get("too_close"):
+        values.append(("frames closer than --clearance", str(summary["too_close"])))
     if summary["failed"]:
         values.append(("frames failed", str(summary["failed"])))
     if summary["jitter"] is not None:

@@ -27,7 +27,13 @@ from dtrepair.diagnosis import (
     RemainingEnclosure,
     Status,
 )
-from dtrepair.report.record import CountRecord, FramePrimRecord, FrameRecord, MotionRecord
+from dtrepair.report.record import (
+    CountRecord,
+    FramePrimRecord,
+    FrameRecord,
+    MotionRecord,
+    read_report,
+)
 from tests.command_line import CLOSED, OPEN, run, tube_stage
 from tests.meshes import knot
 
@@ -175,5 +181,13 @@ def test_pairs_closer_than_the_clearance_are_told(tmp_path: Path) -> None:
     trimesh.Trimesh(points, faces, process=False).export(tmp_path / "a.obj")
     # The strands move out of contact, and no farther.
     options = ["--clearance", "0.3", "--maximum-displacement", "0.2"]
-    done = run("repair", tmp_path / "a.obj", "-o", tmp_path / "b.obj", *options)
-    assert done.code == 0 and "\npairs stay closer than --clearance" in done.out
+    report = tmp_path / "r.json"
+    done = run("repair", tmp_path / "a.obj", "-o", tmp_path / "b.obj", *options, "--report", report)
+    assert done.code == 0 and "\n--clearance is not reached in 1 of 1 frames\n" in done.out
+    assert "warning: --clearance 0.3 is not reached: " in done.err and "--effort" in done.err
+    document = read_report(report)
+    assert document["summary"]["too_close"] == 1
+    assert any("--clearance 0.3 is not reached" in text for text in document["warnings"])
+    kept = run("repair", tmp_path / "a.obj", "-o", tmp_path / "b.obj", "--report", report)
+    assert "not reached" not in kept.out + kept.err
+    assert "too_close" not in read_report(report)["summary"]

@@ -213,3 +213,11 @@ def test_small_reports(count: int) -> None:
 
 def document_frames(count: int) -> tuple[FrameRecord, ...]:
     return tuple(FrameRecord(time=None, status="skipped") for _ in range(count))
+
+
+def test_frames_that_miss_the_clearance_are_a_total() -> None:
+    missed = FrameRecord(time=1.0, status="clean", left=Diagnosis(too_close=4))
+    kept = FrameRecord(time=2.0, status="clean")
+    told = "<b>1</b>frames closer than --clearance"
+    assert told in make_page(document(frames=(missed, kept)))
+    assert "closer than --clearance" not in make_page(document(frames=(kept,)))

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from dtrepair.numerics.closest_point import NearestTriangles, barycentric
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_frames
@@ -22,6 +23,9 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, triangle_f
 BoolArray = NDArray[np.bool_]
 KeyArray = NDArray[np.int64]
 Parts = frozenset[tuple[int, int]]
+
+# The parts towards which a triangle has zones are bits of so many words of 64 at most.
+MOST_WORDS = 8
 
 
 class Reference(NamedTuple):
@@ -249,19 +253,39 @@ class Attachments:
         low, high = parts.min(axis=1), parts.max(axis=1)
         # Of parts that are attached to each other, or nested, no third one tells anything.
         loose = np.flatnonzero((low != high) & ~np.isin(low * self.count + high, self._told))
-        both = self._zone_bits[first[loose]] & self._zone_bits[second[loose]]
-        found[loose] |= both.any(axis=1)
+        found[loose] |= self._share_a_zone(first[loose], second[loose])
         result[own] = found
         return result
 
+    def _share_a_zone(self, first: KeyArray, second: KeyArray) -> BoolArray:
+        """Return which of two triangles each (K,) have zones towards the same part."""
+        if self._zone_bits is not None:
+            return np.asarray((self._zone_bits[first] & self._zone_bits[second]).any(axis=1))
+        both = self._zone_rows[first].multiply(self._zone_rows[second])
+        return np.asarray(both.getnnz(axis=1) > 0)
+
     @cached_property
-    def _zone_bits(self) -> NDArray[np.uint64]:
-        """The parts towards which each triangle has a zone, bit by bit (F, words)."""
+    def _zone_bits(self) -> NDArray[np.uint64] | None:
+        """The parts towards which each triangle has a zone, bit by bit (F, words).
+
+        None where the parts are many, as strands of hair are: a matrix of their zones is small.
+        """
+        words = -(-self.count // 64)
+        if words > MOST_WORDS:
+            return None
         triangles, parts = np.divmod(self.zones, max(self.count, 1))
-        bits = np.zeros((len(self.part_of), max(self.count, 1) // 64 + 1), dtype=np.uint64)
+        bits = np.zeros((len(self.part_of), words), dtype=np.uint64)
         ones = np.uint64(1) << (parts % 64).astype(np.uint64)
         np.bitwise_or.at(bits, (triangles, parts // 64), ones)
         return bits
+
+    @cached_property
+    def _zone_rows(self) -> sparse.csr_matrix:
+        """The matrix (F, P) with 1 where a triangle has a zone towards a part."""
+        shape = len(self.part_of), max(self.count, 1)
+        start = np.searchsorted(self.zones, np.arange(shape[0] + 1, dtype=np.int64) * shape[1])
+        entries = np.ones(len(self.zones), dtype=np.uint8), self.zones % shape[1], start
+        return sparse.csr_matrix(entries, shape=shape)
 
     @cached_property
     def _told(self) -> KeyArray:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attached.attachment_options import AttachmentOptions
 from dtrepair.numerics.attached.overlaps import find_attachments
-from dtrepair.numerics.attachments import NO_TIES, Attachments, Reference
+from dtrepair.numerics.attachments import MOST_WORDS, NO_TIES, Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from tests.measures.modelled_zones import attach
 from tests.measures.surfaces import make_surface
@@ -283,7 +283,7 @@ def modelled_one_by_one(known: Attachments, pair: tuple[int, int]) -> bool:
     return a != b and frozenset((a, b)) not in mates and not nested and bool(first & second)
 
 
-@pytest.mark.parametrize("count", [2, 7, 140])
+@pytest.mark.parametrize("count", [2, 7, 140, 64 * MOST_WORDS, 64 * MOST_WORDS + 1])
 def test_modelled_pairs_are_those_of_the_definition(count: int) -> None:
     random = np.random.default_rng(count)
     for _ in range(20):

@@ -102,10 +102,13 @@ WALLS = {
     },
     "dtrepair.repair": {
         "__init__": "repairer result options",
-        "repairer": f"solution_cache clip independent relief separation scene full {_SOLVERS}",
+        "repairer": "solution_cache clip independent independent_options relief separation scene "
+        f"full {_SOLVERS}",
         "solution_cache": f"clip independent separation scene full paper {_SOLVERS}",
-        "clip": f"frame independent separation relief scene full {_SOLVERS}",
-        "independent": f"torn_poses separation relief scene strain full paper {_SOLVERS}",
+        "clip": f"frame independent independent_options separation relief scene full {_SOLVERS}",
+        "independent": "independent_options torn_poses separation relief scene strain full "
+        f"{_SOLVERS}",
+        "independent_options": "torn_poses separation relief strain full paper options",
         "torn_poses": f"separation scene {_SOLVERS}",
         "relief": f"frame scene strain full {_SOLVERS}",
         "frame": f"full {_SOLVERS}",

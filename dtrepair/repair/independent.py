@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.repair.full.mend import MendOptions
-from dtrepair.repair.full.method import FullOptions
-from dtrepair.repair.options import RepairOptions
-from dtrepair.repair.relief.approach import ApproachOptions, bounded_approach
-from dtrepair.repair.relief.bodies_first import BodiesFirstOptions, with_bodies_first
-from dtrepair.repair.relief.followers import FollowerOptions, with_followers
-from dtrepair.repair.relief.props_back import PropsBackOptions
-from dtrepair.repair.relief.relief import ReliefOptions, relieved_poses
+from dtrepair.repair.independent_options import IndependentOptions
+from dtrepair.repair.relief.approach import bounded_approach
+from dtrepair.repair.relief.bodies_first import with_bodies_first
+from dtrepair.repair.relief.followers import with_followers
+from dtrepair.repair.relief.opening import opened_later, too_close
+from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.result import RepairResult, Solved
 from dtrepair.repair.scene.bounds import Judged, bounded_pose, came_off, wrong_of
 from dtrepair.repair.scene.mending import mended
@@ -28,67 +26,10 @@ from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.separation.groups import faulty_bodies, groups_meet, groups_of_bodies
-from dtrepair.repair.separation.layer_lift import LiftOptions
 from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_that_meet
-from dtrepair.repair.separation.release import ReleaseOptions, released
-from dtrepair.repair.separation.separation import SeparationOptions
-from dtrepair.repair.separation.sunken import SunkenOptions, raised_frames
-from dtrepair.repair.strain.meter import StrainOptions
-from dtrepair.repair.strain.shares import ShareOptions
-from dtrepair.repair.torn_poses import LedPose, TornOptions
-
-if TYPE_CHECKING:
-    # PyTorch is loaded for the published method only.
-    from dtrepair.repair.paper.method import PaperOptions
-
-
-@dataclass(frozen=True, kw_only=True)
-class IndependentOptions:
-    """How single poses are led apart, and which of them are solved once more.
-
-    Args:
-        torn: Which bodies are torn, and led apart otherwise.
-        mend_step, mend: Largest motion, units of the size, and numbers of the mending of a share.
-        strain: What a correction may do to a shape.
-        relief: How what is strained is relaxed once more.
-        bodies_first: How bodies are repaired before what they wear.
-        approach: How what is strained or has pairs all the same is led in from the rest.
-        followers: How loose parts go along with what they follow.
-        props_back: How props come back.
-        share: How the share of a correction is found that does not do more.
-        release: How enclosed parts are led out.
-        lift, sunken: How layers are led back over what came through them, and parts out of what
-            they sit on.
-        separation: How bodies that penetrate each other are led apart.
-        full: Numbers of the full method.
-        paper: Numbers of the published method; None: `PaperOptions()`.
-    """
-
-    torn: TornOptions = field(default_factory=TornOptions)
-    mend_step: float = 0.002
-    mend: MendOptions = field(default_factory=MendOptions)
-    strain: StrainOptions = field(default_factory=StrainOptions)
-    relief: ReliefOptions = field(default_factory=ReliefOptions)
-    bodies_first: BodiesFirstOptions = field(default_factory=BodiesFirstOptions)
-    approach: ApproachOptions = field(default_factory=ApproachOptions)
-    followers: FollowerOptions = field(default_factory=FollowerOptions)
-    props_back: PropsBackOptions = field(default_factory=PropsBackOptions)
-    share: ShareOptions = field(default_factory=ShareOptions)
-    release: ReleaseOptions = field(default_factory=ReleaseOptions)
-    lift: LiftOptions = field(default_factory=LiftOptions)
-    sunken: SunkenOptions = field(default_factory=SunkenOptions)
-    separation: SeparationOptions = field(default_factory=SeparationOptions)
-    full: FullOptions = field(default_factory=FullOptions)
-    paper: PaperOptions | None = None
-
-
-def poses_at_once(options: RepairOptions, device: str, *, paper: PaperOptions | None = None) -> int:
-    """Return how many poses are best solved at once: a GPU has room for many by the paper."""
-    if options.method == "full" or device == "cpu":
-        return 1
-    from dtrepair.repair.paper.gpu_descent import GpuOptions
-
-    return GpuOptions.batch if paper is None else paper.gpu.batch
+from dtrepair.repair.separation.release import released
+from dtrepair.repair.separation.sunken import raised_frames
+from dtrepair.repair.torn_poses import LedPose
 
 
 def repair_poses(
@@ -168,6 +109,34 @@ def _found_by_groups(
 
 
 def _found(
+    scene: Scene, meshes: WeldedMeshes, opened: Sequence[OpenedPose], options: IndependentOptions
+) -> list[_Found]:
+    """Return what is found for poses, without the clearance first where that leaves less."""
+    found = _found_so(scene, meshes, opened, options)
+    both = zip(opened, found, strict=True)
+    return [_found_closely(scene, meshes, pose, own, options) for pose, own in both]
+
+
+def _found_closely(
+    scene: Scene, meshes: WeldedMeshes, pose: OpenedPose, found: _Found, options: IndependentOptions
+) -> _Found:
+    """Return what is found without the clearance and opened then, if that leaves less."""
+    others: list[_Found] = []
+
+    def closely(way: WeldedMeshes) -> list[Judged]:
+        others.extend(_found_so(way.scene, way, [pose], options))
+        return [others[0].judged]
+
+    known, time = [found.judged], np.zeros(1)
+    (judged,) = opened_later(meshes, [pose], known, time, closely, options=options.opening)
+    if judged is found.judged:
+        return found
+    solved = replace(others[0].solved, left=too_close(meshes([pose.sewn]), judged.points))
+    seconds = found.seconds + others[0].seconds
+    return _Found(judged, _pairs_of(scene, judged.points), solved, seconds)
+
+
+def _found_so(
     scene: Scene, meshes: WeldedMeshes, opened: Sequence[OpenedPose], options: IndependentOptions
 ) -> list[_Found]:
     """Return what is found for poses: solved, and within the bounds."""

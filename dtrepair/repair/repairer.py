@@ -14,7 +14,8 @@ from dtrepair.diagnosis import Status, Strain
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import as_numpy, lengths
 from dtrepair.numerics.threads import one_thread
-from dtrepair.repair.independent import IndependentOptions, poses_at_once, repair_poses
+from dtrepair.repair.independent import repair_poses
+from dtrepair.repair.independent_options import IndependentOptions, poses_at_once
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.relief.other_ways import OtherWayOptions
 from dtrepair.repair.result import RepairResult

@@ -55,7 +55,8 @@ COMMAND_SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
         {
             "start": "Time code of the first key.",
             "end": "Time code of the second.",
-            "before": "As the input interpolates them.",
+            "before": "As the repaired keys interpolate them, before in-betweens are mended; "
+            "with `--verify-only` as the input does.",
             "after": "As the output does.",
             "left": "Time codes of those that still intersect.",
             "added": "Time codes of added keys.",

@@ -88,7 +88,7 @@ class SpanRecord:
     Args:
         start: Time code of the first key.
         end: Time code of the second.
-        before: As the input interpolates them.
+        before: As the repaired keys interpolate them; those of the input, if nothing is repaired.
         after: As the output does, which has more where keys were added.
         left: Time codes of those that still intersect.
         added: Time codes of added keys.

@@ -11,7 +11,7 @@ from dtrepair import Body, RepairOptions
 from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.attachments import Attachments
 from dtrepair.repair import independent
-from dtrepair.repair.independent import IndependentOptions
+from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.result import Solved, Stage
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene

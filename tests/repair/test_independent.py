@@ -12,7 +12,7 @@ from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.full.cure import CureOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.full.phases import PhaseOptions
-from dtrepair.repair.independent import IndependentOptions, poses_at_once
+from dtrepair.repair.independent_options import IndependentOptions, poses_at_once
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.paper import method as paper
 from dtrepair.repair.parallel.process_pool import in_batches

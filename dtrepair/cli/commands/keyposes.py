@@ -89,7 +89,9 @@ def command(
         dtrepair keyposes poses.usd --verify-only
         dtrepair keyposes baked.usd --frames 1,9,17,25 -o baked_repaired.usdc
     """
-    if verify_only == (output is not None):
+    if verify_only and output is not None:
+        raise UsageError("--verify-only writes nothing: leave out -o, or --verify-only")
+    if not verify_only and output is None:
         raise UsageError("name an output with -o OUT, or --verify-only, which writes nothing")
     check_report_places(reports, console, source_path, others=[output])
     if output is not None and skip_existing and already_written(output, console, over=source_path):

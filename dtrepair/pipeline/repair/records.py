@@ -51,9 +51,9 @@ def clearance_warnings(records: Sequence[FrameRecord], clearance: float) -> tupl
     most = f" in frame {worst.time:.10g}" if len(times) > 1 else ""
     return (
         f"--clearance {clearance:g} is not reached{where}: "
-        f"{counted(worst.left.too_close, 'pair')} of triangles{most} closer than that; a smaller "
-        "--clearance may be, or take more work with --effort; what is pinned, limited or thin "
-        "cannot make room",
+        f"{counted(worst.left.too_close, 'pair')} of triangles{most} closer than that: what is "
+        "pinned, limited or thin, or would be strained, cannot make room; a smaller --clearance "
+        "may be reached",
     )
 
 

@@ -9,7 +9,7 @@ from dtrepair.repair.clip.steady_frames import AgreeOptions
 from dtrepair.repair.clip.window_method import WindowOptions
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
-from dtrepair.repair.independent import IndependentOptions
+from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.relief.approach import ApproachOptions
 from dtrepair.repair.relief.borrowing import BorrowingOptions
 from dtrepair.repair.relief.inside_out import InsideOutOptions

@@ -12,6 +12,7 @@ from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.clip.frames import Frame, faded, read_frames
 from dtrepair.repair.clip.window_repairer import WindowRepairer, side_by_side
 from dtrepair.repair.full.method import solve_alone
+from dtrepair.repair.relief.opening import too_close
 from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.bounds import Judged, bounded_pose, strain_of
 from dtrepair.repair.scene.mending import mended
@@ -133,11 +134,7 @@ class WindowStream:
         spent = seconds + clock.perf_counter() - start
         moved = bool((found.points != frame.centred).any())
         stages = [Stage("window", len(found.pairs), 0, 0.0, 0, spent)] if moved else []
-        close = self._too_close(mesh(), found.points) if self.scene.options.clearance else 0
+        close = too_close(mesh(), found.points) if self.scene.options.clearance else 0
         solved = Solved(found.points, stages, close)
         times = {"detect": frame.seconds, "solve": spent}
         return Repaired(frame.time, results_of(self.scene, frame, found, solved, times, judged))
-
-    def _too_close(self, mesh: WeldedMesh, pose: FloatArray) -> int:
-        """Return how many pairs are closer than the clearance."""
-        return len(mesh.surface.contacts.close_pairs(mesh.reduced(pose), mesh.clearance))

@@ -196,6 +196,15 @@ class WeldedMeshes:
         return WeldedMeshes(scene, full=self._full, surface=numbers, way=f"{self.way}/{way}")
 
     @cached_property
+    def without_clearance(self) -> WeldedMeshes | None:
+        """The meshes of a scene that asks for none; None where it does not."""
+        chosen = self.scene.options
+        if chosen.method == "paper" or chosen.clearance == 0.0:
+            return None
+        scene = self.scene.changed(options=replace(chosen, clearance=0.0))
+        return self._of(scene, "without clearance")
+
+    @cached_property
     def undirected(self) -> WeldedMeshes | None:
         """The meshes without preferred directions; None where there are none to be left out.
 

@@ -110,6 +110,12 @@ def test_verify_only_counts_and_writes_nothing(swing: tuple[Path, Outcome], tmp_
     assert cubic.code == 1
 
 
+def test_an_output_and_none_exclude_each_other(tmp_path: Path) -> None:
+    path, out = tube_stage(tmp_path / "a.usda", (OPEN, OPEN)), tmp_path / "b.usdc"
+    assert_fails(run("keyposes", path, "-o", out, "--verify-only"), 2, "leave out -o")
+    assert_fails(run("keyposes", path), 2, "name an output with -o")
+
+
 def test_verify_only_tells_the_keys_that_intersect(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
     done = run("keyposes", path, "--verify-only")

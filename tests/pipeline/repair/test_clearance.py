@@ -23,7 +23,7 @@ def test_frames_and_the_worst_of_them_are_named() -> None:
     found = [record(1.0, 0), record(2.0, 3), record(3.0, 7), record(9.5, 1)]
     (line,) = clearance_warnings(found, 0.25)
     assert line.startswith("--clearance 0.25 is not reached in frames 2, 3, 9.5: 7 pairs of tri")
-    assert "in frame 3 closer" in line and "--effort" in line
+    assert "in frame 3 closer" in line and "a smaller --clearance may be reached" in line
     (line,) = clearance_warnings([record(None, 1)], 0.25)
     assert line.startswith("--clearance 0.25 is not reached: 1 pair of triangles closer")
     assert clearance_warnings(found[:1], 0.25) == ()

@@ -11,7 +11,7 @@ import pytest
 from dtrepair import Status
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.clip_options import ClipOptions
-from dtrepair.repair.independent import IndependentOptions
+from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.relief.other_ways import OtherWayOptions
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body

@@ -19,7 +19,8 @@ from dtrepair.repair.full.biharmonic_fill import FillOptions
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.full.phases import PhaseOptions
-from dtrepair.repair.independent import IndependentOptions, repair_poses, solved_pose
+from dtrepair.repair.independent import repair_poses, solved_pose
+from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.relief.approach import ApproachOptions, bounded_approach
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene

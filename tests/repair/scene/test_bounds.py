@@ -12,7 +12,7 @@ from dtrepair import Body, RepairOptions, RepairResult, SceneRepairer, Status
 from dtrepair.diagnosis import Advice, StrainKind
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.clip.clip_options import ClipOptions
-from dtrepair.repair.independent import IndependentOptions
+from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.result import Solved
 from dtrepair.repair.scene.bounds import (
     Judged,

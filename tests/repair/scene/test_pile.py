@@ -13,7 +13,8 @@ from dtrepair.numerics.geometry import unique_edges
 from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
 from dtrepair.repair.full.push import PushOptions, _of_length
 from dtrepair.repair.full.relax import RelaxOptions, relax
-from dtrepair.repair.independent import IndependentOptions, repair_poses
+from dtrepair.repair.independent import repair_poses
+from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.surface.defects import find_defects

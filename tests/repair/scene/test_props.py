@@ -14,7 +14,7 @@ from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.clip.frames import Frame
 from dtrepair.repair.clip.window_repairer import WindowRepairer
-from dtrepair.repair.independent import IndependentOptions
+from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import gathered

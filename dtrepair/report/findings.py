@@ -33,8 +33,9 @@ _WORDS = {
     ),
     FindingKind.BREAKS_OFF: (
         "corrections that break off with --frames",
-        "frames beside these were not chosen and stay as they are, so that it pops; leave --frames "
-        "out for what is kept, or choose more frames around a contact",
+        "frames beside these were not chosen and stay as they are, so that it pops, or between "
+        "far keys fades unseen; leave --frames out for what is kept, or choose more frames around "
+        "a contact",
     ),
     FindingKind.JUMPS: (
         "corrections that jump",

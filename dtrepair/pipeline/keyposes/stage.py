@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,6 +13,7 @@ from typing import Unpack
 from dtrepair import __version__
 from dtrepair.keyposes.search import clean_in_betweens, verify_in_betweens
 from dtrepair.keyposes.spans import KeyPoses
+from dtrepair.keyposes.tracks import Track
 from dtrepair.pipeline.clock import Clock
 from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.keyposes.record import in_betweens
@@ -30,6 +31,7 @@ from dtrepair.pipeline.observer import (
     warn,
 )
 from dtrepair.pipeline.repair.collider_contacts import ColliderContacts, colliders_of
+from dtrepair.pipeline.repair.motion import Motion
 from dtrepair.pipeline.repair.records import clearance_warnings
 from dtrepair.pipeline.repair.run import Run, make_repairer
 from dtrepair.pipeline.repair.settings import recorded_settings
@@ -42,6 +44,7 @@ from dtrepair.pipeline.stages.plan import Plan, make_plan
 from dtrepair.pipeline.stages.rest import Rest, choose_rests, rest_warnings, thin_warnings
 from dtrepair.pipeline.stages.sinks import Sink, open_sink
 from dtrepair.pipeline.stages.sources import StageSource, is_stage, open_source
+from dtrepair.report.findings import FindingKind, MotionFinding, warnings_of
 from dtrepair.report.record import FrameRecord, Report, summarize
 
 
@@ -206,7 +209,8 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         keys.record(record, time, found.tracks)
         for time, record in sorted({**records, **added}.items())
     )
-    warnings = clearance_warnings(frames, run.options.clearance)
+    findings = _broken_off(source, keys, found.tracks)
+    warnings = clearance_warnings(frames, run.options.clearance) + warnings_of(findings)
     warn(observer, warnings)
     if sink is not None:
         keys.write(found.tracks, sink)
@@ -227,8 +231,21 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         warnings=(*source.warnings, *still, *warnings),
         attached=repairer.modelled.attached,
         worn=worn,
+        findings=findings,
         keyposes=in_betweens(found, prepared.settings.keys.interpolation, keys.skipped),
     )
+
+
+def _broken_off(
+    source: StageSource, keys: StageKeys, tracks: Sequence[Track]
+) -> tuple[MotionFinding, ...]:
+    """What is corrected in keys beside which others were not chosen."""
+    motion = Motion(source)
+    for time in keys.selected:
+        if keys.frames[time].usable:
+            before, after = ([own.at(time) for own in each] for each in (keys.given, tracks))
+            motion.add(time, before, after)
+    return tuple(own for own in motion.findings() if own.kind is FindingKind.BREAKS_OFF)
 
 
 def _collider_warnings(among: ColliderContacts, keys: StageKeys) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from pxr import Usd
 
 from dtrepair.pipeline.keyposes.stage import repair_keyposes
 from dtrepair.pipeline.selection import Selection
+from dtrepair.report.findings import FindingKind
 from dtrepair.report.record import Report
 from tests.command_line import read_samples, run, tube_stage
 from tests.rigged_tube import MESH, rigged_tube, skinned_points
@@ -78,6 +79,19 @@ def test_named_frames_of_baked_joints_are_the_keys(rig: Path, tmp_path: Path) ->
     assert run("keyposes", rig, "--verify-only", "--frames", "0:24x8").code == 1
     every = run("keyposes", rig, "--verify-only")
     assert "every whole frame from 0 to 24 has a sample" in every.err
+
+
+def test_a_correction_that_breaks_off_is_told(rig: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.usda"
+    whole = repair_keyposes(rig, out)
+    assert whole.findings == ()
+    for path in (rig, baked(rig)):
+        report = repair_keyposes(path, out, selection=Selection(frames="0,8"))
+        (found,) = report.findings
+        assert (found.kind, found.times) == (FindingKind.BREAKS_OFF, (8.0,))
+        assert any("break off" in line and "frame 8" in line for line in report.warnings)
+    done = run("keyposes", rig, "-o", out, "--frames", "0,8")
+    assert "break off" in done.err
 
 
 def test_named_frames_of_baked_points_are_the_keys(tmp_path: Path) -> None:

@@ -18,8 +18,9 @@ from usd_io.errors import FrameSpecError
 
 # Largest number of frames that `FrameSpec.values` lists; a mask has no such limit.
 MOST_FRAMES = 10_000_000
-# So many frames that lie apart are named in a message.
+# So many frames that lie apart are named in a message, of so many that are sought at most.
 _MOST_TOLD = 8
+_MOST_SOUGHT = 10_000
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _PART = re.compile(rf"({_NUMBER})(?::({_NUMBER})(?:x({_NUMBER}))?)?")
@@ -120,13 +121,13 @@ class FrameSpec:
         what: what they are then, such as "no key"; "" where there is nothing to say.
         """
         try:
-            missing = self.missing_from(times, most=MOST_FRAMES)
+            missing = self.missing_from(times, most=_MOST_SOUGHT)
         except FrameSpecError:
             return f"frames {self.text!r}: those that are {what} are left out"
         if not len(missing):
             return ""
         are = "is" if len(missing) == 1 else "are"
-        return f"frames {self.text!r}: {_told(missing)} {are} {what}, and {are} left out"
+        return f"frames {self.text!r}: {_first(missing)} {are} {what}, and {are} left out"
 
     def missing_from(self, times: NDArray[np.float64], *, most: int) -> NDArray[np.float64]:
         """Return the exact frames that sorted time codes (T,) lack, from first to last, (N,).
@@ -214,8 +215,13 @@ def _none_in_range(text: str, times: NDArray[np.float64]) -> str:
 
 def _told(times: NDArray[np.float64]) -> str:
     """Return time codes (T,) in words: the ends where each frame is there, else the first few."""
-    first, *_, last = words = [f"{time:.15g}" for time in (*times[:_MOST_TOLD], times[-1])]
     if len(times) > 1 and np.diff(times).max() < 1.0 + 1e-6:
-        return f"{first} to {last}"
+        return f"{times[0]:.15g} to {times[-1]:.15g}"
+    return _first(times)
+
+
+def _first(times: NDArray[np.float64]) -> str:
+    """Return the first few of some time codes (T,) in words, and how many more there are."""
+    words = ", ".join(f"{time:.15g}" for time in times[:_MOST_TOLD])
     left = len(times) - _MOST_TOLD
-    return ", ".join(words[:-1]) + (f" and {left} more up to {last}" if left > 0 else "")
+    return f"{words} and {left} more up to {times[-1]:.15g}" if left > 0 else words

@@ -28,6 +28,7 @@ class Track:
         changed: Times of the keys that were changed or added.
         frames: Times, increasing, that are written as well where a key was changed: points of the
             input, displaced as the keys around them. Needs `original`.
+        held: Those of the frames that stay as in the input: nobody looks at them.
     """
 
     times: tuple[float, ...]
@@ -35,6 +36,7 @@ class Track:
     original: Callable[[float], Pose] | None = None
     changed: frozenset[float] = frozenset()
     frames: tuple[float, ...] = ()
+    held: frozenset[float] = frozenset()
 
     def __post_init__(self) -> None:
         """Check that keys and times fit together."""
@@ -70,6 +72,8 @@ class Track:
 
     def moved_at(self, time: float) -> bool:
         """Return whether a sample is not that of the input: at a key, or between two of them."""
+        if time in self.held:
+            return False
         return not self.changed.isdisjoint(self.around(time) or (time,))
 
     def _at_frame(self, time: float) -> Pose:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd
 
+from usd_io.errors import FrameSpecError
 from usd_io.frame_grid import MOST_ADDED_FRAMES, FrameGrid, frame_grid
 from usd_io.read.mesh import AnimatedMesh
 from usd_io.read.transforms import transform_times
@@ -99,8 +100,14 @@ def key_times(meshes: Sequence[AnimatedMesh], spec: FrameSpec | None = None) -> 
         return StageTimes(frames, every, every, tuple(warnings))
     if (named := spec.one_by_one) is not None:
         every = np.union1d(every, frames[named.select(frames)]) if len(frames) > 1 else every
-    chosen = every[spec.select(every, require=True)]
-    if baked and named == spec:
+    try:
+        chosen = every[spec.select(every, require=True)]
+    except FrameSpecError as error:
+        cure = (
+            "; these are the keys: name other frames one by one, such as 3,5, to make keys of them"
+        )
+        raise FrameSpecError(f"{error}{cure if len(frames) > len(every) else ''}") from error
+    if baked and named is not None:
         outside = (every <= chosen[0]) | (every >= chosen[-1])
         every = every[outside | np.isin(every, chosen)]
     warnings += _left_out(spec, every, "no key")

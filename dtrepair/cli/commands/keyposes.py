@@ -94,7 +94,11 @@ def command(
     if not verify_only and output is None:
         raise UsageError("name an output with -o OUT, or --verify-only, which writes nothing")
     check_report_places(reports, console, source_path, others=[output])
-    if output is not None and skip_existing and already_written(output, console, over=source_path):
+    if (
+        output is not None
+        and skip_existing
+        and already_written(output, console, over=source_path, source_path=None)
+    ):
         return CLEAN
     if output is not None:
         clean_up_if_forced(output)

@@ -104,8 +104,9 @@ def command(
         dtrepair repair body.obj -o body_repaired.obj
     """
     check_report_places(reports, console, source_path, others=[output])
-    chunk = settings.chunk
-    if skip_existing and already_written(output, console, over=source_path, chunk=chunk):
+    # A layer that has a source is that of a transfer.
+    expected = {"chunk": settings.chunk, "source_path": None}
+    if skip_existing and already_written(output, console, over=source_path, **expected):
         return CLEAN
     inputs = (source_path, output, settings)
     replaced = None if running["resume"] else output

@@ -42,7 +42,7 @@ def print_spans(console: Console, report: Report) -> None:
     if len(report.frames) > 1 and not spans and not report.keyposes.skipped:
         console.warn(["no in-between was looked at: --frames names no two neighbouring keys"])
     if skipped := report.keyposes.skipped:
-        console.warn([f"{counted(skipped, 'span')} with an unusable key: not looked at"])
+        console.warn([f"{counted(skipped, 'span')} with an unusable key or frame: not looked at"])
     if left:
         times = ", ".join(time_label(time) for time in left[:8]) + (" ..." if left[8:] else "")
         console.result(f"still intersecting at {times}")

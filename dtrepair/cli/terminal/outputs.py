@@ -97,8 +97,8 @@ def already_written(
     if is_stage(output):
         if other := other_result(output, over, settings):
             raise UsageError(
-                f"{output}: exists, and is {other}: --skip-existing takes only the result of this "
-                "run for done; name another output, or remove it"
+                f"{output}: exists, and is {other}: --skip-existing takes only a result of "
+                "this input for done; name another output, or remove it"
             )
         if not has_record(output):
             console.warn([f"{output}: has no record of dtrepair, and may not be its output"])

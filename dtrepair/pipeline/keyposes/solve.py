@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -23,13 +24,20 @@ if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCount
 
 
+def _inside(times: Iterable[float], spans: Sequence[tuple[float, float]]) -> list[float]:
+    """Return which times lie inside one of some spans, sorted and apart."""
+    starts = [start for start, _ in spans]
+    places = ((time, bisect_left(starts, time) - 1) for time in times)
+    return [time for time, place in places if place >= 0 and time < spans[place][1]]
+
+
 class StageKeys:
     """The keys of an input; answers what `dtrepair.keyposes.search` asks about poses.
 
     tracks: of each mesh; selected: times of keys to repair; between: times of frames that are no
-    keys; spans: times of neighbouring keys that are selected and have points, as the frames between
-    them; skipped: spans that lack points; counts: of the selected keys as they came, None of
-    unusable ones.
+    keys, and held those of them that lie in none of the spans; spans: times of neighbouring keys
+    that are selected and have points, as the frames between them; skipped: spans that lack points;
+    counts: of the selected keys as they came, None of unusable ones.
     """
 
     def __init__(
@@ -53,20 +61,25 @@ class StageKeys:
             check()
             self.frames[time], self.counts[time] = count_frame(repairer.counter, self.frames[time])
         self._usable = [time for time in times if self.frames[time].usable]
-        others = [float(time) for time in source.clock.keys if time not in self.frames]
-        self.between = tuple(time for time in others if read_frame(source, time).usable)
-        lacking = set(others).difference(self.between)
         # Of in-betweens: what is interpolated has no shape that it should keep, so they are judged
         # where they are repaired, and keys as they end.
         self._strains: dict[float, tuple[Strain, ...]] = {}
-        self.tracks = self.given
         chosen = [pair for pair in pairwise(times) if set(pair) <= set(self.selected)]
+        others = [float(time) for time in source.clock.keys if time not in self.frames]
+        lacking = []
+        for time in _inside(others, chosen):
+            check()
+            if not read_frame(source, time).usable:
+                lacking.append(time)
         self.spans = [
-            (start, end)
-            for start, end in chosen
-            if {start, end} <= set(self._usable) and not any(start < time < end for time in lacking)
+            span
+            for span in chosen
+            if set(span) <= set(self._usable) and not _inside(lacking, [span])
         ]
         self.skipped = len(chosen) - len(self.spans)
+        self.between = tuple(time for time in others if time not in lacking)
+        self.held = frozenset(self.between).difference(_inside(self.between, self.spans))
+        self.tracks = self.given
 
     @property
     def given(self) -> tuple[Track, ...]:
@@ -85,7 +98,7 @@ class StageKeys:
         # A skin bends between its keys; points are interpolated as soon as they are written.
         bends = bool(keys) and (mesh.handle.skinned or bool(self.between))
         original = self._reader(index) if bends else None
-        return Track(keys, poses, original=original, frames=self.between)
+        return Track(keys, poses, original=original, frames=self.between, held=self.held)
 
     def _reader(self, index: int) -> Any:
         def read(time: float) -> Pose:

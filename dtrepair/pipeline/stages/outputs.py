@@ -82,7 +82,7 @@ def other_result(path: FilePath, over: str | None, settings: Mapping[str, str | 
     kept = record.get("settings", {})
     for name, value in settings.items():
         own = kept.get(name) if isinstance(kept, Mapping) else None
-        if name.endswith("_path") and own and value and not _same(own, value):
+        if name.endswith("_path") and own and not (value and _same(own, value)):
             return f"made of {own}"
         if not name.endswith("_path") and own != value:
             return f"of {name} {own}" if own else f"of no {name}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,22 +65,24 @@ class Body:
 
     def __post_init__(self) -> None:
         """Check the numbers that stand for the whole body."""
-        values = (self.mobility, self.diffusion)
-        mobility, diffusion = (
-            v if isinstance(v, Real) else f"a {type(v).__name__}" for v in values
-        )
-        if isinstance(mobility, str) or not 0.0 <= mobility <= 1.0:
+        if not 0.0 <= _number(self.mobility) <= 1.0:
             raise ValueError(
-                f"mobility should be a number from 0, never moves, to 1, got {mobility}; what "
-                "differs from vertex to vertex is a pin"
+                f"mobility should be a number from 0, never moves, to 1, got {self.mobility!r}; "
+                "what differs from vertex to vertex is a pin"
             )
-        if self.diffusion is None:
-            return
-        if isinstance(diffusion, str) or not 0.0 < diffusion < np.inf:
+        if self.diffusion is not None and not 0.0 < _number(self.diffusion) < np.inf:
             raise ValueError(
-                f"diffusion should be positive and finite, got {diffusion}: "
+                f"diffusion should be positive and finite, got {self.diffusion!r}: "
                 "None takes that of the options"
             )
+
+
+def _number(value: Any) -> float:
+    """Return a value as a number, NaN if it is none."""
+    try:
+        return np.nan if isinstance(value, str) else float(value)
+    except (TypeError, ValueError):
+        return np.nan
 
 
 class Absent(NamedTuple):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
 from dtrepair.pipeline.keyposes.stage import repair_keyposes
 from dtrepair.pipeline.selection import Selection
@@ -79,6 +79,24 @@ def test_named_frames_of_baked_joints_are_the_keys(rig: Path, tmp_path: Path) ->
     assert run("keyposes", rig, "--verify-only", "--frames", "0:24x8").code == 1
     every = run("keyposes", rig, "--verify-only")
     assert "every whole frame from 0 to 24 has a sample" in every.err
+
+
+def test_frames_that_nobody_looks_at_stay_as_they_are(rig: Path, tmp_path: Path) -> None:
+    # A mesh that stands still beside the skin has samples where frames of the skin are written.
+    stage = Usd.Stage.Open(str(rig))
+    wall = UsdGeom.Mesh.Define(stage, "/Root/Wall")
+    wall.GetPointsAttr().Set([(9, 0, 0), (10, 0, 0), (9, 1, 0)])
+    wall.GetFaceVertexCountsAttr().Set([3])
+    wall.GetFaceVertexIndicesAttr().Set([0, 1, 2])
+    stage.Save()
+    out = tmp_path / "out.usda"
+    repair_keyposes(rig, out, selection=Selection(frames="0,8"))
+    samples = read_samples(out, MESH)
+    moved = [
+        np.abs(samples[time].astype(np.float64) + OFFSET - skinned_points(rig, time)).max()
+        for time in map(float, range(25))
+    ]
+    assert min(moved[1:9]) > 1e-3 and max(moved[9:]) < 1e-5
 
 
 def test_a_correction_that_breaks_off_is_told(rig: Path, tmp_path: Path) -> None:

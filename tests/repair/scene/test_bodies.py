@@ -37,6 +37,12 @@ def test_a_mobility_out_of_range_is_refused_at_once(value: Any) -> None:
     assert Body(BALL, FACES, mobility=half).mobility == 0.5
 
 
+def test_a_number_of_any_kind_is_a_mobility() -> None:
+    values: list[Any] = [0.5, np.float32(0.5), np.array(0.5), 1]
+    for value in values:
+        assert Body(*icosphere(0), mobility=value).mobility == value
+
+
 @pytest.mark.parametrize("value", [0, -1.0, float("inf"), float("nan"), "99"])
 def test_a_diffusion_out_of_range_is_refused_at_once(value: Any) -> None:
     with pytest.raises(ValueError, match="diffusion should be positive and finite, got"):

@@ -16,6 +16,7 @@ from tests.command_line import read_samples, run, tube_stage
 from tests.rigged_tube import MESH, rigged_tube, skinned_points
 
 KEYS = [0.0, 8.0, 16.0, 24.0]
+WALL = "/Root/Wall"
 OFFSET = np.array([3.0, 0.0, 1.0])  # where `rigged_tube` puts the mesh
 
 
@@ -82,13 +83,6 @@ def test_named_frames_of_baked_joints_are_the_keys(rig: Path, tmp_path: Path) ->
 
 
 def test_frames_that_nobody_looks_at_stay_as_they_are(rig: Path, tmp_path: Path) -> None:
-    # A mesh that stands still beside the skin has samples where frames of the skin are written.
-    stage = Usd.Stage.Open(str(rig))
-    wall = UsdGeom.Mesh.Define(stage, "/Root/Wall")
-    wall.GetPointsAttr().Set([(9, 0, 0), (10, 0, 0), (9, 1, 0)])
-    wall.GetFaceVertexCountsAttr().Set([3])
-    wall.GetFaceVertexIndicesAttr().Set([0, 1, 2])
-    stage.Save()
     out = tmp_path / "out.usda"
     repair_keyposes(rig, out, selection=Selection(frames="0,8"))
     samples = read_samples(out, MESH)
@@ -97,6 +91,22 @@ def test_frames_that_nobody_looks_at_stay_as_they_are(rig: Path, tmp_path: Path)
         for time in map(float, range(25))
     ]
     assert min(moved[1:9]) > 1e-3 and max(moved[9:]) < 1e-5
+
+
+def test_a_mesh_that_stands_still_is_held_beside_a_skin(rig: Path, tmp_path: Path) -> None:
+    tip = skinned_points(rig, 8.0)[-10:].mean(axis=0)
+    still = [tuple(map(float, tip + step)) for step in 0.6 * np.roll(np.eye(3), 1, axis=0) - 0.2]
+    stage = Usd.Stage.Open(str(rig))
+    wall = UsdGeom.Mesh.Define(stage, WALL)
+    wall.GetPointsAttr().Set(still)
+    wall.GetFaceVertexCountsAttr().Set([3])
+    wall.GetFaceVertexIndicesAttr().Set([0, 1, 2])
+    stage.Save()
+    out = tmp_path / "out.usda"
+    repair_keyposes(rig, out, selection=Selection(frames="0,8"))
+    held = {time: np.abs(pose - still).max() for time, pose in read_samples(out, WALL).items()}
+    assert held[8.0] > 1e-3 and held[4.0] > 1e-4
+    assert max(held[float(time)] for time in (0, *range(9, 25))) < 1e-6
 
 
 def test_a_correction_that_breaks_off_is_told(rig: Path, tmp_path: Path) -> None:

@@ -66,11 +66,11 @@ class StageKeys:
         self._strains: dict[float, tuple[Strain, ...]] = {}
         chosen = [pair for pair in pairwise(times) if set(pair) <= set(self.selected)]
         others = [float(time) for time in source.clock.keys if time not in self.frames]
-        lacking = []
+        lacking = set[float]()
         for time in _inside(others, chosen):
             check()
             if not read_frame(source, time).usable:
-                lacking.append(time)
+                lacking.add(time)
         self.spans = [
             span
             for span in chosen

@@ -84,9 +84,8 @@ def read_controls(
             pins[index] = read_pins(source, own.pin, only=index, option=option)[0]
         if own.direction is not None:
             option = f"{by['direction']}: direction {own.direction}"
-            directions[index] = _read_directions(source, own.direction, only=index, option=option)[
-                0
-            ]
+            (vectors,) = _read_directions(source, own.direction, only=index, option=option)
+            directions[index] = vectors
     # What cannot move at all is not to be repaired: contacts of colliders among themselves.
     colliders = [index for index, mesh in enumerate(source.meshes) if mesh.collider]
     among = {(i, j) for i in colliders for j in colliders if i <= j}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -49,7 +50,8 @@ def opened_later(
 ) -> list[Judged]:
     """Return poses of a window, solved without the clearance where that leaves less, and opened.
 
-    As they are without a clearance, and where nothing is wrong. times: in frame units (T,).
+    Those that are judged, the same list, where nothing is wrong with them or no clearance is asked
+    for. times: in frame units (T,).
     """
     closely, scene = meshes.without_clearance, meshes.scene
     if closely is None or not (left := _wanting(scene, frames, judged))[0]:
@@ -57,15 +59,12 @@ def opened_later(
     others = solve(closely)
     if _wanting(scene, frames, others) >= left:
         return judged
-    moved = np.stack(
-        [
-            _opening(meshes([frame.sewn]), frame, own, options)
-            for frame, own in zip(frames, others, strict=True)
-        ]
-    )
+    of_frame = [meshes([frame.sewn]) for frame in frames]
+    each = zip(of_frame, frames, others, strict=True)
+    moved = np.stack([_opening(*own, options.clearance) for own in each])
     moved = apply_in_time(gaussian_kernel(times, options.width), moved)
-    each = zip(frames, others, moved, strict=True)
-    return [_with_share(scene, *own, tries=options.tries) for own in each]
+    opened = zip(of_frame, frames, others, moved, strict=True)
+    return [_with_share(scene, *own, tries=options.tries) for own in opened]
 
 
 def too_close(mesh: WeldedMesh, pose: FloatArray) -> int:
@@ -83,24 +82,29 @@ def _wanting(
     return wanting, sum(wrong), frames_off(scene, frames, poses)
 
 
-def _opening(mesh: WeldedMesh, frame: Pose, own: Judged, options: OpeningOptions) -> FloatArray:
+def _opening(mesh: WeldedMesh, frame: Pose, own: Judged, options: ClearanceOptions) -> FloatArray:
     """Return how far (V, 3) a pose moves that is opened."""
-    surface, unit, before = mesh.surface, mesh.reduced(own.points), mesh.reduced(frame.centred)
-    opened, _ = open_contacts(
-        surface,
-        unit,
-        mesh.clearance,
-        limit=lambda pose: allowed(surface.rigid, before, pose, mesh.farthest),
-        options=options.clearance,
-    )
+    unit = mesh.reduced(own.points)
+    limit = partial(_within_limits, mesh, frame)
+    opened, _ = open_contacts(mesh.surface, unit, mesh.clearance, limit=limit, options=options)
     return np.asarray(mesh.expanded(own.points, unit, without_still(unit, opened)) - own.points)
 
 
-def _with_share(scene: Scene, frame: Pose, own: Judged, moved: FloatArray, *, tries: int) -> Judged:
+def _within_limits(mesh: WeldedMesh, frame: Pose, unit: FloatArray) -> FloatArray:
+    """Return a pose of the surface with rigid bodies in shape, and nothing too far off."""
+    before = mesh.reduced(frame.centred)
+    return allowed(mesh.surface.rigid, before, unit, mesh.farthest)
+
+
+def _with_share(
+    scene: Scene, mesh: WeldedMesh, frame: Pose, own: Judged, moved: FloatArray, *, tries: int
+) -> Judged:
     """Return a pose moved (V, 3) as far as it has no more pairs for it, and no strain."""
-    left = len(scene.pairs(own.points, frame.weld))
+    left, unit = len(scene.pairs(own.points, frame.weld)), mesh.reduced(own.points)
     for attempt in range(tries if moved.any() else 0):
-        points = own.points + 0.5**attempt * moved
+        trial = mesh.reduced(own.points + 0.5**attempt * moved)
+        # What is smoothed over frames may go where none of them may.
+        points = mesh.expanded(own.points, unit, _within_limits(mesh, frame, trial))
         strained = strain_of(scene, frame.centred, points)
         if len(scene.pairs(points, frame.weld)) <= left and (own.excess or not strained):
             return own._replace(points=points)

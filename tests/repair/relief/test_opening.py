@@ -12,7 +12,7 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.options import RepairOptions
-from dtrepair.repair.relief.opening import opened_later, too_close
+from dtrepair.repair.relief.opening import _with_share, opened_later, too_close
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.result import RepairResult
 from dtrepair.repair.scene.bodies import Body
@@ -20,7 +20,7 @@ from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import detected, gathered
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.strain.meter import StrainOptions
-from tests.meshes import bent_tube
+from tests.meshes import bent_tube, grid
 
 REST, FACES = bent_tube(0.1, around=12, along=40, radius=0.08)
 FRAMES = [bent_tube(a, around=12, along=40, radius=0.08)[0] for a in (6.4, 6.5, 6.6, 6.7)]
@@ -84,6 +84,27 @@ def test_what_is_too_close_is_opened_where_the_bounds_allow_it() -> None:
     first = [Judged(opened.centred)]
     assert opened_later(meshes, [opened], first, np.zeros(1), closely) is first
     assert asked == [0.0, 0.0]
+
+
+def test_opened_poses_keep_to_the_limit_and_rigid_bodies_to_their_shape() -> None:
+    # A tube that may move a little from where it is, and a plate beside it that must not bend.
+    plate, square = grid(4, 4)
+    plate = 0.4 * plate + REST.mean(axis=0) + (0.0, 0.0, 0.3)
+    options = RepairOptions(clearance=0.02, maximum_displacement=0.004)
+    bodies = [Body(REST, FACES), Body(plate, square, rigid=True)]
+    repairer = SceneRepairer(bodies, options=options)
+    scene, meshes = repairer.scene, repairer.meshes
+    frame = detected(scene, gathered(scene, [REST, plate]))
+    of_plate = np.arange(len(scene.rest)) >= len(REST)
+    random = np.random.default_rng(0)
+    moved = random.normal(size=scene.rest.shape) * 0.01  # as if smoothed: neither rigid nor near
+    own, mesh = Judged(frame.centred), meshes([frame.sewn])
+    found = _with_share(scene, mesh, frame, own, moved, tries=1).points - frame.centred
+    assert found.any() and np.linalg.norm(found, axis=1).max() <= 0.004 * (1.0 + 1e-6)
+    before = frame.centred[of_plate]
+    after = before + found[of_plate]
+    old, new = (np.linalg.norm(pose - pose[:1], axis=1) for pose in (before, after))
+    assert np.allclose(old, new, rtol=0.0, atol=1e-9)
 
 
 def test_without_a_clearance_nothing_is_solved_again() -> None:

@@ -236,7 +236,9 @@ def find_sheet(
         if min(turned, outside) >= options.one_sided * known.sum():
             layer = layer_over(parts, top, under, pose, options=options)
             side = float(np.sign((known * found.sides).sum()))
-            return layer._replace(covered=_covered(parts, top, under, pose, side, options))
+            # Of coarse cards that overlap nothing may lie beneath any vertex.
+            if len(covered := _covered(parts, top, under, pose, side, options)):
+                return layer._replace(covered=covered)
     return None
 
 

@@ -8,11 +8,12 @@ import pytest
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.worn.layers import Layers, median_of_parts
 from dtrepair.numerics.worn.parts import Parts
-from dtrepair.numerics.worn.sides import LayerOptions, WornLayer, find_layer
-from tests.meshes import Mesh, icosphere, joined, torus, tube
+from dtrepair.numerics.worn.sides import LayerOptions, WornLayer, find_layer, find_sheet
+from tests.meshes import Mesh, grid, icosphere, joined, torus, tube
 
 ARM = tube(24, 40, 0.2, 4.0)
 SLEEVE = tube(24, 12, 0.23, 1.0)
+ACROSS, UP = np.eye(3)[[0, 2]]
 NO_PAIRS = np.zeros((0, 2), dtype=np.int32)
 
 
@@ -144,6 +145,21 @@ def test_an_attached_sheet_is_a_layer_where_it_is_not_attached(inside_out: bool)
     # What it does not lie over, the front, has no side.
     assert found.covered is not None and len(found.covered)
     assert (trunk[0][found.covered][:, 1] < 0.15).all()
+
+
+def test_feathers_with_no_vertex_beneath_another_are_no_layers() -> None:
+    """Cards of two columns, one over half of the other: what is nearest lies beside."""
+    points, faces = grid(1, 8)
+    feather = points * (0.075, 0.4, 1.0)
+    parts = parts_of(
+        (feather, faces), (feather + 0.03 * ACROSS + 0.002 * UP, faces), closed=(False, False)
+    )
+    none = np.zeros(0, dtype=np.int32)
+    assert find_sheet(parts, 0, 1, 0, zone=lambda a, b: none) is None
+    # One right over the other is.
+    parts = parts_of((feather, faces), (feather + 0.002 * UP, faces), closed=(False, False))
+    found = find_sheet(parts, 0, 1, 0, zone=lambda a, b: none)
+    assert found is not None and found.covered is not None and len(found.covered)
 
 
 def test_an_attached_arm_is_no_layer_of_its_body() -> None:

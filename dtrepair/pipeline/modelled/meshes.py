@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.intersect.ignored import CollapsedPoseError
+from dtrepair.numerics.attached.touches import without_touches
 from dtrepair.numerics.geometry import FloatArray, IntArray, components, vector_areas, weld_maps
 from dtrepair.pipeline.modelled.together import Together, TogetherOptions, together
 from dtrepair.pipeline.modelled.unrepaired import unrepaired
@@ -87,7 +88,8 @@ class PlacedMeshes:
         self.mesh_of = np.repeat(np.arange(len(sizes)), sizes)
         self._time = placing_time(source, source.all_times)
         self.rest = _placed(source, self._time, [rest.points for rest in rests])
-        self.weld = weld_maps([self.rest[a:b] for a, b in pairwise(starts)])
+        weld = weld_maps([self.rest[a:b] for a, b in pairwise(starts)])
+        self.weld = without_touches(self.faces, weld, lambda: self._detector(self.rest, weld=weld))
         both = zip(source.meshes, rests, strict=True)
         self.binding = np.array([_binding(*each) for each in both], dtype=object)
         self._named = np.array([rest.named for rest in rests], dtype=bool)

@@ -15,13 +15,9 @@ from dtrepair.intersect.detector import Detector, triangle_count
 from dtrepair.intersect.ignored import counted_between
 from dtrepair.numerics.attached.garments import garment_ties
 from dtrepair.numerics.attached.seams import NO_SEAMS, Seams, find_seams, sewn
+from dtrepair.numerics.attached.touches import without_touches
 from dtrepair.numerics.attachments import Attachments, Reference, Ties, no_attachments, telling
-from dtrepair.numerics.geometry import (
-    FloatArray,
-    IntArray,
-    unique_edges,
-    weld_maps,
-)
+from dtrepair.numerics.geometry import FloatArray, IntArray, unique_edges, weld_maps
 from dtrepair.numerics.scale import Scale, scale_of
 from dtrepair.numerics.worn.covering import Covering, learnt_layers, open_layers
 from dtrepair.numerics.worn.layers import Layers, median_of_parts
@@ -110,8 +106,9 @@ class Scene:
 
     @cached_property
     def rest_weld(self) -> IntArray:
-        """Vertices (V,) of one body at one position of the rest count as one."""
-        return self.weld(self.centred_rest)
+        """Vertices (V,) of one body at one position of the rest count as one, see touches."""
+        rest, weld = self.centred_rest, self.weld(self.centred_rest)
+        return without_touches(self.faces, weld, lambda: self.detector(rest, weld=weld))
 
     @cached_property
     def seams(self) -> Seams:
@@ -121,6 +118,9 @@ class Scene:
         soft = np.array([not body.rigid for body in self.bodies])[self.body_of]
         faces, owner = self.rest_weld[self.faces[soft]], self.body_of_vertex
         found = find_seams(self.centred_rest, faces, owner)
+        # What lies at one place and is not one only touches there.
+        first, second = self.weld(self.centred_rest)[found.vertices.T]
+        found = found.chosen(first != second)
         across = self.attachments is not None and self.options.mode == "both"
         return found if across else found.chosen(~found.across(owner))
 

@@ -16,7 +16,7 @@ from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.relief.approach import bounded_approach
 from dtrepair.repair.relief.bodies_first import with_bodies_first
 from dtrepair.repair.relief.followers import with_followers
-from dtrepair.repair.relief.opening import opened_later, too_close
+from dtrepair.repair.relief.opening import opened_frames, too_close
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.result import RepairResult, Solved
 from dtrepair.repair.scene.bounds import Judged, bounded_pose, came_off, wrong_of
@@ -111,28 +111,24 @@ def _found_by_groups(
 def _found(
     scene: Scene, meshes: WeldedMeshes, opened: Sequence[OpenedPose], options: IndependentOptions
 ) -> list[_Found]:
-    """Return what is found for poses, without the clearance first where that leaves less."""
-    found = _found_so(scene, meshes, opened, options)
+    """Return what is found for poses: without the clearance, and opened then."""
+    plain = meshes.without_clearance
+    found = _found_so(plain.scene, plain, opened, options)
+    if scene.options.clearance == 0.0:
+        return found
     both = zip(opened, found, strict=True)
-    return [_found_closely(scene, meshes, pose, own, options) for pose, own in both]
+    return [_opened(scene, meshes, pose, own, options) for pose, own in both]
 
 
-def _found_closely(
+def _opened(
     scene: Scene, meshes: WeldedMeshes, pose: OpenedPose, found: _Found, options: IndependentOptions
 ) -> _Found:
-    """Return what is found without the clearance and opened then, if that leaves less."""
-    others: list[_Found] = []
-
-    def closely(way: WeldedMeshes) -> list[Judged]:
-        others.extend(_found_so(way.scene, way, [pose], options))
-        return [others[0].judged]
-
-    known, time = [found.judged], np.zeros(1)
-    (judged,) = opened_later(meshes, [pose], known, time, closely, options=options.opening)
-    if judged is found.judged:
-        return found
-    solved = replace(others[0].solved, left=too_close(meshes([pose.sewn]), judged.points))
-    seconds = found.seconds + others[0].seconds
+    """Return what is found for a pose with its contacts apart by the clearance."""
+    start, mesh = time.perf_counter(), meshes([pose.sewn])
+    known, numbers = [found.judged], options.opening
+    (judged,) = opened_frames(scene, mesh, [pose], known, np.zeros(1), options=numbers)
+    solved = replace(found.solved, left=too_close(mesh, pose, judged.points))
+    seconds = found.seconds + time.perf_counter() - start
     return _Found(judged, _pairs_of(scene, judged.points), solved, seconds)
 
 
@@ -141,7 +137,7 @@ def _found_so(
 ) -> list[_Found]:
     """Return what is found for poses: solved, and within the bounds."""
     start = time.perf_counter()
-    wanted = [k for k, pose in enumerate(opened) if pose.wrong or scene.options.clearance > 0.0]
+    wanted = [k for k, pose in enumerate(opened) if pose.wrong]
     solved = _solved(scene, meshes, [opened[k] for k in wanted], options)
     found = dict(zip(wanted, solved, strict=True))
     seconds = (time.perf_counter() - start) / max(len(wanted), 1)

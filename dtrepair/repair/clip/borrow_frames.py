@@ -32,8 +32,7 @@ def started_again(
 ) -> list[FloatArray]:
     """Return what was found (V, 3) for the frames, better where a neighbour shows how.
 
-    Lenders are within the bounds, and little is left of what was wrong with them. With a clearance,
-    which relaxing would close, nothing starts again.
+    Lenders are within the bounds, and little is left of what was wrong with them.
 
     Args:
         scene, mesh: What was solved.
@@ -45,8 +44,6 @@ def started_again(
     Raises:
         WorkerLost: a worker ended.
     """
-    if scene.options.clearance > 0.0:
-        return poses
     state = Borrowing(scene, mesh, frames, poses, jobs, options)
     rough, most, tied = options.rough, 2 * len(frames), mesh.surface.ties is not None
     if tied:

@@ -102,7 +102,6 @@ def window_method(choices: RepairOptions, options: ClipOptions, mesh: WeldedMesh
         partial(solve_alone, rounds=rounds, effort=choices.effort, options=options.alone),
         tighten=min(choices.tighten, options.tighten),
         farthest=mesh.farthest,
-        clearance=mesh.clearance,
         effort=choices.effort,
         options=options.windows,
     )

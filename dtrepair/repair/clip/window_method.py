@@ -162,18 +162,16 @@ class WindowMethod:
         *,
         tighten: int = 3,
         farthest: float | None = None,
-        clearance: float = 0.0,
         effort: float = 1.0,
         options: WindowOptions = WindowOptions(),
     ) -> None:
         """Use `alone` (surface, pose) for frames that stay dirty; `tighten` cycles at most.
 
-        farthest: no vertex moves farther; clearance: what contacts keep where they can; effort:
-        factor of the work after which mending ends.
+        farthest: no vertex moves farther; effort: factor of the work after which mending ends.
         """
         self.effort = effort
         self.surface, self.alone, self.tighten = surface, alone, tighten
-        self.farthest, self.clearance, self.options = farthest, clearance, options
+        self.farthest, self.options = farthest, options
 
     def __call__(
         self,
@@ -187,8 +185,7 @@ class WindowMethod:
         """Return the poses (T, V, 3) at times in frame units, repaired; some may stay dirty.
 
         inputs: what `original` was before layers were lifted (T, V, 3): lifts are smooth in time,
-        so that frames beside deep ones have more of them than they need; that goes back, unless a
-        clearance is kept.
+        so that frames beside deep ones have more of them than they need; that goes back.
         unless: asked with the pairs that pushing leaves; None is returned if it says so.
         """
         options = self.options
@@ -199,7 +196,6 @@ class WindowMethod:
             pool,
             alone=self.alone,
             farthest=self.farthest,
-            clearance=self.clearance,
             options=options.frames,
         )
         if not state.dirty and inputs is None:
@@ -207,14 +203,12 @@ class WindowMethod:
         self._push(state)
         if state.dirty and unless is not None and unless(state.pairs):
             return None
-        state.forget_clearance()
         stuck = self._mend(state)
         state.given_up = frozenset(state.dirty)
         # A push needs its layers on their sides; what relaxes keeps them there.
-        lifted = inputs is not None and self.clearance == 0.0
-        if inputs is not None and lifted:
+        if inputs is not None:
             state.count_from(inputs)
-        self._bring_back(state, stuck=stuck, lifted=lifted)
+        self._bring_back(state, stuck=stuck, lifted=inputs is not None)
         return eased(state, options=options.ease)
 
     def _push(self, state: WindowState) -> None:
@@ -225,18 +219,17 @@ class WindowMethod:
             state.solve_alone(kernel, options.attached.step, work=options.attached.work)
             return
         # What pushing leaves of several bodies tells whether there is another way altogether.
-        single = self.surface.clusters == 1 and self.clearance == 0.0
+        single = self.surface.clusters == 1
         push_frames(state, lend=options.lend if single else None, options=options.push)
 
     def _mend(self, state: WindowState) -> bool:
         """Solve frames from their neighbours or mend them; whether each was solved for itself."""
         options = self.options
-        if self.clearance == 0.0:
-            if is_stuck(state, options=options.lend):
-                lend_frames(state, options=options.lend)
-                return True
-            if lend_nearer(state, options=options.lend):
-                return True
+        if is_stuck(state, options=options.lend):
+            lend_frames(state, options=options.lend)
+            return True
+        if lend_nearer(state, options=options.lend):
+            return True
         if self.surface.ties is None:
             mend_frames(state, effort=self.effort, options=options.mend)
         return False
@@ -244,21 +237,18 @@ class WindowMethod:
     def _bring_back(self, state: WindowState, *, stuck: bool, lifted: bool) -> None:
         """Take back what the frames do not need; stuck: each was solved for itself."""
         options, alone = self.options, stuck or self.surface.ties is not None
-        # Tightening would close a clearance again.
-        if self.clearance == 0.0:
-            if not (alone or lifted):
-                tighten_frames(state, self.tighten, options=options.tighten)
-            shift_frames_back(state, options=options.settle)
-            settle_frames(state, options=options.settle)
-            relax_frames(state, alone=stuck, lifted=lifted, options=options.relax)
+        if not (alone or lifted):
+            tighten_frames(state, self.tighten, options=options.tighten)
+        shift_frames_back(state, options=options.settle)
+        settle_frames(state, options=options.settle)
+        relax_frames(state, alone=stuck, lifted=lifted, options=options.relax)
         # Frames that were solved each for itself stand out where they take another way: no less so
         # after as much work again.
         if not alone:
             steady_frames(state, options=options.steady)
-        if self.clearance == 0.0:
-            cure_frames(state, options=options.relax)
-            if not stuck:
-                restore_shapes(state, options=options.restore)
+        cure_frames(state, options=options.relax)
+        if not stuck:
+            restore_shapes(state, options=options.restore)
 
 
 def push_frames(

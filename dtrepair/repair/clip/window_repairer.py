@@ -26,7 +26,7 @@ from dtrepair.repair.parallel.worker_pool import (
 )
 from dtrepair.repair.relief.followers import with_followers
 from dtrepair.repair.relief.inside_out import inside_out
-from dtrepair.repair.relief.opening import opened_later
+from dtrepair.repair.relief.opening import opened_frames
 from dtrepair.repair.relief.other_ways import (
     frames_off,
     left_over,
@@ -121,27 +121,25 @@ class WindowRepairer:
 
         share: which one of all work on the window that is.
         """
-        judged, taken = self._on_all_ways(meshes, frames, share)
-        rigid: list[int] = []
-
-        def closely(others: WeldedMeshes) -> list[Judged]:
-            found, way = self._on_all_ways(others, frames, share)
-            rigid.extend(k for k, body in enumerate(way.scene.bodies) if body.rigid)
-            return found
-
-        options = self.options.independent.opening
-        found = opened_later(meshes, frames, judged, _times(frames), closely, options=options)
-        return found, taken if found is judged else meshes.with_rigid(rigid)
+        judged, taken = self._on_all_ways(meshes.without_clearance, frames, share)
+        if meshes.scene.options.clearance > 0.0:
+            rigid = {k for k, body in enumerate(taken.scene.bodies) if body.rigid}
+            taken = meshes.with_rigid(rigid)
+            mesh, times = taken([frame.sewn for frame in frames]), _times(frames)
+            numbers = self.options.independent.opening
+            judged = opened_frames(
+                taken.scene, mesh, frames, judged, times, jobs=self.jobs, options=numbers
+            )
+        return judged, taken
 
     def _on_all_ways(
         self, meshes: WeldedMeshes, frames: list[Frame], share: float
     ) -> tuple[list[Judged], WeldedMeshes]:
-        """Return the same, of frames that keep the clearance from the start."""
-        clearance, ways = meshes.scene.options.clearance, self.options.ways
-        if clearance == 0.0 and not any(frame.wrong for frame in frames):
+        """Return the same, without a clearance."""
+        ways = self.options.ways
+        if not any(frame.wrong for frame in frames):
             return [Judged(frame.centred) for frame in frames], meshes
-        longest = len(frames) if clearance else self.options.longest_hold
-        solved, place = without_holds(frames, longest=longest)
+        solved, place = without_holds(frames, longest=self.options.longest_hold)
         self._worth = share * len(frames) / len(solved)
         judged, meshes = with_props(meshes, solved, self._judged, options=ways)
         judged, meshes = on_other_ways(meshes, solved, judged, self._judged, options=ways)

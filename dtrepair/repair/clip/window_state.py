@@ -48,13 +48,11 @@ class WindowState:
         *,
         alone: Alone,
         farthest: float | None = None,
-        clearance: float = 0.0,
         options: FrameOptions = FrameOptions(),
     ) -> None:
         """Take poses (T, V, 3) in units of the surface's size at times `frames` (T,).
 
-        alone: the solver of single frames; farthest: no vertex moves farther; clearance: closer
-        pairs count, as long as it is set.
+        alone: the solver of single frames; farthest: no vertex moves farther.
         """
         self.surface, self.frames, self.pool = surface, frames, pool
         self.work = WindowFrames(
@@ -64,7 +62,6 @@ class WindowState:
             pool,
             alone=alone,
             farthest=farthest,
-            clearance=clearance,
             options=options,
         )
         # Frames that no solver could clean must not keep the others from being tightened.
@@ -124,12 +121,6 @@ class WindowState:
     def _between(self, start: float, end: float) -> Told:
         """Return what tells how far the work on the window is, by shares of a stretch of it."""
         return lambda share: self.tell_progress(start + (end - start) * share)
-
-    def forget_clearance(self) -> None:
-        """Count only intersecting pairs from now on."""
-        if self.work.clearance > 0.0:
-            self.pool.tell("forget_clearance")
-            self.pairs = self.pool.map("pairs", self._every)
 
     def place(self, poses: FloatArray) -> None:
         """Start from poses (T, V, 3), before anything else was done."""

@@ -37,12 +37,11 @@ class FramePoses:
         *,
         alone: Alone,
         farthest: float | None,
-        clearance: float,
         options: FrameOptions = FrameOptions(),
     ) -> None:
         """Take poses (T, V, 3) in units of the surface's size at times `frames` (T,)."""
         self.surface, self.options = surface, options
-        self.alone, self.farthest, self.clearance = alone, farthest, clearance
+        self.alone, self.farthest = alone, farthest
         self.squared = (surface.uniform.T @ surface.uniform).tocsr()
         self.folds = AdaptiveFairing(surface, self.squared, frames, pool, options=options.folds)
         self.closes = AdaptiveFairing(surface, self.squared, frames, pool, options=options.closes)
@@ -69,18 +68,11 @@ class FramePoses:
     def _found(self, surface: Surface, frame: int, before: FloatArray | None) -> IntArray:
         """Return the pairs of a frame, sorted; before: the pose (V, 3) whose pairs are known."""
         pose = self.poses[frame]
-        if self.clearance > 0.0:
-            return surface.contacts.close_pairs(pose, self.clearance)
         if before is None:
             return surface.contacts.pairs(pose)
         active = surface.triangles_at(differing(pose, before))
         found = update_pairs(surface, self._pairs[frame], pose, active)
         return found[np.lexsort((found[:, 1], found[:, 0]))]
-
-    def forget_clearance(self) -> None:
-        """Count only intersecting pairs from now on."""
-        self.clearance = 0.0
-        self._detected.clear()
 
     def evaluated(self, surface: Surface, frame: int) -> IntArray:
         """Make the pose of a frame from the unknowns; its pairs."""

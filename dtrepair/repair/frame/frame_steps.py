@@ -37,9 +37,7 @@ class WindowFrames(FramePoses):
         self.added[frame] = self.cold[frame] - self.poses[frame]
 
     def left(self, surface: Surface, pose: FloatArray) -> int:
-        """Return how many pairs of a pose (V, 3) count: intersecting, or closer than asked for."""
-        if self.clearance > 0.0:
-            return len(surface.contacts.close_pairs(pose, self.clearance))
+        """Return how many pairs of a pose (V, 3) count."""
         return len(surface.contacts.pairs(pose))
 
     def borrowed(self, surface: Surface, frame: int, step: float) -> None:

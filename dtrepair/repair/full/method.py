@@ -12,7 +12,6 @@ from dtrepair.numerics.work import work_done
 from dtrepair.repair.elastic.dihedral_angles import DihedralAngles, DihedralOptions
 from dtrepair.repair.elastic.edge_lengths import EdgeLengthOptions, EdgeLengths
 from dtrepair.repair.full.acceptance import reach_of
-from dtrepair.repair.full.clearance import ClearanceOptions, open_contacts
 from dtrepair.repair.full.cure import CureOptions, Flaws, cure
 from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
 from dtrepair.repair.full.pull_back import PullBackOptions, pull_back
@@ -25,7 +24,7 @@ from dtrepair.repair.full.settle import (
 )
 from dtrepair.repair.result import Solved
 from dtrepair.repair.stage_log import StageLog
-from dtrepair.repair.surface.defects import Defects, find_defects
+from dtrepair.repair.surface.defects import Defects
 from dtrepair.repair.surface.surface import Surface
 
 
@@ -45,15 +44,12 @@ class FullOptions:
         edges: Edges that are crushed or drawn out, brought back.
         unbend: Zipped creases opened.
         cure: How both are cured.
-        clearance: Contacts opened to a distance.
         relax_attached: Of attached parts no cycle of relaxing begins after so many times the work
             that the phases may take, theirs included: what follows needs its time, too; ...
         relax_always: ... but so many times is left to it, whatever they took.
         left_attached, left_share: A pose of attached parts that keeps so many pairs, and not more
             than this share of the input's, is relaxed and cured as if it were clean: what strains
             it costs more contacts than these.
-        at_rest: A pose nearer to the rest than this, units of the size, is the rest pose itself:
-            rounding apart they are one.
     """
 
     phases: PhaseOptions = field(default_factory=PhaseOptions)
@@ -67,12 +63,10 @@ class FullOptions:
     edges: EdgeLengthOptions = field(default_factory=EdgeLengthOptions)
     unbend: DihedralOptions = field(default_factory=DihedralOptions)
     cure: CureOptions = field(default_factory=CureOptions)
-    clearance: ClearanceOptions = field(default_factory=ClearanceOptions)
     relax_attached: float = 0.6
     relax_always: float = 0.4
     left_attached: int = 60
     left_share: float = 0.1
-    at_rest: float = 1e-7
 
 
 class FullMethod:
@@ -84,20 +78,18 @@ class FullMethod:
         *,
         rounds: int = 4,
         farthest: float | None = None,
-        clearance: float = 0.0,
         skip: tuple[str, ...] = (),
         effort: float = 1.0,
         options: FullOptions = FullOptions(),
     ) -> None:
         """Repair poses of `surface`; `rounds` of tightening at most, stages in `skip` left out.
 
-        farthest: no vertex moves farther; clearance: what contacts keep; units of the size. effort:
-        factor of the work on a pose after which no other attempt begins.
+        farthest: no vertex moves farther, units of the size; effort: factor of the work on a pose
+        after which no other attempt begins.
         """
         self.surface, self.options = surface, options
         self.rounds = rounds
         self.farthest = farthest
-        self.clearance = clearance
         self.skip, self.effort = skip, effort
 
     def __call__(self, original: FloatArray) -> Solved:
@@ -119,10 +111,7 @@ class FullMethod:
             points = self._tightened(best, phases)
             if self.rounds:
                 points = self._cured(points, best.defects, phases)
-        left = 0
-        if self.clearance > 0.0:
-            points, left = self._opened(points, phases)
-        return Solved(points, log.stages, left)
+        return Solved(points, log.stages)
 
     def _finished(self, best: Candidate, before: int) -> bool:
         """Return whether what follows pays: all is clean, or of attached parts nearly all.
@@ -242,27 +231,6 @@ class FullMethod:
             return points
         phases.log.add(name, cured, start, crossings=crossings, folds=folds, iterations=done)
         return cured
-
-    def _opened(self, points: FloatArray, phases: Phases) -> tuple[FloatArray, int]:
-        """Return the pose with its contacts apart by the clearance, and the pairs still closer."""
-        start = time.perf_counter()
-        # A pose that is its own rest would excuse its own contacts.
-        at_rest = np.allclose(
-            phases.original, self.surface.rest, rtol=0.0, atol=self.options.at_rest
-        )
-        points, left = open_contacts(
-            self.surface,
-            points,
-            self.clearance,
-            limit=phases.limited,
-            facing=at_rest,
-            options=self.options.clearance,
-        )
-        defects = find_defects(self.surface, points)
-        phases.log.add(
-            "open", points, start, crossings=len(defects.crossings), folds=len(defects.folds)
-        )
-        return points, left
 
 
 def solve_alone(

@@ -64,8 +64,8 @@ def bounded_approach(
     """Return what is kept of a pose, with its pairs; if that is no repair, of one led in from rest.
 
     The better of the two: with much less that is wrong, or less strained if none is. Of what holds
-    together as one: free bodies have no common rest. Not with a clearance, which relaxing would
-    close, a limit of displacements, preferred directions, or where stages are left out.
+    together as one: free bodies have no common rest. Not with a limit of displacements, preferred
+    directions, or where stages are left out.
 
     Args:
         scene, mesh, pose: What was solved.
@@ -74,7 +74,7 @@ def bounded_approach(
         options: The numbers.
     """
     surface, chosen, (judged, pairs) = mesh.surface, scene.options, found
-    if chosen.method != "full" or chosen.skip or chosen.tighten == 0 or chosen.clearance > 0.0:
+    if chosen.method != "full" or chosen.skip or chosen.tighten == 0:
         return found
     if chosen.maximum_displacement is not None or scene.direction.any():
         return found

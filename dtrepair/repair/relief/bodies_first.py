@@ -14,6 +14,8 @@ import numpy as np
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.frame.lending import LendingOptions, solved_from
 from dtrepair.repair.full.steering import Steering
+from dtrepair.repair.relief.opening import OpeningOptions, opened_frames
+from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
@@ -27,9 +29,11 @@ class BodiesFirstOptions:
     """How bodies are repaired before what they wear.
 
     Args:
+        room: How the body makes room for what it wears.
         lending: What cleans and relaxes the whole from where the body has led it.
     """
 
+    room: OpeningOptions = field(default_factory=OpeningOptions)
     lending: LendingOptions = field(default_factory=LendingOptions)
 
 
@@ -43,10 +47,10 @@ def with_bodies_first(
     """Return a pose (V, 3) to which garments came along with what they lie over.
 
     None where nothing is worn, or something of it is held, or what it lies over has no contacts of
-    its own or keeps some; and where a clearance is asked for, which would be lost.
+    its own or keeps some.
     """
     scene = meshes.scene
-    if scene.options.clearance > 0.0 or (scene.mobility[scene.garments.vertices] < 1.0).any():
+    if (scene.mobility[scene.garments.vertices] < 1.0).any():
         return None
     inner, roomy, dressed = meshes.inner, meshes.inner_with_room, meshes.dressed
     if inner is None or roomy is None or dressed is None:
@@ -54,14 +58,17 @@ def with_bodies_first(
     opened = inner.parts.opened(pose)
     if not opened.wrong:
         return None
-    points = solve(roomy, opened)
-    if len(inner.parts.scene.pairs(points, opened.weld)):
+    solved = Judged(solve(inner.meshes, opened))
+    (found,) = opened_frames(
+        roomy.scene, roomy([opened.sewn]), [opened], [solved], np.zeros(1), options=options.room
+    )
+    if len(inner.parts.scene.pairs(found.points, opened.weld)):
         return None
-    moved = inner.parts.placed(pose.centred, points) - pose.centred
+    moved = inner.parts.placed(pose.centred, found.points) - pose.centred
     start = pose.centred + _carried_along(scene, moved)
     mesh = dressed([pose.sewn])
     before = mesh.reduced(pose.centred)
-    found, _ = solved_from(
+    led, _ = solved_from(
         mesh.surface,
         before,
         mesh.reduced(start),
@@ -71,7 +78,7 @@ def with_bodies_first(
         effort=scene.options.effort,
         options=options.lending,
     )
-    return mesh.expanded(pose.centred, before, found)
+    return mesh.expanded(pose.centred, before, led)
 
 
 def _carried_along(scene: Scene, moved: FloatArray) -> FloatArray:

@@ -1,8 +1,11 @@
-"""Where a clearance strains what comes clean without one: solved so, and opened afterwards."""
+"""Poses that are solved, opened until their contacts keep the clearance that is asked for.
+
+Last of all, for whatever relaxes would close it again.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -12,100 +15,137 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel
 from dtrepair.repair.full.acceptance import without_still
 from dtrepair.repair.full.clearance import ClearanceOptions, open_contacts
-from dtrepair.repair.relief.other_ways import frames_off
-from dtrepair.repair.scene.bounds import Judged, strain_of, wrong_in
-from dtrepair.repair.scene.opened_pose import Pose
+from dtrepair.repair.parallel.worker_pool import WorkerPool, with_workers, worthwhile_jobs
+from dtrepair.repair.scene.bounds import Judged, strain_of
+from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
+from dtrepair.repair.scene.welded_mesh import WeldedMesh
 from dtrepair.repair.surface.rigid_bodies import allowed
+from dtrepair.repair.surface.surface import Surface
 
-# Solves some frames by other meshes.
-Solve = Callable[[WeldedMeshes], list[Judged]]
+# A pose this near to its rest, units of the size, is its own rest.
+AT_REST = 1e-7
 
 
 @dataclass(frozen=True, kw_only=True)
 class OpeningOptions:
-    """How poses that were solved without a clearance are opened.
+    """How poses are opened.
 
     Args:
-        width: What opens them is smoothed over so many frames, a standard deviation: each pose is
-            opened for itself.
+        widths: Each pose is opened for itself, and what opens it smoothed over so many frames, a
+            standard deviation; then what is still too close again, smoothed less.
         tries: Of what a pose does not bear half is tried, so many times; then none.
         clearance: How the contacts of a pose are opened.
     """
 
-    width: float = 1.0
+    widths: tuple[float, ...] = (1.0, 0.5, 0.0)
     tries: int = 3
     clearance: ClearanceOptions = field(default_factory=ClearanceOptions)
 
 
-def opened_later(
-    meshes: WeldedMeshes,
-    frames: Sequence[Pose],
-    judged: list[Judged],
+def opened_frames(
+    scene: Scene,
+    mesh: WeldedMesh,
+    frames: Sequence[OpenedPose],
+    judged: Sequence[Judged],
     times: FloatArray,
-    solve: Solve,
     *,
+    jobs: int | None = 1,
     options: OpeningOptions = OpeningOptions(),
 ) -> list[Judged]:
-    """Return poses of a window, solved without the clearance where that leaves less, and opened.
+    """Return judged poses of a window with their contacts apart by the clearance of the scene.
 
-    Those that are judged, the same list, where nothing is wrong with them or no clearance is asked
-    for. times: in frame units (T,).
+    As far as they bear it: none gets more pairs for it, or strained. times: in frame units (T,);
+    jobs: workers; None: one a processor. Raises WorkerLost.
     """
-    closely, scene = meshes.without_clearance, meshes.scene
-    if closely is None or not (left := _wanting(scene, frames, judged))[0]:
-        return judged
-    others = solve(closely)
-    if _wanting(scene, frames, others) >= left:
-        return judged
-    of_frame = [meshes([frame.sewn]) for frame in frames]
-    each = zip(of_frame, frames, others, strict=True)
-    moved = np.stack([_opening(*own, options.clearance) for own in each])
-    moved = apply_in_time(gaussian_kernel(times, options.width), moved)
-    opened = zip(of_frame, frames, others, moved, strict=True)
-    return [_with_share(scene, *own, tries=options.tries) for own in opened]
+    both = list(zip(frames, judged, strict=True))
+    # What is held is one pose, or it would swim; the frames after it move up in time.
+    first = np.array([k == 0 or not _same(both[k], both[k - 1]) for k in range(len(both))])
+    held = np.cumsum(np.where(first, 0.0, np.diff(times, prepend=times[0])))
+    moments = (times - held)[first]
+
+    def opened_by(pool: WorkerPool) -> list[Judged]:
+        single = [both[k] for k in np.flatnonzero(first).tolist()]
+        state = _Opening(scene, mesh, single, pool, options)
+        pool.start(state)
+        for width in options.widths:
+            moved = np.stack(pool.map("opening", range(len(single))))
+            if not moved.any():
+                break
+            if width > 0.0:
+                moved = apply_in_time(gaussian_kernel(moments, width), moved)
+            for index, own in enumerate(moved):
+                state.move(index, own)
+        return state.judged
+
+    jobs = worthwhile_jobs(jobs, len(moments), len(mesh.surface.faces))
+    found = with_workers(mesh.surface, jobs, opened_by)
+    return [found[index] for index in np.cumsum(first) - 1]
 
 
-def too_close(mesh: WeldedMesh, pose: FloatArray) -> int:
-    """Return how many pairs of a pose (V, 3) of the scene are closer than the clearance."""
-    return len(mesh.surface.contacts.close_pairs(mesh.reduced(pose), mesh.clearance))
+def too_close(mesh: WeldedMesh, frame: OpenedPose, points: FloatArray) -> int:
+    """Return how many pairs of a pose (V, 3) of a frame are closer than the clearance."""
+    facing, unit = _own_rest(mesh, frame), mesh.reduced(points)
+    return len(mesh.surface.contacts.close_pairs(unit, mesh.clearance, facing=facing))
 
 
-def _wanting(
-    scene: Scene, frames: Sequence[Pose], judged: Sequence[Judged]
-) -> tuple[int, int, int]:
-    """Return how many poses are not clean or strained, what is left, and how many came off."""
-    poses = [own.points for own in judged]
-    wrong = wrong_in(scene, frames, poses)
-    wanting = sum(left > 0 or bool(own.excess) for left, own in zip(wrong, judged, strict=True))
-    return wanting, sum(wrong), frames_off(scene, frames, poses)
+class _Opening:
+    """Frames that are opened; a pool calls the method that takes a surface and a frame."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        mesh: WeldedMesh,
+        poses: list[tuple[OpenedPose, Judged]],
+        pool: WorkerPool,
+        options: OpeningOptions,
+    ) -> None:
+        self.scene, self.mesh, self.surface, self.options = scene, mesh, mesh.surface, options
+        self.frames, self.judged = [pose for pose, _ in poses], [own for _, own in poses]
+        self.poses = pool.array((len(poses), len(scene.rest), 3))
+        self.poses[:] = [own.points for own in self.judged]
+
+    def opening(self, surface: Surface, index: int) -> FloatArray:
+        """Return how far (V, 3) the pose of a frame moves that is opened."""
+        mesh, points = self.mesh, self.poses[index]
+        unit = mesh.reduced(points)
+        opened, _ = open_contacts(
+            surface,
+            unit,
+            mesh.clearance,
+            limit=partial(self._within_limits, index),
+            facing=_own_rest(mesh, self.frames[index]),
+            options=self.options.clearance,
+        )
+        return np.asarray(mesh.expanded(points, unit, without_still(unit, opened)) - points)
+
+    def move(self, index: int, moved: FloatArray) -> None:
+        """Move the pose of a frame (V, 3) as far as it has no more pairs for it, and no strain."""
+        scene, mesh, frame = self.scene, self.mesh, self.frames[index]
+        judged, points = self.judged[index], self.judged[index].points
+        left, unit = len(scene.pairs(points, frame.weld)), mesh.reduced(points)
+        for attempt in range(self.options.tries if moved.any() else 0):
+            trial = mesh.reduced(points + 0.5**attempt * moved)
+            # What is smoothed over frames may go where none of them may.
+            found = mesh.expanded(points, unit, self._within_limits(index, trial))
+            fits = judged.excess or not strain_of(scene, frame.centred, found)
+            if fits and len(scene.pairs(found, frame.weld)) <= left:
+                self.judged[index], self.poses[index] = judged._replace(points=found), found
+                return
+
+    def _within_limits(self, index: int, unit: FloatArray) -> FloatArray:
+        """Return a pose of the surface with rigid bodies in shape, and nothing too far off."""
+        before = self.mesh.reduced(self.frames[index].centred)
+        return allowed(self.surface.rigid, before, unit, self.mesh.farthest)
 
 
-def _opening(mesh: WeldedMesh, frame: Pose, own: Judged, options: ClearanceOptions) -> FloatArray:
-    """Return how far (V, 3) a pose moves that is opened."""
-    unit = mesh.reduced(own.points)
-    limit = partial(_within_limits, mesh, frame)
-    opened, _ = open_contacts(mesh.surface, unit, mesh.clearance, limit=limit, options=options)
-    return np.asarray(mesh.expanded(own.points, unit, without_still(unit, opened)) - own.points)
+def _own_rest(mesh: WeldedMesh, frame: OpenedPose) -> bool:
+    """Return whether a frame is its own rest, which would excuse all that is close in it."""
+    unit = mesh.reduced(frame.centred)
+    return bool(np.allclose(unit, mesh.surface.rest, rtol=0.0, atol=AT_REST))
 
 
-def _within_limits(mesh: WeldedMesh, frame: Pose, unit: FloatArray) -> FloatArray:
-    """Return a pose of the surface with rigid bodies in shape, and nothing too far off."""
-    before = mesh.reduced(frame.centred)
-    return allowed(mesh.surface.rigid, before, unit, mesh.farthest)
-
-
-def _with_share(
-    scene: Scene, mesh: WeldedMesh, frame: Pose, own: Judged, moved: FloatArray, *, tries: int
-) -> Judged:
-    """Return a pose moved (V, 3) as far as it has no more pairs for it, and no strain."""
-    left, unit = len(scene.pairs(own.points, frame.weld)), mesh.reduced(own.points)
-    for attempt in range(tries if moved.any() else 0):
-        trial = mesh.reduced(own.points + 0.5**attempt * moved)
-        # What is smoothed over frames may go where none of them may.
-        points = mesh.expanded(own.points, unit, _within_limits(mesh, frame, trial))
-        strained = strain_of(scene, frame.centred, points)
-        if len(scene.pairs(points, frame.weld)) <= left and (own.excess or not strained):
-            return own._replace(points=points)
-    return own
+def _same(first: tuple[OpenedPose, Judged], second: tuple[OpenedPose, Judged]) -> bool:
+    """Return whether two frames, and what was found for them, are the same."""
+    poses = (first[0].centred, second[0].centred), (first[1].points, second[1].points)
+    return all(np.array_equal(*both) for both in poses)

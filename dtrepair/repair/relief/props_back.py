@@ -53,8 +53,7 @@ def props_back(
     own = [scene.vertices_of(k) for k in props]
     both = list(zip(frames, judged, strict=True))
     moved = np.array([[(f.centred[v] != j.points[v]).any() for v in own] for f, j in both], bool)
-    # With a clearance what lies near counts as well.
-    if not moved.any() or scene.options.clearance > 0.0:
+    if not moved.any():
         return judged
 
     def wrong(frame: OpenedPose, points: FloatArray) -> IntArray:

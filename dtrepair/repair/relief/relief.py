@@ -175,10 +175,10 @@ def relieved_poses(
 ) -> list[FloatArray]:
     """Return what was `found` (V, 3) for some poses, with less strain where that can be had.
 
-    Of characters with attached parts only, and without a clearance, which relaxing would close.
-    Nothing gets more pairs. jobs: workers; None: one a processor. Raises WorkerLost.
+    Of characters with attached parts only. Nothing gets more pairs. jobs: workers; None: one a
+    processor. Raises WorkerLost.
     """
-    if scene.attachments is None or mesh.surface.ties is None or scene.options.clearance > 0.0:
+    if scene.attachments is None or mesh.surface.ties is None:
         return found
     result, small_parts = [], SmallParts(scene, options=options.small_parts)
     for pose, own in zip(poses, found, strict=True):

@@ -173,8 +173,7 @@ def _lowered(
             share = _share(scene, frames[index], bounded[index], attempt, options)
             needed[index] = eased[index] * share
         eased = eased_shares(needed, units, motions, options=options)
-        if scene.options.clearance == 0.0:  # which frames without pairs may lack
-            eased = followed_shares(eased, units, motions, faulty, options=options)
+        eased = followed_shares(eased, units, motions, faulty, options=options)
         eased[firm] = 1.0
         failing = []
         for index in np.flatnonzero((eased < 1.0).any(axis=1)).tolist():

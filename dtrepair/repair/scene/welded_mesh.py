@@ -78,7 +78,6 @@ class WeldedMesh:
             self.surface,
             rounds=options.tighten,
             farthest=self.farthest,
-            clearance=self.clearance,
             skip=options.skip,
             effort=options.effort,
             options=full,
@@ -196,11 +195,11 @@ class WeldedMeshes:
         return WeldedMeshes(scene, full=self._full, surface=numbers, way=f"{self.way}/{way}")
 
     @cached_property
-    def without_clearance(self) -> WeldedMeshes | None:
-        """The meshes of a scene that asks for none; None where it does not."""
+    def without_clearance(self) -> WeldedMeshes:
+        """The meshes of a scene that asks for none: contacts are opened when all else is done."""
         chosen = self.scene.options
-        if chosen.method == "paper" or chosen.clearance == 0.0:
-            return None
+        if chosen.clearance == 0.0:
+            return self
         scene = self.scene.changed(options=replace(chosen, clearance=0.0))
         return self._of(scene, "without clearance")
 

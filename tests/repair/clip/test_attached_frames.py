@@ -126,22 +126,6 @@ def test_windows_of_attached_parts_tell_how_far_they_are(tmp_path: Path, jobs: i
     assert cancelled.done[-1] < 0.5 * FRAMES
 
 
-def test_a_clearance_counts_until_it_is_forgotten() -> None:
-    surface, frames, own = scene()
-    times = np.arange(FRAMES, dtype=float)
-    state = WindowState(
-        surface, frames, times, WorkerPool(), alone=lambda _, pose: pose, clearance=0.01
-    )
-    close = frames[0].copy()
-    # The surfaces are .05 deep in each other; then .02 apart, less than .01 of the size.
-    close[own, 0] += 0.07 / surface.size
-    assert state.work.left(surface, frames[0]) > 0
-    assert state.work.left(surface, close) > 0
-    state.forget_clearance()
-    assert state.work.left(surface, frames[0]) > 0
-    assert state.work.left(surface, close) == 0
-
-
 def test_frames_that_stay_dirty_are_not_solved_alone_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -196,21 +196,6 @@ def test_no_vertex_moves_farther_than_the_farthest() -> None:
     assert np.array_equal(still.points, pose)
 
 
-def test_clearance_is_kept_between_parts() -> None:
-    surface, pose = surface_and_pose("spheres")
-    half = surface.count // 2
-    clearance = 0.01
-    solved = FullMethod(surface, clearance=clearance)(pose)
-    assert solved.left == 0
-    assert len(exact_pairs(surface.written(solved.points), surface.faces)) == 0
-    assert len(surface.contacts.close_pairs(solved.points, clearance)) == 0
-    first, second = solved.points[:half], solved.points[half:]
-    apart = np.linalg.norm(first[:, None] - second[None], axis=2).min()
-    assert apart >= clearance * (1 - 1e-4)
-    close = FullMethod(surface)(pose).points
-    assert len(surface.contacts.close_pairs(close, clearance)) > 0
-
-
 def test_a_crumpled_first_phase_is_followed_by_another() -> None:
     animal = Quadruped(
         cells=15.1,

@@ -96,7 +96,6 @@ def test_however_it_is_turned_it_mostly_comes_out() -> None:
 @pytest.mark.parametrize(
     "options",
     [
-        {"clearance": 0.01},
         {"skip": ("approach",)},
         {"skip": ("fill",)},
         {"tighten": 0},

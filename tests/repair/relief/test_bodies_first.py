@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +14,10 @@ from dtrepair.numerics.attachments import NO_TIES
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.relief import bodies_first
 from dtrepair.repair.relief.bodies_first import with_bodies_first
+from dtrepair.repair.relief.opening import opened_frames
 from dtrepair.repair.scene import welded_mesh
 from dtrepair.repair.scene.bodies import widest_clearance
+from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.scene import Scene
@@ -37,15 +40,21 @@ def solve(way: WeldedMeshes, pose: OpenedPose) -> FloatArray:
     return way([pose.sewn]).solve([pose.centred])[0][0]
 
 
-def test_the_sleeve_goes_along_with_its_arm_without_a_push_of_both() -> None:
+def test_the_sleeve_goes_along_with_its_arm_without_a_push_of_both(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     scene = make_scene(SHIRT.bodies, RepairOptions())
     pose, rooms = opened(scene, 4.3), list[float]()
 
     def noted(way: WeldedMeshes, own: OpenedPose) -> FloatArray:
         assert len(own.centred) == len(SHIRT.pose(0.0)[0])
-        rooms.append(way.scene.options.clearance)
         return solve(way, own)
 
+    def with_room(inner: Scene, *rest: Any, **named: Any) -> list[Judged]:
+        rooms.append(inner.options.clearance)
+        return opened_frames(inner, *rest, **named)
+
+    monkeypatch.setattr(bodies_first, "opened_frames", with_room)
     found = with_bodies_first(WeldedMeshes(scene), pose, noted)
     assert found is not None and pose.wrong > 10
     poses = np.split(found, [len(SHIRT.pose(0.0)[0])])
@@ -84,12 +93,12 @@ def test_it_is_led_from_there_by_what_the_garment_takes_along(taken: Taken) -> N
     assert 0.5 * farthest[0] < farthest[1] <= farthest[0]
 
 
-@pytest.mark.parametrize("why", ["bare", "clearance", "apart", "in vain", "pinned"])
+@pytest.mark.parametrize("why", ["bare", "apart", "in vain", "pinned"])
 def test_nothing_is_where_it_cannot_help(why: str) -> None:
     bodies = SHIRT.bodies
     if why == "bare":
         bodies = [bodies[0], Body(*icosphere(2, 0.1))]
-    scene = make_scene(bodies, RepairOptions(clearance=0.01 if why == "clearance" else 0.0))
+    scene = make_scene(bodies, RepairOptions())
     if why == "pinned":
         scene.mobility[-5:] = 0.0
     points = SHIRT.pose(3.0 if why == "apart" else 4.3)

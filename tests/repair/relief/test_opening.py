@@ -1,24 +1,24 @@
-"""A clearance never costs a pose that comes clean without one; what may be opened of it is."""
+"""Contacts are opened last: a clearance never costs a pose that comes clean without one."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dtrepair.diagnosis import Status
-from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.options import RepairOptions
-from dtrepair.repair.relief.opening import _with_share, opened_later, too_close
+from dtrepair.repair.parallel.worker_pool import WorkerPool
+from dtrepair.repair.relief.opening import OpeningOptions, _Opening, opened_frames, too_close
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.result import RepairResult
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.bounds import Judged
-from dtrepair.repair.scene.opened_pose import detected, gathered
-from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
+from dtrepair.repair.scene.welded_mesh import WeldedMesh
 from dtrepair.repair.strain.meter import StrainOptions
 from tests.meshes import bent_tube, grid
 
@@ -40,50 +40,61 @@ def repaired(clearance: float) -> list[RepairResult]:
     return [frame.results[0] for frame in scene(clearance, TIGHT).animator.stream(frames, jobs=1)]
 
 
-def as_it_was(meshes: Any, frames: Any, judged: Any, *_: Any, **__: Any) -> Any:
-    return judged
-
-
 @pytest.mark.parametrize("clearance", [1e-6, 0.01])
-def test_frames_that_come_clean_without_a_clearance_do_with_one(
-    clearance: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_frames_that_come_clean_without_a_clearance_do_with_one(clearance: float) -> None:
     plain, found = repaired(0.0), repaired(clearance)
     assert all(own.status is Status.CLEAN for own in (*plain, *found))
     moved = [np.abs(a.points - b.points).max() for a, b in zip(found, plain, strict=True)]
     assert max(moved) < 2.0 * clearance + 1e-6
-    monkeypatch.setattr("dtrepair.repair.clip.window_repairer.opened_later", as_it_was)
-    assert any(own.status is not Status.CLEAN for own in repaired(clearance))
+    assert clearance < 0.01 or max(moved) > 0.0
 
 
-def test_what_is_too_close_is_opened_where_the_bounds_allow_it() -> None:
-    clearance = 0.02
-    repairer, pose = scene(clearance), FRAMES[1]
-    meshes, opened = repairer.meshes, detected(repairer.scene, gathered(repairer.scene, [pose]))
-    clean = scene(0.0)([pose])[0].points
-    centred = np.asarray(clean - pose + opened.centred, dtype=np.float64)
-    asked: list[float] = []
+def window(clearance: float) -> tuple[SceneRepairer, list[OpenedPose], list[Judged], WeldedMesh]:
+    """The frames as they come clean without a clearance, and the mesh that knows it."""
+    repairer = scene(clearance)
+    frames = [detected(repairer.scene, gathered(repairer.scene, [pose])) for pose in FRAMES]
+    moved = [own.points - pose for own, pose in zip(repaired(0.0), FRAMES, strict=True)]
+    judged = [Judged(own.centred + by) for own, by in zip(frames, moved, strict=True)]
+    return repairer, frames, judged, repairer.meshes([own.sewn for own in frames])
 
-    def closely(way: WeldedMeshes) -> list[Judged]:
-        asked.append(way.scene.options.clearance)
-        return [Judged(centred)]
 
-    def later(first: FloatArray) -> list[Judged]:
-        return opened_later(meshes, [opened], [Judged(first)], np.zeros(1), closely)
+def test_what_is_too_close_is_opened_and_smoothing_closes_none_of_it_again() -> None:
+    repairer, frames, judged, mesh = window(0.02)
+    # One frame in which it is, beside others in which nothing is near anything.
+    far = bent_tube(3.0, around=12, along=40, radius=0.08)[0]
+    apart = detected(repairer.scene, gathered(repairer.scene, [far]))
+    frames, judged = (
+        [apart, frames[2], apart],
+        [Judged(apart.centred), judged[2], Judged(apart.centred)],
+    )
+    close, second = [], []
+    for widths in ((1.0, 0.5, 0.0), (1.0,), (0.0,)):
+        options = OpeningOptions(widths=widths)
+        found = opened_frames(repairer.scene, mesh, frames, judged, np.arange(3.0), options=options)
+        assert len(repairer.scene.pairs(found[1].points, frames[1].weld)) == 0
+        close.append(too_close(mesh, frames[1], found[1].points))
+        poses = np.stack([own.points - was.points for own, was in zip(found, judged, strict=True)])
+        second.append(np.abs(np.diff(poses, 2, axis=0)).max())
+    assert close[0] == close[2] == 0 < close[1] < too_close(mesh, frames[1], judged[1].points)
+    # Opened each for itself they move less evenly in time.
+    assert second[0] < second[2]
 
-    mesh = meshes([opened.sewn])
-    (found,) = later(opened.centred)
-    assert asked == [0.0] and len(repairer.scene.pairs(found.points, opened.weld)) == 0
-    assert too_close(mesh, found.points) < too_close(mesh, centred)
-    # What is clean is left at that, ...
-    first = [Judged(centred)]
-    assert opened_later(meshes, [opened], first, np.zeros(1), closely) is first
-    assert asked == [0.0]
-    # ... and what leaves no less is not taken.
-    centred = opened.centred
-    first = [Judged(opened.centred)]
-    assert opened_later(meshes, [opened], first, np.zeros(1), closely) is first
-    assert asked == [0.0, 0.0]
+
+def test_frames_that_are_held_are_opened_as_one() -> None:
+    repairer, frames, judged, mesh = window(0.01)
+    order, times = [0, 1, 1, 1, 2, 3], np.arange(6.0)
+    given, known = [frames[k] for k in order], [judged[k] for k in order]
+    found = [own.points for own in opened_frames(repairer.scene, mesh, given, known, times)]
+    assert np.array_equal(found[1], found[2]) and np.array_equal(found[1], found[3])
+    once = opened_frames(repairer.scene, mesh, frames, judged, np.arange(4.0))
+    assert all(np.array_equal(once[k].points, own) for k, own in zip(order, found, strict=True))
+
+
+def test_what_does_not_bear_it_is_left_where_it_is() -> None:
+    repairer, frames, judged, mesh = window(0.01)
+    tight = replace(repairer.scene, strain=StrainOptions(factor=1.0001, edges=0, edges_share=0.0))
+    found = opened_frames(tight, mesh, frames, judged, np.arange(4.0))
+    assert all(own.points is was.points for own, was in zip(found, judged, strict=True))
 
 
 def test_opened_poses_keep_to_the_limit_and_rigid_bodies_to_their_shape() -> None:
@@ -98,8 +109,10 @@ def test_opened_poses_keep_to_the_limit_and_rigid_bodies_to_their_shape() -> Non
     of_plate = np.arange(len(scene.rest)) >= len(REST)
     random = np.random.default_rng(0)
     moved = random.normal(size=scene.rest.shape) * 0.01  # as if smoothed: neither rigid nor near
-    own, mesh = Judged(frame.centred), meshes([frame.sewn])
-    found = _with_share(scene, mesh, frame, own, moved, tries=1).points - frame.centred
+    poses, numbers = [(frame, Judged(frame.centred))], OpeningOptions(tries=1)
+    state = _Opening(scene, meshes([frame.sewn]), poses, WorkerPool(), numbers)
+    state.move(0, moved)
+    found = state.judged[0].points - frame.centred
     assert found.any() and np.linalg.norm(found, axis=1).max() <= 0.004 * (1.0 + 1e-6)
     before = frame.centred[of_plate]
     after = before + found[of_plate]
@@ -107,7 +120,7 @@ def test_opened_poses_keep_to_the_limit_and_rigid_bodies_to_their_shape() -> Non
     assert np.allclose(old, new, rtol=0.0, atol=1e-9)
 
 
-def test_without_a_clearance_nothing_is_solved_again() -> None:
-    assert scene(0.0).meshes.without_clearance is None
-    paper = RepairOptions(method="paper", clearance=0.0)
-    assert SceneRepairer([Body(REST, FACES)], options=paper).meshes.without_clearance is None
+def test_without_a_clearance_meshes_are_their_own() -> None:
+    plain, apart = scene(0.0).meshes, scene(0.01).meshes
+    assert plain.without_clearance is plain
+    assert apart.without_clearance.scene.options.clearance == 0.0

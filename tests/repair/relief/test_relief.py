@@ -114,13 +114,6 @@ def test_a_limit_of_displacements_holds() -> None:
     assert np.linalg.norm(relieved - frame.centred, axis=1).max() <= limit
 
 
-def test_what_a_clearance_opened_is_left_as_it_is() -> None:
-    scene, frame, mesh = winged(1.6)
-    found = mesh.solve([frame.centred])[0][0]
-    apart = replace(scene, options=replace(scene.options, clearance=0.01))
-    assert relieved_poses(apart, mesh, [frame], [found])[0] is found
-
-
 def test_a_pose_ends_clean() -> None:
     scene, frame, _ = winged(1.5)
     results = SceneRepairer(scene.bodies, references=scene.references)(frame.given)

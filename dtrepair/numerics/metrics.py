@@ -114,10 +114,13 @@ class JumpOptions:
         farther: A vertex jumps by how much farther its displacement is from that between its
             neighbours in time than these are from the middle between them. A frame jumps where
             that is more than this fraction of the diagonal ...
+        opposed: ... or its displacement is farther from that before it by more than this than
+            both are long: it goes to the other side ...
         quantile: ... for all but this fraction of the vertices.
     """
 
     farther: float = 0.01
+    opposed: float = 0.0075
     quantile: float = 0.995
 
 
@@ -125,7 +128,7 @@ class JumpMeter:
     """Measures by how much the displacements of frames stand out, in memory for three frames.
 
     A correction that grows or fades, however fast, is no jump: the displacement between two others
-    may be as far from both as they are from each other.
+    may be as far from both as they are from each other. One that changes sides is, even for good.
 
     Args:
         part_of: The part (V,) of each vertex: a belt may jump on a body that does not.
@@ -154,17 +157,27 @@ class JumpMeter:
         if not self._last:
             self._diagonal = diagonal(original) or 1.0
         self._last.append((time, np.asarray(after, dtype=np.float64) - original))
-        if len(self._last) < 3:
+        self._last = self._last[-3:]
+        if len(original) == 0:
             return
-        (first, left), (middle, own), (last, right) = self._last
-        self._last.pop(0)
-        if not (len(own) and first < middle < last):
-            return
-        between = left + (middle - first) / (last - first) * (right - left)
-        farther = lengths(own - between) - 0.5 * lengths(right - left)
+        if len(self._last) == 3:
+            (first, left), (middle, own), (last, right) = self._last
+            if first < middle < last:
+                between = left + (middle - first) / (last - first) * (right - left)
+                farther = lengths(own - between) - 0.5 * lengths(right - left)
+                self._tell(middle, farther, self.options.farther)
+        if len(self._last) > 1:
+            (first, left), (last, right) = self._last[-2:]
+            # A frame that stood out comes back.
+            if first < last and first not in self.jumps:
+                opposed = lengths(right - left) - np.abs(lengths(right) - lengths(left))
+                self._tell(last, opposed, self.options.opposed)
+
+    def _tell(self, time: float, farther: FloatArray, least: float) -> None:
+        """Note a frame whose vertices jump so far (V,), where that is more than the least."""
         jump = self._most(farther) / self._diagonal
-        if jump > self.options.farther:
-            self.jumps[middle] = jump
+        if jump > least:
+            self.jumps[time] = max(jump, self.jumps.get(time, 0.0))
 
     def _most(self, farther: FloatArray) -> float:
         """Return how far the part that stands out most does so, from values (V,) of vertices."""

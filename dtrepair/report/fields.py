@@ -275,7 +275,7 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
         {
             "kind": "bent (it moves as a whole in the input), moved (it stands still in the "
             "input), breaks_off (frames beside these were not chosen, and it pops there), jumps "
-            "(it stands out from the frames before and after).",
+            "(it stands out from the frames before and after, or changes sides).",
             "path": "The mesh.",
             "largest": "How far in the worst frame, as a fraction of its size.",
             "times": "The frames.",

@@ -34,6 +34,17 @@ def test_a_frame_on_the_other_side_jumps_by_how_far_it_stands_out() -> None:
     assert list(found) == [2.0]
 
 
+def test_a_change_of_sides_for_good_jumps() -> None:
+    found = jumps([0.0, 0.004, 0.009, -0.013, -0.01, -0.004])
+    assert found == {3.0: pytest.approx(0.018)}
+    # One that passes through nothing is none, however fast.
+    assert jumps([0.0, 0.004, 0.009, 0.0, -0.01, -0.004]) == {}
+    least = 0.5 * JumpOptions().opposed
+    assert jumps([0.0, 0.9 * least, -0.9 * least, 0.0]) == {}
+    assert list(jumps([0.0, 1.1 * least, -1.1 * least, 0.0])) == [2.0]
+    assert jumps([0.01, -0.01], times=[1.0, 1.0]) == {}
+
+
 def test_what_comes_and_goes_is_no_jump() -> None:
     assert jumps([0.0, 0.1, 0.2, 0.3, 0.3, 0.1]) == {}
     kernel = gaussian_kernel(np.arange(31.0), PushFramesOptions().phases[0].width)

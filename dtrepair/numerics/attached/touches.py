@@ -27,13 +27,15 @@ def without_touches(faces: IntArray, weld: IntArray, pairs_of: Callable[[], IntA
     if len(touching) == 0:
         return weld
     sides = np.sort(part[faces[pairs_of(), 0]].reshape(-1, 2), axis=1)
-    overlaps = set(map(tuple, np.unique(sides[sides[:, 0] != sides[:, 1]], axis=0).tolist()))
+    overlaps: dict[int, list[int]] = {}
+    for one, other in np.unique(sides[sides[:, 0] != sides[:, 1]], axis=0).tolist():
+        overlaps.setdefault(one, []).append(other)
     result, order = weld.copy(), np.argsort(weld, kind="stable")
     ends = np.searchsorted(weld[order], [touching, touching + 1])
     for start, end in ends.T.tolist():
         own = order[start:end]
         first = {number: vertex for vertex, number in zip(own[::-1], part[own[::-1]], strict=True)}
-        if any((a, b) in overlaps for a in first for b in first):
+        if any(other in first for one in first for other in overlaps.get(one, ())):
             result[own] = [first[number] for number in part[own]]
     return result
 

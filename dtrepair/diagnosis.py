@@ -9,6 +9,7 @@ from typing import Any
 
 from dtrepair.strain import Strain as Strain
 from dtrepair.strain import StrainKind as StrainKind
+from dtrepair.strain import part_label as part_label
 from dtrepair.wording import counted
 
 # So many contacts, or parts inside others, are named in a sentence.

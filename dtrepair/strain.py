@@ -24,7 +24,7 @@ class StrainKind(StrEnum):
 
 _WORDS: Mapping[StrainKind, str] = {
     StrainKind.EDGES: "{0:.0f} edges four times longer or shorter, at most {1:.0f} may be",
-    StrainKind.DRIFT: "{0} off what it is attached to, at most {1}",
+    StrainKind.DRIFT: "{0} off {2}, at most {1}",
     StrainKind.SLIDE: "a twentieth of what is attached is {0} off, at most {1}",
     StrainKind.VOLUME: "volume changed by {0}, at most {1}",
     StrainKind.LIMB: "volume of a piece of a limb changed by {0}, at most {1}",
@@ -50,6 +50,7 @@ class Strain:
         vertex: The vertex of the body where it is worst.
         place: Where that is in the input, in the space of the scene.
         size: What lengths are fractions of, the diagonal of the scene; None where it is not known.
+        other: Name and part of what it came off, of drift; None where it is not known.
     """
 
     body: str
@@ -61,6 +62,7 @@ class Strain:
     vertex: int
     place: tuple[float, float, float]
     size: float | None = None
+    other: str | None = None
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> Strain:
@@ -71,14 +73,15 @@ class Strain:
     @property
     def where(self) -> str:
         """Say which body and part it is."""
-        return f"{self.body}, part {self.part} of {self.parts}" if self.parts > 1 else self.body
+        return part_label(self.body, self.part, self.parts)
 
     @property
     def measure(self) -> str:
         """Say what was measured, with the number and its bound."""
         numbers = (self.value, self.bound)
         if self.kind in _LENGTHS:
-            return _WORDS[self.kind].format(*(length(number, self.size) for number in numbers))
+            lengths = (length(number, self.size) for number in numbers)
+            return _WORDS[self.kind].format(*lengths, self.other or "what it is attached to")
         if self.kind in _SHARES:
             # What is little beyond its bound has to look so.
             near = f"{self.value:.0%}" == f"{self.bound:.0%}"
@@ -89,3 +92,8 @@ class Strain:
         """Say what was measured, and where it is worst."""
         place = ", ".join(f"{number:.4g}" for number in self.place)
         return f"{self.where}, at ({place}), vertex {self.vertex}: {self.measure}"
+
+
+def part_label(body: str, part: int, parts: int) -> str:
+    """Return the name of a body, and which of its parts, where it has several."""
+    return f"{body}, part {part} of {parts}" if parts > 1 else body

@@ -45,6 +45,8 @@ def test_lengths_of_strains_are_told_in_units_and_in_per_cent_of_the_size() -> N
     assert loose.measure == "3.1 % of the size off what it is attached to, at most 2 % of the size"
     sized = replace(loose, size=180.0)
     assert sized.measure == "5.58 (3.1 %) off what it is attached to, at most 3.6 (2 %)"
+    known = replace(sized, other="/Hero/Vest, part 2 of 3")
+    assert known.measure == "5.58 (3.1 %) off /Hero/Vest, part 2 of 3, at most 3.6 (2 %)"
     turned = replace(sized, kind=StrainKind.FLIPS)
     assert turned.measure == "a patch 5.58 (3.1 %) wide turned over, at most 3.6 (2 %)"
     assert replace(CRUSHED, size=180.0).measure == CRUSHED.measure

@@ -197,6 +197,7 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "vertex": "The vertex of the mesh where it is worst.",
             "place": "Where that is in the input.",
             "size": "Diagonal of all that was repaired together, in stage units.",
+            "other": "Mesh and part that it came off, of drift; null of all else.",
         },
     ),
     "Modelled contacts": (

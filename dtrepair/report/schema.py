@@ -59,6 +59,7 @@ _ENCLOSED = _object(inner=_TEXT, outer=_TEXT, parts=_COUNT)
 # of the diagonal, volumes of that of the part or piece.
 _STRAIN = _object(
     "size",
+    "other",
     body=_TEXT,
     part=_COUNT,
     parts=_COUNT,
@@ -68,6 +69,7 @@ _STRAIN = _object(
     vertex=_COUNT,
     place={"type": "array", "items": {"type": "number"}},
     size={"type": ["number", "null"], "minimum": 0},
+    other={"type": ["string", "null"]},
 )
 # What a repair left of all objects, and what may be done about it: see `dtrepair.diagnosis`.
 _LEFT = _object(

@@ -90,6 +90,7 @@ def test_strains_are_written_and_counted_and_older_reports_have_none() -> None:
         bound=0.02,
         vertex=5,
         place=(1.0, 2.0, 3.0),
+        other="/B, part 1 of 4",
     )
     frame = FrameRecord(time=1.0, status="strained", left=Diagnosis(strains=(strain,)))
     document = make_report(frames=(frame,)).document()

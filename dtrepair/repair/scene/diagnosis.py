@@ -14,6 +14,8 @@ from dtrepair.diagnosis import (
     RemainingContact,
     RemainingEnclosure,
     Strain,
+    StrainKind,
+    part_label,
 )
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, vector_areas
 from dtrepair.numerics.metrics import edge_log_ratio, volume
@@ -131,13 +133,19 @@ def deformation_of(
     return Deformation(name_of(scene, body), float(np.exp(change)), kept if lost else None)
 
 
+def _label(scene: Scene, part: int) -> str:
+    """Return how a connected part is named."""
+    parts = scene.strain_meter.parts
+    return part_label(name_of(scene, int(parts.body[part])), *parts.number_of(part))
+
+
 def strains_of(
     scene: Scene, body: int, original: FloatArray, excess: Sequence[Excess]
 ) -> tuple[Strain, ...]:
     """Return what is beyond its bound in a body, in the pose (V, 3) of the input."""
     parts, size = scene.strain_meter.parts, scene.scale.diagonal(original) if excess else 0.0
     found = []
-    for kind, part, value, bound, worst, _ in excess:
+    for kind, part, value, bound, worst, _, other in excess:
         if parts.body[part] != body:
             continue
         number, count = parts.number_of(part)
@@ -154,6 +162,7 @@ def strains_of(
                 vertex=vertex,
                 place=(x, y, z),
                 size=size,
+                other=_label(scene, other) if other >= 0 and kind is StrainKind.DRIFT else None,
             )
         )
     return tuple(found)

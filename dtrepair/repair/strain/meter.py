@@ -80,7 +80,7 @@ class StrainOptions:
 
 
 class Excess(NamedTuple):
-    """A measure beyond its bound, of a part; the vertex where it is worst, and all concerned."""
+    """A measure beyond its bound, of a part; the worst vertex, all concerned, what it came off."""
 
     kind: StrainKind
     part: int
@@ -88,6 +88,7 @@ class Excess(NamedTuple):
     bound: float
     worst: int
     vertices: IntArray
+    other: int = -1
 
 
 class _Changed(NamedTuple):
@@ -259,9 +260,9 @@ class StrainMeter:
         corners = self.parts.corners[self.parts.ties.triangles[concerned]].ravel()
         vertices = np.unique(np.concatenate([self.parts.ties.vertices[concerned], corners]))
         vertex = int(self.parts.ties.vertices[worst])
-        return Excess(
-            kind, int(self.parts.of_vertex[vertex]), float(value), bound, vertex, vertices
-        )
+        corner = self.parts.corners[self.parts.ties.triangles[worst], 0]
+        part, other = self.parts.of_vertex[[vertex, corner]].tolist()
+        return Excess(kind, part, float(value), bound, vertex, vertices, other)
 
     def _volumes(
         self, before: FloatArray, after: FloatArray, old: FloatArray, new: FloatArray

@@ -117,6 +117,7 @@ def test_parts_that_came_off_each_other() -> None:
         moved[:count] -= [0.0, 0.0, away * size]
         (found,) = measure(points, moved)
         assert found.kind == kind and abs(found.value - away) < 1e-9 and found.value > found.bound
+        assert {found.part, found.other} == {0, 1}
         assert set(found.vertices) & set(range(count))
         assert set(found.vertices) & set(range(count, len(points)))
     moved[:count] = points[:count] - [0.0, 0.0, 0.003 * size]

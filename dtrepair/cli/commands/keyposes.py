@@ -52,7 +52,9 @@ from dtrepair.pipeline.keyposes.stage import plan_keyposes, repair_keyposes
 )
 @report_options()
 @click.option(
-    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, of this input."
+    "--skip-existing",
+    is_flag=True,
+    help="Do nothing if OUT is there already, of this input and these choices.",
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @as_settings(KeyposeSettings, key_options, object_options, key_selection_options, method_options)
@@ -97,7 +99,14 @@ def command(
     if (
         output is not None
         and skip_existing
-        and already_written(output, console, over=source_path, source_path=None)
+        and already_written(
+            output,
+            console,
+            over=source_path,
+            settings=settings.recorded,
+            defaults=KeyposeSettings().recorded,
+            reports=reports,
+        )
     ):
         return CLEAN
     if output is not None:

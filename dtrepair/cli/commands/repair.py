@@ -58,7 +58,9 @@ from dtrepair.pipeline.repair.stage import plan_repair, repair_stage
 @report_options()
 @click.option("--resume", is_flag=True, help="Go on with an interrupted run of the same command.")
 @click.option(
-    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, of this input."
+    "--skip-existing",
+    is_flag=True,
+    help="Do nothing if OUT is there already, of this input and these choices.",
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @click.option(
@@ -104,9 +106,14 @@ def command(
         dtrepair repair body.obj -o body_repaired.obj
     """
     check_report_places(reports, console, source_path, others=[output])
-    # A layer that has a source is that of a transfer.
-    expected = {"chunk": settings.chunk, "source_path": None}
-    if skip_existing and already_written(output, console, over=source_path, **expected):
+    if skip_existing and already_written(
+        output,
+        console,
+        over=source_path,
+        settings=settings.recorded,
+        defaults=RepairSettings().recorded,
+        reports=reports,
+    ):
         return CLEAN
     inputs = (source_path, output, settings)
     replaced = None if running["resume"] else output

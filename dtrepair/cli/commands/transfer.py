@@ -75,7 +75,9 @@ class GreedyPoses(Command):
 )
 @report_options()
 @click.option(
-    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, of this input."
+    "--skip-existing",
+    is_flag=True,
+    help="Do nothing if OUT is there already, of this input and these choices.",
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @transfer_settings
@@ -113,11 +115,16 @@ def command(
         dtrepair transfer walk.usd hero.usd --prim /Cat/Body --target-prim /Lion/Body \\
             --correspondence cat_lion.npz -o lion_walk.usdc
     """
-    paths = {"source_path": source_path, "target_path": target_path}
-    if skip_existing and already_written(output, console, **paths):
-        return CLEAN
     read, written = files_of(source_path, target_path, settings)
     check_report_places(reports, console, *read, others=[output, *written])
+    if skip_existing and already_written(
+        output,
+        console,
+        settings=settings.recorded(source_path, target_path),
+        defaults=TransferSettings.unsaid(),
+        reports=reports,
+    ):
+        return CLEAN
     observer = ConsoleObserver(console, say, output=output)
     inputs = (source_path, target_path, output, settings)
     clean_up_if_forced(output)

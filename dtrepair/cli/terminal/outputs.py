@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.streams import say
@@ -32,6 +33,9 @@ class Reports:
 
     report: str | None = None
     picture: str | None = None
+
+
+NOWHERE = Reports()
 
 
 def check_report_places(
@@ -82,12 +86,19 @@ def put_reports(report: Report, reports: Reports, observer: Observer = SILENT) -
 
 
 def already_written(
-    output: str, console: Console, *, over: str | None = None, **settings: str | None
+    output: str,
+    console: Console,
+    *,
+    over: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    defaults: Mapping[str, Any] | None = None,
+    reports: Reports = NOWHERE,
 ) -> bool:
     """Return whether --skip-existing finds a whole output; tell that, and what cannot be read.
 
-    over: the stage that the output lies over; settings: choices that its record holds. Raises
-    UsageError for a layer that says that it is the result of another run.
+    over: the stage that the output lies over; settings: choices as its record holds them, and
+    `defaults` of them; None: it may have any. reports: what is not written then, which is told.
+    Raises UsageError for a layer that says that it is the result of another run.
     """
     if not os.path.exists(output):
         return False
@@ -95,12 +106,15 @@ def already_written(
         console.warn([f"{output}: exists, but cannot be read: it is written again"])
         return False
     if is_stage(output):
-        if other := other_result(output, over, settings):
+        other = "" if settings is None else other_result(output, over, settings, defaults or {})
+        if other:
             raise UsageError(
-                f"{output}: exists, and is {other}: --skip-existing takes only a result of "
-                "this input for done; name another output, or remove it"
+                f"{output}: exists, and is {other}: --skip-existing takes only a result of this "
+                "input and these choices for done; name another output, or remove it"
             )
         if not has_record(output):
             console.warn([f"{output}: has no record of dtrepair, and may not be its output"])
-    console.result(f"{output}: exists; skipped")
+    unwritten = [name for name, value in vars(reports).items() if value is not None]
+    end = f"; no {' and no '.join(unwritten)} is written" if unwritten else ""
+    console.result(f"{output}: exists; skipped{end}")
     return True

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypedDict
 
 from dtrepair.keyposes.options import KeyOptions
-from dtrepair.pipeline.repair.settings import RepairSettings
+from dtrepair.pipeline.repair.settings import RepairSettings, recorded_settings, recorded_texts
 from dtrepair.pipeline.selection import ObjectOptions, PrimTable, Selection, object_of
 from dtrepair.repair.options import RepairOptions
 
@@ -35,6 +35,12 @@ class KeyposeSettings:
     def __post_init__(self) -> None:
         """Leave out tightening: tightened keys touch, and leave no room for poses between them."""
         object.__setattr__(self, "options", replace(self.options, tighten=0))
+
+    @property
+    def recorded(self) -> dict[str, Any]:
+        """What an output and a report keep of the choices, as long as the input is not read."""
+        more = {"rest": self.rest, "tables": recorded_texts(self.tables), **vars(self.keys)}
+        return recorded_settings(self.selection, self.objects, self.options, more)
 
     @classmethod
     def from_report(cls, settings: Mapping[str, Any]) -> KeyposeSettings:

@@ -34,7 +34,6 @@ from dtrepair.pipeline.repair.collider_contacts import ColliderContacts, collide
 from dtrepair.pipeline.repair.motion import Motion
 from dtrepair.pipeline.repair.records import clearance_warnings
 from dtrepair.pipeline.repair.run import Run, make_repairer
-from dtrepair.pipeline.repair.settings import recorded_settings
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import mode_warnings, prim_records, refuse_if_none_usable
@@ -139,12 +138,7 @@ def _prepared(
     warn(observer, [*source.warnings, *mode_warnings(source, options.mode)])
     controls = read_controls(source, settings.objects, settings.tables)
     warn(observer, controls.warnings)
-    more = {
-        "rest": settings.rest,
-        "objects": recorded(source, controls.settings),
-        **vars(settings.keys),
-    }
-    kept = recorded_settings(settings.selection, settings.objects, options, more)
+    kept = {**settings.recorded, "objects": recorded(source, controls.settings)}
     run = Run(
         stage,
         output,

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, TypedDict
 
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import (
     ObjectOptions,
+    ObjectSettings,
     PrimTable,
     Selection,
     object_of,
     recorded_tables,
     refuse_unknown,
+    table_values,
 )
 from dtrepair.repair.options import RepairOptions
 
@@ -106,19 +109,31 @@ class RepairSettings:
         """Whether each frame is repaired for itself: the published method knows single poses."""
         return self.alone or self.options.method == "paper"
 
+    @property
+    def recorded(self) -> dict[str, Any]:
+        """What an output and a report keep of the choices, as long as the input is not read."""
+        more = {
+            "rest": self.rest,
+            "chunk": self.chunk,
+            "alone": self.alone or None,
+            "tables": recorded_texts(self.tables),
+            **self.writing.given,
+        }
+        return recorded_settings(self.selection, self.objects, self.options, more)
+
     @classmethod
     def from_report(cls, settings: Mapping[str, Any]) -> RepairSettings:
         """Return the settings of a run whose report has these `settings`.
 
         Raises UsageError for a name that no setting has.
         """
-        own = ("alone", "chunk", "rest", "rest_option", "objects")
+        own = ("alone", "chunk", "rest", "rest_option", "objects", "tables")
         refuse_unknown(settings, (Selection, RepairOptions, ObjectOptions, OutputOptions), own)
         return cls(
             selection=object_of(Selection, settings),
             options=object_of(RepairOptions, settings),
             objects=object_of(ObjectOptions, settings),
-            tables=recorded_tables(settings),
+            tables=tables_of_texts(settings.get("tables", ())) or recorded_tables(settings),
             rest=settings.get("rest_option"),
             alone=settings.get("alone", False),
             chunk=settings.get("chunk"),
@@ -149,6 +164,22 @@ def recorded_settings(
         for name, value in chosen.items()
         if value is not None
     }
+
+
+def recorded_texts(tables: Sequence[PrimTable]) -> list[str] | None:
+    """Return tables in their order, each as JSON; None for no table.
+
+    Of two that match a mesh the last counts, so that their order matters. Those that come of a
+    report, as `recorded_tables` reads them, are what the meshes had: nobody wrote them as tables.
+    """
+    asked = [own for own in tables if own.origin != own.path]
+    return [json.dumps({"path": own.path, **table_values(own)}) for own in asked] or None
+
+
+def tables_of_texts(texts: Iterable[str]) -> tuple[PrimTable, ...]:
+    """Return the tables of which `recorded_texts` made texts."""
+    values = [json.loads(text) for text in texts]
+    return tuple(PrimTable(own["path"], object_of(ObjectSettings, own)) for own in values)
 
 
 def refuse_what_paper_lacks(options: RepairOptions | None, objects: ObjectOptions) -> None:

@@ -23,7 +23,6 @@ from dtrepair.pipeline.repair.settings import (
     RepairChoices,
     RepairSettings,
     parse_chunk,
-    recorded_settings,
 )
 from dtrepair.pipeline.stages.bodies import (
     Controls,
@@ -135,7 +134,7 @@ def _prepared(
     controls = read_controls(source, settings.objects, settings.tables)
     warn(observer, controls.warnings)
     _refuse_without_effect(options, controls)
-    kept = _recorded(source, settings, controls)
+    kept = {**settings.recorded, "objects": recorded(source, controls.settings)}
     run = Run(
         stage,
         output,
@@ -182,17 +181,6 @@ def _refuse_without_effect(options: RepairOptions, controls: Controls) -> None:
     """Refuse what is asked of single objects, and the published method does not have."""
     if options.method == "paper" and any(own.rigid for own in controls.settings):
         raise UsageError("--rigid: has no effect with --method paper; leave it out")
-
-
-def _recorded(source: Source, settings: RepairSettings, controls: Controls) -> dict[str, object]:
-    """What the output keeps of the choices."""
-    more = {
-        "rest": settings.rest,
-        "objects": recorded(source, controls.settings),
-        "chunk": settings.chunk,
-        **settings.writing.given,
-    }
-    return recorded_settings(settings.selection, settings.objects, settings.options, more)
 
 
 def _distributed(

@@ -5,10 +5,20 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
 from dtrepair.pipeline.errors import OutputError, UsageError
 
 FilePath = str | os.PathLike[str]
+
+# Choices in a record that name the inputs of a transfer, and all that may name files.
+_INPUTS = ("source_path", "target_path")
+_FILES = {*_INPUTS, "rest", "pin", "poses", "markers", "correspondence"}
+# Choices that change no result. What single objects do, `objects`, is known with the stage only;
+# what was asked of them stands in `tables`.
+_WITHOUT_EFFECT = {"strict", "strict_references", "objects", "save_correspondence", "registration"}
+# So much of what differs fits on a line: choices, and characters of a value.
+_MOST_TOLD, _LONGEST_TOLD = 4, 60
 
 
 @contextmanager
@@ -68,25 +78,72 @@ def has_record(path: FilePath) -> bool:
     return bool(record_of(path)[0])
 
 
-def other_result(path: FilePath, over: str | None, settings: Mapping[str, str | None]) -> str:
+def other_result(
+    path: FilePath,
+    over: str | None,
+    settings: Mapping[str, Any],
+    defaults: Mapping[str, Any],
+) -> str:
     """Return what a layer is, in words, if another run made it than one that is asked for; else "".
 
-    over: the stage that the run lies over; settings: some of its choices. Files are compared by
-    their names where one of them is not there, as on another machine.
+    over: the stage that the run lies over; settings: its choices as an output records them;
+    defaults: those that hold where a record, as of an older version, says nothing. Files are
+    compared by their names where one of them is not there, as on another machine.
     """
+    from usd_io.write.metadata import usd_dictionary
     from usd_io.write.records import record_of
 
     record, below = record_of(path)
     if over is not None and below and not _same(below, over):
         return f"a layer over {below}"
-    kept = record.get("settings", {})
-    for name, value in settings.items():
-        own = kept.get(name) if isinstance(kept, Mapping) else None
-        if name.endswith("_path") and own and not (value and _same(own, value)):
-            return f"made of {own}"
-        if not name.endswith("_path") and own != value:
-            return f"of {name} {own}" if own else f"of no {name}"
-    return ""
+    kept = record.get("settings")
+    if not isinstance(kept, Mapping) or not kept:
+        return ""
+    asked = usd_dictionary(settings)
+    for name in _INPUTS:
+        if name in kept and not _alike(name, kept[name], asked.get(name)):
+            return f"made of {kept[name]}"
+    if (maker := _command_of(kept)) != _command_of(asked):
+        return f"made by {maker}"
+    common = usd_dictionary(defaults)
+    there, here = {**common, **kept}, {**common, **asked}
+    differing = [
+        f"{name} ({_told(there.get(name))} there, {_told(here.get(name))} asked for)"
+        for name in sorted({*there, *here} - _WITHOUT_EFFECT)
+        if not _alike(name, there.get(name), here.get(name))
+    ]
+    return f"made with other choices: {', '.join(differing[:_MOST_TOLD])}" if differing else ""
+
+
+def _command_of(settings: Mapping[str, Any]) -> str:
+    """Return which command records such settings."""
+    if "source_path" in settings:
+        return "transfer"
+    return "keyposes" if "interpolation" in settings else "repair"
+
+
+def _alike(name: str, one: object, other: object) -> bool:
+    """Return whether two values of a choice mean the same."""
+    one, other = _plain(one), _plain(other)
+    if name in _FILES and isinstance(one, str) and isinstance(other, str):
+        return _same(one, other)
+    if name in _FILES and isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_same, map(str, one), map(str, other)))
+    return one == other
+
+
+def _plain(value: Any) -> Any:
+    """Return a value of a layer with lists for its arrays."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return list(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
+
+
+def _told(value: object) -> str:
+    """Return a value of a choice in a few words."""
+    value = "none" if value is None else _plain(value)
+    text = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+    return text if len(text) <= _LONGEST_TOLD else f"{text[: _LONGEST_TOLD - 3]}..."
 
 
 def _same(one: str, other: str) -> bool:

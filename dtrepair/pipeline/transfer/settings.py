@@ -75,6 +75,11 @@ class TransferSettings:
         }
         return {name: value for name, value in chosen.items() if value is not None}
 
+    @classmethod
+    def unsaid(cls) -> dict[str, Any]:
+        """Return what holds of choices that a record does not say, those of a repair among them."""
+        return {**cls(repair=RepairOptions()).recorded("", ""), "repair": False}
+
     def _recorded_objects(self) -> dict[str, Any]:
         """What was asked of single meshes, where anything was."""
         asked = {

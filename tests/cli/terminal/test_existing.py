@@ -63,11 +63,84 @@ def test_another_part_is_not_done(tmp_path: Path) -> None:
     command = ("repair", path, "-o", output, "--skip-existing")
     assert run(*command, "--chunk", "1/2").code == 0
     assert "exists; skipped" in run(*command, "--chunk", "1/2").out
-    assert_fails(run(*command, "--chunk", "2/2"), 2, "is of chunk 1/2")
-    assert_fails(run(*command), 2, "is of chunk 1/2")
+    assert_fails(run(*command, "--chunk", "2/2"), 2, "chunk (1/2 there, 2/2 asked for)")
+    assert_fails(run(*command), 2, "chunk (1/2 there, none asked for)")
     output.unlink()
     assert run(*command).code == 0
-    assert_fails(run(*command, "--chunk", "2/2"), 2, "is of no chunk")
+    assert_fails(run(*command, "--chunk", "2/2"), 2, "chunk (none there, 2/2 asked for)")
+
+
+@pytest.mark.parametrize(
+    ("there", "here", "words"),
+    [
+        ("", "--frames 2", "frames (none there, 2 asked for)"),
+        ("--frames 1:2", "--frames 1", "frames (1:2 there, 1 asked for)"),
+        ("", "--diffusion 50", "diffusion (99.0 there, 50.0 asked for)"),
+        ("--alone", "", "alone (True there, none asked for)"),
+        ("--only-frames", "--delta", "delta (none there, True asked for), only_frames (True"),
+        ("", "--config FILE", 'tables (none there, {"path": "/Root/Tube", "mobility": 0.5} asked'),
+        ("--config FILE", "", "tables ("),
+        ("--rest 1", "--rest 3", "rest (1 there, 3 asked for)"),
+    ],
+)
+def test_a_result_of_other_choices_is_not_done(
+    tmp_path: Path, there: str, here: str, words: str
+) -> None:
+    path, output = tube_stage(tmp_path / "a.usdc", (OPEN, CLOSED, OPEN)), tmp_path / "b.usdc"
+    tables = tmp_path / "tables.toml"
+    tables.write_text('[[prim]]\npath = "/Root/Tube"\nmobility = 0.5\n')
+    first, then = (text.replace("FILE", str(tables)).split() for text in (there, here))
+    command = ("repair", path, "-o", output, "--skip-existing")
+    assert run(*command, *first).code == 0
+    whole = output.read_bytes()
+    assert "exists; skipped" in run(*command, *first).out
+    assert_fails(run(*command, *then), 2, f"made with other choices: {words}", "remove it")
+    assert output.read_bytes() == whole
+
+
+def test_the_result_of_another_command_is_not_done(tmp_path: Path) -> None:
+    path = tube_stage(tmp_path / "a.usdc", (OPEN, CLOSED, OPEN))
+    for maker, other in (("repair", "keyposes"), ("keyposes", "repair")):
+        output = tmp_path / f"{maker}.usdc"
+        assert run(maker, path, "-o", output).code == 0
+        done = run(other, path, "-o", output, "--skip-existing")
+        assert_fails(done, 2, f"exists, and is made by {maker}: ")
+    keys = ("keyposes", path, "-o", tmp_path / "keyposes.usdc", "--skip-existing")
+    assert_fails(run(*keys, "--samples", "2"), 2, "samples (4 there, 2 asked for)")
+    assert "exists; skipped" in run(*keys).out
+
+
+def test_choices_that_change_no_result_do_not_count(tmp_path: Path) -> None:
+    path, output = tube_stage(tmp_path / "a.usdc", (OPEN, CLOSED)), tmp_path / "b.usdc"
+    rest = tube_obj(tmp_path / "rest.obj", OPEN)
+    assert run("repair", path, "-o", output, "--rest", rest).code == 0
+    # The same rest by another name, a stage that must be whole, and another number of processors.
+    (tmp_path / "link.obj").symlink_to(rest)
+    more = ("--rest", tmp_path / "link.obj", "--strict", "--jobs", 1, "--skip-existing")
+    assert "exists; skipped" in run("repair", path, "-o", output, *more).out
+
+
+def test_a_record_that_says_less_was_made_with_what_is_common(tmp_path: Path) -> None:
+    path, output = tube_stage(tmp_path / "a.usdc", (OPEN, CLOSED)), tmp_path / "b.usda"
+    assert run("repair", path, "-o", output).code == 0
+    lines = output.read_text().splitlines(keepends=True)
+    output.write_text("".join(line for line in lines if "double effort" not in line))
+    command = ("repair", path, "-o", output, "--skip-existing")
+    assert "exists; skipped" in run(*command).out
+    assert_fails(run(*command, "--effort", 2), 2, "effort (1.0 there, 2.0 asked for)")
+
+
+@pytest.mark.parametrize("command", ["repair", "transfer", "keyposes"])
+def test_a_report_that_is_not_written_is_told(tmp_path: Path, command: str) -> None:
+    path, output = tube_stage(tmp_path / "a.usdc", (OPEN, OPEN)), tmp_path / "b.usdc"
+    inputs = [path, path] if command == "transfer" else [path]
+    assert run(command, *inputs, "-o", output).code == 0
+    skipped = (command, *inputs, "-o", output, "--skip-existing", "--report")
+    done = run(*skipped, tmp_path / "r.json", "--picture", tmp_path / "p.png")
+    assert done.code == 0 and "exists; skipped; no report and no picture is written" in done.out
+    assert not (tmp_path / "r.json").exists() and not (tmp_path / "p.png").exists()
+    done = run(*skipped, "-")
+    assert done.out == "" and "exists; skipped; no report is written" in done.err
 
 
 def test_a_transfer_of_another_motion_is_not_done(tmp_path: Path) -> None:
@@ -78,6 +151,9 @@ def test_a_transfer_of_another_motion_is_not_done(tmp_path: Path) -> None:
         assert run("transfer", walk, aim, "-o", output, "--skip-existing").code == 0
         done = run("transfer", jump, aim, "-o", output, "--skip-existing")
         assert_fails(done, 2, f"is made of {walk}")
+    done = run("transfer", walk, onto, "-o", output, "--skip-existing", "--repair", "--alone")
+    words = "made with other choices: alone (none there, True asked for), repair (False there, True"
+    assert_fails(done, 2, words)
 
 
 def test_what_nobody_signed_is_told(tmp_path: Path) -> None:

@@ -155,13 +155,23 @@ def test_the_settings_of_a_report_give_the_same_bytes_again(tmp_path: Path, clip
     recorded = json.loads(render_report(report))["settings"]
     again = RepairSettings.from_report(recorded)
     assert again == RepairSettings.from_report(report.settings)
-    assert again.tables == (PrimTable("/Root/Tube", ObjectSettings(diffusion=50.0), "/Root/Tube"),)
-    for name in ("selection", "options", "objects", "rest", "alone", "chunk"):
+    for name in ("selection", "options", "objects", "tables", "rest", "alone", "chunk"):
         assert getattr(again, name) == getattr(settings, name)
     repair_stage(str(clip), str(paths[1]), again)
     assert paths[0].read_bytes() == paths[1].read_bytes()
     whole = RepairSettings.from_report({**recorded, "chunk": None})
     assert whole.chunk is None and whole.objects.ignore == ("/Root/Tube,/Root/Tube",)
+
+
+def test_what_meshes_had_of_their_own_gives_the_same_bytes_again(
+    tmp_path: Path, clip: Path
+) -> None:
+    paths = [tmp_path / name for name in ("b.usdc", "c.usdc")]
+    rigid = RepairSettings(objects=ObjectOptions(rigid="/Root/Tube"))
+    again = RepairSettings.from_report(repair_stage(clip, paths[0], rigid).settings)
+    assert again.tables == (PrimTable("/Root/Tube", ObjectSettings(rigid=True), "/Root/Tube"),)
+    repair_stage(clip, paths[1], again)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
 def test_settings_of_another_command_are_refused() -> None:

@@ -40,7 +40,7 @@ from dtrepair.pipeline.repair.stage import plan_repair, repair_stage
         FRAMES,
         OUTPUT,
         ALONE,
-        clean="every frame is clean",
+        clean="every frame is clean (a --clearance that is not reached is a warning)",
         remaining="intersections remain, or frames are strained",
         workers="workers were lost, nothing is written, --resume goes on",
     ),

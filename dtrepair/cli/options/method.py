@@ -54,7 +54,8 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "clearance": {
         "type": float,
         "metavar": "D",
-        "help": "Distance that contacts keep, in stage units.",
+        "help": "Distance that contacts keep, in stage units. Where it is not reached, a warning "
+        "names the frames; the exit code does not tell it.",
     },
     "maximum_displacement": {
         "type": float,

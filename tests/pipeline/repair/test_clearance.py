@@ -33,9 +33,18 @@ def test_frames_and_the_worst_of_them_are_named() -> None:
 def test_it_is_told_once(tmp_path: Path, command: str) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
     done = run(command, path, "-o", tmp_path / "b.usdc", *ASKED)
+    assert done.code == 0
     (line,) = (text for text in done.err.splitlines() if "is not reached" in text)
     assert "--clearance 0.06 is not reached in frame 2: " in line
     assert "--clearance is not reached in 1 of " in done.out
+
+
+def test_help_says_that_it_is_a_warning() -> None:
+    told = " ".join(run("repair", "--help").out.split())
+    assert "0 every frame is clean (a --clearance that is not reached is a warning);" in told
+    for command in ("repair", "keyposes", "transfer"):
+        told = " ".join(run(command, "--help").out.split())
+        assert "a warning names the frames; the exit code does not tell it." in told
 
 
 def test_of_a_transfer_too(tmp_path: Path) -> None:

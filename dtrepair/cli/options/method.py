@@ -54,8 +54,9 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "clearance": {
         "type": float,
         "metavar": "D",
-        "help": "Distance that contacts keep, in stage units. Where it is not reached, a warning "
-        "names the frames; the exit code does not tell it.",
+        "help": "Distance that contacts keep, in stage units, but not within six edges along the "
+        "surface, which on a coarse mesh is far. Where it is not reached, a warning names the "
+        "frames; the exit code does not tell it.",
     },
     "maximum_displacement": {
         "type": float,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
 from dtrepair.diagnosis import Diagnosis
 from dtrepair.pipeline.repair.records import clearance_warnings
+from dtrepair.repair.surface.surface import SurfaceOptions
 from dtrepair.report.record import FrameRecord
 from tests.command_line import CLOSED, OPEN, run, tube_stage
 
@@ -45,6 +47,13 @@ def test_help_says_that_it_is_a_warning() -> None:
     for command in ("repair", "keyposes", "transfer"):
         told = " ".join(run(command, "--help").out.split())
         assert "a warning names the frames; the exit code does not tell it." in told
+
+
+def test_help_and_guide_say_within_how_many_edges_it_does_not_hold() -> None:
+    assert SurfaceOptions().neighbour_rings == 6
+    guide = Path(__file__).parents[3] / "docs/guide/choosing.md"
+    for text in (run("repair", "--help").out, guide.read_text(encoding="utf-8")):
+        assert re.search(r"within six edges .*along the surface", " ".join(text.split()))
 
 
 def test_of_a_transfer_too(tmp_path: Path) -> None:

@@ -23,19 +23,33 @@ def print_check(console: Console, report: Report) -> None:
         label = time_label(record.time)
         if record.before is None:
             rows.append([label, record.status, "", *(["", ""] if several else [])])
-            console.warn([record.message])
             continue
         parts = [("all", record.before), *((p.path, p.before) for p in record.prims if p.before)]
         for path, count in parts if several else parts[:1]:
             if path == "all" or count.pairs:
                 numbers = [str(count.triangles), str(count.pairs), str(count.inter_pairs)]
                 rows.append([label, *numbers, path] if several else [label, *numbers[:2]])
+    console.warn(_unusable_lines(records))
     console.table(header, rows)
     if any(record.before and record.before.inter_pairs for record in records):
         console.result("a pair between two meshes is counted in the row of either, and once in all")
     for line in enclosed_lines(records):
         console.result(line)
     console.result(_conclusion(records))
+
+
+def _unusable_lines(records: Sequence[FrameRecord]) -> list[str]:
+    """Why frames could not be used; what is blocked is told once, with its frames."""
+    told: dict[str, list[FrameRecord]] = {}
+    for record in records:
+        if record.before is None:
+            told.setdefault(record.message, []).append(record)
+    lines = []
+    for message, own in told.items():
+        # What failed names its frame itself.
+        where = frames_of(own) if own[0].status == "skipped" else ""
+        lines.append(f"{message} in {where}" if where else message)
+    return lines
 
 
 def _conclusion(records: tuple[FrameRecord, ...]) -> str:

@@ -180,6 +180,19 @@ def test_mode_and_prim_choose_what_is_counted(two_cubes: Path) -> None:
     assert run("check", two_cubes, "--exclude", "/Still//").code == 0
 
 
+def test_blocked_samples_are_told_once_with_their_frames(tmp_path: Path) -> None:
+    from pxr import Sdf
+
+    path = tube_stage(tmp_path / "a.usda", [OPEN] * 6)
+    layer = Sdf.Layer.FindOrOpen(str(path))
+    for time in (2, 4, 5, 6):
+        layer.SetTimeSample("/Root/Tube.points", time, Sdf.ValueBlock())
+    layer.Save()
+    found = run("check", path)
+    told = "dtrepair: warning: /Root/Tube: the sample is blocked in frames 2, 4:6\n"
+    assert found.code == 0 and found.err == told
+
+
 def test_unusable_frames_end_with_4(tmp_path: Path) -> None:
     from pxr import Usd, UsdGeom
 

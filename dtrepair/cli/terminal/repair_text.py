@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -60,8 +61,15 @@ def print_plan(console: Console, plan: Plan) -> None:
         for mesh in plan.meshes
     ]
     console.table(["mesh", "vertices", "triangles", "role", "rest pose"], rows)
+    console.result(planned_line(plan))
+
+
+def planned_line(plan: Plan) -> str:
+    """Say which frames a run would count or write, and that an older output would be replaced."""
     end = "counted" if plan.output is None else f"written to {plan.output}"
-    console.result(f"{frames_text(plan.times)} would be {end}")
+    if plan.output is not None and os.path.isfile(plan.output):
+        end += ", which exists and would be replaced"
+    return f"{frames_text(plan.times)} would be {end}"
 
 
 def frames_text(times: Sequence[float]) -> str:

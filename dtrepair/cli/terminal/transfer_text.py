@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.repair_text import clearance_line
+from dtrepair.cli.terminal.repair_text import clearance_line, planned_line
 from dtrepair.cli.terminal.strain_text import strain_lines
 from dtrepair.pipeline.observer import FrameDone
 from dtrepair.pipeline.stages.plan import Plan
 from dtrepair.pipeline.stages.sources import time_label
 from dtrepair.report.record import Report
-from dtrepair.wording import counted
 
 
 def print_plan(console: Console, plan: Plan) -> None:
     """Print what a run would do."""
     rows = [[mesh.path, str(mesh.vertices), str(mesh.triangles), mesh.rest] for mesh in plan.meshes]
     console.table(["mesh", "vertices", "triangles", "rest pose"], rows)
-    labels = [time_label(time) for time in plan.times]
-    frames = labels[0] if len(labels) == 1 else f"{labels[0]} to {labels[-1]}"
-    console.result(f"{counted(len(labels), 'frame')} ({frames}) would be written to {plan.output}")
+    console.result(planned_line(plan))
 
 
 def say(console: Console, done: FrameDone) -> None:

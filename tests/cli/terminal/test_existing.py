@@ -171,6 +171,17 @@ def test_what_is_no_file_is_not_done(tmp_path: Path) -> None:
     assert_fails(done, 5, "FIFO")
 
 
+@pytest.mark.parametrize("command", ["repair", "transfer", "keyposes"])
+def test_what_would_be_replaced_is_told_by_a_dry_run(tmp_path: Path, command: str) -> None:
+    path, output = tube_stage(tmp_path / "a.usdc", (OPEN, OPEN)), tmp_path / "b.usdc"
+    inputs = [path, path] if command == "transfer" else [path]
+    dry = (command, *inputs, "-o", output, "--dry-run")
+    assert run(*dry).out.endswith(f"2 frames (1 to 2) would be written to {output}\n")
+    output.touch()
+    assert run(*dry).out.endswith(f"written to {output}, which exists and would be replaced\n")
+    assert output.stat().st_size == 0
+
+
 @pytest.mark.parametrize("command", ["repair", "transfer", "keyposes", "join"])
 def test_what_is_replaced_is_told(tmp_path: Path, command: str) -> None:
     path, part = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN)), tmp_path / "part.usdc"

@@ -14,7 +14,7 @@ from dtrepair.keyposes.tracks import Pose, Track
 from dtrepair.pipeline.errors import InputError
 from dtrepair.pipeline.repair.records import in_stage_units
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired
-from dtrepair.pipeline.stages.frames import Frame, count_frame, placed_frame, read_frame
+from dtrepair.pipeline.stages.frames import Frame, count_frame, placed_frame, read_frame, unusable
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import StageSource
 from dtrepair.report.record import FrameRecord
@@ -37,7 +37,8 @@ class StageKeys:
     tracks: of each mesh; selected: times of keys to repair; between: times of frames that are no
     keys, and held those of them that lie in none of the spans; spans: times of neighbouring keys
     that are selected and have points, as the frames between them; skipped: spans that lack points;
-    counts: of the selected keys as they came, None of unusable ones.
+    lacking: why frames between keys, by their times, do; counts: of the selected keys as they came,
+    None of unusable ones.
     """
 
     def __init__(
@@ -66,17 +67,17 @@ class StageKeys:
         self._strains: dict[float, tuple[Strain, ...]] = {}
         chosen = [pair for pair in pairwise(times) if set(pair) <= set(self.selected)]
         others = [float(time) for time in source.clock.keys if time not in self.frames]
-        lacking = set[float]()
+        lacking: dict[float, str] = {}
         for time in _inside(others, chosen):
             check()
-            if not read_frame(source, time).usable:
-                lacking.add(time)
+            if not (frame := read_frame(source, time)).usable:
+                lacking[time] = unusable(frame).message
         self.spans = [
             span
             for span in chosen
             if set(span) <= set(self._usable) and not _inside(lacking, [span])
         ]
-        self.skipped = len(chosen) - len(self.spans)
+        self.skipped, self.lacking = len(chosen) - len(self.spans), lacking
         self.between = tuple(time for time in others if time not in lacking)
         self.held = frozenset(self.between).difference(_inside(self.between, self.spans))
         self.tracks = self.given

@@ -45,6 +45,7 @@ from dtrepair.pipeline.stages.sinks import Sink, open_sink
 from dtrepair.pipeline.stages.sources import StageSource, is_stage, open_source
 from dtrepair.report.findings import FindingKind, MotionFinding, warnings_of
 from dtrepair.report.record import FrameRecord, Report, summarize
+from dtrepair.wording import frame_list
 
 
 def repair_keyposes(
@@ -190,7 +191,8 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     records = _repair_keys(keys, observer, only_count=sink is None)
     among = colliders_of(source, controls, mode, rest_counts)
     still = _collider_warnings(among, keys)
-    warn(observer, still)
+    lacking = _lacking_warnings(keys)
+    warn(observer, [*still, *lacking])
     repaired = sink is not None and any(r.before and r.before.pairs for r in records.values())
     worn = worn_records(source, repairer.repairer.scene) if repaired else ()
     tell_worn(observer, worn)
@@ -222,7 +224,7 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         seconds=run.clock.total(),
         prims=prim_records(source, rest_counts),
         frames=frames,
-        warnings=(*source.warnings, *still, *warnings),
+        warnings=(*source.warnings, *still, *lacking, *warnings),
         attached=repairer.modelled.attached,
         worn=worn,
         findings=findings,
@@ -247,6 +249,18 @@ def _collider_warnings(among: ColliderContacts, keys: StageKeys) -> tuple[str, .
     for time, count in keys.counts.items():
         among.see(time, count)
     return among.warnings
+
+
+def _lacking_warnings(keys: StageKeys) -> tuple[str, ...]:
+    """Return which frames between keys have no points, as their spans are not looked at."""
+    if not keys.lacking:
+        return ()
+    one = len(keys.lacking) == 1
+    return (
+        f"{'frame' if one else 'frames'} {frame_list(keys.lacking)} between keys cannot be used, "
+        f"so that {'its span is' if one else 'their spans are'} not looked at: "
+        f"{next(iter(keys.lacking.values()))}",
+    )
 
 
 def _repair_keys(

@@ -142,4 +142,7 @@ def test_a_span_with_an_unusable_frame_is_left(tmp_path: Path) -> None:
     report = repair_keyposes(path, selection=Selection(frames="1,5,9"))
     assert report.keyposes is not None and report.keyposes.skipped == 1
     assert spans_of(report) == [(5.0, 9.0)]
+    words = "frame 3 between keys cannot be used, so that its span is not looked at: /Root/Tube at "
+    assert any(line.startswith(f"{words}frame 3: ") for line in report.warnings)
+    assert run("keyposes", path, "--verify-only", "--frames", "1,5,9").err.count(words) == 1
     del points, stage

@@ -18,6 +18,8 @@ from usd_io.times import FrameSpec
 Times = NDArray[np.float64]
 # So many keys on neighbouring frames may be poses that were laid out one after the other.
 FEW_KEYS = 8
+# So many whole frames without a sample for each that has one look like animation on threes.
+MOST_LACKING = 2
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,8 @@ def key_times(meshes: Sequence[AnimatedMesh], spec: FrameSpec | None = None) -> 
         outside = (every <= chosen[0]) | (every >= chosen[-1])
         every = every[outside | np.isin(every, chosen)]
     warnings += _left_out(spec, every, "no key")
+    if len(chosen) > 1 and np.diff(np.searchsorted(every, chosen)).min() > 1:
+        warnings.append(_told_apart(spec, every, frame_grid(meshes[0].stage)))
     return StageTimes(frames, every, chosen, tuple(warnings))
 
 
@@ -132,6 +136,24 @@ def _told_baked(every: Times) -> str:
         "animation, and so each is taken as a key; name the key poses, such as --frames "
         f"{every[0]:.10g},{every[len(every) // 2]:.10g},{every[-1]:.10g}, to take all others as "
         "in-betweens, or repair all frames as a clip"
+    )
+
+
+def _told_apart(spec: FrameSpec, every: Times, grid: FrameGrid) -> str:
+    """Return a line on frames that are named, of which no two are neighbouring keys (N,)."""
+    told = (
+        f"frames {spec.text!r}: no two neighbouring keys are named, so no in-between is looked "
+        f"at; name neighbours, such as --frames {every[0]:.10g}:{every[-1]:.10g}"
+    )
+    filled = grid.filled(every)
+    lacking = np.zeros(0) if filled is None else np.setdiff1d(filled, every)
+    # On twos or threes, or baked but for a few frames: else the samples are meant as keys.
+    if not 0 < len(lacking) <= MOST_LACKING * len(every):
+        return told
+    return (
+        f"{told}, or give each whole frame a sample, as baked animation has (so far "
+        f"{lacking[0]:.10g} {'has' if len(lacking) == 1 else 'and others have'} none): then the "
+        "frames that are named are the keys"
     )
 
 

@@ -39,8 +39,6 @@ def print_spans(console: Console, report: Report) -> None:
     left = [time for span in spans for time in span.left]
     total = sum(span.after.samples for span in spans)
     console.result(f"{total - len(left)} of {total} in-betweens clean")
-    if len(report.frames) > 1 and not spans and not report.keyposes.skipped:
-        console.warn(["no in-between was looked at: --frames names no two neighbouring keys"])
     if skipped := report.keyposes.skipped:
         console.warn([f"{counted(skipped, 'span')} with an unusable key or frame: not looked at"])
     if left:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -41,8 +42,32 @@ def test_keys_of_points_are_their_samples(tmp_path: Path) -> None:
     assert keys_of(path).every.tolist() == [1.0, 4.0, 9.0]
     apart = keys_of(path, "1,9")
     assert apart.chosen.tolist() == [1.0, 9.0] and apart.every.tolist() == [1.0, 4.0, 9.0]
-    (told,) = keys_of(path, "1,6,9").warnings
-    assert told.endswith("6 is no key, and is left out") and not apart.warnings
+    (told, _) = keys_of(path, "1,6,9").warnings
+    assert told.endswith("6 is no key, and is left out")
+    (told,) = apart.warnings
+    assert told.startswith("frames '1,9': no two neighbouring keys are named")
+    assert "--frames 1:9, or give each whole frame a sample" in told
+    assert not keys_of(path, "4,9").warnings and not keys_of(path, "9").warnings
+
+
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [
+        ([*range(1, 5), *range(6, 18)], "(so far 5 has none)"),
+        (range(1, 18, 2), "(so far 2 and others have none)"),
+        ((1, 9, 17, 25), None),
+    ],
+)
+def test_what_makes_keys_of_frames_with_others_between_them(
+    tmp_path: Path, times: Iterable[int], words: str | None
+) -> None:
+    path = edited_cube(tmp_path, lambda cube: None, times=[float(time) for time in times])
+    (told,) = keys_of(path, "1,17").warnings
+    assert f"such as --frames 1:{max(times)}" in told
+    if words is None:  # real key poses
+        assert "sample" not in told
+    else:
+        assert words in told and told.endswith("the frames that are named are the keys")
 
 
 def test_of_baked_animation_the_keys_are_named(tmp_path: Path) -> None:

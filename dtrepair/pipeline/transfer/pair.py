@@ -147,4 +147,5 @@ def open_pair(source_path: str, target_path: str, settings: TransferSettings, de
                     f"taken from {own.origin}"
                 )
     joined = JoinedMeshes(source, rests[0]), JoinedMeshes(target, rests[1])
-    return Pair(source, target, *joined, axes, tuple(warnings))
+    # One stage may be both, and has the same to tell on either side.
+    return Pair(source, target, *joined, axes, tuple(dict.fromkeys(warnings)))

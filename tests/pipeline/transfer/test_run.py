@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pxr import Usd, UsdGeom
 
 from dtrepair.pipeline.errors import Cancelled, OutputError, UsageError, exit_code
 from dtrepair.pipeline.observer import FrameDone
@@ -29,6 +30,17 @@ def inputs(tmp_path: Path) -> tuple[str, str]:
 
 def names_in(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
+
+
+def test_what_both_sides_have_to_tell_is_told_once(tmp_path: Path) -> None:
+    path = tube_stage(tmp_path / "a.usda", (OPEN, OPEN))
+    stage = Usd.Stage.Open(str(path))
+    UsdGeom.Sphere.Define(stage, "/Root/Ball")
+    stage.GetRootLayer().Save()
+    report = transfer_stage(path, path, tmp_path / "b.usda")
+    (told,) = (line for line in report.warnings if "/Root/Ball" in line)
+    assert told.startswith("/Root/Ball (Sphere) is no mesh")
+    assert run("transfer", path, path, "-o", tmp_path / "b.usda").err.count("/Root/Ball") == 1
 
 
 @pytest.mark.parametrize("repaired", [False, True])

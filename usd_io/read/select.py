@@ -13,7 +13,7 @@ from usd_io.errors import SelectionError, StageError, one_line
 # What renders as a surface and is no mesh.
 _SHAPES = {
     *("Sphere", "Cube", "Cone", "Cylinder", "Cylinder_1", "Capsule", "Capsule_1", "Plane"),
-    "NurbsPatch",
+    *("NurbsPatch", "TetMesh"),
 }
 
 # Lives on the session layer while an expression is evaluated.

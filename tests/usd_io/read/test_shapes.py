@@ -37,6 +37,14 @@ def test_shapes_that_would_be_selected_are_found(scene: Path) -> None:
     assert "/Root/Hidden (Cube)" in more.shapes and "/Root/Guide (Plane)" in more.shapes
 
 
+@pytest.mark.parametrize("kind", [UsdGeom.TetMesh, UsdGeom.NurbsPatch, UsdGeom.Capsule])
+def test_all_that_renders_as_a_surface_is_told(tmp_path: Path, kind: type[UsdGeom.Gprim]) -> None:
+    stage = Usd.Stage.Open(str(cube_file(tmp_path / "a.usda")))
+    kind.Define(stage, "/Root/Other")
+    found = read_meshes(stage)
+    assert found.shapes == (f"/Root/Other ({kind.__name__})",)
+
+
 def test_they_are_told_once(scene: Path) -> None:
     lines = run("check", scene).err.splitlines()
     (told,) = (line for line in lines if "no mesh" in line)

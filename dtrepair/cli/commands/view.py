@@ -17,9 +17,9 @@ from dtrepair.cli.terminal.outputs import check_picture_name
 from dtrepair.pipeline.errors import CLEAN, INPUT, OUTPUT, UsageError
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting, writing
-from dtrepair.pipeline.stages.sources import open_source, time_label
+from dtrepair.pipeline.stages.sources import is_stage, open_source, time_label
 from dtrepair.pipeline.stages.world_mesh import WorldScene
-from dtrepair.wording import counted
+from dtrepair.wording import counted, listed
 
 
 @click.command("view", cls=Command, epilog=exit_codes(INPUT, OUTPUT, clean="shown, or written"))
@@ -70,6 +70,8 @@ def command(
         if path is not None:
             scenes.append(WorldScene(open_source(path, selection)))
             console.warn(scenes[-1].source.warnings)
+    if before is not None:
+        _refuse_strangers(before, source_path, *scenes)
     names = ["before", "after"] if before is not None else [source_path]
     window = screenshot is None or (has_polyscope() and has_display())
     if window and not _show(scenes, names, screenshot):
@@ -81,6 +83,16 @@ def command(
             _draw(scenes, names, screenshot)
         console.result(f"written: {screenshot}")
     return CLEAN
+
+
+def _refuse_strangers(before: str, path: str, first: WorldScene, second: WorldScene) -> None:
+    """Raise UsageError for two stages that have no mesh in common; mesh files have one each."""
+    own, other = ([mesh.path for mesh in scene.source.meshes] for scene in (second, first))
+    if is_stage(before) and is_stage(path) and set(own).isdisjoint(other):
+        raise UsageError(
+            f"--before {before}: has no mesh of {path}: expected {listed(own)}, got "
+            f"{listed(other)}; name the input of that repair"
+        )
 
 
 def _show(scenes: Sequence[WorldScene], names: Sequence[str], screenshot: str | None) -> bool:

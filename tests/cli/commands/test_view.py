@@ -56,6 +56,19 @@ def test_nothing_of_either_pose_is_cropped(tmp_path: Path) -> None:
         assert (border == half[0, 0]).all() and (half != half[0, 0]).any()
 
 
+def test_before_must_have_a_mesh_in_common(tmp_path: Path) -> None:
+    stage = tube_stage(tmp_path / "a.usda", (OPEN,))
+    other = tmp_path / "b.usda"
+    other.write_text(stage.read_text().replace('"Tube"', '"Ring"'))
+    picture = tmp_path / "p.png"
+    done = run("view", stage, "--before", other, "--screenshot", picture)
+    assert_fails(done, 2, f"--before {other}: has no mesh of {stage}", "expected /Root/Tube, got")
+    assert "got /Root/Ring; name the input" in done.err and not picture.exists()
+    # A mesh file is named by its file, which differs.
+    meshes = [tube_obj(tmp_path / name, OPEN) for name in ("a.obj", "b.obj")]
+    assert run("view", meshes[0], "--before", meshes[1], "--screenshot", picture).code == 0
+
+
 def test_frames_choose_what_is_drawn(tmp_path: Path) -> None:
     stage = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
     picture = tmp_path / "p.png"

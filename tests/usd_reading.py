@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from pxr import UsdGeom
+from pxr import Sdf, UsdGeom
 
 from tests.usd_stages import define_cube, new_stage
 from usd_io import MeshSelection, open_stage, read_meshes
@@ -22,3 +22,16 @@ def edited_cube(tmp_path: Path, edit: Callable[[UsdGeom.Mesh], object], **option
     edit(define_cube(stage, **options))
     stage.GetRootLayer().Save()
     return tmp_path / "cube.usda"
+
+
+def defined_in(path: Path) -> dict[str, str]:
+    """Types of the prims that a layer defines itself, by path; those of an `over` are left out."""
+    layer, found = Sdf.Layer.FindOrOpen(str(path)), dict[str, str]()
+
+    def visit(place: Sdf.Path) -> None:
+        spec = layer.GetPrimAtPath(place) if place.IsPrimPath() else None
+        if spec is not None and spec.specifier != Sdf.SpecifierOver:
+            found[str(place)] = spec.typeName
+
+    layer.Traverse(Sdf.Path.absoluteRootPath, visit)
+    return found

@@ -134,11 +134,27 @@ def _author(stage: Usd.Stage, root: Sdf.Path, prim: Usd.Prim, shapes: BlendShape
 
 def define_carrier(stage: Usd.Stage, root: Sdf.Path) -> tuple[UsdSkel.Skeleton, UsdSkel.Animation]:
     """Define a skeleton without joints below a SkelRoot, and the animation of its shapes."""
-    skeleton = UsdSkel.Skeleton.Define(stage, root.AppendChild("ShapeSkeleton"))
-    animation = UsdSkel.Animation.Define(stage, root.AppendChild("ShapeAnimation"))
+    skeleton = UsdSkel.Skeleton(define_below(stage, root.AppendChild("ShapeSkeleton"), "Skeleton"))
+    animation = define_animation(stage, root.AppendChild("ShapeAnimation"))
     carrier = UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
     carrier.CreateAnimationSourceRel().SetTargets([animation.GetPath()])
     return skeleton, animation
+
+
+def define_animation(stage: Usd.Stage, path: Sdf.Path) -> UsdSkel.Animation:
+    """Define an animation; what is above it is left as it is."""
+    return UsdSkel.Animation(define_below(stage, path, "SkelAnimation"))
+
+
+def define_below(stage: Usd.Stage, path: Sdf.Path, kind: str) -> Usd.Prim:
+    """Define a prim of a type in the root layer; what is above it is an `over` if it is not there.
+
+    `Usd.Stage.DefinePrim` would define all of that as well, without a type, where the layer is not
+    over the stage that has it yet.
+    """
+    spec = Sdf.CreatePrimInLayer(stage.GetRootLayer(), path)
+    spec.specifier, spec.typeName = Sdf.SpecifierDef, kind
+    return stage.GetPrimAtPath(path)
 
 
 def author_weights(
@@ -171,7 +187,8 @@ def define_shapes(
     targets = list(before[1])
     largest = float(np.abs(offsets).max(initial=0.0))
     for name, row in zip(names, offsets, strict=True):
-        shape = UsdSkel.BlendShape.Define(stage, prim.GetPath().AppendChild(name))
+        path = prim.GetPath().AppendChild(name)
+        shape = UsdSkel.BlendShape(define_below(stage, path, "BlendShape"))
         moving = np.flatnonzero(np.abs(row).max(axis=1) > _STILL * largest)
         shape.CreateOffsetsAttr(vec3f_array(row[moving]))
         shape.CreatePointIndicesAttr(Vt.IntArray.FromNumpy(moving.astype(np.int32)))

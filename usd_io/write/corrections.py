@@ -26,6 +26,7 @@ from usd_io.write.atomic_layer import AtomicLayer
 from usd_io.write.blend_shapes import (
     author_weights,
     check_target,
+    define_animation,
     define_carrier,
     define_shapes,
     valid_names,
@@ -232,7 +233,7 @@ def _carrier(
             path, _Carrier(animation, list(query.GetBlendShapeOrder() or ()), query)
         )
     skeleton = UsdSkel.BindingAPI.Apply(stage.OverridePrim(mesh.skin.skeleton.GetPath()))
-    animation = UsdSkel.Animation.Define(stage, skeleton.GetPath().AppendChild("RepairAnimation"))
+    animation = define_animation(stage, skeleton.GetPath().AppendChild("RepairAnimation"))
     skeleton.CreateAnimationSourceRel().SetTargets([animation.GetPath()])
     return known.setdefault(animation.GetPath(), _Carrier(animation, [], None))
 

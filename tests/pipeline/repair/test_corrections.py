@@ -26,6 +26,7 @@ from tests.command_line import run, tube_obj, tube_stage
 from tests.pipeline.hosts import Listener
 from tests.present import present
 from tests.rigged_tube import MESH, POINTS, baked_points, rigged_tube, skinned_points
+from tests.usd_reading import defined_in
 
 SHAPES = OutputOptions(shapes=True)
 SIZE = float(np.linalg.norm(np.ptp(POINTS, axis=0)))
@@ -203,6 +204,7 @@ def test_a_skeleton_without_animation_gets_one(tmp_path: Path) -> None:
                 wanted[index, time] = present(source.read(mesh, time)) * np.float32(1.01)
                 sink.put(index, time, wanted[index, time])
         sink.commit({})
+        assert all(defined_in(output).values())
         for (index, time), points in wanted.items():
             result = open_source(str(output), Selection())
             found = present(result.read(result.meshes[index], time))

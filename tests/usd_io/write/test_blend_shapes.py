@@ -10,6 +10,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdSkel
 
 import usd_io
 from tests.present import present
+from tests.usd_reading import defined_in
 from tests.usd_stages import CUBE, CUBE_QUADS, cube_file
 from usd_io.read.blend_shapes import BlendShapes, in_turn, read_blend_shapes
 from usd_io.write.authoring import AuthoredMesh
@@ -47,6 +48,7 @@ def test_a_new_stage_reads_back(written: Path) -> None:
     stage = opened.stage
     assert UsdGeom.GetStageUpAxis(stage) == "Z" and stage.GetTimeCodesPerSecond() == 30.0
     assert stage.GetDefaultPrim().GetTypeName() == "SkelRoot"
+    assert all(defined_in(written).values()) and {"/Face", "/Face/Mesh"} <= set(defined_in(written))
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (1.0, 4.0)
     assert stage.GetRootLayer().customLayerData["dtrepair"]["a"] == 1
 
@@ -75,6 +77,9 @@ def test_a_layer_over_a_stage(tmp_path: Path) -> None:
     assert path.read_bytes() == before
     layer = Sdf.Layer.FindOrOpen(str(output))
     assert list(layer.subLayerPaths) == ["../cube.usda"]
+    assert sorted(defined_in(output)) == [
+        *("/Root/Cube/rise", "/Root/Cube/smile", "/Root/ShapeAnimation", "/Root/ShapeSkeleton")
+    ]
     opened, mesh = only_mesh(output)
     assert opened.warnings == () and mesh.skinned
     assert opened.stage.GetPrimAtPath("/Root").GetTypeName() == "SkelRoot"

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdSkel
 
 from tests.present import present
+from tests.usd_reading import defined_in
 from tests.usd_stages import CUBE, cube_file, define_cube, new_stage
 from usd_io import OpenedStage, StageError, UsageError, open_stage, read_meshes
 from usd_io.write.corrections import (
@@ -47,6 +48,12 @@ def test_a_still_mesh_is_corrected_in_memory_and_in_a_file(tmp_path: Path) -> No
     write_corrections(output, opened, [correction], record={"version": "1"})
     layer = Sdf.Layer.FindOrOpen(str(output))
     assert list(layer.subLayerPaths) == ["../in.usda"]
+    # What the input has stays an `over`.
+    assert defined_in(output) == {
+        "/Root/Cube/repair_Cube_1": "BlendShape",
+        "/Root/ShapeAnimation": "SkelAnimation",
+        "/Root/ShapeSkeleton": "Skeleton",
+    }
     record = layer.customLayerData["dtrepair"]
     assert record["version"] == "1" and record["input"] == "../in.usda"
     found = points_of(Usd.Stage.Open(layer), "/Root/Cube", np.nan)

@@ -18,7 +18,7 @@ from dtrepair.repair.relief.bodies_first import with_bodies_first
 from dtrepair.repair.relief.followers import with_followers
 from dtrepair.repair.relief.opening import opened_frames, too_close
 from dtrepair.repair.relief.relief import relieved_poses
-from dtrepair.repair.result import RepairResult, Solved
+from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.bounds import Judged, bounded_pose, came_off, wrong_of
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
@@ -127,9 +127,11 @@ def _opened(
     start, mesh = time.perf_counter(), meshes([pose.sewn])
     known, numbers = [found.judged], options.opening
     (judged,) = opened_frames(scene, mesh, [pose], known, np.zeros(1), options=numbers)
-    solved = replace(found.solved, left=too_close(mesh, pose, judged.points))
-    seconds = found.seconds + time.perf_counter() - start
-    return _Found(judged, _pairs_of(scene, judged.points), solved, seconds)
+    left, pairs = too_close(mesh, pose, judged.points), _pairs_of(scene, judged.points)
+    spent = time.perf_counter() - start
+    stages = [*found.solved.stages, Stage("open", len(pairs), 0, 0.0, 0, spent)]
+    solved = replace(found.solved, stages=stages, left=left)
+    return _Found(judged, pairs, solved, found.seconds + spent)
 
 
 def _found_so(

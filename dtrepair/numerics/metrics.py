@@ -114,8 +114,8 @@ class JumpOptions:
         farther: A vertex jumps by how much farther its displacement is from that between its
             neighbours in time than these are from the middle between them. A frame jumps where
             that is more than this fraction of the diagonal ...
-        opposed: ... or its displacement is farther from that before it by more than this than
-            both are long: it goes to the other side ...
+        opposed: ... or twice as far as its displacement, or that before it, points against the
+            other is more than this: it goes to the other side ...
         quantile: ... for all but this fraction of the vertices.
     """
 
@@ -151,7 +151,7 @@ class JumpMeter:
     def add(self, time: float, before: ArrayLike, after: ArrayLike) -> None:
         """Take the next frame: its time, points (V, 3) of the input and of the result.
 
-        What is not between two others in time is not measured.
+        What is not after the one before in time is not measured.
         """
         original = np.asarray(before, dtype=np.float64)
         if not self._last:
@@ -170,8 +170,9 @@ class JumpMeter:
             (first, left), (last, right) = self._last[-2:]
             # A frame that stood out comes back.
             if first < last and first not in self.jumps:
-                opposed = lengths(right - left) - np.abs(lengths(right) - lengths(left))
-                self._tell(last, opposed, self.options.opposed)
+                longer = np.maximum(lengths(left), lengths(right))
+                against = -dots(left, right) / np.maximum(longer, np.finfo(float).tiny)
+                self._tell(last, 2.0 * against, self.options.opposed)
 
     def _tell(self, time: float, farther: FloatArray, least: float) -> None:
         """Note a frame whose vertices jump so far (V,), where that is more than the least."""

@@ -16,7 +16,7 @@ from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.relief.approach import bounded_approach
 from dtrepair.repair.relief.bodies_first import with_bodies_first
 from dtrepair.repair.relief.followers import with_followers
-from dtrepair.repair.relief.opening import opened_frames, too_close
+from dtrepair.repair.relief.opening import opened_frames, own_rest, too_close
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.bounds import Judged, bounded_pose, came_off, wrong_of
@@ -127,7 +127,8 @@ def _opened(
     start, mesh = time.perf_counter(), meshes([pose.sewn])
     known, numbers = [found.judged], options.opening
     (judged,) = opened_frames(scene, mesh, [pose], known, np.zeros(1), options=numbers)
-    left, pairs = too_close(mesh, pose, judged.points), _pairs_of(scene, judged.points)
+    left = too_close(mesh, judged.points, facing=own_rest(mesh, [pose]))
+    pairs = _pairs_of(scene, judged.points)
     spent = time.perf_counter() - start
     stages = [*found.solved.stages, Stage("open", len(pairs), 0, 0.0, 0, spent)]
     solved = replace(found.solved, stages=stages, left=left)

@@ -40,7 +40,7 @@ class IndependentOptions:
         approach: How what is strained or has pairs all the same is led in from the rest.
         followers: How loose parts go along with what they follow.
         props_back: How props come back.
-        opening: How what is solved without the clearance is opened.
+        opening: How contacts are opened to the clearance.
         share: How the share of a correction is found that does not do more.
         release: How enclosed parts are led out.
         lift, sunken: How layers are led back over what came through them, and parts out of what

@@ -45,6 +45,15 @@ def test_a_change_of_sides_for_good_jumps() -> None:
     assert jumps([0.01, -0.01], times=[1.0, 1.0]) == {}
 
 
+def test_a_correction_that_turns_with_its_body_does_not_change_sides() -> None:
+    meter = JumpMeter()
+    for time in range(12):
+        angle = np.radians(30.0 * time)
+        way = np.array([0.0, np.cos(angle), np.sin(angle)])
+        meter.add(float(time), BEFORE, BEFORE + 0.03 * SIZE * way)
+    assert meter.jumps == {}
+
+
 def test_what_comes_and_goes_is_no_jump() -> None:
     assert jumps([0.0, 0.1, 0.2, 0.3, 0.3, 0.1]) == {}
     kernel = gaussian_kernel(np.arange(31.0), PushFramesOptions().phases[0].width)

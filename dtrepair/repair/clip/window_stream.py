@@ -134,7 +134,7 @@ class WindowStream:
         spent = seconds + clock.perf_counter() - start
         moved = bool((found.points != frame.centred).any())
         stages = [Stage("window", len(found.pairs), 0, 0.0, 0, spent)] if moved else []
-        close = too_close(mesh(), frame, found.points) if self.scene.options.clearance else 0
+        close = too_close(mesh(), found.points) if self.scene.options.clearance else 0
         solved = Solved(found.points, stages, close)
         times = {"detect": frame.seconds, "solve": spent}
         return Repaired(frame.time, results_of(self.scene, frame, found, solved, times, judged))

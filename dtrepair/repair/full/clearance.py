@@ -52,7 +52,7 @@ def open_contacts(
 ) -> tuple[FloatArray, int]:
     """Return the pose with its contacts `clearance` apart (units of the size), and what is left.
 
-    Returns the number of pairs that are still closer; `facing`: see `Surface.close_pairs`. A pose
+    Returns the number of pairs that are still closer; `facing`: see `Contacts.close_pairs`. A pose
     that is not clean, or not better, is never taken: the input may not have the room.
     """
 
@@ -92,6 +92,8 @@ def _opened(
     """Return the best of some as-rigid-as-possible steps that open narrow gaps."""
     pairs = close(points)
     best, left, idle = points, len(pairs), 0
+    if left == 0:
+        return points, 0
     system = ArapSystem(surface, points)
     gaps = Gaps(surface, np.where(surface.stiff, 0.0, 1.0), options=options.gaps)
     pose = points

@@ -16,7 +16,7 @@ from dtrepair.numerics.temporal import apply_in_time, gaussian_kernel
 from dtrepair.repair.full.acceptance import without_still
 from dtrepair.repair.full.clearance import ClearanceOptions, open_contacts
 from dtrepair.repair.parallel.worker_pool import WorkerPool, with_workers, worthwhile_jobs
-from dtrepair.repair.scene.bounds import Judged, strain_of
+from dtrepair.repair.scene.bounds import Judged, badness, strain_of
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
@@ -55,8 +55,8 @@ def opened_frames(
 ) -> list[Judged]:
     """Return judged poses of a window with their contacts apart by the clearance of the scene.
 
-    As far as they bear it: none gets more pairs for it, or strained. times: in frame units (T,);
-    jobs: workers; None: one a processor. Raises WorkerLost.
+    As far as they bear it: none gets more pairs for it, or more strained. times: in frame units
+    (T,); jobs: workers; None: one a processor. Raises WorkerLost.
     """
     both = list(zip(frames, judged, strict=True))
     # What is held is one pose, or it would swim; the frames after it move up in time.
@@ -83,10 +83,23 @@ def opened_frames(
     return [found[index] for index in np.cumsum(first) - 1]
 
 
-def too_close(mesh: WeldedMesh, frame: OpenedPose, points: FloatArray) -> int:
-    """Return how many pairs of a pose (V, 3) of a frame are closer than the clearance."""
-    facing, unit = _own_rest(mesh, frame), mesh.reduced(points)
+def too_close(mesh: WeldedMesh, points: FloatArray, *, facing: bool = False) -> int:
+    """Return how many pairs of a pose (V, 3) are closer than the clearance.
+
+    facing: whether that excuses nothing that is as close at rest, see `own_rest`.
+    """
+    unit = mesh.reduced(points)
     return len(mesh.surface.contacts.close_pairs(unit, mesh.clearance, facing=facing))
+
+
+def own_rest(mesh: WeldedMesh, frames: Sequence[OpenedPose]) -> bool:
+    """Return whether frames are all their own rest, which would excuse all that is close in it.
+
+    Where others are not, what is close at rest is excused in these, and must be in all.
+    """
+    rest = mesh.surface.rest
+    units = (mesh.reduced(frame.centred) for frame in frames)
+    return all(np.allclose(unit, rest, rtol=0.0, atol=AT_REST) for unit in units)
 
 
 class _Opening:
@@ -104,6 +117,7 @@ class _Opening:
         self.frames, self.judged = [pose for pose, _ in poses], [own for _, own in poses]
         self.poses = pool.array((len(poses), len(scene.rest), 3))
         self.poses[:] = [own.points for own in self.judged]
+        self.facing = own_rest(mesh, self.frames)
 
     def opening(self, surface: Surface, index: int) -> FloatArray:
         """Return how far (V, 3) the pose of a frame moves that is opened."""
@@ -114,22 +128,25 @@ class _Opening:
             unit,
             mesh.clearance,
             limit=partial(self._within_limits, index),
-            facing=_own_rest(mesh, self.frames[index]),
+            facing=self.facing,
             options=self.options.clearance,
         )
         return np.asarray(mesh.expanded(points, unit, without_still(unit, opened)) - points)
 
     def move(self, index: int, moved: FloatArray) -> None:
-        """Move the pose of a frame (V, 3) as far as it has no more pairs for it, and no strain."""
+        """Move the pose of a frame (V, 3) as far as it has no more pairs or strain for it."""
         scene, mesh, frame = self.scene, self.mesh, self.frames[index]
         judged, points = self.judged[index], self.judged[index].points
+        if not moved.any():
+            return
         left, unit = len(scene.pairs(points, frame.weld)), mesh.reduced(points)
-        for attempt in range(self.options.tries if moved.any() else 0):
+        strain = badness(strain_of(scene, frame.centred, points))
+        for attempt in range(self.options.tries):
             trial = mesh.reduced(points + 0.5**attempt * moved)
             # What is smoothed over frames may go where none of them may.
             found = mesh.expanded(points, unit, self._within_limits(index, trial))
-            fits = judged.excess or not strain_of(scene, frame.centred, found)
-            if fits and len(scene.pairs(found, frame.weld)) <= left:
+            fits = badness(strain_of(scene, frame.centred, found)) <= strain
+            if (fits or scene.options.at_any_cost) and len(scene.pairs(found, frame.weld)) <= left:
                 self.judged[index], self.poses[index] = judged._replace(points=found), found
                 return
 
@@ -137,12 +154,6 @@ class _Opening:
         """Return a pose of the surface with rigid bodies in shape, and nothing too far off."""
         before = self.mesh.reduced(self.frames[index].centred)
         return allowed(self.surface.rigid, before, unit, self.mesh.farthest)
-
-
-def _own_rest(mesh: WeldedMesh, frame: OpenedPose) -> bool:
-    """Return whether a frame is its own rest, which would excuse all that is close in it."""
-    unit = mesh.reduced(frame.centred)
-    return bool(np.allclose(unit, mesh.surface.rest, rtol=0.0, atol=AT_REST))
 
 
 def _same(first: tuple[OpenedPose, Judged], second: tuple[OpenedPose, Judged]) -> bool:

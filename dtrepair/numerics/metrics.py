@@ -120,7 +120,7 @@ class JumpOptions:
     """
 
     farther: float = 0.01
-    opposed: float = 0.0075
+    opposed: float = 0.005
     quantile: float = 0.995
 
 

@@ -96,20 +96,10 @@ def command(
     if not verify_only and output is None:
         raise UsageError("name an output with -o OUT, or --verify-only, which writes nothing")
     check_report_places(reports, console, source_path, others=[output])
-    if (
-        output is not None
-        and skip_existing
-        and already_written(
-            output,
-            console,
-            over=source_path,
-            settings=settings.recorded,
-            defaults=KeyposeSettings().recorded,
-            reports=reports,
-        )
-    ):
-        return CLEAN
     if output is not None:
+        known = settings.recorded, KeyposeSettings().recorded
+        if skip_existing and already_written(output, console, reports, source_path, known):
+            return CLEAN
         clean_up_if_forced(output)
     inputs = (source_path, output, settings)
     observer = ConsoleObserver(console, say, output=output)

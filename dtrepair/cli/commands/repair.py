@@ -106,14 +106,8 @@ def command(
         dtrepair repair body.obj -o body_repaired.obj
     """
     check_report_places(reports, console, source_path, others=[output])
-    if skip_existing and already_written(
-        output,
-        console,
-        over=source_path,
-        settings=settings.recorded,
-        defaults=RepairSettings().recorded,
-        reports=reports,
-    ):
+    known = settings.recorded, RepairSettings().recorded
+    if skip_existing and already_written(output, console, reports, source_path, known):
         return CLEAN
     inputs = (source_path, output, settings)
     replaced = None if running["resume"] else output

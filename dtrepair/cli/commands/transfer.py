@@ -117,13 +117,8 @@ def command(
     """
     read, written = files_of(source_path, target_path, settings)
     check_report_places(reports, console, *read, others=[output, *written])
-    if skip_existing and already_written(
-        output,
-        console,
-        settings=settings.recorded(source_path, target_path),
-        defaults=TransferSettings.unsaid(),
-        reports=reports,
-    ):
+    known = settings.recorded(source_path, target_path), TransferSettings.unsaid()
+    if skip_existing and already_written(output, console, reports, None, known):
         return CLEAN
     observer = ConsoleObserver(console, say, output=output)
     inputs = (source_path, target_path, output, settings)

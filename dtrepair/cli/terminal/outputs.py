@@ -88,16 +88,14 @@ def put_reports(report: Report, reports: Reports, observer: Observer = SILENT) -
 def already_written(
     output: str,
     console: Console,
-    *,
-    over: str | None = None,
-    settings: Mapping[str, Any] | None = None,
-    defaults: Mapping[str, Any] | None = None,
     reports: Reports = NOWHERE,
+    over: str | None = None,
+    choices: tuple[Mapping[str, Any], Mapping[str, Any]] | None = None,
 ) -> bool:
     """Return whether --skip-existing finds a whole output; tell that, and what cannot be read.
 
-    over: the stage that the output lies over; settings: choices as its record holds them, and
-    `defaults` of them; None: it may have any. reports: what is not written then, which is told.
+    reports: what is not written then, which is told. over: the stage that the output lies over;
+    choices: those of the run as a record holds them, and their defaults; None: it may have any.
     Raises UsageError for a layer that says that it is the result of another run.
     """
     if not os.path.exists(output):
@@ -106,8 +104,7 @@ def already_written(
         console.warn([f"{output}: exists, but cannot be read: it is written again"])
         return False
     if is_stage(output):
-        other = "" if settings is None else other_result(output, over, settings, defaults or {})
-        if other:
+        if choices is not None and (other := other_result(output, over, *choices)):
             raise UsageError(
                 f"{output}: exists, and is {other}: --skip-existing takes only a result of this "
                 "input and these choices for done; name another output, or remove it"

@@ -36,6 +36,7 @@ class Reference(NamedTuple):
     they lie to each other; None: of none. slid: whether parts that slide in each other have slid
     on: what they show counts where one of the two still meets the other within its zone. turned:
     whether they have turned on instead, which counts where their contact left its zone for it.
+    apart: whether the parts are not attached, and no third one tells anything of them, either.
     """
 
     points: FloatArray
@@ -45,6 +46,12 @@ class Reference(NamedTuple):
     bound: IntArray | None = None
     slid: bool = False
     turned: bool = False
+    apart: bool = False
+
+    @property
+    def shows_all(self) -> bool:
+        """Whether the pose shows how parts were modelled that did not move on."""
+        return not (self.slid or self.apart)
 
 
 def telling(
@@ -55,7 +62,7 @@ def telling(
     auto: else only of what the user calls attached; turns: of joints that have turned, too, even
     where the user does not.
     """
-    chosen = [own for own in references if auto or own.asked]
+    chosen = [own for own in references if auto or own.asked or own.apart]
     return [own for own in chosen if turns or own.asked or not own.turned]
 
 

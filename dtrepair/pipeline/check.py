@@ -22,9 +22,11 @@ from dtrepair.pipeline.modelled.references import (
 from dtrepair.pipeline.observer import SILENT, Observer, PairsFound, Progress, warn
 from dtrepair.pipeline.repair.records import contact_records
 from dtrepair.pipeline.selection import (
+    TOLD,
     ObjectSettings,
     PrimTable,
     Selection,
+    asking,
     object_of,
     recorded_tables,
     refuse_unknown,
@@ -44,7 +46,13 @@ from dtrepair.pipeline.stages.frames import (
     side_by_side,
     unusable,
 )
-from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs, meshes_matched
+from dtrepair.pipeline.stages.matching import (
+    MeshPairs,
+    Told,
+    ignored_pairs,
+    meshes_matched,
+    told_pairs,
+)
 from dtrepair.pipeline.stages.object_settings import read_settings, recorded
 from dtrepair.pipeline.stages.outputs import FilePath
 from dtrepair.pipeline.stages.shot.sets import find_sets, pairs_of_sets
@@ -59,9 +67,6 @@ if TYPE_CHECKING:
 # What a check may do with contacts that were modelled: count them apart, or like all others.
 COUNTED_APART = ("auto", "repair")
 
-# Pairs (i, j), i <= j, of meshes.
-MeshPairs = tuple[tuple[int, int], ...]
-
 
 @dataclass(frozen=True, kw_only=True)
 class CheckSettings:
@@ -71,7 +76,8 @@ class CheckSettings:
         selection: which meshes and frames take part.
         mode: pairs within a mesh ("self"), between meshes ("inter") or both.
         ignore: pairs "A,B" of path expressions whose contacts do not count.
-        attach: pairs "A,B" of path expressions whose parts are attached, as `ObjectOptions` has it.
+        attach, detach: pairs "A,B" of path expressions whose parts are attached or are not, as
+            `ObjectOptions` has them.
         tables: settings of single meshes, of which a check takes what they are attached to.
         rest_contacts: "auto" counts contacts that were modelled apart, "repair" all as one; None:
             "repair" where the selection is strict, else "auto".
@@ -85,6 +91,7 @@ class CheckSettings:
     mode: str = "both"
     ignore: tuple[str, ...] = ()
     attach: tuple[str, ...] = ()
+    detach: tuple[str, ...] = ()
     tables: tuple[PrimTable, ...] = ()
     rest_contacts: str | None = None
     find_worn: bool = False
@@ -126,6 +133,7 @@ class CheckChoices(TypedDict, total=False):
     mode: str
     ignore: tuple[str, ...]
     attach: tuple[str, ...]
+    detach: tuple[str, ...]
     tables: tuple[PrimTable, ...]
     rest_contacts: str | None
     find_worn: bool
@@ -166,7 +174,7 @@ def _check(
     warn(observer, [*source.warnings, *mode_warnings(source, settings.mode)])
     watch.lap("read")
     ignored = _ignored(source, settings)
-    each, attached, modelled = _modelled(source, settings, ignored, observer)
+    each, told, modelled = _modelled(source, settings, ignored, observer)
     counter = make_counter(
         source,
         mode=settings.mode,
@@ -179,7 +187,7 @@ def _check(
     frames = hidden.among(read_frames(source, source.times))
     records: list[FrameRecord] = []
     met: list[IntArray] = []
-    told = settings.counting != "auto" or frames_tell(source)
+    known = settings.counting != "auto" or frames_tell(source)
     with (
         Progress(observer, "checking", len(source.times)) as progress,
         closing(_counted(source, frames, counter, enclosed, modelled, jobs)) as counted,
@@ -188,10 +196,10 @@ def _check(
             records.append(record)
             if pairs is not None:
                 observer.remark(pairs)
-                met += [] if told else [pairs.pairs]
-    warn(observer, [*untold_in_check(source, met, attached=attached), *hidden.warnings])
+                met += [] if known else [pairs.pairs]
+    warn(observer, [*untold_in_check(source, met, told=told), *hidden.warnings])
     refuse_if_none_usable(source, records)
-    worn = _worn(source, settings, ignored, attached, device) if settings.find_worn else ()
+    worn = _worn(source, settings, ignored, told, device) if settings.find_worn else ()
     watch.lap("detect")
     return Report(
         command="check",
@@ -228,20 +236,20 @@ def _modelled(
     settings: CheckSettings,
     ignored: MeshPairs,
     observer: Observer,
-) -> tuple[list[ObjectSettings], MeshPairs, ModelledParts]:
-    """The settings of each mesh, which are attached, and what counts as modelled; it is told."""
-    tables = [table for table in settings.tables if table.settings.attach is not None]
-    found = read_settings(source, tables=tables, keys=("attach",))
-    attached, warnings = attached_pairs(source, settings.attach, found.each)
+) -> tuple[list[ObjectSettings], Told, ModelledParts]:
+    """The settings of each mesh, what is called attached, what counts as modelled; it is told."""
+    found = read_settings(source, tables=asking(settings.tables, TOLD), keys=TOLD)
+    asked = {"attach": settings.attach, "detach": settings.detach}
+    told, warnings = told_pairs(source, found.each, **asked)
     warn(observer, [*found.warnings, *warnings])
     auto = settings.counting == "auto"
-    modelled = modelled_parts(source, ignored=ignored, attached=attached, auto=auto)
-    tell_modelled(observer, modelled, asked=attached)
-    return found.each, attached, modelled
+    modelled = modelled_parts(source, ignored=ignored, told=told, auto=auto)
+    tell_modelled(observer, modelled, asked=told.attached)
+    return found.each, told, modelled
 
 
 def _worn(
-    source: Source, settings: CheckSettings, ignored: MeshPairs, attached: MeshPairs, device: str
+    source: Source, settings: CheckSettings, ignored: MeshPairs, told: Told, device: str
 ) -> tuple[WornRecord, ...]:
     """What a repair that counts like the check would take as worn."""
     from dtrepair.pipeline.modelled.worn import worn_without_repair
@@ -253,7 +261,7 @@ def _worn(
         options,
         tables=settings.tables,
         ignored=ignored,
-        attached=attached,
+        told=told,
         device=device,
     )
 
@@ -266,6 +274,7 @@ def _recorded(
         "mode": settings.mode,
         "ignore": list(settings.ignore),
         "attach": list(settings.attach),
+        "detach": list(settings.detach),
         "objects": recorded(source, each),
         "rest_contacts": settings.counting,
         **({"find_worn": True} if settings.find_worn else {}),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import Cancelled
-from dtrepair.report.modelled import AttachedList, WornRecord
+from dtrepair.report.modelled import AttachedList, PartRecord, WornRecord
 from dtrepair.report.record import FrameRecord
 
 Item = TypeVar("Item")
@@ -51,6 +51,13 @@ class ModelledFound:
     """The pairs of connected parts whose contacts are taken as modelled, once for a run."""
 
     attached: AttachedList
+
+
+@dataclass(frozen=True)
+class PassingFound:
+    """Pairs of connected parts that only pass each other in the bind pose, once for a run."""
+
+    parts: tuple[tuple[PartRecord, PartRecord], ...]
 
 
 @dataclass(frozen=True)
@@ -109,6 +116,7 @@ class PairsFound:
 
 Remark = (
     ModelledFound
+    | PassingFound
     | WornFound
     | SetsFound
     | PropsFound

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -77,6 +77,8 @@ class ObjectOptions:
         ignore: pairs "A,B" of path expressions whose contacts do not count.
         attach: pairs "A,B" of path expressions whose parts are attached to each other: contacts as
             they have in the bind pose, or else where they overlap least, are modelled.
+        detach: pairs "A,B" of path expressions whose parts are not attached to each other, whatever
+            a pose shows: their contacts are faults. It wins over `attach`.
         layer: texts "A=N" of a path expression and a whole number; of two meshes with different
             ones, that with the higher lies farther out.
         pin: name of a primvar (0 free to 1 fixed) or GeomSubset (fixed).
@@ -87,6 +89,7 @@ class ObjectOptions:
     rigid: str | None = None
     ignore: tuple[str, ...] = ()
     attach: tuple[str, ...] = ()
+    detach: tuple[str, ...] = ()
     layer: tuple[str, ...] = ()
     pin: str | None = None
     direction: str | None = None
@@ -97,8 +100,9 @@ class ObjectSettings:
     """What is asked of one object; None: the common option holds.
 
     diffusion: how far a push spreads; mobility: from 0 (never moves) to 1; rigid: moves as a whole.
-    pin and direction are names, as `ObjectOptions` takes them. attach: path expressions of what it
-    is attached to; layer: a higher one lies farther out; a name: of a primvar with one per face.
+    pin and direction are names, as `ObjectOptions` takes them. attach, detach: path expressions of
+    what it is attached to, and what it is not. layer: a higher one lies farther out; a name: of a
+    primvar with one per face.
     """
 
     diffusion: float | None = None
@@ -107,11 +111,13 @@ class ObjectSettings:
     pin: str | None = None
     direction: str | None = None
     attach: tuple[str, ...] | None = None
+    detach: tuple[str, ...] | None = None
     layer: int | str | None = None
 
 
-# What can be asked of a single object.
+# What can be asked of a single object, and which of it tells what is attached to what.
 KEYS = tuple(key.name for key in fields(ObjectSettings))
+TOLD = ("attach", "detach")
 
 
 @dataclass(frozen=True)
@@ -121,6 +127,11 @@ class PrimTable:
     path: str
     settings: ObjectSettings = field(default_factory=ObjectSettings)
     origin: str = "[[prim]]"
+
+
+def asking(tables: Iterable[PrimTable], keys: Collection[str]) -> list[PrimTable]:
+    """Return those tables that ask for any of some keys."""
+    return [own for own in tables if any(getattr(own.settings, key) is not None for key in keys)]
 
 
 def parse_tables(tables: object, origin: str) -> tuple[PrimTable, ...]:
@@ -149,9 +160,9 @@ def _parsed(table: object, origin: str) -> PrimTable:
 
 def wrong_value(name: str, value: object) -> str:
     """What is wrong with a value; empty where nothing is."""
-    if name == "attach":
+    if name in TOLD:
         good = all(isinstance(each, str) and each.strip() for each in _listed(value))
-        return "" if good else f"attach should be path expressions, got {value!r}"
+        return "" if good else f"{name} should be path expressions, got {value!r}"
     if isinstance(value, np.ndarray):
         return f"{name} should be one value, got {len(value)}"
     if name == "layer":
@@ -172,7 +183,7 @@ def wrong_value(name: str, value: object) -> str:
 
 def plain_value(name: str, value: Any) -> Any:
     """A checked value of the type that `ObjectSettings` holds."""
-    if name == "attach":
+    if name in TOLD:
         return tuple(str(each) for each in _listed(value))
     return float(value) if name in NUMBERS else value
 

@@ -38,7 +38,18 @@ KEYS = [
     "check",
     "a",
 ]
-TABLE_KEYS = ["path", "diffusion", "mobility", "rigid", "pin", "direction", "attach", "layer", "a"]
+TABLE_KEYS = [
+    "path",
+    "diffusion",
+    "mobility",
+    "rigid",
+    "pin",
+    "direction",
+    "attach",
+    "detach",
+    "layer",
+    "a",
+]
 TOML = st.one_of(
     WHOLE.map(str),
     REAL.map(str),

@@ -12,6 +12,7 @@ from dtrepair.cli.options.sections import Command
 from dtrepair.cli.options.settings import as_settings
 from dtrepair.cli.options.shared import (
     ATTACH,
+    DETACH,
     IGNORE,
     check_selection_options,
     jobs_option,
@@ -44,6 +45,7 @@ from dtrepair.pipeline.errors import INPUT, OUTPUT, exit_code
 @report_options("--json")
 @IGNORE
 @ATTACH
+@DETACH
 @field_option(
     CheckSettings,
     "mode",

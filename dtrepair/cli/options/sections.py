@@ -10,8 +10,8 @@ import click
 SECTIONS = {
     "Selection": "frames prim exclude target_prim samples_only include_invisible include_purposes "
     "skip_varying uninstance strict strict_references",
-    "Rest and objects": "rest collider rigid ignore attach layer inner_mobility pin direction mode "
-    "rest_contacts",
+    "Rest and objects": "rest collider rigid ignore attach detach layer inner_mobility pin "
+    "direction mode rest_contacts",
     "Motion": "poses markers match correspondence save_correspondence source_up target_up align "
     "root_scale ground repair",
     "Keys and in-betweens": "samples interpolation extra keep_keys verify_only",

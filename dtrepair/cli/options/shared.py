@@ -67,13 +67,20 @@ _ATTACH = {
     "help": "Two prims whose parts are attached: contacts as in the bind pose, or else as where "
     "they overlap least, are modelled; may be given several times.",
 }
+_DETACH = {
+    "metavar": '"A,B"',
+    "help": "Two prims whose parts are not attached, whatever the bind pose shows: their contacts "
+    "are faults; may be given several times.",
+}
 IGNORE = field_option(ObjectOptions, "ignore", **_IGNORE)
 ATTACH = field_option(ObjectOptions, "attach", **_ATTACH)
+DETACH = field_option(ObjectOptions, "detach", **_DETACH)
 _OBJECTS: dict[str, dict[str, Any]] = {
     "collider": expression_option("Meshes that take part but never move."),
     "rigid": expression_option("Meshes that move as a whole only."),
     "ignore": _IGNORE,
     "attach": _ATTACH,
+    "detach": _DETACH,
     "layer": {
         "metavar": '"A=N"',
         "help": "How far out prims lie, a whole number: of two layers the higher one is outside; "
@@ -88,7 +95,7 @@ _OBJECTS: dict[str, dict[str, Any]] = {
 
 
 # Those of them that a transfer has: it has pins of its own, and knows no directions.
-SCENE_NAMES = ("collider", "rigid", "ignore", "attach", "layer")
+SCENE_NAMES = ("collider", "rigid", "ignore", "attach", "detach", "layer")
 
 
 def scene_options(function: Function) -> Function:

@@ -7,7 +7,13 @@ from collections.abc import Callable
 
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.interrupts import current_interrupts
-from dtrepair.cli.terminal.modelled_text import modelled_line, props_line, sets_line, worn_line
+from dtrepair.cli.terminal.modelled_text import (
+    modelled_line,
+    passing_line,
+    props_line,
+    sets_line,
+    worn_line,
+)
 from dtrepair.cli.terminal.progress import ProgressBar, heartbeat, wanted
 from dtrepair.cli.terminal.repair_text import correction_line
 from dtrepair.pipeline.observer import (
@@ -15,6 +21,7 @@ from dtrepair.pipeline.observer import (
     FrameDone,
     ModelledFound,
     Observer,
+    PassingFound,
     ProgressKept,
     PropsFound,
     Remark,
@@ -82,6 +89,8 @@ class ConsoleObserver(Observer):
                 self._say_frame(self.console, remark)
         elif isinstance(remark, ModelledFound):
             self.console.tell(modelled_line(remark.attached))
+        elif isinstance(remark, PassingFound):
+            self.console.tell(passing_line(remark.parts))
         elif isinstance(remark, WornFound):
             self.console.tell(worn_line(remark.worn))
         elif isinstance(remark, SetsFound):

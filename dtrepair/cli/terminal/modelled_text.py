@@ -9,6 +9,7 @@ from dtrepair.report.modelled import (
     AttachedList,
     AttachedRecord,
     ModelledRecord,
+    PartRecord,
     WornRecord,
     place,
 )
@@ -63,7 +64,16 @@ def modelled_line(attached: AttachedList) -> str:
     return (
         f"taken as modelled: {counted(len(attached), 'pair')} of parts: {', '.join(names)}"
         f"{f' and {more} more' if more else ''}; --rest-contacts repair treats them as faults, "
-        "--attach and --ignore override, check --modelled lists them"
+        "--attach, --detach and --ignore override, check --modelled lists them"
+    )
+
+
+def passing_line(parts: Sequence[tuple[PartRecord, PartRecord]]) -> str:
+    """Say in one line which parts only pass each other in the bind pose, and what changes that."""
+    names = listed([f"{first.name} with {second.name}" for first, second in parts])
+    return (
+        f"not taken as modelled: {names}, which meet in the bind pose and lie elsewhere in nearly "
+        "all frames; --attach overrides"
     )
 
 

@@ -74,7 +74,10 @@ def find_attachments(
     keys: list[KeyArray] = [np.zeros(0, dtype=np.int64)]
     ties, carried, nested, sliding = [NO_TIES], [NO_TIES], set[Both](), set[Both]()
     for reference in references:
-        if reference.slid:
+        if reference.apart:
+            between = np.sort(part_of[reference.pairs], axis=1)
+            nested.update((first, second) for first, second in np.unique(between, axis=0).tolist())
+        if not reference.shows_all:
             continue
         overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
         towards: dict[Both, IntArray] = {}

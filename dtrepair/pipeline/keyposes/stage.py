@@ -148,7 +148,7 @@ def _prepared(
         jobs,
         True,
         controls.ignored,
-        controls.attached,
+        controls.told,
         kept,
         clock,
     )
@@ -183,7 +183,7 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     placed = make_bodies(source, prepared.rests, controls, mode=mode)
     repairer, rest_counts = make_repairer(run, source, prepared.rests, placed.bodies)
     warn(observer, rest_warnings(source, prepared.rests, rest_counts, controls.settings))
-    tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
+    tell_modelled(observer, repairer.modelled, asked=run.told.attached, unclear=placed.met)
     tell_props(observer, repairer.repairer.scene)
     run.clock.lap("factor")
     rigid = [bool(own.rigid) for own in controls.settings]

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from dtrepair.intersect.ignored import CollapsedPoseError
 from dtrepair.numerics.attached.touches import without_touches
 from dtrepair.numerics.geometry import FloatArray, IntArray, components, vector_areas, weld_maps
-from dtrepair.pipeline.modelled.together import Together, TogetherOptions, together
+from dtrepair.pipeline.modelled.meetings import MeetingOptions, meetings
+from dtrepair.pipeline.modelled.together import Together, together
 from dtrepair.pipeline.modelled.unrepaired import unrepaired
 from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.frames import read_frame
+from dtrepair.pipeline.stages.matching import Told
 from dtrepair.pipeline.stages.rest import Rest, posed_once
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time, time_label
 
@@ -34,6 +36,9 @@ BIND_POSE = "bind pose"
 POINTS = "points"
 # What binds a mesh that does not move at all: it lies to all others as their rests show it.
 STILL = "still"
+# When two connected parts only pass each other at rest, as long hair and the arms of a T-pose: the
+# clip may show it once, and joints of small parts are bent in all of it.
+PASSING = MeetingOptions(least=0.02, share=0.9)
 
 
 class Look(NamedTuple):
@@ -74,10 +79,10 @@ class PlacedMeshes:
         rests: Sequence[Rest],
         *,
         ignored: Pairs = (),
-        attached: Pairs = (),
+        told: Told = Told(),
     ) -> None:
         self.source = source = unrepaired(source)
-        self.ignored, self.attached = ignored, attached
+        self.ignored, self.told = ignored, told
         starts = np.cumsum([0, *(len(rest.points) for rest in rests)])
         self._ends = starts[:-1].tolist(), starts[1:].tolist()
         shifted = zip(source.meshes, starts, strict=False)
@@ -125,7 +130,7 @@ class PlacedMeshes:
             pairs = self.bind_look.pairs
             meshes = self.mesh_of[pairs]
             told = own[meshes].all(axis=1) & (meshes[:, 0] != meshes[:, 1])
-            poses = (points for _, points in self.poses(TogetherOptions().samples))
+            poses = (points for _, points in self.poses(MeetingOptions().samples))
             result = together(self.rest, poses, self.faces, pairs[told], self._starts)
         return result
 
@@ -164,7 +169,7 @@ class PlacedMeshes:
         return Detector(self.rest, self.faces)
 
     def look(self, points: FloatArray, name: str) -> Look:
-        """Return a pose (V, 3) with its contacts of different parts that are not ignored."""
+        """Return a pose (V, 3) with its contacts of different parts that count or tell."""
         from dtrepair.intersect.ignored import counted_between
 
         pairs = self._detector(points, weld=self.weld)
@@ -172,7 +177,8 @@ class PlacedMeshes:
         rounded = points.astype(np.float32).astype(np.float64)
         solid = (vector_areas(rounded, self.faces) != 0.0).any(axis=1)
         pairs = pairs[np.asarray(solid)[pairs].all(axis=1)]
-        pairs = pairs[counted_between(self.mesh_of[pairs], mode="both", ignored=self.ignored)]
+        left_out = (*self.ignored, *self.told.detached)
+        pairs = pairs[counted_between(self.mesh_of[pairs], mode="both", ignored=left_out)]
         sides = np.sort(self.part_of[pairs], axis=1)
         keys = sides[:, 0] * len(self.rest) + sides[:, 1]
         return Look(points, pairs, keys, name).of(sides[:, 0] != sides[:, 1])
@@ -204,6 +210,29 @@ class PlacedMeshes:
         same &= ~self._together.parted[meshes[:, 0], meshes[:, 1]]
         return np.asarray((first != "") & (second != "") & same, dtype=bool)
 
+    def detached(self) -> Reference | None:
+        """Every two parts that the user calls detached, by a triangle of each; None: none."""
+        from dtrepair.intersect.ignored import of_ignored_bodies
+        from dtrepair.numerics.attachments import Reference
+
+        if not self.told.detached:
+            return None
+        some = np.unique(self.part_of, return_index=True)[1].astype(np.int32)
+        pairs = np.stack([some[own] for own in np.triu_indices(len(some), 1)], axis=1)
+        chosen = of_ignored_bodies(self.mesh_of[pairs], self.told.detached)
+        return Reference(self.rest, pairs[chosen], asked=True, apart=True)
+
+    def passing(self, look: Look) -> BoolArray:
+        """Return which pairs (K, 2) of a pose are of parts that only pass each other there, (K,).
+
+        What the user calls attached does not pass by.
+        """
+        poses = (points for _, points in self.poses(PASSING.samples))
+        known = meetings(look.points, poses, self.faces, look.pairs, self.part_of, options=PASSING)
+        first, second = known.sides[known.passing].T.astype(np.int64)
+        by = np.isin(look.keys, first * len(self.rest) + second)
+        return np.asarray(by & ~self.asked(look.pairs), dtype=bool)
+
     def collide(self, pairs: IntArray) -> BoolArray:
         """Return which pairs (K, 2) of triangles are of a collider, (K,).
 
@@ -218,7 +247,7 @@ class PlacedMeshes:
         """Return which pairs (K, 2) of triangles are of meshes that are called attached, (K,)."""
         from dtrepair.intersect.ignored import of_ignored_bodies
 
-        return of_ignored_bodies(self.mesh_of[pairs], self.attached)
+        return of_ignored_bodies(self.mesh_of[pairs], self.told.attached)
 
 
 def _binding(mesh: SourceMesh, rest: Rest) -> str:

@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.pipeline.observer import ModelledFound, Observer, PropsFound, SetsFound, warn
+from dtrepair.pipeline.observer import (
+    ModelledFound,
+    Observer,
+    PassingFound,
+    PropsFound,
+    SetsFound,
+    warn,
+)
 from dtrepair.pipeline.stages.bodies import unclear_sides
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time
 from dtrepair.report.modelled import (
@@ -143,7 +150,7 @@ class ModelledParts:
         found: dict[tuple[int, int], AttachedRecord] = {}
         time = float(self.source.all_times[0])
         for reference in self.references:
-            if reference.slid:
+            if not reference.shows_all:
                 continue  # another pose shows the same parts as they were modelled
             contacts = reference.pairs[self.attachments.modelled(reference.pairs)]
             met = self._met(contacts)
@@ -168,18 +175,38 @@ class ModelledParts:
         )
 
     @cached_property
+    def passing(self) -> list[tuple[int, int]]:
+        """The pairs of parts that only pass each other in the bind pose."""
+        if self.attachments is None:
+            return []
+        parts = [self._met(own.pairs).parts.tolist() for own in self._by_chance]
+        return [(a, b) for found in parts for a, b in found]
+
+    @cached_property
     def meshes(self) -> set[tuple[int, int]]:
         """The pairs of meshes (i, j), i <= j, between which contacts are modelled."""
         found: set[tuple[int, int]] = set()
         if self.attachments is None:
             return found
+        for reference in self.references:
+            found |= self._meshes(reference.pairs[self.attachments.modelled(reference.pairs)])
+        return found
+
+    @cached_property
+    def meshes_told(self) -> set[tuple[int, int]]:
+        """The same of which a pose tells: with those that only pass each other in it."""
+        return self.meshes.union(*(self._meshes(own.pairs) for own in self._by_chance))
+
+    @property
+    def _by_chance(self) -> list[Reference]:
+        return [own for own in self.references if own.apart and not own.asked]
+
+    def _meshes(self, contacts: NDArray[np.integer]) -> set[tuple[int, int]]:
+        """Return the pairs of meshes (i, j), i <= j, of contacts (K, 2)."""
         sizes = [len(mesh.faces) for mesh in self.source.meshes]
         mesh_of = np.repeat(np.arange(len(sizes)), sizes)
-        for reference in self.references:
-            contacts = reference.pairs[self.attachments.modelled(reference.pairs)]
-            pairs = np.unique(np.sort(mesh_of[contacts], axis=1), axis=0)
-            found |= {(int(i), int(j)) for i, j in pairs}
-        return found
+        pairs = np.unique(np.sort(mesh_of[contacts], axis=1), axis=0)
+        return {(int(i), int(j)) for i, j in pairs}
 
     def _met(self, contacts: NDArray[np.integer]) -> _Met:
         assert self.attachments is not None
@@ -268,10 +295,13 @@ def tell_modelled(
             f"attach: {what} meet neither in the bind pose nor in a frame that was looked at: none "
             "of their contacts counts as modelled"
         )
-    left = [pair for pair in unclear if pair not in parts.meshes]
+    left = [pair for pair in unclear if pair not in parts.meshes_told]
     warn(observer, unclear_sides(parts.source, left))
     if parts.attached:
         observer.remark(ModelledFound(parts.attached))
+    if parts.passing:
+        named = [(parts.records[a], parts.records[b]) for a, b in parts.passing]
+        observer.remark(PassingFound(tuple(named)))
 
 
 def _triangles(count: SceneCount, rank: NDArray[np.integer], ranks: int) -> NDArray[np.int64]:

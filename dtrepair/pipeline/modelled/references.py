@@ -13,6 +13,7 @@ from dtrepair.pipeline.modelled.meshes import STILL, Look, PlacedMeshes
 from dtrepair.pipeline.modelled.parts import ModelledParts
 from dtrepair.pipeline.modelled.slides import slid_references
 from dtrepair.pipeline.modelled.unrepaired import unrepaired
+from dtrepair.pipeline.stages.matching import Told
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.wording import listed
@@ -58,7 +59,7 @@ def modelled_references(
     rests: Sequence[Rest],
     *,
     ignored: Pairs = (),
-    attached: Pairs = (),
+    told: Told = Told(),
     told_by_rest: bool = False,
     options: ReferenceOptions = ReferenceOptions(),
 ) -> list[Reference]:
@@ -72,11 +73,14 @@ def modelled_references(
     Where rigid parts slide in each other, as a rod in its cylinder, frames show where, too. The
     parts of a farm agree on it.
 
-    attached: pairs (i, j) of meshes, i <= j, that the user calls attached. For two of their parts
+    Parts that meet in the bind pose but lie elsewhere in nearly all frames, as long hair and the
+    arms of a T-pose, only pass each other there, and are not attached.
+
+    told: pairs of meshes that the user calls attached or detached. For two parts of attached ones
     of which nothing of that tells, the frame with fewest of their pairs shows where. told_by_rest:
     the rests of meshes that do not move at all tell, too.
     """
-    meshes = PlacedMeshes(source, rests, ignored=ignored, attached=attached)
+    meshes = PlacedMeshes(source, rests, ignored=ignored, told=told)
     return _references(meshes, told_by_rest=told_by_rest, turns=True, options=options)
 
 
@@ -87,15 +91,16 @@ def _references(
 
     turns: whether joints that turn are looked for, even where nobody asked for them.
     """
-    source, attached = meshes.source, meshes.attached
+    source = meshes.source
     if meshes.one_part:
         return []
     if told_by_rest:
         still = [not mesh.animated for mesh in source.meshes]
         meshes.binding[still] = STILL
-    rest = meshes.bind_look
-    known = [rest.of(meshes.tell_by_rests(rest.pairs))._replace(bound=meshes.bound)]
     enough = frames_tell(source, options)  # else nobody needs to look
+    rest = meshes.bind_look.of(meshes.tell_by_rests(meshes.bind_look.pairs))
+    by = meshes.passing(rest) if enough else np.zeros(len(rest.pairs), dtype=bool)
+    known = [rest.of(~by)._replace(bound=meshes.bound)]
     if enough and (not meshes.one_binding or (meshes.binding == "").any()):
         looks = list(meshes.looks(options.samples))
         looks = [look.of(~meshes.collide(look.pairs)) for look in looks]
@@ -105,12 +110,16 @@ def _references(
     found = [look.reference(~meshes.asked(look.pairs)) for look in known]
     if enough:
         found += slid_references(meshes, known, samples=options.samples, turns=turns)
-    if not attached:
+    if by.any():
+        found.append(rest.of(by).reference()._replace(apart=True))
+    if (detached := meshes.detached()) is not None:
+        found.append(detached)
+    if not meshes.told.attached:
         return found
     found += [look.reference(meshes.asked(look.pairs), asked=True) for look in known]
-    told = np.concatenate([look.keys for look in known])
+    shown = np.concatenate([look.keys for look in known])
     looks = [
-        look.of(meshes.asked(look.pairs) & ~np.isin(look.keys, told))
+        look.of(meshes.asked(look.pairs) & ~np.isin(look.keys, shown))
         for look in meshes.looks(options.samples)
     ]
     every = (look.reference(asked=True) for look in _where_fewest(looks, 1))
@@ -145,13 +154,13 @@ def untold_contacts(
     rests: Sequence[Rest],
     *,
     ignored: Pairs = (),
-    attached: Pairs = (),
+    told: Told = Told(),
     options: ReferenceOptions = ReferenceOptions(),
 ) -> list[str]:
     """Say which meshes have parts that meet, while nothing tells whether they were modelled so."""
     if frames_tell(source, options):
         return []
-    meshes = PlacedMeshes(source, rests, ignored=ignored, attached=attached)
+    meshes = PlacedMeshes(source, rests, ignored=ignored, told=told)
     if meshes.one_part:
         return []
     found = [look.pairs for look in meshes.looks(options.least)]
@@ -162,13 +171,13 @@ def untold_in_check(
     source: Source,
     found: Sequence[IntArray],
     *,
-    attached: Pairs = (),
+    told: Told = Told(),
     options: ReferenceOptions = ReferenceOptions(),
 ) -> list[str]:
     """Say the same as `untold_contacts` of pairs (K, 2) of triangles that a check has counted."""
     if frames_tell(source, options) or not any(map(len, found)):
         return []
-    meshes = PlacedMeshes(source, _own_rests(source), attached=attached)
+    meshes = PlacedMeshes(source, _own_rests(source), told=told)
     return _untold(meshes, found, then=ALL_COUNTED, options=options)
 
 
@@ -183,8 +192,8 @@ def _untold(
     """Say which meshes have parts in pairs (K, 2) of triangles of which nothing tells."""
     pairs = np.concatenate([np.zeros((0, 2), np.int32), *found])
     first, second = meshes.part_of[pairs].T
-    told = meshes.tell_by_rests(pairs) | meshes.asked(pairs) | meshes.collide(pairs)
-    pairs = pairs[(first != second) & ~told]
+    known = meshes.tell_by_rests(pairs) | meshes.asked(pairs) | meshes.collide(pairs)
+    pairs = pairs[(first != second) & ~known]
     met = np.unique(meshes.mesh_of[pairs]).tolist()
     if not met:
         return []
@@ -206,24 +215,24 @@ def modelled_parts(
     source: Source,
     *,
     ignored: Pairs = (),
-    attached: Pairs = (),
+    told: Told = Told(),
     auto: bool = True,
     rests: Sequence[Rest] | None = None,
 ) -> ModelledParts:
     """What was modelled as overlapping, by the triangles of all meshes in a row, with its parts.
 
     By the meshes' own rests: those that have none do not need any; or by `rests`, which tell of
-    meshes that do not move at all, too. attached: as `modelled_references` takes them; without
+    meshes that do not move at all, too. told: as `modelled_references` takes them; without
     `auto` nothing else counts as modelled.
     """
     from dtrepair.numerics.attached.overlaps import find_attachments
     from dtrepair.numerics.attachments import telling
 
-    if not (auto or attached):
+    if not (auto or told.attached):
         return ModelledParts(source, None)
     known = rests is not None
     rests = _own_rests(source) if rests is None else rests
-    meshes = PlacedMeshes(source, rests, ignored=ignored, attached=attached)
+    meshes = PlacedMeshes(source, rests, ignored=ignored, told=told)
     numbers = ReferenceOptions()
     references = _references(meshes, told_by_rest=known, turns=False, options=numbers)
     references = telling(references, auto=auto)

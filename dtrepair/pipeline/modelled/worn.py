@@ -10,6 +10,7 @@ from dtrepair.pipeline.modelled.references import layer_poses, modelled_referenc
 from dtrepair.pipeline.observer import Observer, WornFound
 from dtrepair.pipeline.selection import ObjectSettings, PrimTable
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_layers
+from dtrepair.pipeline.stages.matching import Told
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import choose_rests
 from dtrepair.pipeline.stages.sources import Source
@@ -47,7 +48,7 @@ def worn_without_repair(
     *,
     tables: Sequence[PrimTable] = (),
     ignored: Pairs = (),
-    attached: Pairs = (),
+    told: Told = Told(),
     device: str = "cpu",
 ) -> tuple[WornRecord, ...]:
     """Return what a repair of an input with these options would take as worn.
@@ -65,14 +66,14 @@ def worn_without_repair(
         [*nothing],
         [*nothing],
         ignored,
-        attached=attached,
+        told=told,
         layers=tuple(read_layers(source, found)),
     )
     scene = make_scene(
         make_bodies(source, rests, controls, mode=options.mode).bodies,
         options,
         ignored,
-        modelled_references(source, rests, ignored=ignored, attached=attached),
+        modelled_references(source, rests, ignored=ignored, told=told),
         layer_poses(source, rests),
         device=device,
     )

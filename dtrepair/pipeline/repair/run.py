@@ -31,6 +31,7 @@ from dtrepair.pipeline.stages.frames import (
     read_frames,
     refuse_if_none_usable,
 )
+from dtrepair.pipeline.stages.matching import Told
 from dtrepair.pipeline.stages.rest import Rest, rest_warnings
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import Source
@@ -49,7 +50,7 @@ class Run:
     """What a run is about: what it computes on, what it keeps of its choices, and its clock.
 
     output: None where it only counts. ignored: pairs of meshes whose contacts do not count;
-    attached: pairs of meshes that the user calls attached.
+    told: pairs of meshes that the user calls attached or detached.
     """
 
     input: str
@@ -59,7 +60,7 @@ class Run:
     jobs: int | None
     alone: bool
     ignored: tuple[tuple[int, int], ...]
-    attached: tuple[tuple[int, int], ...]
+    told: Told
     settings: Mapping[str, Any]
     clock: Clock
 
@@ -119,11 +120,11 @@ def repair_here(
     run.clock.lap("factor")
     met = list[str]()
     if run.options.rest_contacts == "auto" and run.options.method == "full":
-        met = untold_contacts(source, rests, ignored=run.ignored, attached=run.attached)
+        met = untold_contacts(source, rests, ignored=run.ignored, told=run.told)
     settings = prepared.controls.settings
     # One of them names --rest, which would help with both.
     warn(observer, rest_warnings(source, rests, rest_counts, settings, advise=not met))
-    tell_modelled(observer, repairer.modelled, asked=run.attached, unclear=placed.met)
+    tell_modelled(observer, repairer.modelled, asked=run.told.attached, unclear=placed.met)
     tell_props(observer, repairer.repairer.scene)
     warn(observer, met)
     hidden = HiddenMeshes(source)
@@ -245,7 +246,7 @@ def make_repairer(
     options = in_units_of_frames(source, run.options)
     _refuse_wide_clearance(run.options.clearance, options.clearance, bodies)
     references = modelled_references(
-        source, rests, ignored=run.ignored, attached=run.attached, told_by_rest=told_by_rest
+        source, rests, ignored=run.ignored, told=run.told, told_by_rest=told_by_rest
     )
     scene = SceneRepairer(
         bodies,

@@ -186,7 +186,7 @@ def refuse_what_paper_lacks(options: RepairOptions | None, objects: ObjectOption
     """Refuse what is asked of single meshes, and the published method has no use for."""
     if options is None or options.method != "paper":
         return
-    for name in ("attach", "layer", "rigid"):
+    for name in ("attach", "detach", "layer", "rigid"):
         if getattr(objects, name):
             raise UsageError(f"--{name}: has no effect with --method paper; leave it out")
 

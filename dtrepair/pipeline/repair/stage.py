@@ -143,7 +143,7 @@ def _prepared(
         jobs,
         settings.single,
         controls.ignored,
-        controls.attached,
+        controls.told,
         kept,
         clock,
     )

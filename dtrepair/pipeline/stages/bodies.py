@@ -13,7 +13,7 @@ from dtrepair.numerics.enclosure import turned_over
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
 from dtrepair.pipeline.stages.frames import stretches
-from dtrepair.pipeline.stages.matching import attached_pairs, ignored_pairs
+from dtrepair.pipeline.stages.matching import Told, ignored_pairs, told_pairs
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.shot.props import find_props
@@ -44,7 +44,7 @@ class Controls:
     ignored: pairs of meshes (i, j), i <= j, whose contacts do not count.
     unmovable: those of them that do not for no other reason than that neither mesh may move, or
         that one keeps its shape, apart from the set around.
-    attached: pairs of meshes (i, j), i <= j, that the user calls attached.
+    told: pairs of meshes that the user calls attached or detached.
     layers: for each mesh how far out its triangles (F,) lie, None where nobody says.
     """
 
@@ -53,7 +53,7 @@ class Controls:
     directions: PerMesh
     ignored: tuple[tuple[int, int], ...] = ()
     unmovable: tuple[tuple[int, int], ...] = ()
-    attached: tuple[tuple[int, int], ...] = ()
+    told: Told = Told()
     layers: tuple[NDArray[np.int32] | None, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -93,14 +93,14 @@ def read_controls(
     # Nor what a thing that keeps its shape has with itself.
     if len(source.meshes) > 1:
         among |= {(index, index) for index, own in enumerate(found.each) if own.rigid}
-    attached, warnings = attached_pairs(source, objects.attach, found.each)
+    called, warnings = told_pairs(source, found.each, attach=objects.attach, detach=objects.detach)
     return Controls(
         found.each,
         pins,
         directions,
         tuple(sorted(told | among)),
         tuple(sorted(among - told - pairs_of_sets(source))),
-        attached=attached,
+        told=called,
         layers=tuple(read_layers(source, found.each)),
         warnings=(*found.warnings, *warnings),
     )

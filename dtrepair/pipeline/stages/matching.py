@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectSettings
 from dtrepair.pipeline.stages.sources import Source, StageSource
+
+# Pairs (i, j), i <= j, of meshes.
+MeshPairs = tuple[tuple[int, int], ...]
 
 
 def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
@@ -76,23 +80,37 @@ def named_pairs(source: Source, texts: Sequence[str], name: str) -> tuple[tuple[
     return tuple(sorted(pairs))
 
 
-def attached_pairs(
-    source: Source, texts: Sequence[str], each: Sequence[ObjectSettings]
-) -> tuple[tuple[tuple[int, int], ...], list[str]]:
-    """Pairs of meshes (i, j), i <= j, that are called attached, and warnings.
+class Told(NamedTuple):
+    """Pairs of meshes (i, j), i <= j, that the user calls attached, and those called detached."""
 
-    texts: pairs "A,B" of --attach; each: the settings of each mesh, which name what it is attached
-    to. What of those is not among the selected meshes is warned of.
+    attached: MeshPairs = ()
+    detached: MeshPairs = ()
+
+
+def told_pairs(
+    source: Source,
+    each: Sequence[ObjectSettings],
+    *,
+    attach: Sequence[str] = (),
+    detach: Sequence[str] = (),
+) -> tuple[Told, list[str]]:
+    """Return what is called attached or detached, and warnings.
+
+    each: the settings of each mesh, which name others; attach, detach: pairs "A,B" of the options.
+    What of the settings is not among the selected meshes is warned of.
     """
-    pairs, warnings = set(named_pairs(source, texts, "--attach")), []
-    for index, own in enumerate(each):
-        for expression in own.attach or ():
-            where = f"{source.meshes[index].path}: attach {expression}"
-            found = meshes_matched(source, expression, where)
-            pairs |= {(min(index, other), max(index, other)) for other in found}
-            if not found:
-                warnings.append(f"{where}: {no_match(source)}")
-    return tuple(sorted(pairs)), warnings
+    found, warnings = [], list[str]()
+    for name, texts in (("attach", attach), ("detach", detach)):
+        pairs = set(named_pairs(source, texts, f"--{name}"))
+        for index, own in enumerate(each):
+            for expression in getattr(own, name) or ():
+                where = f"{source.meshes[index].path}: {name} {expression}"
+                others = meshes_matched(source, expression, where)
+                pairs |= {(min(index, other), max(index, other)) for other in others}
+                if not others:
+                    warnings.append(f"{where}: {no_match(source)}")
+        found.append(tuple(sorted(pairs)))
+    return Told(*found), warnings
 
 
 def _split(text: str) -> list[str]:

@@ -103,8 +103,7 @@ def recorded(source: Source, each: Sequence[ObjectSettings]) -> dict[str, dict[s
     told = {}
     for mesh, own in zip(source.meshes, each, strict=True):
         values = {key: value for key, value in vars(own).items() if value is not None}
-        if own.attach is not None:
-            values["attach"] = list(own.attach)
+        values |= {key: list(value) for key, value in values.items() if isinstance(value, tuple)}
         if values:
             told[mesh.path] = values
     return told

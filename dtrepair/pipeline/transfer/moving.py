@@ -131,13 +131,13 @@ def _repaired(
         run.jobs,
         _alone(run),
         controls.ignored,
-        controls.attached,
+        controls.told,
         {},
         run.clock,
     )
     repairer, counts = make_repairer(repair, target, rests, bodies, told_by_rest=True)
     rest_counts += counts
-    tell_modelled(run.observer, repairer.modelled, asked=controls.attached, unclear=placed.met)
+    tell_modelled(run.observer, repairer.modelled, asked=controls.told.attached, unclear=placed.met)
     run.attached = repairer.modelled.attached
     repairer.progress = progress.ahead
     yield from repair_frames(moves.frames(), repairer)

@@ -208,7 +208,7 @@ class Scene:
         """Measures what a correction does to the shapes of the bodies."""
         faces = self.rest_weld[self.faces]
         parts = ConnectedParts(faces, self.body_of_vertex, self.attachments)
-        shown = [reference.points for reference in self.references if not reference.slid]
+        shown = [reference.points for reference in self.references if reference.shows_all]
         stiff = [part for part, body in enumerate(self.body_of_part) if self.is_stiff(body)]
         rings = Rings(self.layers.parts, stiff) if self.enclosures.count > 1 else None
         known = partial(StrainMeter, rest=self.centred_rest, scale=self.scale, options=self.strain)

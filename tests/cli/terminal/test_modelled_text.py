@@ -58,8 +58,8 @@ def test_one_line_says_what_is_taken_as_modelled() -> None:
     assert line == (
         "taken as modelled: 9 pairs of parts: /Hero/Body part 1 with /Hero/Body part 2, "
         "/Hero/Body part 1 with /Hero/Body part 3, /Hero/Body part 1 with /Hero/Body part 4 "
-        "and 6 more; --rest-contacts repair treats them as faults, --attach and --ignore "
-        "override, check --modelled lists them"
+        "and 6 more; --rest-contacts repair treats them as faults, --attach, --detach and "
+        "--ignore override, check --modelled lists them"
     )
     assert modelled_line(AttachedList(listed=(attached(2),))).startswith(
         "taken as modelled: 1 pair of parts: /Hero/Body part 1 with /Hero/Body part 2; "

@@ -1,0 +1,164 @@
+"""What meets at rest, and whether frames show it there: what only passes by tells nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.numerics.closest_point import nearest_triangles
+from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
+
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeetingOptions:
+    """When two groups of triangles that meet at rest only pass each other there.
+
+    Args:
+        samples: Frames of the whole clip that are looked at, at most.
+        far: What meets at rest is farther apart than this in frames, by half of the pairs, in
+            diagonals of the smaller group, ...
+        least: ... and farther than this, in diagonals of everything: a joint of small parts that
+            bends moves its overlap on by much of their size, ...
+        share: ... in this share of the frames at least; ...
+        touch: ... and in less than half of them half of what meets the other group at rest, of one
+            of the two, is no more than this farther from it, in diagonals of the smaller one: a rod
+            that is drawn out of its sleeve, or a wheel, is elsewhere but touches what it did.
+        places: So many places are asked for that, at most.
+    """
+
+    samples: int = 33
+    far: float = 0.1
+    least: float = 0.0
+    share: float = 1.0
+    touch: float = 0.02
+    places: int = 200
+
+
+class Meetings(NamedTuple):
+    """Two groups (N, 2) of triangles each that meet at rest, and which (N,) only pass by."""
+
+    sides: IntArray
+    passing: BoolArray
+
+
+def meetings(
+    rest: FloatArray,
+    poses: Iterable[FloatArray],
+    faces: IntArray,
+    pairs: IntArray,
+    group_of: NDArray[np.integer],
+    *,
+    options: MeetingOptions = MeetingOptions(),
+) -> Meetings:
+    """Return which groups of triangles meet at rest, and which of them only pass by there.
+
+    Args:
+        rest: All points (V, 3) at rest.
+        poses: The same in frames; no more are looked at than it takes.
+        faces: The triangles (F, 3).
+        pairs: Those (K, 2) of two groups each that meet at rest.
+        group_of: The group (F,) of each triangle.
+        options: Numbers.
+    """
+    met = _Met(rest, faces, pairs, group_of, options)
+    passing = np.ones(len(met.sides), dtype=bool)
+    looks, stays, touching = np.zeros((3, len(met.sides)), dtype=int)
+    for pose in poses if len(met.sides) else ():
+        near, shown = met.near(pose)
+        looks += shown
+        stays += near & shown
+        passing &= stays <= (1.0 - options.share) * options.samples
+        if not passing.any():
+            break
+        asked = passing & shown & ~near
+        touching[asked] += met.touch(pose, np.flatnonzero(asked).tolist())
+    passing &= (stays <= (1.0 - options.share) * looks) & (2 * touching < looks)
+    return Meetings(met.sides, passing)
+
+
+class _Met:
+    """What meets of each two groups at rest; see `meetings`."""
+
+    def __init__(
+        self,
+        rest: FloatArray,
+        faces: IntArray,
+        pairs: IntArray,
+        group_of: NDArray[np.integer],
+        options: MeetingOptions,
+    ) -> None:
+        self.faces, self.group_of, self.options = faces, group_of, options
+        pairs = np.take_along_axis(pairs, group_of[pairs].argsort(axis=1, kind="stable"), axis=1)
+        # The two groups (N, 2), and which (K,) two each pair is of.
+        sides, place = np.unique(group_of[pairs], axis=0, return_inverse=True)
+        self.sides = sides.astype(np.int32)
+        order = np.argsort(place.reshape(-1), kind="stable")
+        self.pairs, self.place = pairs[order], place.reshape(-1)[order]
+        ends = np.cumsum([0, *np.bincount(self.place, minlength=len(self.sides))])
+        self.middles = (ends[:-1] + ends[1:] - 1) // 2
+        self._triangles = {own: np.flatnonzero(group_of == own) for own in np.unique(sides)}
+        self.before, self.apart = self._sizes(rest), self._apart(rest)
+        self._places = [
+            [self._some(rest, index, side) for side in (0, 1)] for index in range(len(self.sides))
+        ]
+
+    def near(self, pose: FloatArray) -> tuple[BoolArray, BoolArray]:
+        """Return of which two groups (N,) half of what meets at rest is near in a pose.
+
+        And which two are shown there: what is scaled to nothing is not.
+        """
+        sizes = self._sizes(pose)
+        shown = (sizes > 1e-6 * self.before).all(axis=1)
+        smaller = self.before.argmin(axis=1)[:, None]
+        size, before = (np.take_along_axis(own, smaller, 1)[:, 0] for own in (sizes, self.before))
+        scale = np.where(before > 0.0, size / np.maximum(before, 1e-300), 1.0)
+        beyond = self._apart(pose) - scale[self.place] * self.apart
+        ordered = beyond[np.lexsort((beyond, self.place))]
+        most = np.maximum(self.options.far * size, self.options.least * diagonal(pose))
+        return np.asarray(ordered[self.middles] <= most), np.asarray(shown)
+
+    def touch(self, pose: FloatArray, chosen: Sequence[int]) -> BoolArray:
+        """Return of which of some two groups (C,) one touches the other half as much as at rest."""
+        found = np.zeros(len(chosen), dtype=bool)
+        for row, index in enumerate(chosen):
+            size = self._size(pose, self.sides[index, self.before[index].argmin()])
+            for side, (own, reach) in enumerate(self._places[index]):
+                away = self._distances(pose, index, side, own)
+                found[row] |= np.median(away - reach) <= self.options.touch * size
+        return found
+
+    def _some(
+        self, rest: FloatArray, index: int, side: int
+    ) -> tuple[NDArray[np.integer], FloatArray]:
+        """Return a few triangles (N,) of one of two that meet, and their distances (N,)."""
+        own = np.unique(self.pairs[self.place == index, side])
+        own = own[:: -(-len(own) // self.options.places)]
+        return own, self._distances(rest, index, side, own)
+
+    def _distances(
+        self, points: FloatArray, index: int, side: int, triangles: NDArray[np.integer]
+    ) -> FloatArray:
+        """Return how far the middles of a group's triangles (N,) are from the other one of two."""
+        other = self.faces[self._triangles[self.sides[index, 1 - side]]]
+        middles = points[self.faces[triangles]].mean(axis=1)
+        return lengths(nearest_triangles(middles, points[other])[1] - middles)
+
+    def _sizes(self, points: FloatArray) -> FloatArray:
+        """Return the diagonals (N, 2) of each two groups in points (V, 3)."""
+        size = {own: self._size(points, own) for own in self._triangles}
+        return np.array([[size[own] for own in both] for both in self.sides]).reshape(-1, 2)
+
+    def _size(self, points: FloatArray, group: int) -> float:
+        """Return the diagonal of a group in points (V, 3)."""
+        return diagonal(points[self.faces[self._triangles[group]].ravel()])
+
+    def _apart(self, points: FloatArray) -> FloatArray:
+        """Return how far (K,) the middles of two triangles are from each other."""
+        first, second = points[self.faces[self.pairs]].mean(axis=2).swapaxes(0, 1)
+        return lengths(first - second)

@@ -1,0 +1,148 @@
+"""Parts that only pass each other in the bind pose, and parts that are called detached."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Usd, UsdGeom
+
+from dtrepair.pipeline import check_stage, repair_stage
+from dtrepair.pipeline.modelled.meetings import MeetingOptions, meetings
+from dtrepair.pipeline.modelled.meshes import PASSING
+from dtrepair.pipeline.observer import PassingFound
+from dtrepair.pipeline.repair.settings import RepairSettings
+from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
+from tests.jointed_arm import FRAMES, arm_stage
+from tests.meshes import joined, tube
+from tests.pipeline.hosts import Listener
+from usd_io import AuthoredMesh, write_animation
+
+Points = NDArray[np.float64]
+BODY = tube(24, 12, 0.3, 3.0)
+(ALONG,) = np.flatnonzero(np.ptp(BODY[0], axis=0) > 2.0)
+# A strand across the body, and a stud that sits in it.
+STRAND = (np.roll(BODY[0] * 0.6, 1, axis=1) + 0.2, BODY[1])
+ACROSS = np.eye(3)[(ALONG + 2) % 3]
+STUD = (0.2 * BODY[0] + 0.25 * ACROSS - np.eye(3)[ALONG], BODY[1])
+BOTH = "/Root/Hero,/Root/Hero"
+
+
+def hero(path: Path, away: Sequence[float], *, along: float = 0.0) -> Path:
+    """A body, a strand and a stud in one mesh; the strand goes so far across in each frame.
+
+    along: how far it goes along the body in the last one.
+    """
+    rest, faces = joined(BODY, STRAND, STUD)
+    strand = np.zeros(len(rest), dtype=bool)
+    strand[len(BODY[0]) : len(BODY[0]) + len(STRAND[0])] = True
+    poses = [rest + np.where(strand, shift, 0.0)[:, None] * ACROSS for shift in away]
+    poses[-1][strand, ALONG] += along
+    mesh = AuthoredMesh(path="/Root/Hero", faces=faces, points=poses, rest=rest)
+    write_animation(path, mesh, times=1.0 + np.arange(len(away)))
+    return path
+
+
+def modelled(path: Path, **choices: Any) -> list[tuple[int, int]]:
+    """The numbers of the parts that are attached."""
+    listed = check_stage(path, **choices).attached.listed
+    return sorted((own.first.number or 0, own.second.number or 0) for own in listed)
+
+
+def test_what_lies_elsewhere_in_nearly_all_frames_only_passes_by(tmp_path: Path) -> None:
+    host = Listener()
+    path = hero(tmp_path / "a.usda", [0.0, *[2.0] * 10, 0.0], along=1.0)
+    report = check_stage(path, observer=host)
+    # The stud is attached, the strand is not: its contacts are faults, at rest and elsewhere.
+    assert len(report.attached) == 1
+    pairs = [frame.before.pairs for frame in report.frames if frame.before is not None]
+    assert pairs[0] > 0 and pairs[-1] > 0 and not any(pairs[1:-1])
+    (told,) = (remark for remark in host.remarks if isinstance(remark, PassingFound))
+    ((first, second),) = told.parts
+    assert {first.path, second.path} == {"/Root/Hero"} and first.number != second.number
+    assert not any("if one is worn over the other" in text for text in host.warnings)
+    done = repair_stage(path, tmp_path / "b.usda")
+    assert all(frame.status == "clean" for frame in done.frames)
+
+
+def test_what_is_back_in_more_frames_is_attached(tmp_path: Path) -> None:
+    assert len(modelled(hero(tmp_path / "a.usda", [0.0, 0.0, *[2.0] * 10]))) == 2
+    # And what stays, and with the user's word.
+    assert len(modelled(hero(tmp_path / "b.usda", [0.02] * 12))) == 2
+    passing = hero(tmp_path / "c.usda", [2.0] * 12)
+    assert len(modelled(passing)) == 1 and len(modelled(passing, attach=(BOTH,))) == 2
+    # A pose or two do not tell.
+    assert len(modelled(hero(tmp_path / "d.usda", [2.0] * 4))) == 2
+
+
+def met(shift: float, *, options: MeetingOptions = PASSING) -> bool:
+    """Whether a strand that has moved by so much only passes its body by."""
+    rest, faces = joined(BODY, STRAND)
+    group = np.repeat([7, 3], [len(BODY[1]), len(STRAND[1])])
+    middles = rest[faces].mean(axis=1)
+    one, other = np.flatnonzero(group == 7), np.flatnonzero(group == 3)
+    apart = np.linalg.norm(middles[one, None] - middles[other], axis=2)
+    near = np.argwhere(apart < 1.5 * apart.min())
+    pairs = np.stack([other[near[:, 1]], one[near[:, 0]]], axis=1).astype(np.int32)
+    pose = rest + np.where(np.arange(len(rest)) < len(BODY[0]), 0.0, shift)[:, None] * ACROSS
+    sides, passing = meetings(rest, [pose] * 12, faces, pairs, group, options=options)
+    # Groups in the order of their numbers, whatever order their triangles have.
+    assert sides.tolist() == [[3, 7]]
+    return bool(passing[0])
+
+
+def test_a_joint_of_small_parts_does_not_pass_by_where_it_bends() -> None:
+    """It moves on by much of its size, and by little of that of the character."""
+    options = MeetingOptions(least=0.5, share=0.9)
+    assert met(2.0) and not met(0.1)
+    assert met(1.0) and not met(1.0, options=options)
+
+
+def test_what_is_called_detached_is_not_attached(tmp_path: Path) -> None:
+    path = hero(tmp_path / "a.usda", [0.02] * 12)
+    assert modelled(path, detach=(BOTH,)) == modelled(path, detach=(BOTH,), attach=(BOTH,)) == []
+    told, every = check_stage(path, detach=(BOTH,)), check_stage(path, rest_contacts="repair")
+    assert [own.before for own in told.frames] == [own.before for own in every.frames]
+    host, objects = Listener(), ObjectOptions(detach=(BOTH,))
+    done = repair_stage(path, tmp_path / "b.usda", objects=objects, observer=host)
+    assert not done.attached and all(own.status == "clean" for own in done.frames)
+    assert not any(isinstance(remark, PassingFound) for remark in host.remarks)
+    recorded = RepairSettings.from_report(done.document()["settings"])
+    assert recorded.objects.detach == (BOTH,)
+
+
+def test_a_prim_says_what_it_is_not_attached_to(tmp_path: Path) -> None:
+    path = arm_stage(tmp_path / "a.usda", np.zeros(FRAMES))
+    table = PrimTable("/Root/Arm", ObjectSettings(detach=("/Root/Arm",)))
+    assert len(modelled(path)) == 1 and modelled(path, tables=(table,)) == []
+    stage = Usd.Stage.Open(str(path))
+    prim = stage.GetPrimAtPath("/Root/Arm")
+    kind = Sdf.ValueTypeNames.TokenArray
+    prim.CreateAttribute("primvars:dtrepair:detach", kind).Set(["/Root/Arm"])
+    stage.Save()
+    report = check_stage(path)
+    assert not report.attached
+    assert report.document()["settings"]["objects"] == {"/Root/Arm": {"detach": ["/Root/Arm"]}}
+
+
+def test_no_third_part_tells_of_what_is_detached(tmp_path: Path) -> None:
+    """Two studs that hold on to the body at one place, and in a frame come into each other."""
+    meshes, path = {"Body": BODY, "Left": STUD, "Right": STUD}, tmp_path / "a.usda"
+    stage = Usd.Stage.CreateNew(str(path))
+    for name, (points, faces) in meshes.items():
+        mesh = UsdGeom.Mesh.Define(stage, f"/Root/{name}")
+        mesh.CreateFaceVertexCountsAttr([3] * len(faces))
+        mesh.CreateFaceVertexIndicesAttr(faces.ravel().tolist())
+        side = np.eye(3)[(ALONG + 1) % 3] * {"Body": 0.0, "Left": -0.1, "Right": 0.1}[name]
+        attribute = mesh.CreatePointsAttr((points + side).astype(np.float32))
+        for time, share in enumerate((1.0, *[0.5] * FRAMES)):
+            attribute.Set((points + share * side).astype(np.float32), time)
+    stage.Save()
+    both = "/Root/Left,/Root/Right"
+    counts = [check_stage(path, detach=own).frames[1].before for own in ((), (both,))]
+    assert all(own is not None for own in counts)
+    left, told = (own.pairs for own in counts if own is not None)
+    assert left == 0 and told > 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,8 @@ from dtrepair.numerics.geometry import (
     lengths,
     vector_areas,
 )
+
+BoolArray = NDArray[np.bool_]
 
 
 def displacements(before: FloatArray, after: FloatArray) -> FloatArray:
@@ -138,21 +141,25 @@ class JumpMeter:
     def __init__(
         self, part_of: ArrayLike | None = None, *, options: JumpOptions = JumpOptions()
     ) -> None:
-        self.options, self._parts = options, list[NDArray[np.intp]]()
+        self.options, self._parts = options, list[Any]([slice(None)])
         if part_of is not None:
             order = np.argsort(part_of, kind="stable")
             ends = np.flatnonzero(np.diff(np.asarray(part_of)[order])) + 1
             self._parts = np.split(order, ends)
         self._last: list[tuple[float, FloatArray]] = []
         self._diagonal = 0.0
+        # The parts that jump in the frame before.
+        self._jumped = np.zeros(len(self._parts), dtype=bool)
         # By how much frames jump, fractions of the diagonal of the first one, by their times.
         self.jumps: dict[float, float] = {}
 
     def add(self, time: float, before: ArrayLike, after: ArrayLike) -> None:
         """Take the next frame: its time, points (V, 3) of the input and of the result.
 
-        What is not after the one before in time is not measured.
+        One that is not after the one before in time begins anew.
         """
+        if self._last and not time > self._last[-1][0]:
+            self.part()
         original = np.asarray(before, dtype=np.float64)
         if not self._last:
             self._diagonal = diagonal(original) or 1.0
@@ -162,26 +169,35 @@ class JumpMeter:
             return
         if len(self._last) == 3:
             (first, left), (middle, own), (last, right) = self._last
-            if first < middle < last:
-                between = left + (middle - first) / (last - first) * (right - left)
-                farther = lengths(own - between) - 0.5 * lengths(right - left)
-                self._tell(middle, farther, self.options.farther)
+            between = left + (middle - first) / (last - first) * (right - left)
+            farther = lengths(own - between) - 0.5 * lengths(right - left)
+            self._jumped |= self._tell(middle, farther, self.options.farther)
         if len(self._last) > 1:
-            (first, left), (last, right) = self._last[-2:]
-            # A frame that stood out comes back.
-            if first < last and first not in self.jumps:
-                longer = np.maximum(lengths(left), lengths(right))
-                against = -dots(left, right) / np.maximum(longer, np.finfo(float).tiny)
-                self._tell(last, 2.0 * against, self.options.opposed)
+            left, right = (own for _, own in self._last[-2:])
+            longer = np.maximum(lengths(left), lengths(right))
+            against = -dots(left, right) / np.maximum(longer, np.finfo(float).tiny)
+            # A part that stood out comes back.
+            asked = ~self._jumped
+            self._jumped = self._tell(time, 2.0 * against, self.options.opposed, asked)
 
-    def _tell(self, time: float, farther: FloatArray, least: float) -> None:
-        """Note a frame whose vertices jump so far (V,), where that is more than the least."""
-        jump = self._most(farther) / self._diagonal
-        if jump > least:
-            self.jumps[time] = max(jump, self.jumps.get(time, 0.0))
+    def part(self) -> None:
+        """Begin anew: what follows is no neighbour of the frames so far."""
+        self._last.clear()
+        self._jumped[:] = False
 
-    def _most(self, farther: FloatArray) -> float:
-        """Return how far the part that stands out most does so, from values (V,) of vertices."""
-        quantile = self.options.quantile
-        own = [farther[part] for part in self._parts if farther[part].max() > 0.0]
-        return max(float(np.quantile(part, quantile)) for part in own or [farther])
+    def _tell(
+        self, time: float, farther: FloatArray, least: float, asked: BoolArray | None = None
+    ) -> BoolArray:
+        """Note a frame whose vertices jump so far (V,), where that is more than the least.
+
+        Return the parts that do, of those (P,) that are asked for.
+        """
+        result = np.zeros(len(self._parts), dtype=bool)
+        for place, part in enumerate(self._parts):
+            own = farther[part] / self._diagonal
+            if (asked is None or asked[place]) and own.max() > least:
+                jump = float(np.quantile(own, self.options.quantile))
+                result[place] = jump > least
+                if result[place]:
+                    self.jumps[time] = max(jump, self.jumps.get(time, least))
+        return result

@@ -87,6 +87,24 @@ def test_frames_need_not_be_evenly_spaced() -> None:
     assert list(jumps([0.0, 0.4, 0.1], times=times)) == [2.0]
 
 
+def test_a_part_that_jumps_does_not_hide_what_another_does_next() -> None:
+    half = np.arange(len(BEFORE)) < len(BEFORE) // 2
+    meter = JumpMeter(half)
+    for time, (one, other) in enumerate([(0.0, 0.02), (0.04, 0.02), (0.0, -0.03), (0.0, -0.03)]):
+        after = BEFORE + np.where(half, one, other)[:, None] * SIZE * AWAY
+        meter.add(float(time), BEFORE, after)
+    assert meter.jumps == {1.0: pytest.approx(0.04), 2.0: pytest.approx(0.04)}
+
+
+def test_what_begins_anew_is_no_neighbour() -> None:
+    meter = JumpMeter()
+    for time, share in enumerate([0.02, 0.02, -0.02, -0.02]):
+        if time == 2:
+            meter.part()
+        meter.add(float(time), BEFORE, BEFORE + share * SIZE * AWAY)
+    assert meter.jumps == {}
+
+
 def test_one_time_twice_is_not_measured() -> None:
     assert jumps([0.0, 0.5, 0.0], times=[1.0, 1.0, 1.0]) == {}
     assert jumps([0.0, 0.5, 0.0], times=[float("nan")] * 3) == {}

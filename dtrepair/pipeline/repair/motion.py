@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -149,11 +150,16 @@ class Motion:
         self._still = [StillMeter() for _ in self._paths] if several else []
         self._frames = 0
         self._edges = set(_edges(source))
+        self._next = dict(pairwise(source.all_times.tolist()))
+        self._last: tuple[float, FloatArray] | None = None
         self._ends: list[dict[float, float]] = [{} for _ in self._paths]
 
     def add(self, time: float, before: Sequence[ArrayLike], after: Sequence[ArrayLike]) -> None:
         """Take the next frame: points (V, 3) of the meshes, before and after; none if it failed."""
         self._frames += 1
+        if not self._goes_on(time, before):
+            for meter in self._jumps:
+                meter.part()
         meters = zip(self._jitter, self._jumps, before, after, strict=False)
         for jitter, jumps, own, repaired in meters:
             jitter.add(own, repaired)
@@ -164,6 +170,17 @@ class Motion:
         for bends, still, own, repaired in props:
             bends.add(time, own, repaired)
             still.add(time, own, repaired)
+
+    def _goes_on(self, time: float, before: Sequence[ArrayLike]) -> bool:
+        """Return whether a frame is the next one of the clip, and no other shot begins there."""
+        from dtrepair.repair.clip.layout import CutOptions, motion_between
+
+        last = self._last
+        pose = np.concatenate([np.zeros((0, 3)), *(np.asarray(own, float) for own in before)])
+        self._last = time, pose
+        if last is None or self._next.get(last[0]) != time or len(last[1]) != len(pose):
+            return False
+        return motion_between(last[1], pose) <= CutOptions().always
 
     def _break_off(
         self, time: float, before: Sequence[ArrayLike], after: Sequence[ArrayLike]

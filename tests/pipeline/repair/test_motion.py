@@ -16,7 +16,7 @@ from dtrepair.pipeline.repair import motion
 from dtrepair.pipeline.repair.motion import BendMeter, BendOptions, Motion, StillMeter
 from dtrepair.pipeline.repair.settings import OutputOptions
 from dtrepair.pipeline.stages.sources import open_source
-from dtrepair.report.findings import warnings_of
+from dtrepair.report.findings import FindingKind, warnings_of
 from tests.meshes import bent_tube, icosphere, joined
 from tests.pipeline.hosts import Listener
 from usd_io import AuthoredMesh, write_animation
@@ -59,6 +59,25 @@ def test_what_jumps_is_told_but_not_where_frames_are_solved_alone(
     assert told(stage, alone=True) == []
 
 
+@pytest.mark.parametrize(
+    ("frames", "cut", "told"), [(None, 0.0, 1), ("1,3", 0.0, 0), (None, 9.0, 0)]
+)
+def test_neither_frames_far_apart_nor_shots_are_neighbours(
+    tmp_path: Path, frames: str | None, cut: float, told: int
+) -> None:
+    points, faces = icosphere(3)
+    poses = np.stack([points, points, points + cut])
+    write_animation(tmp_path / "a.usda", [AuthoredMesh("/Set/Hero", faces, poses)], times=TIMES)
+    source = open_source(str(tmp_path / "a.usda"), Selection(frames=frames))
+    corrections = Motion(source)
+    side = dict(zip(TIMES, (0.3, 0.3, -0.3), strict=True))
+    for time, pose in zip(TIMES, poses, strict=True):
+        if time in source.times:
+            corrections.add(time, [pose], [pose + np.eye(3)[0] * side[time]])
+    jumps = [found for found in corrections.findings() if found.kind is FindingKind.JUMPS]
+    assert len(jumps) == told
+
+
 def test_a_part_of_a_mesh_that_jumps_is_told(tmp_path: Path) -> None:
     small = icosphere(0, radius=0.05)
     points, faces = joined(icosphere(4), (small[0] + 2.0, small[1]))
@@ -74,17 +93,18 @@ def test_a_part_of_a_mesh_that_jumps_is_told(tmp_path: Path) -> None:
 
 
 def test_the_meshes_that_jump_farthest_come_first(tmp_path: Path) -> None:
-    source = open_source(str(stage_of(tmp_path, [1.3])), Selection())
+    source = open_source(str(stage_of(tmp_path, [1.3] * 8)), Selection())
     ball = icosphere(2, radius=0.5)[0]
     found = Motion(source)
-    for time, far in enumerate([0.0, 0.0, 0.1, 0.0, 0.0, 0.2, 0.0]):
-        found.add(float(time), [ball, ball], [ball + 0.5 * far, ball + far])
-    found.add(7.0, [], [])  # a frame that failed
+    for time, far in zip(source.times, [0.0, 0.0, 0.1, 0.0, 0.0, 0.2, 0.0], strict=False):
+        found.add(time, [ball, ball], [ball + 0.5 * far, ball + far])
+    found.add(source.times[-1], [], [])  # a frame that failed
     findings = found.findings()
-    assert [own.kind for own in findings] == ["jumps"] * 2 and findings[1].times == (2.0, 5.0)
+    assert [own.kind for own in findings] == ["jumps"] * 2
+    assert findings[1].times == (source.times[2], source.times[5])
     (text,) = warnings_of(findings)
-    assert text.startswith(f"corrections that jump: {WALL} in frame 2, 5 (by up to 20 %")
-    assert "; " in text and f"{MOVED} in frame 2, 5 (by up to 10 %" in text
+    assert text.startswith(f"corrections that jump: {WALL} in frame 3, 6 (by up to 20 %")
+    assert "; " in text and f"{MOVED} in frame 3, 6 (by up to 10 %" in text
     assert found.jitter is not None and found.jitter > 0.01
 
 

@@ -8,8 +8,9 @@ each of its hems: an arm may come out of a sleeve while the jacket stays on.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -60,6 +61,8 @@ class LoopOptions:
             side: not round the ball of a joint that lies in it.
         near: Of both what is so many radii from the ring belongs to it.
         moved: A ring is looked at where a vertex moved by this fraction of its width.
+        wider: It is off if it would be were it so many times as wide: the middle line of a leg cuts
+            the corner at a bent knee.
         worn: From when on a part is worn.
     """
 
@@ -75,6 +78,7 @@ class LoopOptions:
     through: float = 3.0
     near: float = 2.0
     moved: float = 0.25
+    wider: tuple[float, ...] = (1.0, 1.15, 1.3)
     worn: WornOptions = field(default_factory=WornOptions)
 
 
@@ -98,9 +102,12 @@ class Ring(NamedTuple):
     concerned: IntArray
     width: float
 
-    def worn(self, pose: FloatArray) -> bool:
-        """Return whether a pose (V, 3) has it on as the rest does."""
-        return _crossings(self.loop @ pose, self.core @ pose) == self.passes
+    def worn(self, pose: FloatArray, wider: Sequence[float] = (1.0,)) -> bool:
+        """Return whether a pose (V, 3) has it on as the rest, or were it so many times as wide."""
+        loop, core = self.loop @ pose, self.core @ pose
+        middle = loop.mean(axis=0)
+        grown = (middle + times * (loop - middle) for times in wider)
+        return any(_crossings(own, core) == self.passes for own in grown)
 
 
 class Rings:
@@ -134,7 +141,8 @@ class Rings:
         found = [ring for top in self._large[narrow[self._large]] for ring in self.of(int(top))]
         near = [ring for ring in found if ring.width < farthest]
         was_worn = self._worn_before(_WornIn, before)
-        return [ring for ring in near if was_worn(ring) and not ring.worn(after)]
+        worn = partial(Ring.worn, pose=after, wider=self.options.wider)
+        return [ring for ring in near if was_worn(ring) and not worn(ring)]
 
     def of(self, top: int) -> list[Ring]:
         """Return what a part goes round in the rest."""
@@ -270,8 +278,7 @@ def _core(
         weights = areas[own] * (1.0 - np.abs(height[own] - level))
         if weights.any():
             place = np.zeros(len(own), dtype=np.int32), own
-            shares = weights / weights.sum()
-            rows.append(sparse.csr_matrix((shares, place), shape=(1, len(height))))
+            rows.append(sparse.csr_matrix((weights / weights.sum(), place), (1, len(height))))
     if len(rows) > 2:
         first = _ahead(rows[2], rows[0], height, low - options.ends)
         last = _ahead(rows[-3], rows[-1], height, high + options.ends)

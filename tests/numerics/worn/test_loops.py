@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -22,12 +24,12 @@ def moved(mesh: Mesh, offset: tuple[float, float, float]) -> Mesh:
 
 
 def rings_of(
-    *meshes: Mesh, closed: bool = True, stiff: tuple[int, ...] = (), **values: float
+    *meshes: Mesh, closed: bool = True, stiff: tuple[int, ...] = (), **values: Any
 ) -> Rings:
     points, faces = joined(*meshes)
     part = np.repeat(np.arange(len(meshes)), [len(own) for own, _ in meshes]).astype(np.int32)
     parts = Parts(faces, part, np.full(len(meshes), closed), [points])
-    return Rings(parts, stiff, options=LoopOptions(**values))  # type: ignore[arg-type]
+    return Rings(parts, stiff, options=LoopOptions(**values))
 
 
 def with_ring_moved(rings: Rings, top: int, offset: tuple[float, float, float]) -> FloatArray:
@@ -80,6 +82,15 @@ def test_a_band_that_slid_or_cut_in_is_on(offset: tuple[float, float, float]) ->
     assert taken(rings, with_ring_moved(rings, 1, offset)) == []
 
 
+def test_a_band_whose_limb_has_its_middle_just_outside_is_on() -> None:
+    # Where a limb is bent, its middle line cuts the corner, and leaves what goes round it.
+    rings = rings_of(ARM, BAND)
+    (ring,) = rings.of(1)
+    beside, off = (with_ring_moved(rings, 1, (x * ring.width, 0.0, 0.0)) for x in (0.5, 0.75))
+    assert not ring.worn(beside) and taken(rings, beside) == []
+    assert taken(rings_of(ARM, BAND, wider=(1.0,)), beside) == taken(rings, off) == [(1, 0)]
+
+
 @pytest.mark.parametrize(("end", "tilt", "off"), [(-1.0, 2.5, 0.1), (1.0, 1.0, 0.0)])
 def test_a_strap_that_tilts_at_the_end_of_its_limb_is_on(
     end: float, tilt: float, off: float
@@ -91,7 +102,7 @@ def test_a_strap_that_tilts_at_the_end_of_its_limb_is_on(
     own = rings.parts.vertices[1]
     pose[own, 2] += end * (off + tilt * np.maximum(pose[own, 0], -0.1))
     assert len(rings.of(1)) == 1 and taken(rings, pose) == []
-    assert taken(rings_of(arm, strap, ends=0.0), pose) == [(1, 0)]
+    assert taken(rings_of(arm, strap, ends=0.0, wider=(1.0,)), pose) == [(1, 0)]
     # Beyond the end as a whole it is off.
     assert taken(rings, with_ring_moved(rings, 1, (0.0, 0.0, 0.6 * end))) == [(1, 0)]
 

@@ -63,7 +63,7 @@ PARTS = {
 }
 # The stages of a clip; each holds parts of the above.
 PHASES = [
-    ("window_method.py", "push_frames"),
+    ("push_frames.py", "push_frames"),
     ("mend_frames.py", "mend_frames"),
     ("mend_frames.py", "lend_frames"),
     ("tighten_frames.py", "tighten_frames"),

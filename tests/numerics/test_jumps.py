@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from dtrepair.numerics.geometry import diagonal
 from dtrepair.numerics.metrics import JumpMeter, JumpOptions
 from dtrepair.numerics.temporal import gaussian_kernel
-from dtrepair.repair.clip.window_method import PushFramesOptions
+from dtrepair.repair.clip.push_frames import PushFramesOptions
 
 BEFORE = np.random.default_rng(5).normal(size=(400, 3))
 SIZE = diagonal(BEFORE)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -13,11 +13,17 @@ from dtrepair.numerics.temporal import gaussian_kernel
 from dtrepair.repair.clip.mend_frames import (
     LendFramesOptions,
     MendFramesOptions,
-    is_hopeless,
     is_stuck,
     lend_frames,
     lend_nearer,
     mend_frames,
+)
+from dtrepair.repair.clip.push_frames import (
+    KeyOptions,
+    PushFramesOptions,
+    between_keys,
+    keys_of,
+    push_frames,
 )
 from dtrepair.repair.clip.restore_shape import (
     RelaxFramesOptions,
@@ -63,32 +69,6 @@ class WindowSolver(Protocol):
 MakeMethod = Callable[[WeldedMesh], WindowSolver]
 
 
-class Phase(NamedTuple):
-    """Sweeps: the step in units of the size, how many, and the width in frames of what is added."""
-
-    step: float
-    sweeps: int
-    width: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class PushFramesOptions:
-    """Numbers of the push of a window.
-
-    Args:
-        phases: Frames that stay dirty in a wide kernel get a narrower one: their neighbours stay
-            clean.
-        block: Sweeps are judged in blocks of this many: single ones go up and down.
-        patience: After so many blocks in which no frame got better a phase ends.
-        work: Fraction of the usual work on a window that pushing is, for the progress that is told.
-    """
-
-    phases: tuple[Phase, ...] = (Phase(0.01, 20, 3.5), Phase(0.006, 8, 1.75))
-    block: int = 2
-    patience: int = 3
-    work: float = 0.4
-
-
 @dataclass(frozen=True, kw_only=True)
 class EaseOptions:
     """Numbers of the leaving out of faint displacements.
@@ -128,6 +108,7 @@ class WindowOptions:
     Args:
         frames: The work on single frames, in all stages.
         push: All frames pushed together.
+        keys: Windows that are solved at keys first.
         lend: Frames that pushing left dirty, where they are many: from their neighbours.
         mend: The same where they are few.
         tighten: Back towards the input.
@@ -141,6 +122,7 @@ class WindowOptions:
 
     frames: FrameOptions = field(default_factory=FrameOptions)
     push: PushFramesOptions = field(default_factory=PushFramesOptions)
+    keys: KeyOptions = field(default_factory=KeyOptions)
     lend: LendFramesOptions = field(default_factory=LendFramesOptions)
     mend: MendFramesOptions = field(default_factory=MendFramesOptions)
     tighten: TightenOptions = field(default_factory=TightenOptions)
@@ -189,18 +171,13 @@ class WindowMethod:
         unless: asked with the pairs that pushing leaves; None is returned if it says so.
         """
         options = self.options
-        state = WindowState(
-            self.surface,
-            original,
-            frames,
-            pool,
-            alone=self.alone,
-            farthest=self.farthest,
-            options=options.frames,
-        )
+        led = None if inputs is not None else self._led_by_keys(original, frames, pool)
+        state = self._state(original, frames, pool)
         if not state.dirty and inputs is None:
             return original
-        self._push(state)
+        keyed = led is not None and self._pushed_from(state, led)
+        if not keyed:
+            self._push(state)
         if state.dirty and unless is not None and unless(state.pairs):
             return None
         stuck = self._mend(state)
@@ -208,8 +185,51 @@ class WindowMethod:
         # A push needs its layers on their sides; what relaxes keeps them there.
         if inputs is not None:
             state.count_from(inputs)
-        self._bring_back(state, stuck=stuck, lifted=inputs is not None)
+        self._bring_back(state, stuck=stuck, lifted=inputs is not None, keyed=keyed)
         return eased(state, options=options.ease)
+
+    def _state(self, original: FloatArray, frames: FloatArray, pool: WorkerPool) -> WindowState:
+        """Return the frames (T, V, 3) of a window at times in frame units on their way."""
+        return WindowState(
+            self.surface,
+            original,
+            frames,
+            pool,
+            alone=self.alone,
+            farthest=self.farthest,
+            options=self.options.frames,
+        )
+
+    def _led_by_keys(
+        self, original: FloatArray, frames: FloatArray, pool: WorkerPool
+    ) -> FloatArray | None:
+        """Return poses (T, V, 3) that move as solved keys do; None where that is not worth it."""
+        options, surface = self.options.keys, self.surface
+        if surface.ties is not None or surface.clusters > 1 or len(frames) < options.frames:
+            return None
+        keys = keys_of(len(frames), options)
+        state = self._state(original[keys], frames[keys], pool)
+        if len(state.dirty) <= options.share * len(keys):
+            return None
+        self._push(state)
+        if is_stuck(state, options=self.options.lend):
+            return None
+        self._mend(state)
+        state.given_up = frozenset(state.dirty)
+        relax = replace(self.options.relax, agreement=options.agreement)
+        self._bring_back(state, stuck=False, lifted=False, relax=relax)
+        solved = eased(state, options=self.options.ease)
+        return between_keys(original, frames, keys, solved)
+
+    def _pushed_from(self, state: WindowState, poses: FloatArray) -> bool:
+        """Push frames on from poses (T, V, 3); return whether few enough are left."""
+        before = state.snapshot()
+        state.place(poses)
+        push_frames(state, options=self.options.keys.push)
+        if kept := not is_stuck(state, options=self.options.lend):
+            return kept
+        state.restore(before)
+        return False
 
     def _push(self, state: WindowState) -> None:
         """Push all frames together, or solve those of attached parts each for itself."""
@@ -234,14 +254,29 @@ class WindowMethod:
             mend_frames(state, effort=self.effort, options=options.mend)
         return False
 
-    def _bring_back(self, state: WindowState, *, stuck: bool, lifted: bool) -> None:
-        """Take back what the frames do not need; stuck: each was solved for itself."""
+    def _bring_back(
+        self,
+        state: WindowState,
+        *,
+        stuck: bool,
+        lifted: bool,
+        keyed: bool = False,
+        relax: RelaxFramesOptions | None = None,
+    ) -> None:
+        """Take back what the frames do not need.
+
+        stuck: each was solved for itself; keyed: they were led by keys, which were brought back;
+        relax: numbers of the relaxing, others than usual.
+        """
         options, alone = self.options, stuck or self.surface.ties is not None
-        if not (alone or lifted):
+        relax = relax or options.relax
+        if keyed:
+            relax = replace(relax, agreement=options.keys.agreement_between)
+        if not (alone or lifted or keyed):
             tighten_frames(state, self.tighten, options=options.tighten)
         shift_frames_back(state, options=options.settle)
         settle_frames(state, options=options.settle)
-        relax_frames(state, alone=stuck, lifted=lifted, options=options.relax)
+        relax_frames(state, alone=stuck, lifted=lifted, options=relax)
         # Frames that were solved each for itself stand out where they take another way: no less so
         # after as much work again.
         if not alone:
@@ -249,45 +284,6 @@ class WindowMethod:
         cure_frames(state, options=options.relax)
         if not stuck:
             restore_shapes(state, options=options.restore)
-
-
-def push_frames(
-    state: WindowState,
-    *,
-    lend: LendFramesOptions | None = None,
-    options: PushFramesOptions = PushFramesOptions(),
-) -> None:
-    """Sweep in phases until all frames are clean; the state with the fewest pairs is kept.
-
-    A phase goes on as long as any frame gets better, whatever the others do. lend: when the frames
-    are better solved one from the other; None: never.
-    """
-    best = (state.remaining, state.snapshot())
-    fewest = np.array([len(pairs) for pairs in state.pairs])
-    swept, sweeps, hopeless = 0, sum(phase.sweeps for phase in options.phases), False
-    for phase in options.phases:
-        stalled = 0
-        kernel = gaussian_kernel(state.frames, phase.width)
-        for index in range(phase.sweeps):
-            if not state.dirty:
-                return
-            state.sweep(kernel, phase.step)
-            swept += 1
-            state.tell_progress(options.work * swept / sweeps)
-            if index % options.block != options.block - 1:
-                continue
-            counts = np.array([len(pairs) for pairs in state.pairs])
-            stalled = 0 if (counts < fewest).any() else stalled + 1
-            fewest = np.minimum(fewest, counts)
-            if state.remaining < best[0]:
-                best = (state.remaining, state.snapshot())
-            hopeless = lend is not None and is_hopeless(state, swept, options=lend)
-            if stalled == options.patience or hopeless:
-                break
-        if state.remaining > best[0]:
-            state.restore(best[1])
-        if hopeless:
-            return
 
 
 def eased(state: WindowState, *, options: EaseOptions = EaseOptions()) -> FloatArray:

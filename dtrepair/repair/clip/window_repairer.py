@@ -11,7 +11,6 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import frame_units
-from dtrepair.repair.clip.borrow_frames import started_again
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.frames import Frame, without_holds
 from dtrepair.repair.clip.mend_frames import dirty_share
@@ -36,6 +35,7 @@ from dtrepair.repair.relief.other_ways import (
 )
 from dtrepair.repair.relief.props_back import props_back
 from dtrepair.repair.relief.relief import relieved_poses
+from dtrepair.repair.relief.starting_again import started_again
 from dtrepair.repair.scene.bounds import Judged, bounded_frames
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes

@@ -20,7 +20,7 @@ from dtrepair.repair.clip.mend_frames import (
     lend_nearer,
     mend_frames,
 )
-from dtrepair.repair.clip.window_method import Phase, PushFramesOptions, push_frames
+from dtrepair.repair.clip.push_frames import Phase, PushFramesOptions, push_frames
 from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.frame.lending import Loan, carried
 from dtrepair.repair.full.method import solve_alone

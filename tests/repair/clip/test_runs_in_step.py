@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.clip.borrow_frames import _runs_in_step
 from dtrepair.repair.relief.borrowing import BorrowingOptions, Merit
+from dtrepair.repair.relief.starting_again import _runs_in_step
 
 GOOD = Merit(strained=False, badness=0.0, wrong=0, distortion=0.0)
 STRAINED, WRONG = GOOD._replace(strained=True), GOOD._replace(wrong=3)

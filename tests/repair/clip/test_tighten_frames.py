@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dtrepair.repair.clip.mend_frames import mend_frames
+from dtrepair.repair.clip.push_frames import push_frames
 from dtrepair.repair.clip.tighten_frames import TightenOptions, _around, tighten_frames
-from dtrepair.repair.clip.window_method import push_frames
 from dtrepair.repair.clip.window_state import WindowState
 from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.parallel.worker_pool import WorkerPool

@@ -10,7 +10,7 @@ import pytest
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.relief import borrowing
 from dtrepair.repair.relief.borrowing import Borrowing, BorrowingOptions, Loan
-from tests.repair.clip.test_borrow_frames import bent_wing
+from tests.repair.relief.test_starting_again import bent_wing
 
 
 def test_a_run_ends_where_its_steps_are_too_long() -> None:

@@ -13,11 +13,11 @@ from dtrepair import Body, RepairOptions
 from dtrepair.diagnosis import Status
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion
-from dtrepair.repair.clip.borrow_frames import started_again
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.relief import borrowing
 from dtrepair.repair.relief.borrowing import BorrowingOptions
 from dtrepair.repair.relief.relief import relieved_poses
+from dtrepair.repair.relief.starting_again import started_again
 from dtrepair.repair.scene.bounds import strain_of
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered

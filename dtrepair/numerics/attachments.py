@@ -62,7 +62,7 @@ def telling(
     auto: else only of what the user calls attached; turns: of joints that have turned, too, even
     where the user does not.
     """
-    chosen = [own for own in references if auto or own.asked or own.apart]
+    chosen = [own for own in references if auto or own.asked]
     return [own for own in chosen if turns or own.asked or not own.turned]
 
 
@@ -138,6 +138,7 @@ def joined_ties(ties: Sequence[Ties]) -> Ties:
     return Ties(*(np.concatenate(own) for own in zip(*ties, strict=True)))
 
 
+NO_KEYS = np.zeros(0, dtype=np.int64)
 NO_TIES = Ties(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
@@ -173,7 +174,8 @@ class Attachments:
         zones: Sorted keys, triangle x number of parts + other part, of the zones.
         ties: What holds the parts together.
         carried: Ties of what need not touch to be carried along, see `hidden_ends`.
-        nested: Pairs of parts, A < B, of which a third one tells nothing: one lies in the other.
+        nested: Sorted keys, A x number of parts + B, A < B, of parts of which a third one tells
+            nothing: one lies in the other, or they are known not to be attached.
         sliding: Pairs of parts, A < B, that slide in each other, as a piston does.
     """
 
@@ -183,7 +185,7 @@ class Attachments:
         zones: KeyArray,
         ties: Ties,
         carried: Ties = NO_TIES,
-        nested: Parts = frozenset(),
+        nested: KeyArray = NO_KEYS,
         sliding: Parts = frozenset(),
     ) -> None:
         self.part_of = part_of
@@ -194,9 +196,10 @@ class Attachments:
 
     def same_zones(self, other: Attachments | None) -> bool:
         """Return whether others model the same contacts."""
-        if other is None or self.nested != other.nested:
-            return False
-        return np.array_equal(self.zones, other.zones)
+        return other is not None and all(
+            np.array_equal(own, known)
+            for own, known in ((self.zones, other.zones), (self.nested, other.nested))
+        )
 
     def holding(self, kept: BoolArray) -> Attachments:
         """Return the same with only those of the ties (N,) that are kept."""
@@ -297,8 +300,8 @@ class Attachments:
     @cached_property
     def _told(self) -> KeyArray:
         """Pairs of parts that are attached or nested, as keys A x number of parts + B, A < B."""
-        told = np.array([*self.pairs_of_parts, *self.nested], dtype=np.int64).reshape(-1, 2)
-        return np.unique(told[:, 0] * self.count + told[:, 1])
+        pairs = np.array(self.pairs_of_parts, dtype=np.int64).reshape(-1, 2)
+        return distinct_keys([pairs[:, 0] * self.count + pairs[:, 1], self.nested])
 
     def of_triangles(self, kept: NDArray[np.integer], place: NDArray[np.integer]) -> Attachments:
         """Return the same for a mesh of some of the triangles (N,), ascending, numbered anew.

@@ -159,10 +159,9 @@ class JumpMeter:
         One that is not after the one before in time begins anew.
         """
         if self._last and not time > self._last[-1][0]:
-            self.part()
+            self.restart()
         original = np.asarray(before, dtype=np.float64)
-        if not self._last:
-            self._diagonal = diagonal(original) or 1.0
+        self._diagonal = self._diagonal or diagonal(original) or 1.0
         self._last.append((time, np.asarray(after, dtype=np.float64) - original))
         self._last = self._last[-3:]
         if len(original) == 0:
@@ -180,7 +179,7 @@ class JumpMeter:
             asked = ~self._jumped
             self._jumped = self._tell(time, 2.0 * against, self.options.opposed, asked)
 
-    def part(self) -> None:
+    def restart(self) -> None:
         """Begin anew: what follows is no neighbour of the frames so far."""
         self._last.clear()
         self._jumped[:] = False

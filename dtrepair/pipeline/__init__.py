@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from dtrepair.pipeline.observer import ModelledFound as ModelledFound
     from dtrepair.pipeline.observer import Observer as Observer
     from dtrepair.pipeline.observer import PairsFound as PairsFound
+    from dtrepair.pipeline.observer import PassingFound as PassingFound
     from dtrepair.pipeline.observer import ProgressKept as ProgressKept
     from dtrepair.pipeline.observer import PropsFound as PropsFound
     from dtrepair.pipeline.observer import SetsFound as SetsFound
@@ -77,6 +78,7 @@ _HOMES = {
     "Trouble": "observer",
     "UsageError": "errors",
     "WorkersError": "errors",
+    "PassingFound": "observer",
     "PropsFound": "observer",
     "SetsFound": "observer",
     "WornFound": "observer",
@@ -104,6 +106,7 @@ __all__ = [
     "OutputError",
     "OutputOptions",
     "PairsFound",
+    "PassingFound",
     "PipelineError",
     "Plan",
     "PlannedMesh",

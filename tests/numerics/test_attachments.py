@@ -279,7 +279,7 @@ def modelled_one_by_one(known: Attachments, pair: tuple[int, int]) -> bool:
     a, b = (int(known.part_of[triangle]) for triangle in pair)
     if b in first and a in second:
         return True
-    nested = (min(a, b), max(a, b)) in known.nested
+    nested = min(a, b) * known.count + max(a, b) in known.nested
     return a != b and frozenset((a, b)) not in mates and not nested and bool(first & second)
 
 
@@ -293,7 +293,7 @@ def test_modelled_pairs_are_those_of_the_definition(count: int) -> None:
         hosts = random.choice(count, min(count, 4), replace=False)
         zones = random.integers(0, 60, 90) * count + random.choice(hosts, 90)
         both = np.sort(random.integers(0, count, (30, 2)), axis=1)
-        nested = frozenset((int(a), int(b)) for a, b in both if a < b)
+        nested = np.unique([a * (part_of.max() + 1) + b for a, b in both.tolist() if a < b])
         known = Attachments(part_of, np.unique(zones), NO_TIES, nested=nested)
         pairs = random.integers(0, 60, (200, 2))
         expected = [modelled_one_by_one(known, (int(a), int(b))) for a, b in pairs]

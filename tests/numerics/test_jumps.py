@@ -100,7 +100,7 @@ def test_what_begins_anew_is_no_neighbour() -> None:
     meter = JumpMeter()
     for time, share in enumerate([0.02, 0.02, -0.02, -0.02]):
         if time == 2:
-            meter.part()
+            meter.restart()
         meter.add(float(time), BEFORE, BEFORE + share * SIZE * AWAY)
     assert meter.jumps == {}
 

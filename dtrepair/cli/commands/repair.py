@@ -96,9 +96,9 @@ def command(
     stage units, with per cent of the size, the diagonal of the bounding box, in brackets.
 
     Single objects may have settings of their own: tables [[prim]] in the file of --config with a
-    path and any of diffusion, mobility (0 to 1), rigid, pin, direction, attach and layer, or
-    constant primvars such as primvars:dtrepair:diffusion on the prim or above it. A table wins over
-    a primvar, and both over the options.
+    path and any of diffusion, mobility (0 to 1), rigid, pin, direction, attach, detach and layer,
+    or constant primvars such as primvars:dtrepair:diffusion on the prim or above it. A table wins
+    over a primvar, and both over the options.
 
     \b
     Example:

@@ -87,6 +87,7 @@ def described(own: ObjectSettings, *, collider: bool) -> str:
     told = [f"{name} {getattr(own, name):g}" for name in NUMBERS if getattr(own, name) is not None]
     told += [] if own.layer is None else [f"layer {own.layer}"]
     told += [f"attached to {' and '.join(own.attach)}"] if own.attach else []
+    told += [f"not attached to {' and '.join(own.detach)}"] if own.detach else []
     return ", ".join([role, *told])
 
 

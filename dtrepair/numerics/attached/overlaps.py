@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from dtrepair.numerics.attached.apart import keys_apart, keys_of_parts, without_ties_of
 from dtrepair.numerics.attached.attachment_options import AttachmentOptions
 from dtrepair.numerics.attached.growth import grown, ringed
 from dtrepair.numerics.attached.hems import clear_of_hems
 from dtrepair.numerics.attached.hidden_ends import hidden_ends
 from dtrepair.numerics.attachments import (
+    NO_KEYS,
     NO_TIES,
     Attachments,
     Reference,
@@ -71,12 +73,9 @@ def find_attachments(
     known = (place < len(used)) & np.isin(label, used)
     part_of_vertex[known] = place[known]
     part_of = part_of_vertex[faces[:, 0]] if len(faces) else np.zeros(0, dtype=np.int32)
-    keys: list[KeyArray] = [np.zeros(0, dtype=np.int64)]
-    ties, carried, nested, sliding = [NO_TIES], [NO_TIES], set[Both](), set[Both]()
+    keys, ties, carried = [NO_KEYS], [NO_TIES], [NO_TIES]
+    nested, sliding = set[Both](), set[Both]()
     for reference in references:
-        if reference.apart:
-            between = np.sort(part_of[reference.pairs], axis=1)
-            nested.update((first, second) for first, second in np.unique(between, axis=0).tolist())
         if not reference.shows_all:
             continue
         overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
@@ -98,8 +97,12 @@ def find_attachments(
             if parts:
                 overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
                 keys += [zone for both in parts for zone, _ in overlaps.zones(*both)]
-    found = distinct_keys(keys), joined_ties(ties), joined_ties(carried)
-    return Attachments(part_of, *found, frozenset(nested), frozenset(sliding))
+    apart = keys_apart(references, part_of)
+    inside = np.array(sorted(nested), dtype=np.int64).reshape(-1, 2)
+    alone = distinct_keys([keys_of_parts(inside, part_of), apart])
+    hidden = without_ties_of(joined_ties(carried), part_of_vertex, part_of, apart)
+    found = distinct_keys(keys), joined_ties(ties), hidden
+    return Attachments(part_of, *found, alone, frozenset(sliding))
 
 
 class _Seeds(NamedTuple):

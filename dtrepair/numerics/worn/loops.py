@@ -1,9 +1,9 @@
 """Rings and the limbs that go through them: a belt, a strap, a sleeve, and whether it is still on.
 
 What goes round something in the rest has a loop, the middle of it in each of several directions,
-and what it goes round a core, its middle line. As long as the core passes through the loop
-the ring is worn. Both are sums of vertices, so that any pose has them. A garment has a ring at
-each of its hems: an arm may come out of a sleeve while the jacket stays on.
+and what it goes round a core, its middle line. As long as the core passes through the loop, or one
+somewhat wider, the ring is worn. Both are sums of vertices, so that any pose has them. A garment
+has a ring at each of its hems: an arm may come out of a sleeve while the jacket stays on.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ class LoopOptions:
             side: not round the ball of a joint that lies in it.
         near: Of both what is so many radii from the ring belongs to it.
         moved: A ring is looked at where a vertex moved by this fraction of its width.
-        wider: It is off if it would be were it so many times as wide: the middle line of a leg cuts
-            the corner at a bent knee.
+        wider: It is on if its loop, scaled about its middle by any of these, is passed through as
+            at rest: the middle line of a leg cuts the corner at a bent knee.
         worn: From when on a part is worn.
     """
 
@@ -78,7 +78,7 @@ class LoopOptions:
     through: float = 3.0
     near: float = 2.0
     moved: float = 0.25
-    wider: tuple[float, ...] = (1.0, 1.15, 1.3)
+    wider: tuple[float, ...] = (1.0, 1.3)
     worn: WornOptions = field(default_factory=WornOptions)
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.closest_point import nearest_triangles
+from dtrepair.numerics.closest_point import NearestTriangles
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, lengths
 
 BoolArray = NDArray[np.bool_]
@@ -23,8 +23,10 @@ class MeetingOptions:
         samples: Frames of the whole clip that are looked at, at most.
         far: What meets at rest is farther apart than this in frames, by half of the pairs, in
             diagonals of the smaller group, ...
-        least: ... and farther than this, in diagonals of everything: a joint of small parts that
-            bends moves its overlap on by much of their size, ...
+        least: ... and farther than this, in diagonals of all that meets something: a joint of small
+            parts that bends moves its overlap on by much of their size, ...
+        rooted, root: ... and than this part of it but for at most this share of the pairs: a strand
+            may lie along a body in whose scalp it is rooted, ...
         share: ... in this share of the frames at least; ...
         touch: ... and in less than half of them half of what meets the other group at rest, of one
             of the two, is no more than this farther from it, in diagonals of the smaller one: a rod
@@ -35,6 +37,8 @@ class MeetingOptions:
     samples: int = 33
     far: float = 0.1
     least: float = 0.0
+    rooted: float = -np.inf
+    root: float = 0.1
     share: float = 1.0
     touch: float = 0.02
     places: int = 200
@@ -73,12 +77,12 @@ def meetings(
         near, shown = met.near(pose)
         looks += shown
         stays += near & shown
-        passing &= stays <= (1.0 - options.share) * options.samples
+        passing &= options.samples - stays >= options.share * options.samples
         if not passing.any():
             break
         asked = passing & shown & ~near
         touching[asked] += met.touch(pose, np.flatnonzero(asked).tolist())
-    passing &= (stays <= (1.0 - options.share) * looks) & (2 * touching < looks)
+    passing &= (looks - stays >= options.share * looks) & (2 * touching < looks)
     return Meetings(met.sides, passing)
 
 
@@ -101,15 +105,18 @@ class _Met:
         order = np.argsort(place.reshape(-1), kind="stable")
         self.pairs, self.place = pairs[order], place.reshape(-1)[order]
         ends = np.cumsum([0, *np.bincount(self.place, minlength=len(self.sides))])
-        self.middles = (ends[:-1] + ends[1:] - 1) // 2
+        # Where half of the pairs of each two groups are nearer, and as many as a root has.
+        self._middle, self._root = (
+            ends[:-1] + (share * (np.diff(ends) - 1)).astype(np.int64)
+            for share in (0.5, options.root)
+        )
         self._triangles = {own: np.flatnonzero(group_of == own) for own in np.unique(sides)}
+        self._every = np.unique(faces[np.isin(group_of, self.sides)])
         self.before, self.apart = self._sizes(rest), self._apart(rest)
-        self._places = [
-            [self._some(rest, index, side) for side in (0, 1)] for index in range(len(self.sides))
-        ]
+        self._rest, self._places = rest, dict[tuple[int, int], tuple[IntArray, FloatArray]]()
 
     def near(self, pose: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return of which two groups (N,) half of what meets at rest is near in a pose.
+        """Return of which two groups (N,) enough of what meets at rest is near in a pose.
 
         And which two are shown there: what is scaled to nothing is not.
         """
@@ -120,34 +127,31 @@ class _Met:
         scale = np.where(before > 0.0, size / np.maximum(before, 1e-300), 1.0)
         beyond = self._apart(pose) - scale[self.place] * self.apart
         ordered = beyond[np.lexsort((beyond, self.place))]
-        most = np.maximum(self.options.far * size, self.options.least * diagonal(pose))
-        return np.asarray(ordered[self.middles] <= most), np.asarray(shown)
+        least = self.options.least * diagonal(pose[self._every])
+        most = np.maximum(self.options.far * size, least)
+        near = ordered[self._middle] <= most
+        near |= ordered[self._root] <= self.options.rooted * most
+        return np.asarray(near), np.asarray(shown)
 
     def touch(self, pose: FloatArray, chosen: Sequence[int]) -> BoolArray:
         """Return of which of some two groups (C,) one touches the other half as much as at rest."""
-        found = np.zeros(len(chosen), dtype=bool)
+        found, trees = np.zeros(len(chosen), dtype=bool), _Trees(pose, self.faces, self._triangles)
         for row, index in enumerate(chosen):
             size = self._size(pose, self.sides[index, self.before[index].argmin()])
-            for side, (own, reach) in enumerate(self._places[index]):
-                away = self._distances(pose, index, side, own)
+            for side in (0, 1):
+                own, reach = self._some(index, side)
+                away = trees.distances(own, self.sides[index, 1 - side])
                 found[row] |= np.median(away - reach) <= self.options.touch * size
         return found
 
-    def _some(
-        self, rest: FloatArray, index: int, side: int
-    ) -> tuple[NDArray[np.integer], FloatArray]:
-        """Return a few triangles (N,) of one of two that meet, and their distances (N,)."""
-        own = np.unique(self.pairs[self.place == index, side])
-        own = own[:: -(-len(own) // self.options.places)]
-        return own, self._distances(rest, index, side, own)
-
-    def _distances(
-        self, points: FloatArray, index: int, side: int, triangles: NDArray[np.integer]
-    ) -> FloatArray:
-        """Return how far the middles of a group's triangles (N,) are from the other one of two."""
-        other = self.faces[self._triangles[self.sides[index, 1 - side]]]
-        middles = points[self.faces[triangles]].mean(axis=1)
-        return lengths(nearest_triangles(middles, points[other])[1] - middles)
+    def _some(self, index: int, side: int) -> tuple[IntArray, FloatArray]:
+        """Return a few triangles (N,) of one of two that meet, and their distances (N,) at rest."""
+        if (index, side) not in self._places:
+            own = np.unique(self.pairs[self.place == index, side]).astype(np.int32)
+            own = own[:: -(-len(own) // self.options.places)]
+            trees = _Trees(self._rest, self.faces, self._triangles)
+            self._places[index, side] = own, trees.distances(own, self.sides[index, 1 - side])
+        return self._places[index, side]
 
     def _sizes(self, points: FloatArray) -> FloatArray:
         """Return the diagonals (N, 2) of each two groups in points (V, 3)."""
@@ -162,3 +166,21 @@ class _Met:
         """Return how far (K,) the middles of two triangles are from each other."""
         first, second = points[self.faces[self.pairs]].mean(axis=2).swapaxes(0, 1)
         return lengths(first - second)
+
+
+class _Trees:
+    """A pose (V, 3) of groups, each with a search tree that is built when it is asked for."""
+
+    def __init__(
+        self, points: FloatArray, faces: IntArray, triangles: dict[int, NDArray[np.intp]]
+    ) -> None:
+        self.points, self.faces, self.triangles = points, faces, triangles
+        self._trees: dict[int, NearestTriangles] = {}
+
+    def distances(self, triangles: IntArray, group: int) -> FloatArray:
+        """Return how far the middles of triangles (N,) are from a group."""
+        if group not in self._trees:
+            corners = self.points[self.faces[self.triangles[group]]]
+            self._trees[group] = NearestTriangles(corners)
+        middles = self.points[self.faces[triangles]].mean(axis=1)
+        return lengths(self._trees[group].nearest(middles)[1] - middles)

@@ -38,7 +38,7 @@ POINTS = "points"
 STILL = "still"
 # When two connected parts only pass each other at rest, as long hair and the arms of a T-pose: the
 # clip may show it once, and joints of small parts are bent in all of it.
-PASSING = MeetingOptions(least=0.02, share=0.9)
+PASSING = MeetingOptions(least=0.02, rooted=0.25, share=0.85)
 
 
 class Look(NamedTuple):
@@ -212,26 +212,30 @@ class PlacedMeshes:
 
     def detached(self) -> Reference | None:
         """Every two parts that the user calls detached, by a triangle of each; None: none."""
-        from dtrepair.intersect.ignored import of_ignored_bodies
         from dtrepair.numerics.attachments import Reference
 
         if not self.told.detached:
             return None
         some = np.unique(self.part_of, return_index=True)[1].astype(np.int32)
-        pairs = np.stack([some[own] for own in np.triu_indices(len(some), 1)], axis=1)
-        chosen = of_ignored_bodies(self.mesh_of[pairs], self.told.detached)
-        return Reference(self.rest, pairs[chosen], asked=True, apart=True)
+        found = [np.zeros((0, 2), dtype=np.int32)]
+        for first, second in self.told.detached:
+            one, other = (some[self.mesh_of[some] == mesh] for mesh in (first, second))
+            pairs = np.stack(np.meshgrid(one, other, indexing="ij"), axis=-1).reshape(-1, 2)
+            found.append(pairs[pairs[:, 0] != pairs[:, 1]])
+        return Reference(self.rest, np.concatenate(found), asked=True, apart=True)
 
     def passing(self, look: Look) -> BoolArray:
         """Return which pairs (K, 2) of a pose are of parts that only pass each other there, (K,).
 
         What the user calls attached does not pass by.
         """
+        asked = ~self.asked(look.pairs) & ~self.collide(look.pairs)
         poses = (points for _, points in self.poses(PASSING.samples))
-        known = meetings(look.points, poses, self.faces, look.pairs, self.part_of, options=PASSING)
+        found = look.pairs[asked]
+        known = meetings(look.points, poses, self.faces, found, self.part_of, options=PASSING)
         first, second = known.sides[known.passing].T.astype(np.int64)
-        by = np.isin(look.keys, first * len(self.rest) + second)
-        return np.asarray(by & ~self.asked(look.pairs), dtype=bool)
+        passing = np.isin(look.keys, first * len(self.rest) + second)
+        return np.asarray(passing & asked, dtype=bool)
 
     def collide(self, pairs: IntArray) -> BoolArray:
         """Return which pairs (K, 2) of triangles are of a collider, (K,).
@@ -242,6 +246,13 @@ class PlacedMeshes:
         meshes = self.source.meshes
         colliders = np.array([own.collider and not own.handle.instanced for own in meshes], bool)
         return np.asarray(colliders[self.mesh_of[pairs]].any(axis=1), dtype=bool)
+
+    def told_of(self, pairs: IntArray) -> BoolArray:
+        """Return which pairs (K, 2) of triangles the user calls attached or detached, (K,)."""
+        from dtrepair.intersect.ignored import of_ignored_bodies
+
+        told = (*self.told.attached, *self.told.detached)
+        return of_ignored_bodies(self.mesh_of[pairs], told)
 
     def asked(self, pairs: IntArray) -> BoolArray:
         """Return which pairs (K, 2) of triangles are of meshes that are called attached, (K,)."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray, components, weld_map
 from dtrepair.pipeline.observer import (
     ModelledFound,
     Observer,
@@ -72,8 +72,16 @@ class ModelledParts:
     @cached_property
     def records(self) -> list[PartRecord]:
         """All connected parts, in the order of their numbers in the attachments."""
-        assert self.attachments is not None
-        return self.named(self.attachments.part_of, self.attachments.count)
+        return self.named(self._part_of, int(self._part_of.max(initial=-1)) + 1)
+
+    @cached_property
+    def _part_of(self) -> NDArray[np.integer]:
+        """The part (F,) of each triangle."""
+        if self.attachments is not None:
+            return self.attachments.part_of
+        faces = weld_map(self._rest)[self._faces]
+        label = components(faces, len(self._rest))
+        return np.unique(label[faces[:, 0]], return_inverse=True)[1].reshape(-1)
 
     def named(self, part_of: NDArray[np.integer], count: int) -> list[PartRecord]:
         """Return records of connected parts by the part (F,) of each triangle."""
@@ -177,10 +185,8 @@ class ModelledParts:
     @cached_property
     def passing(self) -> list[tuple[int, int]]:
         """The pairs of parts that only pass each other in the bind pose."""
-        if self.attachments is None:
-            return []
-        parts = [self._met(own.pairs).parts.tolist() for own in self._by_chance]
-        return [(a, b) for found in parts for a, b in found]
+        told = [own for own in self.references if own.apart and not own.asked]
+        return [(a, b) for own in told for a, b in self._met(own.pairs).parts.tolist()]
 
     @cached_property
     def meshes(self) -> set[tuple[int, int]]:
@@ -194,12 +200,9 @@ class ModelledParts:
 
     @cached_property
     def meshes_told(self) -> set[tuple[int, int]]:
-        """The same of which a pose tells: with those that only pass each other in it."""
-        return self.meshes.union(*(self._meshes(own.pairs) for own in self._by_chance))
-
-    @property
-    def _by_chance(self) -> list[Reference]:
-        return [own for own in self.references if own.apart and not own.asked]
+        """The same of which anything tells: with those of which parts are not attached."""
+        apart = [self._meshes(own.pairs) for own in self.references if own.apart]
+        return self.meshes.union(*apart)
 
     def _meshes(self, contacts: NDArray[np.integer]) -> set[tuple[int, int]]:
         """Return the pairs of meshes (i, j), i <= j, of contacts (K, 2)."""
@@ -209,9 +212,8 @@ class ModelledParts:
         return {(int(i), int(j)) for i, j in pairs}
 
     def _met(self, contacts: NDArray[np.integer]) -> _Met:
-        assert self.attachments is not None
-        parts = np.sort(self.attachments.part_of[contacts], axis=1).astype(np.int64)
-        count = self.attachments.count
+        parts = np.sort(self._part_of[contacts], axis=1).astype(np.int64)
+        count = int(self._part_of.max(initial=-1)) + 1
         keys, number, pairs = np.unique(
             parts[:, 0] * count + parts[:, 1], return_inverse=True, return_counts=True
         )

@@ -99,8 +99,8 @@ def _references(
         meshes.binding[still] = STILL
     enough = frames_tell(source, options)  # else nobody needs to look
     rest = meshes.bind_look.of(meshes.tell_by_rests(meshes.bind_look.pairs))
-    by = meshes.passing(rest) if enough else np.zeros(len(rest.pairs), dtype=bool)
-    known = [rest.of(~by)._replace(bound=meshes.bound)]
+    passing = meshes.passing(rest) if enough else np.zeros(len(rest.pairs), dtype=bool)
+    known = [rest.of(~passing)._replace(bound=meshes.bound)]
     if enough and (not meshes.one_binding or (meshes.binding == "").any()):
         looks = list(meshes.looks(options.samples))
         looks = [look.of(~meshes.collide(look.pairs)) for look in looks]
@@ -110,8 +110,8 @@ def _references(
     found = [look.reference(~meshes.asked(look.pairs)) for look in known]
     if enough:
         found += slid_references(meshes, known, samples=options.samples, turns=turns)
-    if by.any():
-        found.append(rest.of(by).reference()._replace(apart=True))
+    if passing.any():
+        found.append(rest.of(passing).reference()._replace(apart=True))
     if (detached := meshes.detached()) is not None:
         found.append(detached)
     if not meshes.told.attached:
@@ -192,7 +192,7 @@ def _untold(
     """Say which meshes have parts in pairs (K, 2) of triangles of which nothing tells."""
     pairs = np.concatenate([np.zeros((0, 2), np.int32), *found])
     first, second = meshes.part_of[pairs].T
-    known = meshes.tell_by_rests(pairs) | meshes.asked(pairs) | meshes.collide(pairs)
+    known = meshes.tell_by_rests(pairs) | meshes.told_of(pairs) | meshes.collide(pairs)
     pairs = pairs[(first != second) & ~known]
     met = np.unique(meshes.mesh_of[pairs]).tolist()
     if not met:

@@ -152,6 +152,8 @@ class Motion:
         self._edges = set(_edges(source))
         self._next = dict(pairwise(source.all_times.tolist()))
         self._last: tuple[float, FloatArray] | None = None
+        # From frame to frame of the clip: where, how fast (sizes / time) and how far (sizes).
+        self._steps: list[tuple[tuple[float, float], tuple[float, float]]] = []
         self._ends: list[dict[float, float]] = [{} for _ in self._paths]
 
     def add(self, time: float, before: Sequence[ArrayLike], after: Sequence[ArrayLike]) -> None:
@@ -159,7 +161,7 @@ class Motion:
         self._frames += 1
         if not self._goes_on(time, before):
             for meter in self._jumps:
-                meter.part()
+                meter.restart()
         meters = zip(self._jitter, self._jumps, before, after, strict=False)
         for jitter, jumps, own, repaired in meters:
             jitter.add(own, repaired)
@@ -172,15 +174,25 @@ class Motion:
             still.add(time, own, repaired)
 
     def _goes_on(self, time: float, before: Sequence[ArrayLike]) -> bool:
-        """Return whether a frame is the next one of the clip, and no other shot begins there."""
-        from dtrepair.repair.clip.layout import CutOptions, motion_between
+        """Return whether a frame is the next one of the clip."""
+        from dtrepair.repair.clip.layout import motion_between
 
         last = self._last
         pose = np.concatenate([np.zeros((0, 3)), *(np.asarray(own, float) for own in before)])
         self._last = time, pose
         if last is None or self._next.get(last[0]) != time or len(last[1]) != len(pose):
             return False
-        return motion_between(last[1], pose) <= CutOptions().always
+        motion = motion_between(last[1], pose)
+        self._steps.append(((last[0], time), (motion / (time - last[0]), motion)))
+        return True
+
+    def _beside_cuts(self) -> set[float]:
+        """Return the frames between which another shot begins."""
+        from dtrepair.repair.clip.layout import cuts_along
+
+        cuts = cuts_along(step for _, step in self._steps)
+        both = zip(self._steps, cuts, strict=True)
+        return {time for (frames, _), cut in both if cut for time in frames}
 
     def _break_off(
         self, time: float, before: Sequence[ArrayLike], after: Sequence[ArrayLike]
@@ -209,11 +221,16 @@ class Motion:
         ]
         if all(meter.still for meter in self._still):
             gives = []
+        cuts = self._beside_cuts()
+        jumps = [
+            {time: far for time, far in meter.jumps.items() if time not in cuts}
+            for meter in self._jumps
+        ]
         found: dict[FindingKind, Sequence[Mapping[float, float]]] = {
             FindingKind.BENT: [meter.bends for meter in self._bends],
             FindingKind.MOVED: gives,
             FindingKind.BREAKS_OFF: self._ends,
-            FindingKind.JUMPS: [meter.jumps for meter in self._jumps],
+            FindingKind.JUMPS: jumps,
         }
         return tuple(
             MotionFinding(kind=kind, path=path, largest=max(own.values()), times=tuple(own))

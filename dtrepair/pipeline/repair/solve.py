@@ -72,13 +72,17 @@ class FrameRepairer:
         self.source = source
         self.repairer = repairer
         self.counter = counter
+        from dtrepair.numerics.attachments import telling
+
         self.jobs = jobs
         # Frames worked on side by side; what was started on a GPU cannot be shared by processes.
         self.workers = (jobs or available_processors()) if repairer.device == "cpu" else 1
         self.alone = alone
         self.memory = memory
         scene = repairer.scene
-        self.modelled = ModelledParts(source, scene.attachments, scene.references)
+        auto = scene.options.rest_contacts == "auto"
+        shown = telling(scene.references, auto=auto, turns=True)
+        self.modelled = ModelledParts(source, scene.attachments, shown)
         self.record = FrameRecorder(source, repairer.bodies, self.modelled)
         self.free = [_free(body) for body in repairer.bodies]
         self.warnings: list[str] = []

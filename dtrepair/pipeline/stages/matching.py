@@ -97,9 +97,10 @@ def told_pairs(
     """Return what is called attached or detached, and warnings.
 
     each: the settings of each mesh, which name others; attach, detach: pairs "A,B" of the options.
-    What of the settings is not among the selected meshes is warned of.
+    What is called both is detached. What of the settings is not among the selected meshes is warned
+    of.
     """
-    found, warnings = [], list[str]()
+    found, warnings = list[set[tuple[int, int]]](), list[str]()
     for name, texts in (("attach", attach), ("detach", detach)):
         pairs = set(named_pairs(source, texts, f"--{name}"))
         for index, own in enumerate(each):
@@ -109,8 +110,9 @@ def told_pairs(
                 pairs |= {(min(index, other), max(index, other)) for other in others}
                 if not others:
                     warnings.append(f"{where}: {no_match(source)}")
-        found.append(tuple(sorted(pairs)))
-    return Told(*found), warnings
+        found.append(pairs)
+    attached, detached = found
+    return Told(tuple(sorted(attached - detached)), tuple(sorted(detached))), warnings
 
 
 def _split(text: str) -> list[str]:

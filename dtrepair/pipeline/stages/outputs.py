@@ -143,6 +143,7 @@ def _told(value: object) -> str:
     """Return a value of a choice in a few words."""
     value = "none" if value is None else _plain(value)
     text = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+    text = text or "none"
     return text if len(text) <= _LONGEST_TOLD else f"{text[: _LONGEST_TOLD - 3]}..."
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
@@ -28,7 +29,9 @@ BODY = tube(24, 12, 0.3, 3.0)
 STRAND = (np.roll(BODY[0] * 0.6, 1, axis=1) + 0.2, BODY[1])
 ACROSS = np.eye(3)[(ALONG + 2) % 3]
 STUD = (0.2 * BODY[0] + 0.25 * ACROSS - np.eye(3)[ALONG], BODY[1])
-BOTH = "/Root/Hero,/Root/Hero"
+BOTH, TWO = "/Root/Hero,/Root/Hero", "/Root/Body,/Root/Hair"
+# The strand is at its place in one of ten frames.
+AWAY = np.where(np.arange(10) > 0, 2.0, 0.0)[:, None, None] * ACROSS
 
 
 def hero(path: Path, away: Sequence[float], *, along: float = 0.0) -> Path:
@@ -68,6 +71,44 @@ def test_what_lies_elsewhere_in_nearly_all_frames_only_passes_by(tmp_path: Path)
     assert all(frame.status == "clean" for frame in done.frames)
 
 
+def test_what_only_passes_by_is_told_where_nothing_is_attached_at_all(tmp_path: Path) -> None:
+    """And meshes that pass by are not guessed to be worn one over the other."""
+    path = tmp_path / "a.usda"
+    write_animation(
+        path,
+        [
+            AuthoredMesh("/Root/Body", BODY[1], [BODY[0]] * 10, rest=BODY[0]),
+            AuthoredMesh("/Root/Hair", STRAND[1], STRAND[0] + AWAY, rest=STRAND[0]),
+        ],
+        times=np.arange(10.0),
+    )
+    for choices, number in (({}, 1), ({"rest_contacts": "repair"}, 0), ({"detach": (TWO,)}, 0)):
+        host = Listener()
+        assert not check_stage(path, observer=host, **choices).attached
+        told = [remark.parts for remark in host.remarks if isinstance(remark, PassingFound)]
+        assert [[own.path for own in both] for parts in told for both in parts] == (
+            [["/Root/Body", "/Root/Hair"]] * number
+        )
+    for objects in (ObjectOptions(), ObjectOptions(detach=(TWO,))):
+        host = Listener()
+        repair_stage(path, tmp_path / "b.usda", objects=objects, observer=host)
+        assert not any("if one is worn over the other" in text for text in host.warnings)
+
+
+def test_what_is_rooted_is_attached_though_most_of_it_passes_by() -> None:
+    assert met(2.0) and not met(2.0, rooted=0.2) and met(2.0, rooted=0.02)
+    # Half of what meets has to be near where whole meshes are asked for.
+    assert met(2.0, rooted=0.2, options=MeetingOptions(share=0.9))
+
+
+@pytest.mark.parametrize("count", [9, 10, 11, 20, 21, 30])
+def test_the_share_of_the_frames_is_met_exactly(count: int, tmp_path: Path) -> None:
+    most = (15 * count) // 100
+    for stays, attached in ((most, 1), (most + 1, 2)):
+        away = [*[0.0] * stays, *[2.0] * (count - stays)]
+        assert len(modelled(hero(tmp_path / f"{stays}.usda", away))) == attached
+
+
 def test_what_is_back_in_more_frames_is_attached(tmp_path: Path) -> None:
     assert len(modelled(hero(tmp_path / "a.usda", [0.0, 0.0, *[2.0] * 10]))) == 2
     # And what stays, and with the user's word.
@@ -78,16 +119,27 @@ def test_what_is_back_in_more_frames_is_attached(tmp_path: Path) -> None:
     assert len(modelled(hero(tmp_path / "d.usda", [2.0] * 4))) == 2
 
 
-def met(shift: float, *, options: MeetingOptions = PASSING) -> bool:
-    """Whether a strand that has moved by so much only passes its body by."""
+def met(shift: float, *, rooted: float = 0.0, options: MeetingOptions = PASSING) -> bool:
+    """Whether a strand that has moved by so much only passes its body by.
+
+    rooted: the share of its contacts that stay.
+    """
     rest, faces = joined(BODY, STRAND)
     group = np.repeat([7, 3], [len(BODY[1]), len(STRAND[1])])
     middles = rest[faces].mean(axis=1)
     one, other = np.flatnonzero(group == 7), np.flatnonzero(group == 3)
     apart = np.linalg.norm(middles[one, None] - middles[other], axis=2)
-    near = np.argwhere(apart < 1.5 * apart.min())
+    near = np.argwhere(apart < np.sort(apart, axis=None)[100])
     pairs = np.stack([other[near[:, 1]], one[near[:, 0]]], axis=1).astype(np.int32)
     pose = rest + np.where(np.arange(len(rest)) < len(BODY[0]), 0.0, shift)[:, None] * ACROSS
+    if rooted:
+        # Triangles that belong to nothing else stand for the root.
+        number = int(rooted * len(pairs))
+        corners = np.tile([0, len(BODY[0]), 0], (2, 1)) + np.arange(2)[:, None]
+        faces = np.concatenate([faces, corners[:1], corners[:1]])
+        group = np.append(group, [7, 3])
+        root = np.tile([len(faces) - 1, len(faces) - 2], (number, 1))
+        pairs = np.concatenate([pairs[number:], root]).astype(np.int32)
     sides, passing = meetings(rest, [pose] * 12, faces, pairs, group, options=options)
     # Groups in the order of their numbers, whatever order their triangles have.
     assert sides.tolist() == [[3, 7]]

@@ -185,7 +185,9 @@ class WindowMethod:
         # A push needs its layers on their sides; what relaxes keeps them there.
         if inputs is not None:
             state.count_from(inputs)
-        self._bring_back(state, stuck=stuck, lifted=inputs is not None, keyed=keyed)
+        agreement = options.keys.agreement_between if keyed else None
+        lifted = inputs is not None
+        self._bring_back(state, stuck=stuck, lifted=lifted, tight=keyed, agreement=agreement)
         return eased(state, options=options.ease)
 
     def _state(self, original: FloatArray, frames: FloatArray, pool: WorkerPool) -> WindowState:
@@ -205,7 +207,10 @@ class WindowMethod:
     ) -> FloatArray | None:
         """Return poses (T, V, 3) that move as solved keys do; None where that is not worth it."""
         options, surface = self.options.keys, self.surface
-        if surface.ties is not None or surface.clusters > 1 or len(frames) < options.frames:
+        # Between keys a vertex may go farther than at both of them.
+        if surface.ties is not None or surface.clusters > 1 or self.farthest is not None:
+            return None
+        if len(frames) < options.frames:
             return None
         keys = keys_of(len(frames), options)
         state = self._state(original[keys], frames[keys], pool)
@@ -216,8 +221,7 @@ class WindowMethod:
             return None
         self._mend(state)
         state.given_up = frozenset(state.dirty)
-        relax = replace(self.options.relax, agreement=options.agreement)
-        self._bring_back(state, stuck=False, lifted=False, relax=relax)
+        self._bring_back(state, stuck=False, lifted=False, agreement=options.agreement)
         solved = eased(state, options=self.options.ease)
         return between_keys(original, frames, keys, solved)
 
@@ -260,19 +264,19 @@ class WindowMethod:
         *,
         stuck: bool,
         lifted: bool,
-        keyed: bool = False,
-        relax: RelaxFramesOptions | None = None,
+        tight: bool = False,
+        agreement: tuple[float, ...] | None = None,
     ) -> None:
         """Take back what the frames do not need.
 
-        stuck: each was solved for itself; keyed: they were led by keys, which were brought back;
-        relax: numbers of the relaxing, others than usual.
+        stuck: each was solved for itself; tight: they were led by what was brought back already;
+        agreement: of the relaxing, another than usual.
         """
         options, alone = self.options, stuck or self.surface.ties is not None
-        relax = relax or options.relax
-        if keyed:
-            relax = replace(relax, agreement=options.keys.agreement_between)
-        if not (alone or lifted or keyed):
+        relax = options.relax
+        if agreement is not None:
+            relax = replace(relax, agreement=agreement)
+        if not (alone or lifted or tight):
             tighten_frames(state, self.tighten, options=options.tighten)
         shift_frames_back(state, options=options.settle)
         settle_frames(state, options=options.settle)

@@ -33,8 +33,11 @@ def closed(frames: int = FRAMES) -> tuple[Surface, FloatArray]:
     return surface, np.stack([(1.0 - own) * first + own * second for own in shares])
 
 
-def repaired(surface: Surface, poses: FloatArray, keys: KeyOptions) -> FloatArray:
-    method = WindowMethod(surface, solve_alone, options=WindowOptions(keys=keys))
+def repaired(
+    surface: Surface, poses: FloatArray, keys: KeyOptions, *, farthest: float | None = None
+) -> FloatArray:
+    options = WindowOptions(keys=keys)
+    method = WindowMethod(surface, solve_alone, farthest=farthest, options=options)
     found = method(poses, np.arange(float(len(poses))), WorkerPool())
     assert found is not None
     return found
@@ -69,6 +72,13 @@ def test_what_comes_and_goes_is_solved_as_before() -> None:
     assert np.array_equal(repaired(surface, poses, ALWAYS), usual)
     # A share that these keys do have: another result.
     assert not np.array_equal(repaired(surface, poses, replace(ALWAYS, share=0.1)), usual)
+
+
+def test_what_may_not_move_far_is_solved_as_before() -> None:
+    """Between keys a vertex may go farther than at both of them."""
+    surface, poses = closed()
+    usual, found = (repaired(surface, poses, keys, farthest=0.01) for keys in (NEVER, ALWAYS))
+    assert np.array_equal(found, usual)
 
 
 @pytest.mark.parametrize("call", [1, 3])

@@ -25,9 +25,9 @@ class MeetingOptions:
             diagonals of the smaller group, ...
         least: ... and farther than this, in diagonals of all that meets something: a joint of small
             parts that bends moves its overlap on by much of their size, ...
-        rooted, root: ... and than this part of it but for at most this share of the pairs: a strand
-            may lie along a body in whose scalp it is rooted, ...
         share: ... in this share of the frames at least; ...
+        rooted, root: ... in half of them no farther apart than this part of it by no more than this
+            share of the pairs: a strand may lie along a body in whose scalp it is rooted; ...
         touch: ... and in less than half of them half of what meets the other group at rest, of one
             of the two, is no more than this farther from it, in diagonals of the smaller one: a rod
             that is drawn out of its sleeve, or a wheel, is elsewhere but touches what it did.
@@ -37,9 +37,9 @@ class MeetingOptions:
     samples: int = 33
     far: float = 0.1
     least: float = 0.0
+    share: float = 1.0
     rooted: float = -np.inf
     root: float = 0.1
-    share: float = 1.0
     touch: float = 0.02
     places: int = 200
 
@@ -72,17 +72,19 @@ def meetings(
     """
     met = _Met(rest, faces, pairs, group_of, options)
     passing = np.ones(len(met.sides), dtype=bool)
-    looks, stays, touching = np.zeros((3, len(met.sides)), dtype=int)
+    looks, stays, rooted, touching = np.zeros((4, len(met.sides)), dtype=int)
     for pose in poses if len(met.sides) else ():
-        near, shown = met.near(pose)
+        near, root, shown = met.near(pose)
         looks += shown
         stays += near & shown
+        rooted += root & shown
         passing &= options.samples - stays >= options.share * options.samples
         if not passing.any():
             break
         asked = passing & shown & ~near
         touching[asked] += met.touch(pose, np.flatnonzero(asked).tolist())
-    passing &= (looks - stays >= options.share * looks) & (2 * touching < looks)
+    passing &= (looks - stays >= options.share * looks) & (2 * rooted < looks)
+    passing &= 2 * touching < looks
     return Meetings(met.sides, passing)
 
 
@@ -115,10 +117,11 @@ class _Met:
         self.before, self.apart = self._sizes(rest), self._apart(rest)
         self._rest, self._places = rest, dict[tuple[int, int], tuple[IntArray, FloatArray]]()
 
-    def near(self, pose: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return of which two groups (N,) enough of what meets at rest is near in a pose.
+    def near(self, pose: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
+        """Return of which two groups (N,) half of what meets at rest is near in a pose.
 
-        And which two are shown there: what is scaled to nothing is not.
+        Second, of which a root is at its place. Last, which two are shown there: what is scaled to
+        nothing is not.
         """
         sizes = self._sizes(pose)
         shown = (sizes > 1e-6 * self.before).all(axis=1)
@@ -130,8 +133,8 @@ class _Met:
         least = self.options.least * diagonal(pose[self._every])
         most = np.maximum(self.options.far * size, least)
         near = ordered[self._middle] <= most
-        near |= ordered[self._root] <= self.options.rooted * most
-        return np.asarray(near), np.asarray(shown)
+        root = ordered[self._root] <= self.options.rooted * most
+        return np.asarray(near), np.asarray(root), np.asarray(shown)
 
     def touch(self, pose: FloatArray, chosen: Sequence[int]) -> BoolArray:
         """Return of which of some two groups (C,) one touches the other half as much as at rest."""

@@ -42,7 +42,7 @@ class PushFramesOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class KeyOptions:
+class KeyWindowOptions:
     """Numbers of windows of single skins that are solved at keys first, and then in between.
 
     Contacts that stay for the whole window, as of thighs that walk, change little from frame to
@@ -109,7 +109,7 @@ def push_frames(
             return
 
 
-def keys_of(count: int, options: KeyOptions) -> list[int]:
+def keys_of(count: int, options: KeyWindowOptions) -> list[int]:
     """Return which of so many frames are keys; the first and the last are."""
     return sorted({*range(0, count, options.stride), count - 1})
 

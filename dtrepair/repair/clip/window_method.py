@@ -19,7 +19,7 @@ from dtrepair.repair.clip.mend_frames import (
     mend_frames,
 )
 from dtrepair.repair.clip.push_frames import (
-    KeyOptions,
+    KeyWindowOptions,
     PushFramesOptions,
     between_keys,
     keys_of,
@@ -122,7 +122,7 @@ class WindowOptions:
 
     frames: FrameOptions = field(default_factory=FrameOptions)
     push: PushFramesOptions = field(default_factory=PushFramesOptions)
-    keys: KeyOptions = field(default_factory=KeyOptions)
+    keys: KeyWindowOptions = field(default_factory=KeyWindowOptions)
     lend: LendFramesOptions = field(default_factory=LendFramesOptions)
     mend: MendFramesOptions = field(default_factory=MendFramesOptions)
     tighten: TightenOptions = field(default_factory=TightenOptions)

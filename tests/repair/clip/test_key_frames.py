@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.metrics import jitter
 from dtrepair.repair.clip import window_method
-from dtrepair.repair.clip.push_frames import KeyOptions, between_keys, keys_of
+from dtrepair.repair.clip.push_frames import KeyWindowOptions, between_keys, keys_of
 from dtrepair.repair.clip.window_method import WindowMethod, WindowOptions
 from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.parallel.worker_pool import WorkerPool
@@ -20,7 +20,7 @@ from dtrepair.repair.surface.surface import Surface
 from tests.repair.clip.test_clip_repairer import swing
 
 FRAMES = 13
-NEVER, ALWAYS = KeyOptions(frames=10**6), KeyOptions(frames=FRAMES)
+NEVER, ALWAYS = KeyWindowOptions(frames=10**6), KeyWindowOptions(frames=FRAMES)
 
 
 def closed(frames: int = FRAMES) -> tuple[Surface, FloatArray]:
@@ -34,7 +34,7 @@ def closed(frames: int = FRAMES) -> tuple[Surface, FloatArray]:
 
 
 def repaired(
-    surface: Surface, poses: FloatArray, keys: KeyOptions, *, farthest: float | None = None
+    surface: Surface, poses: FloatArray, keys: KeyWindowOptions, *, farthest: float | None = None
 ) -> FloatArray:
     options = WindowOptions(keys=keys)
     method = WindowMethod(surface, solve_alone, farthest=farthest, options=options)
@@ -99,7 +99,7 @@ def test_where_pushing_is_stuck_the_window_is_solved_as_before(
 
 @given(st.integers(2, 40), st.integers(1, 6))
 def test_keys_are_evenly_spaced_with_both_ends(count: int, stride: int) -> None:
-    keys = keys_of(count, KeyOptions(stride=stride))
+    keys = keys_of(count, KeyWindowOptions(stride=stride))
     assert keys[0] == 0 and keys[-1] == count - 1
     assert keys == sorted(set(keys)) and max(np.diff(keys)) <= stride
 

@@ -22,7 +22,7 @@ from dtrepair.pipeline.modelled.references import (
 from dtrepair.pipeline.observer import SILENT, Observer, PairsFound, Progress, warn
 from dtrepair.pipeline.repair.records import contact_records
 from dtrepair.pipeline.selection import (
-    TOLD,
+    CALLED,
     ObjectSettings,
     PrimTable,
     Selection,
@@ -47,11 +47,11 @@ from dtrepair.pipeline.stages.frames import (
     unusable,
 )
 from dtrepair.pipeline.stages.matching import (
+    CalledPairs,
     MeshPairs,
-    Told,
+    called_pairs,
     ignored_pairs,
     meshes_matched,
-    told_pairs,
 )
 from dtrepair.pipeline.stages.object_settings import read_settings, recorded
 from dtrepair.pipeline.stages.outputs import FilePath
@@ -236,11 +236,11 @@ def _modelled(
     settings: CheckSettings,
     ignored: MeshPairs,
     observer: Observer,
-) -> tuple[list[ObjectSettings], Told, ModelledParts]:
+) -> tuple[list[ObjectSettings], CalledPairs, ModelledParts]:
     """The settings of each mesh, what is called attached, what counts as modelled; it is told."""
-    found = read_settings(source, tables=asking(settings.tables, TOLD), keys=TOLD)
+    found = read_settings(source, tables=asking(settings.tables, CALLED), keys=CALLED)
     asked = {"attach": settings.attach, "detach": settings.detach}
-    told, warnings = told_pairs(source, found.each, **asked)
+    told, warnings = called_pairs(source, found.each, **asked)
     warn(observer, [*found.warnings, *warnings])
     auto = settings.counting == "auto"
     modelled = modelled_parts(source, ignored=ignored, told=told, auto=auto)
@@ -249,7 +249,7 @@ def _modelled(
 
 
 def _worn(
-    source: Source, settings: CheckSettings, ignored: MeshPairs, told: Told, device: str
+    source: Source, settings: CheckSettings, ignored: MeshPairs, told: CalledPairs, device: str
 ) -> tuple[WornRecord, ...]:
     """What a repair that counts like the check would take as worn."""
     from dtrepair.pipeline.modelled.worn import worn_without_repair

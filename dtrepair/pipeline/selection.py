@@ -117,7 +117,7 @@ class ObjectSettings:
 
 # What can be asked of a single object, and which of it tells what is attached to what.
 KEYS = tuple(key.name for key in fields(ObjectSettings))
-TOLD = ("attach", "detach")
+CALLED = ("attach", "detach")
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def _parsed(table: object, origin: str) -> PrimTable:
 
 def wrong_value(name: str, value: object) -> str:
     """What is wrong with a value; empty where nothing is."""
-    if name in TOLD:
+    if name in CALLED:
         good = all(isinstance(each, str) and each.strip() for each in _listed(value))
         return "" if good else f"{name} should be path expressions, got {value!r}"
     if isinstance(value, np.ndarray):
@@ -183,7 +183,7 @@ def wrong_value(name: str, value: object) -> str:
 
 def plain_value(name: str, value: Any) -> Any:
     """A checked value of the type that `ObjectSettings` holds."""
-    if name in TOLD:
+    if name in CALLED:
         return tuple(str(each) for each in _listed(value))
     return float(value) if name in NUMBERS else value
 

@@ -19,7 +19,7 @@ from dtrepair.pipeline.modelled.together import Together, together
 from dtrepair.pipeline.modelled.unrepaired import unrepaired
 from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.frames import read_frame
-from dtrepair.pipeline.stages.matching import Told
+from dtrepair.pipeline.stages.matching import CalledPairs
 from dtrepair.pipeline.stages.rest import Rest, posed_once
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time, time_label
 
@@ -79,7 +79,7 @@ class PlacedMeshes:
         rests: Sequence[Rest],
         *,
         ignored: Pairs = (),
-        told: Told = Told(),
+        told: CalledPairs = CalledPairs(),
     ) -> None:
         self.source = source = unrepaired(source)
         self.ignored, self.told = ignored, told

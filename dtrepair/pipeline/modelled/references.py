@@ -13,7 +13,7 @@ from dtrepair.pipeline.modelled.meshes import STILL, Look, PlacedMeshes
 from dtrepair.pipeline.modelled.parts import ModelledParts
 from dtrepair.pipeline.modelled.slides import slid_references
 from dtrepair.pipeline.modelled.unrepaired import unrepaired
-from dtrepair.pipeline.stages.matching import Told
+from dtrepair.pipeline.stages.matching import CalledPairs
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.wording import listed
@@ -59,7 +59,7 @@ def modelled_references(
     rests: Sequence[Rest],
     *,
     ignored: Pairs = (),
-    told: Told = Told(),
+    told: CalledPairs = CalledPairs(),
     told_by_rest: bool = False,
     options: ReferenceOptions = ReferenceOptions(),
 ) -> list[Reference]:
@@ -154,7 +154,7 @@ def untold_contacts(
     rests: Sequence[Rest],
     *,
     ignored: Pairs = (),
-    told: Told = Told(),
+    told: CalledPairs = CalledPairs(),
     options: ReferenceOptions = ReferenceOptions(),
 ) -> list[str]:
     """Say which meshes have parts that meet, while nothing tells whether they were modelled so."""
@@ -171,7 +171,7 @@ def untold_in_check(
     source: Source,
     found: Sequence[IntArray],
     *,
-    told: Told = Told(),
+    told: CalledPairs = CalledPairs(),
     options: ReferenceOptions = ReferenceOptions(),
 ) -> list[str]:
     """Say the same as `untold_contacts` of pairs (K, 2) of triangles that a check has counted."""
@@ -215,7 +215,7 @@ def modelled_parts(
     source: Source,
     *,
     ignored: Pairs = (),
-    told: Told = Told(),
+    told: CalledPairs = CalledPairs(),
     auto: bool = True,
     rests: Sequence[Rest] | None = None,
 ) -> ModelledParts:

@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
-from dtrepair.pipeline.modelled.meetings import MeetingOptions, meetings
+from dtrepair.pipeline.modelled.meetings import meetings
 
 BoolArray = NDArray[np.bool_]
 
@@ -33,8 +33,6 @@ def together(
     faces: IntArray,
     pairs: IntArray,
     starts: NDArray[np.integer],
-    *,
-    options: MeetingOptions = MeetingOptions(),
 ) -> Together:
     """Return which meshes lie to each other as at rest.
 
@@ -47,11 +45,10 @@ def together(
         faces: Their triangles (F, 3).
         pairs: The triangles (K, 2) of two meshes each that meet at rest.
         starts: The first vertex of each mesh, and V (M + 1,); each has some.
-        options: When they only pass each other at rest.
     """
     count = len(starts) - 1
     mesh_of = np.searchsorted(starts, faces[:, 0], side="right") - 1
-    sides, passing = meetings(rest, poses, faces, pairs, mesh_of, options=options)
+    sides, passing = meetings(rest, poses, faces, pairs, mesh_of)
     parted = np.zeros((count, count), dtype=bool)
     first, second = sides[passing].T
     parted[first, second] = parted[second, first] = True

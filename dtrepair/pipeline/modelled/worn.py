@@ -10,7 +10,7 @@ from dtrepair.pipeline.modelled.references import layer_poses, modelled_referenc
 from dtrepair.pipeline.observer import Observer, WornFound
 from dtrepair.pipeline.selection import ObjectSettings, PrimTable
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_layers
-from dtrepair.pipeline.stages.matching import Told
+from dtrepair.pipeline.stages.matching import CalledPairs
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import choose_rests
 from dtrepair.pipeline.stages.sources import Source
@@ -48,7 +48,7 @@ def worn_without_repair(
     *,
     tables: Sequence[PrimTable] = (),
     ignored: Pairs = (),
-    told: Told = Told(),
+    told: CalledPairs = CalledPairs(),
     device: str = "cpu",
 ) -> tuple[WornRecord, ...]:
     """Return what a repair of an input with these options would take as worn.

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import InputError
 from dtrepair.pipeline.modelled.references import modelled_parts
-from dtrepair.pipeline.selection import TOLD, Selection, asking, object_of, recorded_tables
-from dtrepair.pipeline.stages.matching import ignored_pairs, told_pairs
+from dtrepair.pipeline.selection import CALLED, Selection, asking, object_of, recorded_tables
+from dtrepair.pipeline.stages.matching import called_pairs, ignored_pairs
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.pipeline.stages.world_mesh import WorldScene
@@ -90,9 +90,11 @@ def _scenes(sources: Mapping[str, Source], settings: Mapping[str, Any]) -> dict[
     ignored = ignored_pairs(first, settings.get("ignore", ()))
     attachments = None
     if "before" in sources:
-        own = read_settings(first, tables=asking(recorded_tables(settings), TOLD), keys=TOLD).each
-        asked = {key: settings.get(key, ()) for key in TOLD}
-        told, _ = told_pairs(first, own, **asked)
+        own = read_settings(
+            first, tables=asking(recorded_tables(settings), CALLED), keys=CALLED
+        ).each
+        asked = {key: settings.get(key, ()) for key in CALLED}
+        told, _ = called_pairs(first, own, **asked)
         auto = settings.get("rest_contacts", "auto") == "auto"
         modelled = modelled_parts(first, ignored=ignored, told=told, auto=auto)
         attachments = modelled.attachments

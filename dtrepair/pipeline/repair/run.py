@@ -31,7 +31,7 @@ from dtrepair.pipeline.stages.frames import (
     read_frames,
     refuse_if_none_usable,
 )
-from dtrepair.pipeline.stages.matching import Told
+from dtrepair.pipeline.stages.matching import CalledPairs
 from dtrepair.pipeline.stages.rest import Rest, rest_warnings
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import Source
@@ -60,7 +60,7 @@ class Run:
     jobs: int | None
     alone: bool
     ignored: tuple[tuple[int, int], ...]
-    told: Told
+    told: CalledPairs
     settings: Mapping[str, Any]
     clock: Clock
 

@@ -67,13 +67,12 @@ class FrameRepairer:
         Frames are solved together, steady in time, by `jobs` workers; `alone`: each for itself.
         memory: where solutions of an earlier run are looked up, and new ones kept.
         """
+        from dtrepair.numerics.attachments import telling
         from dtrepair.repair.parallel.worker_pool import available_processors
 
         self.source = source
         self.repairer = repairer
         self.counter = counter
-        from dtrepair.numerics.attachments import telling
-
         self.jobs = jobs
         # Frames worked on side by side; what was started on a GPU cannot be shared by processes.
         self.workers = (jobs or available_processors()) if repairer.device == "cpu" else 1

@@ -13,7 +13,7 @@ from dtrepair.numerics.enclosure import turned_over
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
 from dtrepair.pipeline.stages.frames import stretches
-from dtrepair.pipeline.stages.matching import Told, ignored_pairs, told_pairs
+from dtrepair.pipeline.stages.matching import CalledPairs, called_pairs, ignored_pairs
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.shot.props import find_props
@@ -53,7 +53,7 @@ class Controls:
     directions: PerMesh
     ignored: tuple[tuple[int, int], ...] = ()
     unmovable: tuple[tuple[int, int], ...] = ()
-    told: Told = Told()
+    told: CalledPairs = CalledPairs()
     layers: tuple[NDArray[np.int32] | None, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -93,7 +93,9 @@ def read_controls(
     # Nor what a thing that keeps its shape has with itself.
     if len(source.meshes) > 1:
         among |= {(index, index) for index, own in enumerate(found.each) if own.rigid}
-    called, warnings = told_pairs(source, found.each, attach=objects.attach, detach=objects.detach)
+    called, warnings = called_pairs(
+        source, found.each, attach=objects.attach, detach=objects.detach
+    )
     return Controls(
         found.each,
         pins,

@@ -80,20 +80,20 @@ def named_pairs(source: Source, texts: Sequence[str], name: str) -> tuple[tuple[
     return tuple(sorted(pairs))
 
 
-class Told(NamedTuple):
+class CalledPairs(NamedTuple):
     """Pairs of meshes (i, j), i <= j, that the user calls attached, and those called detached."""
 
     attached: MeshPairs = ()
     detached: MeshPairs = ()
 
 
-def told_pairs(
+def called_pairs(
     source: Source,
     each: Sequence[ObjectSettings],
     *,
     attach: Sequence[str] = (),
     detach: Sequence[str] = (),
-) -> tuple[Told, list[str]]:
+) -> tuple[CalledPairs, list[str]]:
     """Return what is called attached or detached, and warnings.
 
     each: the settings of each mesh, which name others; attach, detach: pairs "A,B" of the options.
@@ -112,7 +112,7 @@ def told_pairs(
                     warnings.append(f"{where}: {no_match(source)}")
         found.append(pairs)
     attached, detached = found
-    return Told(tuple(sorted(attached - detached)), tuple(sorted(detached))), warnings
+    return CalledPairs(tuple(sorted(attached - detached)), tuple(sorted(detached))), warnings
 
 
 def _split(text: str) -> list[str]:

@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
 from dtrepair.pipeline import check_stage, repair_stage
+from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.modelled.meetings import MeetingOptions, meetings
 from dtrepair.pipeline.modelled.meshes import PASSING
 from dtrepair.pipeline.observer import PassingFound
 from dtrepair.pipeline.repair.settings import RepairSettings
 from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
+from dtrepair.repair.options import RepairOptions
 from tests.jointed_arm import FRAMES, arm_stage
 from tests.meshes import joined, tube
 from tests.pipeline.hosts import Listener
@@ -164,6 +166,12 @@ def test_what_is_called_detached_is_not_attached(tmp_path: Path) -> None:
     assert not any(isinstance(remark, PassingFound) for remark in host.remarks)
     recorded = RepairSettings.from_report(done.document()["settings"])
     assert recorded.objects.detach == (BOTH,)
+
+
+def test_the_published_method_knows_nothing_of_it() -> None:
+    paper, objects = RepairOptions(method="paper"), ObjectOptions(detach=(BOTH,))
+    with pytest.raises(UsageError, match="--detach: has no effect with --method paper"):
+        RepairSettings(options=paper, objects=objects)
 
 
 def test_a_prim_says_what_it_is_not_attached_to(tmp_path: Path) -> None:

@@ -212,8 +212,9 @@ class Attachments:
         return self._with(self.ties, carried)
 
     def _with(self, ties: Ties, carried: Ties) -> Attachments:
-        known = self.part_of, self.zones, ties, carried
-        return Attachments(*known, self.nested, self.sliding)
+        result = Attachments(self.part_of, self.zones, ties, carried, self.nested, self.sliding)
+        result.count = self.count
+        return result
 
     @property
     def tied(self) -> bool:

@@ -38,7 +38,7 @@ class MeetingOptions:
     far: float = 0.1
     least: float = 0.0
     share: float = 1.0
-    rooted: float = -np.inf
+    rooted: float = -1e9
     root: float = 0.1
     touch: float = 0.02
     places: int = 200
@@ -115,7 +115,8 @@ class _Met:
         self._triangles = {own: np.flatnonzero(group_of == own) for own in np.unique(sides)}
         self._every = np.unique(faces[np.isin(group_of, self.sides)])
         self.before, self.apart = self._sizes(rest), self._apart(rest)
-        self._rest, self._places = rest, dict[tuple[int, int], tuple[IntArray, FloatArray]]()
+        self._at_rest = _Trees(rest, faces, self._triangles)
+        self._places: dict[tuple[int, int], tuple[IntArray, FloatArray]] = {}
 
     def near(self, pose: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
         """Return of which two groups (N,) half of what meets at rest is near in a pose.
@@ -152,8 +153,8 @@ class _Met:
         if (index, side) not in self._places:
             own = np.unique(self.pairs[self.place == index, side]).astype(np.int32)
             own = own[:: -(-len(own) // self.options.places)]
-            trees = _Trees(self._rest, self.faces, self._triangles)
-            self._places[index, side] = own, trees.distances(own, self.sides[index, 1 - side])
+            away = self._at_rest.distances(own, self.sides[index, 1 - side])
+            self._places[index, side] = own, away
         return self._places[index, side]
 
     def _sizes(self, points: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray, components, weld_map
+from dtrepair.numerics.geometry import FloatArray, components, weld_maps
 from dtrepair.pipeline.observer import (
     ModelledFound,
     Observer,
@@ -79,7 +79,9 @@ class ModelledParts:
         """The part (F,) of each triangle."""
         if self.attachments is not None:
             return self.attachments.part_of
-        faces = weld_map(self._rest)[self._faces]
+        time = placing_time(self.source, self.source.all_times)
+        placed = [self._in_world(mesh, time, mesh.rest) for mesh in self.source.meshes]
+        faces = weld_maps(placed)[self._faces]
         label = components(faces, len(self._rest))
         return np.unique(label[faces[:, 0]], return_inverse=True)[1].reshape(-1)
 

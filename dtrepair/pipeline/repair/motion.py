@@ -174,8 +174,8 @@ class Motion:
             still.add(time, own, repaired)
 
     def _goes_on(self, time: float, before: Sequence[ArrayLike]) -> bool:
-        """Return whether a frame is the next one of the clip."""
-        from dtrepair.repair.clip.layout import motion_between
+        """Return whether a frame is the next one of the clip, and not surely of another shot."""
+        from dtrepair.repair.clip.layout import CutOptions, motion_between
 
         last = self._last
         pose = np.concatenate([np.zeros((0, 3)), *(np.asarray(own, float) for own in before)])
@@ -184,15 +184,20 @@ class Motion:
             return False
         motion = motion_between(last[1], pose)
         self._steps.append(((last[0], time), (motion / (time - last[0]), motion)))
-        return True
+        return motion <= CutOptions().always
 
     def _beside_cuts(self) -> set[float]:
-        """Return the frames between which another shot begins."""
-        from dtrepair.repair.clip.layout import cuts_along
+        """Return the frames between which another shot begins, where meters went on."""
+        from dtrepair.repair.clip.layout import CutOptions, cuts_along
 
-        cuts = cuts_along(step for _, step in self._steps)
+        cuts, surely = cuts_along(step for _, step in self._steps), CutOptions().always
         both = zip(self._steps, cuts, strict=True)
-        return {time for (frames, _), cut in both if cut for time in frames}
+        return {
+            time
+            for (frames, (_, motion)), cut in both
+            if cut and motion <= surely
+            for time in frames
+        }
 
     def _break_off(
         self, time: float, before: Sequence[ArrayLike], after: Sequence[ArrayLike]

@@ -60,7 +60,7 @@ def test_what_jumps_is_told_but_not_where_frames_are_solved_alone(
 
 
 @pytest.mark.parametrize(
-    ("frames", "cut", "told"), [(None, 0.0, 1), ("1:6x2", 0.0, 0), (None, 0.4, 0)]
+    ("frames", "cut", "told"), [(None, 0.0, 1), ("1:6x2", 0.0, 0), (None, 0.4, 0), (None, 9.0, 0)]
 )
 def test_neither_frames_far_apart_nor_shots_are_neighbours(
     tmp_path: Path, frames: str | None, cut: float, told: int

@@ -21,7 +21,9 @@ from dtrepair.wording import counted
 @click.argument("chunks", type=FILE, metavar="CHUNK...", nargs=-1, required=True)
 @click.option("-o", "--output", type=FILE, metavar="OUT", required=True, help="The layer to write.")
 @click.option(
-    "--skip-existing", is_flag=True, help="Do nothing if OUT is there already, and can be read."
+    "--skip-existing",
+    is_flag=True,
+    help="Do nothing if OUT is there already, can be read, and no CHUNK is newer.",
 )
 @console_options
 @one_line_errors
@@ -39,7 +41,7 @@ def command(*, chunks: tuple[str, ...], output: str, skip_existing: bool, consol
     """
     from dtrepair.pipeline.join import join_layers
 
-    if skip_existing and already_written(output, console):
+    if skip_existing and already_written(output, console, inputs=chunks):
         return CLEAN
     older = os.path.isfile(output)
     join_layers(chunks, output)

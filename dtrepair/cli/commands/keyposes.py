@@ -54,7 +54,7 @@ from dtrepair.pipeline.keyposes.stage import plan_keyposes, repair_keyposes
 @click.option(
     "--skip-existing",
     is_flag=True,
-    help="Do nothing if OUT is there already, of this input and these choices.",
+    help="Do nothing if OUT is there already, of this input as it is now and these choices.",
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @as_settings(KeyposeSettings, key_options, object_options, key_selection_options, method_options)
@@ -98,7 +98,7 @@ def command(
     check_report_places(reports, console, source_path, others=[output])
     if output is not None:
         known = settings.recorded, KeyposeSettings().recorded
-        if skip_existing and already_written(output, console, reports, source_path, known):
+        if skip_existing and already_written(output, console, reports, [source_path], known):
             return CLEAN
         clean_up_if_forced(output)
     inputs = (source_path, output, settings)

@@ -60,7 +60,7 @@ from dtrepair.pipeline.repair.stage import plan_repair, repair_stage
 @click.option(
     "--skip-existing",
     is_flag=True,
-    help="Do nothing if OUT is there already, of this input and these choices.",
+    help="Do nothing if OUT is there already, of this input as it is now and these choices.",
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @click.option(
@@ -107,7 +107,7 @@ def command(
     """
     check_report_places(reports, console, source_path, others=[output])
     known = settings.recorded, RepairSettings().recorded
-    if skip_existing and already_written(output, console, reports, source_path, known):
+    if skip_existing and already_written(output, console, reports, [source_path], known):
         return CLEAN
     inputs = (source_path, output, settings)
     replaced = None if running["resume"] else output

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from dtrepair.pipeline.errors import OutputError, UsageError
 from dtrepair.pipeline.observer import SILENT, Observer
 from dtrepair.pipeline.stages.outputs import (
     check_writable,
+    earlier_than,
     has_record,
     is_readable,
     other_result,
@@ -89,14 +90,15 @@ def already_written(
     output: str,
     console: Console,
     reports: Reports = NOWHERE,
-    over: str | None = None,
+    inputs: Sequence[str] = (),
     choices: tuple[Mapping[str, Any], Mapping[str, Any]] | None = None,
 ) -> bool:
     """Return whether --skip-existing finds a whole output; tell that, and what cannot be read.
 
-    reports: what is not written then, which is told. over: the stage that the output lies over;
-    choices: those of the run as a record holds them, and their defaults; None: it may have any.
-    Raises UsageError for a layer that says that it is the result of another run.
+    reports: what is not written then, which is told. inputs: what it is made of, one: a layer lies
+    over it; with another content than then it is made again. choices: those of the run as a record
+    holds them, and their defaults; None: it may have any. Raises UsageError for a layer that says
+    that it is the result of another run.
     """
     if not os.path.exists(output):
         return False
@@ -104,6 +106,7 @@ def already_written(
         console.warn([f"{output}: exists, but cannot be read: it is written again"])
         return False
     if is_stage(output):
+        over = inputs[0] if len(inputs) == 1 else None
         if choices is not None and (other := other_result(output, over, *choices)):
             raise UsageError(
                 f"{output}: exists, and is {other}: --skip-existing takes only a result of this "
@@ -111,6 +114,10 @@ def already_written(
             )
         if not has_record(output):
             console.warn([f"{output}: has no record of dtrepair, and may not be its output"])
+            inputs = ()
+    if newer := earlier_than(output, inputs):
+        console.warn([f"{output}: exists, of an earlier {newer}: it is written again"])
+        return False
     unwritten = [name for name, value in vars(reports).items() if value is not None]
     end = f"; no {' and no '.join(unwritten)} is written" if unwritten else ""
     console.result(f"{output}: exists; skipped{end}")

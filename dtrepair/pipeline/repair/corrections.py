@@ -184,14 +184,17 @@ class CorrectionSink:
     def commit(self, record: dict[str, Any]) -> tuple[str, ...]:
         """Write the layer."""
         from dtrepair import __version__
+        from usd_io import input_digest
         from usd_io.write.corrections import write_corrections, write_offsets
 
         if self._corrections is None:
             self.settle()
         assert self._corrections is not None
         write = write_corrections if self.form == "shapes" else write_offsets
-        whole = {"version": __version__, "settings": self._settings, "form": self.form, **record}
-        write(self.path, self._source.opened, self._corrections, record=whole)
+        opened = self._source.opened
+        own = {"version": __version__, "settings": self._settings, "form": self.form}
+        whole = {**own, "input_digest": input_digest(opened), **record}
+        write(self.path, opened, self._corrections, record=whole)
         return tuple(self._warnings)
 
     def tell(self, observer: Observer) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from dtrepair.pipeline.errors import OutputError, UsageError
@@ -76,6 +76,29 @@ def has_record(path: FilePath) -> bool:
     from usd_io.write.records import record_of
 
     return bool(record_of(path)[0])
+
+
+def earlier_than(path: FilePath, inputs: Iterable[str]) -> str:
+    """Return which of its inputs an output is older than, or "".
+
+    Layers over one stage say what its content was; other outputs are compared by the times of the
+    files. Inputs that are not there, as on another machine, are not compared.
+    """
+    from dtrepair.pipeline.stages.sources import is_stage
+    from usd_io import UsdIoError, input_digest, open_stage
+    from usd_io.write.records import record_of
+
+    record, below = record_of(path) if is_stage(os.fspath(path)) else ({}, "")
+    digest = record.get("input_digest")
+    for name in filter(os.path.isfile, inputs):
+        if digest and below and _same(below, name):
+            # What is wrong with an input that does not open the run itself tells.
+            with suppress(UsdIoError):
+                if digest != input_digest(open_stage(name)):
+                    return name
+        elif os.path.getmtime(name) > os.path.getmtime(path):
+            return name
+    return ""
 
 
 def other_result(

@@ -82,8 +82,7 @@ class StageSink:
         self._own = [set(mesh.times.tolist()) for mesh in self._meshes]
         self._put: list[set[float]] = [set() for _ in self._meshes]
         self._written: set[int] = set()
-        # The parts of a farm may have been solved far apart.
-        self._record = {"input_digest": input_digest(source.opened)} if "chunk" in settings else {}
+        self._record = {"input_digest": input_digest(source.opened)}
         self._seen: set[float] = set()
         self._only_frames = only_frames
         self._writer = OverrideWriter(

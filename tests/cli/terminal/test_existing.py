@@ -58,6 +58,40 @@ def test_the_result_of_another_input_is_not_done(tmp_path: Path, command: str) -
     assert done.code == 0 and "exists; skipped" in done.out
 
 
+@pytest.mark.parametrize("command", ["repair", "keyposes"])
+def test_a_layer_over_an_earlier_content_is_made_again(tmp_path: Path, command: str) -> None:
+    path, output = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN)), tmp_path / "b.usdc"
+    asked = (command, path, "-o", output, "--skip-existing")
+    assert run(*asked).code == 0
+    # A later time of a file of the same content tells nothing.
+    os.utime(path, (later := output.stat().st_mtime + 5, later))
+    assert "exists; skipped" in run(*asked).out
+    tube_stage(path, (OPEN, CLOSED))
+    os.utime(path, (0, 0))
+    done = run(*asked)
+    assert f"{output}: exists, of an earlier {path}: it is written again" in done.err
+    done = run(*asked)
+    assert "exists; skipped" in done.out and done.err == ""
+
+
+@pytest.mark.parametrize("command", ["repair", "transfer", "join"])
+def test_what_is_older_than_its_input_is_made_again(tmp_path: Path, command: str) -> None:
+    made, output = tube_obj(tmp_path / "a.obj", OPEN), tmp_path / "b.obj"
+    if command != "repair":
+        made, output = tube_stage(tmp_path / "a.usdc", (OPEN, OPEN)), tmp_path / "b.usdc"
+    if command == "join":
+        path, made = made, tmp_path / "part.usdc"
+        assert run("repair", path, "-o", made).code == 0
+    inputs = [made, made] if command == "transfer" else [made]
+    asked = (command, *inputs, "-o", output, "--skip-existing")
+    assert run(*asked).code == 0
+    os.utime(made, (later := output.stat().st_mtime + 5, later))
+    done = run(*asked)
+    assert f"{output}: exists, of an earlier {made}: it is written again" in done.err
+    os.utime(made, (0, 0))
+    assert "exists; skipped" in run(*asked).out
+
+
 def test_another_part_is_not_done(tmp_path: Path) -> None:
     path, output = tube_stage(tmp_path / "a.usdc", (OPEN, CLOSED, OPEN, OPEN)), tmp_path / "b.usdc"
     command = ("repair", path, "-o", output, "--skip-existing")

@@ -42,6 +42,12 @@ def frame_list(times: Iterable[float], *, named: int = 6) -> str:
     return ", ".join(words) + (f" and {len(left)} more" if left else "")
 
 
+def frames_named(times: Iterable[float]) -> str:
+    """The same after a noun: "frame 2" or "frames 2, 12:19"; nothing without times."""
+    every = set(times)
+    return f"{'frame' if len(every) == 1 else 'frames'} {frame_list(every)}" if every else ""
+
+
 def listed(items: Sequence[str], *, named: int = NAMED) -> str:
     """The first few items, and how many more there are: "a, b, c and 4 more"."""
     more = f" and {len(items) - named} more" if len(items) > named else ""

@@ -212,6 +212,7 @@ def _check(
         frames=tuple(records),
         warnings=(*source.warnings, *hidden.warnings),
         attached=modelled.attached,
+        passing=modelled.passing,
         worn=worn,
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import Cancelled
-from dtrepair.report.modelled import AttachedList, PartRecord, WornRecord
+from dtrepair.report.modelled import AttachedList, PassingRecord, WornRecord
 from dtrepair.report.record import FrameRecord
 
 Item = TypeVar("Item")
@@ -57,7 +57,7 @@ class ModelledFound:
 class PassingFound:
     """Pairs of connected parts that only pass each other in the bind pose, once for a run."""
 
-    parts: tuple[tuple[PartRecord, PartRecord], ...]
+    parts: tuple[PassingRecord, ...]
 
 
 @dataclass(frozen=True)

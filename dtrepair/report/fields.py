@@ -31,6 +31,7 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "frames": "The frames, in order.",
             "summary": "Sums over all frames.",
             "attached": "Parts whose contacts were modelled, where there are any.",
+            "passing": "Parts that only pass each other in the bind pose: not taken as attached.",
             "worn": "Open parts that are taken as worn, the largest first; of `repair` and "
             "`keyposes` where anything was to repair, of `check` with `--modelled`.",
             "findings": "What a repair may still be looked at for though nothing intersects, where "
@@ -260,6 +261,14 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "pairs": "Pairs of triangles in the pose that shows it.",
             "pose": "That pose.",
             "centre": "Where they overlap.",
+        },
+    ),
+    "Passing pair": (
+        "passing[]",
+        "Two parts that meet in the bind pose, and lie elsewhere in nearly all frames.",
+        {
+            "first": "A part.",
+            "second": "The other.",
         },
     ),
     "Worn part": (

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
-from dtrepair.wording import frame_list, listed
+from dtrepair.wording import frames_named, listed
 
 
 class FindingKind(StrEnum):
@@ -60,7 +60,7 @@ class MotionFinding:
     def __str__(self) -> str:
         """Name the mesh, its frames, and how far."""
         return (
-            f"{self.path} in frame {frame_list(self.times)} "
+            f"{self.path} in {frames_named(self.times)} "
             f"(by up to {100.0 * self.largest:.2g} % of its size)"
         )
 

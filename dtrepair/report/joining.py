@@ -8,7 +8,7 @@ from typing import Any
 
 from dtrepair.diagnosis import Diagnosis
 from dtrepair.report.findings import joined
-from dtrepair.report.modelled import AttachedList, ModelledList, WornRecord
+from dtrepair.report.modelled import AttachedList, ModelledList, PassingRecord, WornRecord
 from dtrepair.report.record import (
     ContactRecord,
     CountRecord,
@@ -26,9 +26,9 @@ Document = Mapping[str, Any]
 def join_reports(documents: Sequence[Document]) -> Report:
     """Join reports of chunks of one run, as `read_report` returns them, in any order.
 
-    Frames are sorted by time; seconds are added; input, settings, prims and attached parts
-    are the first one's. What is worn is told by any chunk that had something to repair.
-    The jitter is None: it cannot be told from that of the chunks.
+    Frames are sorted by time; seconds are added; input, settings, prims, attached and
+    passing parts are the first one's. What is worn is told by any chunk that had something to
+    repair. The jitter is None: it cannot be told from that of the chunks.
     """
     first = documents[0]
     frames = [read_frame(frame) for document in documents for frame in document["frames"]]
@@ -45,6 +45,7 @@ def join_reports(documents: Sequence[Document]) -> Report:
         frames=tuple(sorted(frames, key=lambda frame: frame.time or 0.0)),
         warnings=tuple(warnings),
         attached=AttachedList.from_document(attached) if attached else AttachedList(),
+        passing=tuple(map(PassingRecord.from_document, first.get("passing", ()))),
         worn=tuple(dict.fromkeys(worn)),
         findings=joined([found for d in documents for found in d.get("findings", ())]),
         alone_from=min(alone, default=None),

@@ -9,6 +9,8 @@ from typing import Any
 # So many pairs of parts are listed for a frame and for a run, and so many as attached.
 LISTED = 20
 LISTED_ATTACHED = 200
+# A coordinate that is so small a part of the largest one is zero in words.
+ROUNDING = 1e-9
 
 Point = tuple[float, float, float]
 
@@ -161,6 +163,19 @@ class AttachedList:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PassingRecord:
+    """Two parts that only pass each other in the bind pose, so that nothing of it is modelled."""
+
+    first: PartRecord
+    second: PartRecord
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> PassingRecord:
+        """Return the record that a document was made of, read from JSON."""
+        return cls(**{name: PartRecord.from_document(part) for name, part in document.items()})
+
+
+@dataclass(frozen=True, kw_only=True)
 class WornRecord:
     """A part that is taken as worn, and the part that it lies over."""
 
@@ -224,8 +239,9 @@ def over_frames(lists: Iterable[ModelledList]) -> ModelledList:
 
 
 def place(centre: Sequence[float]) -> str:
-    """Return a position in words: its coordinates."""
-    return " ".join(f"{value:.10g}" for value in centre)
+    """Return a position in words: its coordinates, zero where only rounding keeps them from it."""
+    noise = ROUNDING * max(map(abs, centre))
+    return " ".join(f"{value if abs(value) > noise else 0.0:.10g}" for value in centre)
 
 
 def _most(record: ModelledRecord) -> int:

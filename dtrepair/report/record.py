@@ -19,7 +19,13 @@ from dtrepair.diagnosis import CountRecord as CountRecord
 from dtrepair.diagnosis import Diagnosis
 from dtrepair.files.atomic import write_atomically
 from dtrepair.report.findings import MotionFinding
-from dtrepair.report.modelled import AttachedList, ModelledList, WornRecord, over_frames
+from dtrepair.report.modelled import (
+    AttachedList,
+    ModelledList,
+    PassingRecord,
+    WornRecord,
+    over_frames,
+)
 from dtrepair.report.schema import SCHEMA as SCHEMA
 from dtrepair.report.schema import SCHEMA_NAME, STATUSES, ReportError, validate
 from dtrepair.report.sections import KeyposesRecord, TransferRecord
@@ -147,6 +153,7 @@ class Report:
 
     folder: where the run stood: what `input` and `output` are relative to.
     attached: the pairs of connected parts whose contacts are modelled.
+    passing: parts that meet in the bind pose and are not taken for attached.
     worn: the connected parts that are taken as worn, where anybody looked.
     findings: what a clean repair may still be looked at for.
     alone_from: first frame from which a repair could not go on with frames together.
@@ -165,6 +172,7 @@ class Report:
     warnings: tuple[str, ...] = ()
     jitter: float | None = None
     attached: AttachedList = field(default_factory=AttachedList)
+    passing: tuple[PassingRecord, ...] = ()
     worn: tuple[WornRecord, ...] = ()
     findings: tuple[MotionFinding, ...] = ()
     alone_from: float | None = None
@@ -199,8 +207,9 @@ class Report:
                 content[name] = asdict(section)
         if self.attached:
             content["attached"] = asdict(self.attached)
-        if self.worn:
-            content["worn"] = [asdict(record) for record in self.worn]
+        for name in ("passing", "worn"):
+            if records := getattr(self, name):
+                content[name] = [asdict(record) for record in records]
         if self.findings:
             content["findings"] = [found.document() for found in self.findings]
         if self.alone_from is not None:

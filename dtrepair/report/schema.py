@@ -245,6 +245,7 @@ SCHEMA: dict[str, Any] = {
     **_object(
         "folder",
         "attached",
+        "passing",
         "worn",
         "findings",
         "alone_from",
@@ -272,6 +273,7 @@ SCHEMA: dict[str, Any] = {
         frames={"type": "array", "items": _FRAME},
         summary=_SUMMARY,
         attached=_ATTACHED,
+        passing={"type": "array", "items": _object(first=_PART, second=_PART)},
         worn={"type": "array", "items": _WORN},
         findings={"type": "array", "items": _FINDING},
         alone_from={"type": "number"},

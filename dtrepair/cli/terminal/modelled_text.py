@@ -9,7 +9,7 @@ from dtrepair.report.modelled import (
     AttachedList,
     AttachedRecord,
     ModelledRecord,
-    PartRecord,
+    PassingRecord,
     WornRecord,
     place,
 )
@@ -23,6 +23,8 @@ def print_modelled(console: Console, report: Report) -> None:
     The numbers are those of the pose that shows it, and of the frame with most pairs, where that
     is known: each frame lists the pairs of parts with most. What meets in frames only is there too.
     """
+    for passing in report.passing:
+        console.result(f"not modelled, passing: {_names(passing)}")
     attached, most = report.attached, _most(report)
     unlisted = "?" if any(frame.modelled.others.parts for frame in report.frames) else "0"
     rows = []
@@ -68,9 +70,9 @@ def modelled_line(attached: AttachedList) -> str:
     )
 
 
-def passing_line(parts: Sequence[tuple[PartRecord, PartRecord]]) -> str:
+def passing_line(parts: Sequence[PassingRecord]) -> str:
     """Say in one line which parts only pass each other in the bind pose, and what changes that."""
-    names = listed([f"{first.name} with {second.name}" for first, second in parts])
+    names = listed([f"{own.first.name} with {own.second.name}" for own in parts])
     return (
         f"not taken as modelled: {names}, which meet in the bind pose and lie elsewhere in nearly "
         "all frames; --attach overrides"
@@ -102,7 +104,7 @@ def props_line(paths: Sequence[str]) -> str:
     )
 
 
-def _names(record: ModelledRecord | AttachedRecord) -> str:
+def _names(record: ModelledRecord | AttachedRecord | PassingRecord) -> str:
     return f"{record.first} with {record.second}"
 
 

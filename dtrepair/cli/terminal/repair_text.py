@@ -61,6 +61,9 @@ def print_plan(console: Console, plan: Plan) -> None:
         for mesh in plan.meshes
     ]
     console.table(["mesh", "vertices", "triangles", "role", "rest pose"], rows)
+    for name in ("attach", "detach", "ignore"):
+        for pair in getattr(plan.objects, name):
+            console.result(f"--{name} {pair}")
     console.result(planned_line(plan))
 
 

@@ -8,7 +8,7 @@ from dtrepair.diagnosis import KEPT, LEFT_OUT, Advice, Strain
 from dtrepair.pipeline.repair.records import REMEDIES
 from dtrepair.pipeline.stages.sources import time_label
 from dtrepair.report.record import FrameRecord
-from dtrepair.wording import frame_list
+from dtrepair.wording import frames_named
 
 # So many lines are told: the report has all of them.
 LINES = 8
@@ -34,8 +34,7 @@ def strain_lines(records: Sequence[FrameRecord]) -> Iterator[str]:
 
 def frames_of(records: Iterable[FrameRecord]) -> str:
     """Return which frames there are, as "frame 2" or "frames 2, 12:19"; nothing without a time."""
-    times = {record.time for record in records if record.time is not None}
-    return f"{'frame' if len(times) == 1 else 'frames'} {frame_list(times)}" if times else ""
+    return frames_named(record.time for record in records if record.time is not None)
 
 
 def _frames(records: Sequence[FrameRecord], worst: FrameRecord) -> str:

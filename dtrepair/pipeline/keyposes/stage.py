@@ -45,7 +45,7 @@ from dtrepair.pipeline.stages.sinks import Sink, open_sink
 from dtrepair.pipeline.stages.sources import StageSource, is_stage, open_source
 from dtrepair.report.findings import FindingKind, MotionFinding, warnings_of
 from dtrepair.report.record import FrameRecord, Report, summarize
-from dtrepair.wording import frame_list
+from dtrepair.wording import frames_named
 
 
 def repair_keyposes(
@@ -101,8 +101,8 @@ def plan_keyposes(
         plain_errors(),
         _prepared(os.fspath(stage), path, chosen, device, None, observer) as prepared,
     ):
-        source, controls = prepared.source, prepared.controls
-        return make_plan(source, prepared.rests, source.times, path, controls.settings)
+        source, each = prepared.source, prepared.controls.settings
+        return make_plan(source, prepared.rests, source.times, path, each, chosen.objects)
 
 
 def _path_of(output: FilePath | None) -> str | None:
@@ -226,6 +226,7 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         frames=frames,
         warnings=(*source.warnings, *still, *lacking, *warnings),
         attached=repairer.modelled.attached,
+        passing=repairer.modelled.passing,
         worn=worn,
         findings=findings,
         keyposes=in_betweens(found, prepared.settings.keys.interpolation, keys.skipped),
@@ -257,7 +258,7 @@ def _lacking_warnings(keys: StageKeys) -> tuple[str, ...]:
         return ()
     one = len(keys.lacking) == 1
     return (
-        f"{'frame' if one else 'frames'} {frame_list(keys.lacking)} between keys cannot be used, "
+        f"{frames_named(keys.lacking)} between keys cannot be used, "
         f"so that {'its span is' if one else 'their spans are'} not looked at: "
         f"{next(iter(keys.lacking.values()))}",
     )

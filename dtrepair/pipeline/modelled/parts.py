@@ -31,6 +31,7 @@ from dtrepair.report.modelled import (
     ModelledList,
     ModelledRecord,
     PartRecord,
+    PassingRecord,
     Point,
     bounded,
 )
@@ -185,10 +186,11 @@ class ModelledParts:
         )
 
     @cached_property
-    def passing(self) -> list[tuple[int, int]]:
+    def passing(self) -> tuple[PassingRecord, ...]:
         """The pairs of parts that only pass each other in the bind pose."""
         told = [own for own in self.references if own.apart and not own.asked]
-        return [(a, b) for own in told for a, b in self._met(own.pairs).parts.tolist()]
+        pairs = [pair for own in told for pair in self._met(own.pairs).parts.tolist()]
+        return tuple(PassingRecord(first=self.records[a], second=self.records[b]) for a, b in pairs)
 
     @cached_property
     def meshes(self) -> set[tuple[int, int]]:
@@ -304,8 +306,7 @@ def tell_modelled(
     if parts.attached:
         observer.remark(ModelledFound(parts.attached))
     if parts.passing:
-        named = [(parts.records[a], parts.records[b]) for a, b in parts.passing]
-        observer.remark(PassingFound(tuple(named)))
+        observer.remark(PassingFound(parts.passing))
 
 
 def _triangles(count: SceneCount, rank: NDArray[np.integer], ranks: int) -> NDArray[np.int64]:

@@ -23,7 +23,7 @@ from dtrepair.report.record import (
     MotionRecord,
     StageRecord,
 )
-from dtrepair.wording import counted, frame_list
+from dtrepair.wording import counted, frames_named
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCount
@@ -47,7 +47,7 @@ def clearance_warnings(records: Sequence[FrameRecord], clearance: float) -> tupl
         return ()
     worst = max(close, key=lambda own: own.left.too_close)
     times = [own.time for own in close if own.time is not None]
-    where = f" in {'frame' if len(times) == 1 else 'frames'} {frame_list(times)}" if times else ""
+    where = f" in {frames_named(times)}" if times else ""
     most = f" in frame {worst.time:.10g}" if len(times) > 1 else ""
     return (
         f"--clearance {clearance:g} is not reached{where}: "

@@ -160,6 +160,7 @@ def repair_here(
         warnings=(*source.warnings, *warnings),
         jitter=outcome.motion.jitter,
         attached=repairer.modelled.attached,
+        passing=repairer.modelled.passing,
         worn=outcome.worn,
         findings=findings,
         alone_from=repairer.alone_from,

@@ -12,7 +12,14 @@ from dtrepair.pipeline.clock import Clock
 from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.modelled.parts import tell_sets
 from dtrepair.pipeline.modelled.worn import tell_worn
-from dtrepair.pipeline.observer import SILENT, ModelledFound, Observer, stop_if_cancelled, warn
+from dtrepair.pipeline.observer import (
+    SILENT,
+    ModelledFound,
+    Observer,
+    PassingFound,
+    stop_if_cancelled,
+    warn,
+)
 from dtrepair.pipeline.repair.chunks import choose_chunk, empty_chunk_warnings
 from dtrepair.pipeline.repair.cluster import Workers
 from dtrepair.pipeline.repair.corrections import CorrectionSink
@@ -113,6 +120,7 @@ def plan_repair(
             chunk.times[chunk.written],
             prepared.output,
             prepared.controls.settings,
+            chosen.objects,
         )
 
 
@@ -204,6 +212,8 @@ def _distributed(
     tell_sets(observer, source)
     if report.attached:
         observer.remark(ModelledFound(report.attached))
+    if report.passing:
+        observer.remark(PassingFound(report.passing))
     tell_worn(observer, report.worn)
     # The workers told nobody else.
     warn(observer, [text for text in report.warnings if text not in source.warnings])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dtrepair.pipeline.errors import InputError
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, StageSource, placing_time
 from dtrepair.report.record import FrameRecord, PrimRecord
-from dtrepair.wording import frame_list, listed
+from dtrepair.wording import frames_named, listed
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCount, SceneCounter
@@ -143,8 +143,7 @@ class HiddenMeshes:
 def _in_frames(times: Sequence[float]) -> str:
     """Return frames in a sentence; the default time needs no word."""
     numbered = [time for time in times if not math.isnan(time)]
-    noun = "frame" if len(numbered) == 1 else "frames"
-    return f" in {noun} {frame_list(numbered)}" if numbered else ""
+    return f" in {frames_named(numbered)}" if numbered else ""
 
 
 def frame_time(frame: Frame) -> float | None:

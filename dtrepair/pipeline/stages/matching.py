@@ -75,7 +75,9 @@ def named_pairs(source: Source, texts: Sequence[str], name: str) -> tuple[tuple[
         option = f"{name} {text}"
         if len(sides) != 2 or not all(side.strip() for side in sides):
             raise UsageError(f'{option}: expected two prims, such as "/Hero/Hair,/Hero/Body"')
-        first, second = (matching_meshes(source, side, option) for side in sides)
+        first, second = (
+            matching_meshes(source, side, f"{option}: {side.strip()}") for side in sides
+        )
         pairs |= {(min(i, j), max(i, j)) for i in first for j in second}
     return tuple(sorted(pairs))
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from dtrepair.pipeline.selection import ObjectSettings
+from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.sources import Source
 
@@ -26,12 +26,14 @@ class PlannedMesh:
 class Plan:
     """The meshes and frames of a run, and its output; None: it only counts.
 
-    times: time codes; NaN for the default time, and for mesh files.
+    times: time codes; NaN for the default time, and for mesh files. objects: what options ask of
+    single meshes and of pairs.
     """
 
     meshes: tuple[PlannedMesh, ...]
     times: tuple[float, ...]
     output: str | None
+    objects: ObjectOptions = field(default_factory=ObjectOptions)
 
 
 def make_plan(
@@ -40,8 +42,9 @@ def make_plan(
     times: Iterable[float],
     output: str | None,
     settings: Sequence[ObjectSettings] = (),
+    objects: ObjectOptions | None = None,
 ) -> Plan:
-    """Return the plan of a run over the frames at `times` (T,)."""
+    """Return the plan of a run over the frames at `times` (T,); the rest as in `Plan`."""
     each = settings or [ObjectSettings()] * len(source.meshes)
     meshes = tuple(
         PlannedMesh(
@@ -49,4 +52,5 @@ def make_plan(
         )
         for mesh, rest, own in zip(source.meshes, rests, each, strict=True)
     )
-    return Plan(meshes, tuple(float(time) for time in times), output)
+    asked = objects or ObjectOptions()
+    return Plan(meshes, tuple(float(time) for time in times), output, asked)

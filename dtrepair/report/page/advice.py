@@ -62,7 +62,9 @@ def advice_box(
     told = lines + [f"Warning: {escape(text)}" for text in texts]
     well = "" if lines else " well"
     if not lines:
-        told.insert(0, "Nothing needs to be done: no frame has anything left.")
+        nothing = "Nothing is left in any frame" if texts else "Nothing needs to be done"
+        end = ": see what the warnings say." if texts else ": no frame has anything left."
+        told.insert(0, nothing + end)
     items = "".join(f"<li>{line}</li>" for line in told)
     return f'<section class="advice{well}"><h2>What to do</h2><ul>{items}</ul></section>'
 

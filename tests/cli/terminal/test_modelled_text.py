@@ -34,7 +34,7 @@ def test_check_lists_the_pairs_of_parts_that_are_modelled(tmp_path: Path) -> Non
 
 def test_what_meets_in_frames_only_is_called_so(capsys: pytest.CaptureFixture[str]) -> None:
     frames = (SimpleNamespace(modelled=ModelledList(listed=(record(1, 46),))),)
-    report: Any = SimpleNamespace(attached=AttachedList(), frames=frames)
+    report: Any = SimpleNamespace(attached=AttachedList(), passing=(), frames=frames)
     print_modelled(Console(), report)
     row = capsys.readouterr().out.splitlines()[1]
     assert row.split()[:4] == ["0", "46", "frames", "only"]

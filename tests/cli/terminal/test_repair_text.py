@@ -174,6 +174,10 @@ def test_a_plan_of_one_frame(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (), rest=CLOSED)
     plan = run("repair", path, "-o", tmp_path / "b.usda", "--dry-run")
     assert "1 frame (default) would be written to " in plan.out
+    pair = "/Root/Tube,/Root/Tube"
+    for option in ("--attach", "--detach", "--ignore"):
+        plan = run("repair", path, "-o", tmp_path / "b.usda", "--dry-run", option, pair)
+        assert f"{option} {pair}\n" in plan.out
 
 
 def test_pairs_closer_than_the_clearance_are_told(tmp_path: Path) -> None:

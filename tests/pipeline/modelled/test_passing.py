@@ -19,6 +19,8 @@ from dtrepair.pipeline.observer import PassingFound
 from dtrepair.pipeline.repair.settings import RepairSettings
 from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
 from dtrepair.repair.options import RepairOptions
+from dtrepair.report.joining import join_reports
+from tests.command_line import run
 from tests.jointed_arm import FRAMES, arm_stage
 from tests.meshes import joined, tube
 from tests.pipeline.hosts import Listener
@@ -66,8 +68,13 @@ def test_what_lies_elsewhere_in_nearly_all_frames_only_passes_by(tmp_path: Path)
     pairs = [frame.before.pairs for frame in report.frames if frame.before is not None]
     assert pairs[0] > 0 and pairs[-1] > 0 and not any(pairs[1:-1])
     (told,) = (remark for remark in host.remarks if isinstance(remark, PassingFound))
-    ((first, second),) = told.parts
-    assert {first.path, second.path} == {"/Root/Hero"} and first.number != second.number
+    (passing,) = told.parts
+    assert {passing.first.path, passing.second.path} == {"/Root/Hero"}
+    assert passing.first.number != passing.second.number
+    # The report says it as well, also one of chunks, and a list of what is modelled.
+    assert report.passing == join_reports([report.document()]).passing == (passing,)
+    listed = run("check", path, "--modelled").out
+    assert f"not modelled, passing: {passing.first} with {passing.second}" in listed
     assert not any("if one is worn over the other" in text for text in host.warnings)
     done = repair_stage(path, tmp_path / "b.usda")
     assert all(frame.status == "clean" for frame in done.frames)
@@ -88,8 +95,8 @@ def test_what_only_passes_by_is_told_where_nothing_is_attached_at_all(tmp_path: 
         host = Listener()
         assert not check_stage(path, observer=host, **choices).attached
         told = [remark.parts for remark in host.remarks if isinstance(remark, PassingFound)]
-        assert [[own.path for own in both] for parts in told for both in parts] == (
-            [["/Root/Body", "/Root/Hair"]] * number
+        assert [(own.first.path, own.second.path) for parts in told for own in parts] == (
+            [("/Root/Body", "/Root/Hair")] * number
         )
     for objects in (ObjectOptions(), ObjectOptions(detach=(TWO,))):
         host = Listener()

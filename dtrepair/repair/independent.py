@@ -20,6 +20,7 @@ from dtrepair.repair.relief.opening import opened_frames, own_rest, too_close
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.bounds import Judged, bounded_pose, came_off, wrong_of
+from dtrepair.repair.scene.holding import is_tied
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.results import kept, results_of
@@ -168,7 +169,7 @@ def _dressed(
     """
     left = _left(scene, pose, found)
     off = left[1] or any(own.kind == StrainKind.WORN for own in found.judged.excess)
-    stuck = left[0] > 0 and not (scene.held is not None and scene.held.tied)
+    stuck = left[0] > 0 and not is_tied(scene)
     if not (off or stuck) or meshes.dressed is None:
         return found
     start, best = time.perf_counter(), found

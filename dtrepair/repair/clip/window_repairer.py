@@ -37,6 +37,7 @@ from dtrepair.repair.relief.props_back import props_back
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.relief.starting_again import started_again
 from dtrepair.repair.scene.bounds import Judged, bounded_frames
+from dtrepair.repair.scene.holding import is_tied
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.separation.groups import faulty_bodies, groups_meet, groups_of_bodies
@@ -141,9 +142,13 @@ class WindowRepairer:
             return [Judged(frame.centred) for frame in frames], meshes
         solved, place = without_holds(frames, longest=self.options.longest_hold)
         self._worth = share * len(frames) / len(solved)
-        judged, meshes = with_props(meshes, solved, self._judged, options=ways)
-        judged, meshes = on_other_ways(meshes, solved, judged, self._judged, options=ways)
-        judged = with_turns(meshes, solved, judged, self._judged, options=ways)
+        # Attached parts take their garments along from the start: through a coat that is free limbs
+        # are pushed, and what that strains is solved twice.
+        first = meshes.dressed if is_tied(meshes.scene) else None
+        judged, taken = with_props(first or meshes, solved, self._judged, options=ways)
+        judged, taken = on_other_ways(taken, solved, judged, self._judged, options=ways)
+        judged = with_turns(taken, solved, judged, self._judged, options=ways)
+        meshes = meshes.with_rigid({k for k, own in enumerate(taken.scene.bodies) if own.rigid})
         times, numbers = _times(solved), self.options.independent
         judged = props_back(meshes.scene, solved, judged, times, options=numbers.props_back)
         judged = with_followers(meshes.scene, solved, judged, times, options=numbers.followers)
@@ -159,7 +164,7 @@ class WindowRepairer:
         spread = partial(side_by_side, jobs=self.jobs)
         own, opened = inside_out(meshes, frames, self._solve, spread, options=ways)
         parts = own.scene, own([frame.sewn for frame in frames]), opened
-        tied = None if scene.held is not None and scene.held.tied else meshes.dressed
+        tied = None if is_tied(scene) else meshes.dressed
         poses = self._solved(*parts, unless_stuck=tied is not None)
         if tied is not None and (poses is None or frames_off(scene, frames, poses)):
             dressed = self._judged(tied, frames)

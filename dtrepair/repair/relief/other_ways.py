@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.temporal import runs_of
 from dtrepair.repair.scene.bounds import Judged, came_off, pairs_and_enclosed, wrong_in
+from dtrepair.repair.scene.holding import is_tied
 from dtrepair.repair.scene.opened_pose import OpenedPose, Pose, detected
 from dtrepair.repair.scene.props import bent_bodies
 from dtrepair.repair.scene.scene import Scene
@@ -33,6 +34,8 @@ class OtherWayOptions:
             their garments held, and where joints turn, as many as are strained.
         nearly: Frames of attached parts with at most so many pairs and parts inside others, both
             together, go ways on which other creases are shared.
+        probes, helped: Ways that other creases or other garments make are tried on so many frames,
+            those with least left, and on the others where at most this share of it stays.
         large: Scenes of more triangles get fewer frames by that ratio, but one at least; ...
         more: ... those of fewer get more, up to this factor.
     """
@@ -43,6 +46,8 @@ class OtherWayOptions:
     few: int = 3
     share: float = 0.25
     nearly: int = 60
+    probes: int = 2
+    helped: float = 0.5
     large: int = 20_000
     more: float = 2.0
 
@@ -147,7 +152,7 @@ def on_other_ways(
     something is left in them: a prop that bends within the bounds elsewhere is left at that.
     """
     scene, taken, result = meshes.scene, meshes, judged
-    if scene.held is not None and scene.held.tied:
+    if is_tied(scene):
         return _each_on_its_way(meshes, frames, judged, judge, options), meshes
     if not any(found.lowered for found in judged):
         return judged, meshes
@@ -178,15 +183,15 @@ def _each_on_its_way(
         *,
         farther: bool = False,
         most: int | None = None,
-    ) -> None:
-        """Solve the chosen frames (T,) that are not clean, as many as may be.
+    ) -> NDArray[np.bool_]:
+        """Solve the chosen frames (T,) that are not clean, as many as may be; return which.
 
         farther: whether they may go much farther: the first way may have left what is as mobile.
         most: see `OtherWayOptions.again`.
         """
-        count = len(scene.faces)
+        count, tried = len(scene.faces), np.zeros(len(frames), dtype=bool)
         for run in options.again(chosen & (wrong > 0), wrong.tolist(), count, most=most):
-            own = frames[run]
+            own, tried[run] = frames[run], True
             other = judge(way, list(own))
             left = _wrong(scene, own, other)
             for place, pose, less in zip(range(run.start, run.stop), other, left, strict=True):
@@ -194,17 +199,29 @@ def _each_on_its_way(
                 moved = (farthest_move(scene, frame, [own]) for own in (pose, result[place]))
                 if less < wrong[place] and (farther or not options.much_farther(*moved)):
                     result[place], wrong[place] = pose, less
+        return tried
+
+    def probe(way: WeldedMeshes, chosen: NDArray[np.bool_], *, most: int | None = None) -> None:
+        """Take the chosen frames (T,) with least left, and the others only where that helped."""
+        before, left = wrong.copy(), np.where(chosen & (wrong > 0), wrong, np.inf)
+        first = np.isin(np.arange(len(left)), np.argsort(left)[: options.probes])
+        tried = take(way, first & chosen, farther=True, most=options.probes)
+        if wrong[tried].sum() <= options.helped * before[tried].sum():
+            take(way, chosen & ~tried, farther=True, most=most)
 
     lowered = np.array([found.lowered for found in judged])
     if (lowered & (wrong > 0)).any():
         bent = [bent_bodies(scene, found) for found in judged]
         for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
             take(way, lowered)
-        if meshes.dressed is not None:
-            take(meshes.dressed, lowered, farther=True, most=int(lowered.sum()))
+        dress = meshes.undressed if scene.dressed else meshes.dressed
+        if dress is not None:
+            take(dress, lowered, farther=True, most=int(lowered.sum()))
+    if scene.dressed and (wrong > 0).any():
+        probe(meshes.undressed, ~lowered, most=len(frames))
     if ((wrong > 0) & (wrong <= options.nearly)).any():
         for way in meshes.creased:
-            take(way, wrong <= options.nearly, farther=True)
+            probe(way, wrong <= options.nearly)
     return result
 
 

@@ -34,6 +34,11 @@ class HoldOptions:
     unseen: float = 3e-5
 
 
+def is_tied(scene: Scene) -> bool:
+    """Return whether anything of a scene is tied to something else."""
+    return scene.held is not None and scene.held.tied
+
+
 class Holding:
     """Brings attached parts of a scene together; what it solves with is factored once."""
 

@@ -238,6 +238,11 @@ class WeldedMeshes:
         return self._of(self.scene.changed("held", dressed=True), "dressed")
 
     @cached_property
+    def undressed(self) -> WeldedMeshes:
+        """The meshes with garments free."""
+        return self._of(self.scene.changed("held", dressed=False), "undressed")
+
+    @cached_property
     def inner(self) -> PartMeshes | None:
         """The meshes of what open layers lie over; None where there are none."""
         parts = None if self.scene.options.method == "paper" else inner_parts(self.scene)

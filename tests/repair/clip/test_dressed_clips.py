@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from dtrepair import Body, SceneRepairer
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
 from dtrepair.repair.clip import window_repairer
 from dtrepair.repair.clip.clip_options import ClipOptions
@@ -18,6 +20,7 @@ from dtrepair.repair.clip.window_repairer import WindowRepairer
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.relief import other_ways
 from dtrepair.repair.scene.bounds import Judged
+from dtrepair.repair.scene.holding import is_tied
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import detected, gathered
 from dtrepair.repair.scene.scene import Scene
@@ -25,7 +28,7 @@ from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.separation.starts import Starts
 from dtrepair.repair.solution_cache import remembering
 from tests.exact_reference import exact_pairs
-from tests.meshes import armed_body, joined
+from tests.meshes import armed_body, joined, tube
 from tests.repair.separation.test_lifting import ARM, SLEEVE
 
 AROUND = 10
@@ -169,6 +172,34 @@ def test_what_leaves_less_is_taken_where_pushing_is_stuck_or_something_came_off(
         True,
     ]
     assert asked == tried
+
+
+@pytest.mark.parametrize("attached", [True, False])
+def test_attached_parts_take_their_garments_along_from_the_start(
+    attached: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A hand that ends in the arm, and a sleeve over it."""
+    hand = tube(10, 12, 0.15, 0.5)
+    end = ARM[0][ARM[0][:, 0] > ARM[0][:, 0].max() - 1e-6].mean(axis=0)
+    bodies = [Body(*ARM), Body(hand[0][:, [2, 1, 0]] + end, hand[1][:, ::-1]), Body(*SLEEVE)]
+    rest, faces = joined(*((own.rest, own.faces) for own in bodies))
+    references = [Reference(rest, Detector(rest, faces)(rest))] if attached else []
+    meshes = WeldedMeshes(make_scene(bodies, RepairOptions(), references=references))
+    assert is_tied(meshes.scene) == attached and meshes.dressed is not None
+    opened = detected(meshes.scene, gathered(meshes.scene, [own.rest for own in bodies]))
+    some = replace(opened, pairs=np.zeros((1, 2), dtype=np.int32))
+    asked: list[WeldedMeshes] = []
+
+    def judged(_: Any, own: WeldedMeshes, frames: list[Frame]) -> list[Judged]:
+        asked.append(own)
+        return [Judged(frame.centred) for frame in frames]
+
+    monkeypatch.setattr(WindowRepairer, "_judged", judged)
+    repairer = WindowRepairer(meshes, options=ClipOptions(), make_method=lambda _: None, jobs=1)  # type: ignore[arg-type, return-value]
+    found, taken = repairer._on_all_ways(meshes, [Frame(**vars(some), time=0.0)], 1.0)
+    assert asked[0] is (meshes.dressed if attached else meshes)
+    # What comes after is of the garments as they were.
+    assert taken is meshes and np.array_equal(found[0].points, opened.centred)
 
 
 @pytest.mark.parametrize("dirty", [1, 2])

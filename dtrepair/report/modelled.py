@@ -9,8 +9,6 @@ from typing import Any
 # So many pairs of parts are listed for a frame and for a run, and so many as attached.
 LISTED = 20
 LISTED_ATTACHED = 200
-# A coordinate that is so small a part of the largest one is zero in words.
-ROUNDING = 1e-9
 
 Point = tuple[float, float, float]
 
@@ -239,9 +237,8 @@ def over_frames(lists: Iterable[ModelledList]) -> ModelledList:
 
 
 def place(centre: Sequence[float]) -> str:
-    """Return a position in words: its coordinates, zero where only rounding keeps them from it."""
-    noise = ROUNDING * max(map(abs, centre))
-    return " ".join(f"{value if abs(value) > noise else 0.0:.10g}" for value in centre)
+    """Return a position in words: its coordinates."""
+    return " ".join(f"{value:.10g}" for value in centre)
 
 
 def _most(record: ModelledRecord) -> int:

@@ -288,10 +288,13 @@ def _joined_record(chunks: Sequence[_Chunk], sources: Sequence[str]) -> dict[str
         for prim, times in chunk.written.items():
             written.setdefault(prim, set()).update(times)
     rest = [{k: v for k, v in chunk.record.items() if k not in RECORD_KEYS} for chunk in chunks]
+    digests = {chunk.record.get("input_digest") for chunk in chunks}
+    digest = {"input_digest": digests.pop()} if len(digests) == 1 and None not in digests else {}
     defaults = {prim for chunk in chunks for prim in chunk.record.get("written_default", ())}
     return {
         "version": first.get("version"),
         "input": sources[0] if sources else None,
+        **digest,
         "settings": {k: v for k, v in first.get("settings", {}).items() if k != "chunk"},
         "frames": np.array(sorted(set().union(*written.values())), dtype=np.float64),
         "written": {prim: sorted(times) for prim, times in written.items()},

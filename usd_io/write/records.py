@@ -90,9 +90,13 @@ def check_alike(
     ]
     if first.get("version") != other.get("version"):
         reasons.insert(0, f"version ({_told(first, 'version')} and {_told(other, 'version')})")
-    if first.get("input_digest") != other.get("input_digest"):
-        alike = ("chunk" in settings[0]) == ("chunk" in settings[1])  # only chunks have a digest
-        reasons.insert(0, "the content of the input" if alike else "that only one is a chunk")
+    digests = [own.get("input_digest") for own in (first, other)]
+    chunks = ["chunk" in own for own in settings]
+    # Whole layers of other programs and versions may have none.
+    if digests[0] != digests[1] and (all(chunks) or None not in digests):
+        reasons.insert(0, "the content of the input")
+    if any(chunks) and not all(chunks):
+        reasons.insert(0, "that only one is a chunk")
     if reasons:
         raise StageError(
             f"{first_path} and {path} differ in {', '.join(reasons[:4])}; write them again, all "

@@ -97,8 +97,9 @@ def command(
         raise UsageError("name an output with -o OUT, or --verify-only, which writes nothing")
     check_report_places(reports, console, source_path, others=[output])
     if output is not None:
+        read = source_path, [settings.rest] if settings.rest else []
         known = settings.recorded, KeyposeSettings().recorded
-        if skip_existing and already_written(output, console, reports, [source_path], known):
+        if skip_existing and already_written(output, console, reports, *read, known):
             return CLEAN
         clean_up_if_forced(output)
     inputs = (source_path, output, settings)

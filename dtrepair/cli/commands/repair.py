@@ -106,8 +106,9 @@ def command(
         dtrepair repair body.obj -o body_repaired.obj
     """
     check_report_places(reports, console, source_path, others=[output])
+    read = source_path, [settings.rest] if settings.rest else []
     known = settings.recorded, RepairSettings().recorded
-    if skip_existing and already_written(output, console, reports, [source_path], known):
+    if skip_existing and already_written(output, console, reports, *read, known):
         return CLEAN
     inputs = (source_path, output, settings)
     replaced = None if running["resume"] else output

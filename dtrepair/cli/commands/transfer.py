@@ -77,7 +77,7 @@ class GreedyPoses(Command):
 @click.option(
     "--skip-existing",
     is_flag=True,
-    help="Do nothing if OUT is there already, of this input as it is now and these choices.",
+    help="Do nothing if OUT is there already, of these choices, and no input file is newer.",
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and write nothing.")
 @transfer_settings
@@ -118,7 +118,7 @@ def command(
     read, written = files_of(source_path, target_path, settings)
     check_report_places(reports, console, *read, others=[output, *written])
     known = settings.recorded(source_path, target_path), TransferSettings.unsaid()
-    if skip_existing and already_written(output, console, reports, read, known):
+    if skip_existing and already_written(output, console, reports, None, read, known):
         return CLEAN
     observer = ConsoleObserver(console, say, output=output)
     inputs = (source_path, target_path, output, settings)

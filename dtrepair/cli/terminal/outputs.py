@@ -90,15 +90,16 @@ def already_written(
     output: str,
     console: Console,
     reports: Reports = NOWHERE,
+    over: str | None = None,
     inputs: Sequence[str] = (),
     choices: tuple[Mapping[str, Any], Mapping[str, Any]] | None = None,
 ) -> bool:
     """Return whether --skip-existing finds a whole output; tell that, and what cannot be read.
 
-    reports: what is not written then, which is told. inputs: what it is made of, one: a layer lies
-    over it; with another content than then it is made again. choices: those of the run as a record
-    holds them, and their defaults; None: it may have any. Raises UsageError for a layer that says
-    that it is the result of another run.
+    reports: what is not written then, which is told. over: the stage that a layer lies over;
+    inputs: what else it is made of: an output of other contents than now is made again. choices:
+    those of the run as a record holds them, and their defaults; None: it may have any. Raises
+    UsageError for a layer that says that it is the result of another run.
     """
     if not os.path.exists(output):
         return False
@@ -106,7 +107,6 @@ def already_written(
         console.warn([f"{output}: exists, but cannot be read: it is written again"])
         return False
     if is_stage(output):
-        over = inputs[0] if len(inputs) == 1 else None
         if choices is not None and (other := other_result(output, over, *choices)):
             raise UsageError(
                 f"{output}: exists, and is {other}: --skip-existing takes only a result of this "
@@ -114,10 +114,15 @@ def already_written(
             )
         if not has_record(output):
             console.warn([f"{output}: has no record of dtrepair, and may not be its output"])
-            inputs = ()
-    if newer := earlier_than(output, inputs):
+            return _skipped(output, reports, console)
+    if newer := earlier_than(output, [*([over] if over else []), *inputs]):
         console.warn([f"{output}: exists, of an earlier {newer}: it is written again"])
         return False
+    return _skipped(output, reports, console)
+
+
+def _skipped(output: str, reports: Reports, console: Console) -> bool:
+    """Say that an output is left as it is, and what else is not written."""
     unwritten = [name for name, value in vars(reports).items() if value is not None]
     end = f"; no {' and no '.join(unwritten)} is written" if unwritten else ""
     console.result(f"{output}: exists; skipped{end}")

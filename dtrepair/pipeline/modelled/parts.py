@@ -187,9 +187,10 @@ class ModelledParts:
 
     @cached_property
     def passing(self) -> tuple[PassingRecord, ...]:
-        """The pairs of parts that only pass each other in the bind pose."""
+        """Pairs of parts that only pass each other in the bind pose, as many as are listed."""
         told = [own for own in self.references if own.apart and not own.asked]
         pairs = [pair for own in told for pair in self._met(own.pairs).parts.tolist()]
+        pairs = pairs[:LISTED_ATTACHED]
         return tuple(PassingRecord(first=self.records[a], second=self.records[b]) for a, b in pairs)
 
     @cached_property

@@ -74,6 +74,7 @@ class CorrectionSink:
 
     def __init__(self, source: Source, path: str, settings: dict[str, Any], form: str) -> None:
         """Check the output, before anything is computed; form: "shapes" or "offsets"."""
+        from usd_io import input_digest
         from usd_io.paths import check_output_path
         from usd_io.read.stages import check_not_an_input
         from usd_io.write.corrections import check_correctable
@@ -92,6 +93,7 @@ class CorrectionSink:
         self.form = form
         self._source, self._settings, self.path = source, settings, path
         self._moved = [_Moved() for _ in source.meshes]
+        self._digest = input_digest(source.opened)
         self._corrections: list[Correction] | None = None
         self._error = 0.0
         self._size: float | None = None
@@ -184,17 +186,15 @@ class CorrectionSink:
     def commit(self, record: dict[str, Any]) -> tuple[str, ...]:
         """Write the layer."""
         from dtrepair import __version__
-        from usd_io import input_digest
         from usd_io.write.corrections import write_corrections, write_offsets
 
         if self._corrections is None:
             self.settle()
         assert self._corrections is not None
         write = write_corrections if self.form == "shapes" else write_offsets
-        opened = self._source.opened
         own = {"version": __version__, "settings": self._settings, "form": self.form}
-        whole = {**own, "input_digest": input_digest(opened), **record}
-        write(self.path, opened, self._corrections, record=whole)
+        whole = {**own, "input_digest": self._digest, **record}
+        write(self.path, self._source.opened, self._corrections, record=whole)
         return tuple(self._warnings)
 
     def tell(self, observer: Observer) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any
 
 from dtrepair.pipeline.errors import OutputError, UsageError
@@ -90,13 +90,18 @@ def earlier_than(path: FilePath, inputs: Iterable[str]) -> str:
 
     record, below = record_of(path) if is_stage(os.fspath(path)) else ({}, "")
     digest = record.get("input_digest")
-    for name in filter(os.path.isfile, inputs):
+    for name in inputs:
+        file = name.partition("[")[0]  # a path into a package
+        if not os.path.isfile(file):
+            continue
         if digest and below and _same(below, name):
-            # What is wrong with an input that does not open the run itself tells.
-            with suppress(UsdIoError):
-                if digest != input_digest(open_stage(name)):
-                    return name
-        elif os.path.getmtime(name) > os.path.getmtime(path):
+            try:
+                if digest == input_digest(open_stage(name)):
+                    continue
+            except UsdIoError:
+                pass  # the run tells what is wrong with it
+            return name
+        if os.path.getmtime(file) > os.path.getmtime(path):
             return name
     return ""
 

@@ -82,12 +82,12 @@ class StageSink:
         self._own = [set(mesh.times.tolist()) for mesh in self._meshes]
         self._put: list[set[float]] = [set() for _ in self._meshes]
         self._written: set[int] = set()
-        self._record = {"input_digest": input_digest(source.opened)}
         self._seen: set[float] = set()
         self._only_frames = only_frames
         self._writer = OverrideWriter(
             source.opened, path, settings=settings, version=__version__, normals=normals
         )
+        self._record = {"input_digest": input_digest(source.opened)}
 
     def put(self, index: int, time: float, points: NDArray[np.float32] | None) -> None:
         """Write points; what is kept of a mesh shows at the end, if it is written at all."""

@@ -148,7 +148,10 @@ class WindowRepairer:
         judged, taken = with_props(first or meshes, solved, self._judged, options=ways)
         judged, taken = on_other_ways(taken, solved, judged, self._judged, options=ways)
         judged = with_turns(taken, solved, judged, self._judged, options=ways)
-        meshes = meshes.with_rigid({k for k, own in enumerate(taken.scene.bodies) if own.rigid})
+        if first is None:
+            meshes = taken
+        else:
+            meshes = meshes.with_rigid({k for k, own in enumerate(taken.scene.bodies) if own.rigid})
         times, numbers = _times(solved), self.options.independent
         judged = props_back(meshes.scene, solved, judged, times, options=numbers.props_back)
         judged = with_followers(meshes.scene, solved, judged, times, options=numbers.followers)

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
+from pxr import UsdUtils
 
 from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
 
@@ -72,6 +73,52 @@ def test_a_layer_over_an_earlier_content_is_made_again(tmp_path: Path, command: 
     assert f"{output}: exists, of an earlier {path}: it is written again" in done.err
     done = run(*asked)
     assert "exists; skipped" in done.out and done.err == ""
+
+
+def test_a_layer_of_corrections_says_what_it_is_of(tmp_path: Path) -> None:
+    path, output = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN)), tmp_path / "b.usdc"
+    asked = ("repair", path, "-o", output, "--delta", "--skip-existing")
+    assert run(*asked).code == 0 and "exists; skipped" in run(*asked).out
+    tube_stage(path, (OPEN, CLOSED))
+    os.utime(path, (0, 0))
+    assert "of an earlier" in run(*asked).err
+
+
+def test_joined_layers_say_what_they_are_of(tmp_path: Path) -> None:
+    path, output = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN)), tmp_path / "b.usdc"
+    parts = [tmp_path / f"{part}.usdc" for part in (1, 2)]
+    for number, part in enumerate(parts, start=1):
+        assert run("repair", path, "-o", part, "--chunk", f"{number}/2").code == 0
+    assert run("join", *parts, "-o", output).code == 0
+    asked = ("repair", path, "-o", output, "--skip-existing")
+    assert "exists; skipped" in run(*asked).out
+    tube_stage(path, (OPEN, CLOSED))
+    os.utime(path, (0, 0))
+    assert "of an earlier" in run(*asked).err
+
+
+@pytest.mark.parametrize("content", [b"", b"nothing of the kind"])
+def test_a_damaged_input_is_not_done(tmp_path: Path, content: bytes) -> None:
+    path, output = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN)), tmp_path / "b.usdc"
+    assert run("repair", path, "-o", output).code == 0
+    path.write_bytes(content)
+    done = run("repair", path, "-o", output, "--skip-existing")
+    assert done.code == 3 and "skipped" not in done.out
+
+
+def test_a_package_and_a_rest_are_inputs_too(tmp_path: Path) -> None:
+    inner, package = tube_stage(tmp_path / "a.usdc", (CLOSED, OPEN)), tmp_path / "a.usdz"
+    output, rest = tmp_path / "b.usdc", tube_obj(tmp_path / "rest.obj", OPEN)
+    assert UsdUtils.CreateNewUsdzPackage(str(inner), str(package))
+    asked = ("repair", f"{package}[a.usdc]", "-o", output, "--skip-existing", "--rest", rest)
+    assert run(*asked).code == 0 and "exists; skipped" in run(*asked).out
+    os.utime(rest, (later := output.stat().st_mtime + 5, later))
+    assert f"of an earlier {rest}" in run(*asked).err
+    os.utime(rest, (0, 0))
+    tube_stage(inner, (OPEN, CLOSED))
+    package.unlink()
+    assert UsdUtils.CreateNewUsdzPackage(str(inner), str(package))
+    assert f"of an earlier {package}[a.usdc]" in run(*asked).err
 
 
 @pytest.mark.parametrize("command", ["repair", "transfer", "join"])

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
-from dtrepair.pipeline import check_stage, repair_stage
+from dtrepair.pipeline import check_stage, repair_keyposes, repair_stage
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.modelled.meetings import MeetingOptions, meetings
 from dtrepair.pipeline.modelled.meshes import PASSING
@@ -77,6 +77,9 @@ def test_what_lies_elsewhere_in_nearly_all_frames_only_passes_by(tmp_path: Path)
     assert f"not modelled, passing: {passing.first} with {passing.second}" in listed
     assert not any("if one is worn over the other" in text for text in host.warnings)
     done = repair_stage(path, tmp_path / "b.usda")
+    assert done.passing == repair_keyposes(path, None).passing == (passing,)
+    text = run("repair", path, "-o", tmp_path / "c.usda", "--distributed", "local").err
+    assert f"not taken as modelled: {passing.first.name} with {passing.second.name}" in text
     assert all(frame.status == "clean" for frame in done.frames)
 
 

@@ -181,12 +181,14 @@ def test_attached_parts_take_their_garments_along_from_the_start(
     """A hand that ends in the arm, and a sleeve over it."""
     hand = tube(10, 12, 0.15, 0.5)
     end = ARM[0][ARM[0][:, 0] > ARM[0][:, 0].max() - 1e-6].mean(axis=0)
-    bodies = [Body(*ARM), Body(hand[0][:, [2, 1, 0]] + end, hand[1][:, ::-1]), Body(*SLEEVE)]
-    rest, faces = joined(*((own.rest, own.faces) for own in bodies))
+    turned = hand[0][:, [2, 1, 0]] + end, hand[1][:, ::-1]
+    bodies = [Body(*ARM), Body(*turned), Body(*SLEEVE)]
+    rest, faces = joined(ARM, turned, SLEEVE)
     references = [Reference(rest, Detector(rest, faces)(rest))] if attached else []
     meshes = WeldedMeshes(make_scene(bodies, RepairOptions(), references=references))
     assert is_tied(meshes.scene) == attached and meshes.dressed is not None
-    opened = detected(meshes.scene, gathered(meshes.scene, [own.rest for own in bodies]))
+    assert meshes.dressed.scene.dressed and not meshes.dressed.undressed.scene.dressed
+    opened = detected(meshes.scene, gathered(meshes.scene, [ARM[0], turned[0], SLEEVE[0]]))
     some = replace(opened, pairs=np.zeros((1, 2), dtype=np.int32))
     asked: list[WeldedMeshes] = []
 
@@ -200,6 +202,23 @@ def test_attached_parts_take_their_garments_along_from_the_start(
     assert asked[0] is (meshes.dressed if attached else meshes)
     # What comes after is of the garments as they were.
     assert taken is meshes and np.array_equal(found[0].points, opened.centred)
+
+
+def test_free_parts_keep_the_meshes_of_the_way_they_took(monkeypatch: pytest.MonkeyPatch) -> None:
+    meshes = WeldedMeshes(make_scene([Body(*ARM), Body(*SLEEVE)], RepairOptions()))
+    opened = detected(meshes.scene, gathered(meshes.scene, [ARM[0], SLEEVE[0]]))
+    some = replace(opened, pairs=np.zeros((1, 2), dtype=np.int32))
+    other = WeldedMeshes(meshes.scene, way="undirected")
+
+    def on_other_ways(_: Any, __: Any, judged: list[Judged], *___: Any, **____: Any) -> Any:
+        return judged, other
+
+    monkeypatch.setattr(window_repairer, "on_other_ways", on_other_ways)
+    monkeypatch.setattr(
+        WindowRepairer, "_judged", lambda _, __, frames: [Judged(own.centred) for own in frames]
+    )
+    repairer = WindowRepairer(meshes, options=ClipOptions(), make_method=lambda _: None, jobs=1)  # type: ignore[arg-type, return-value]
+    assert repairer._on_all_ways(meshes, [Frame(**vars(some), time=0.0)], 1.0)[1] is other
 
 
 @pytest.mark.parametrize("dirty", [1, 2])

@@ -51,6 +51,13 @@ class Trial:
         if "dressed" in left:
             self.ways["dressed"] = WeldedMeshes(replace(scene))
             monkeypatch.setattr(self.meshes, "dressed", self.ways["dressed"])
+        if "free" in left:
+            # A scene whose garments are held, and one with free ones.
+            self.meshes = WeldedMeshes(replace(scene, dressed=True))
+            self.ways["free"] = WeldedMeshes(replace(scene))
+            monkeypatch.setattr(self.meshes, "otherwise", lambda *_: iter([]))
+            monkeypatch.setattr(self.meshes, "creased", ())
+            monkeypatch.setattr(self.meshes, "undressed", self.ways["free"])
         monkeypatch.setattr(other_ways, "pairs_and_enclosed", self.told)
         self.judged = [self.pose("first", k)._replace(lowered=lowered) for k in range(FRAMES)]
 
@@ -159,6 +166,18 @@ def test_strained_frames_are_dressed_and_may_go_far(
     # However few are solved again otherwise.
     assert trial.run(few=1, share=0.1, farther=2.0, near=0.3) == found
     assert (("dressed", [1, 2, 3, 4, 5]) in trial.asked) == lowered
+
+
+@pytest.mark.parametrize("lowered", [True, False])
+def test_held_garments_are_freed_where_that_leaves_less(
+    lowered: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, free = same(0, 90, 70, 80, 90, 90), same(0, 0, 0, 0, 95, 0)
+    trial = Trial(monkeypatch, {"first": first, "free": free}, lowered=lowered, farther=0.5)
+    assert trial.run(few=6, probes=2) == same(0, 0, 0, 0, 90, 0)
+    # Strained frames all at once, others after those with least left.
+    tried = [places for name, places in trial.asked if name == "free"]
+    assert tried == ([[1, 2, 3, 4, 5]] if lowered else [[2, 3], [1], [4, 5]])
 
 
 def test_creases_may_lead_far(monkeypatch: pytest.MonkeyPatch) -> None:

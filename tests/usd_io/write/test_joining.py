@@ -174,13 +174,16 @@ def test_strangers_are_refused(tmp_path: Path) -> None:
         ({"record": {**own, "chunk": "2/2", "list": [1, 3]}}, "in list"),
         ({"record": {**own, "chunk": "2/2"}, "version": "2"}, r"in version \(1 and 2\)"),
         ({"record": {**own, "chunk": "2/2"}, "more": {"input_digest": "f00d"}}, "the content of"),
-        ({"record": own, "change": 5.0}, "disagree about"),
+        ({"record": {**own, "chunk": "2/2"}, "change": 5.0}, "disagree about"),
+        ({"record": own}, "that only one is a chunk"),
     ]
     for options, words in others:
         times = [0, 1] if "change" in options else [1]
         other = chunk(path, tmp_path / "other.usdc", times, **options)
         for order in ([*split, other], [split[0], other]):
-            with pytest.raises(StageError, match=words if len(order) > 2 else "missing|differ"):
+            with pytest.raises(
+                StageError, match=words if len(order) > 2 else "missing|differ|disagree"
+            ):
                 join_layers(order, tmp_path / "bad.usdc", differing=["frames"])
     assert not (tmp_path / "bad.usdc").exists()
 

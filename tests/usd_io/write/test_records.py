@@ -101,10 +101,12 @@ def test_a_sample_that_cannot_be_read_names_layer_and_attribute(tmp_path: Path) 
     ("entries", "words"),
     [
         ({"settings": {"chunk": "2/2"}, "input_digest": "f00d"}, "the content of the input"),
-        ({"settings": {}}, "that only one is a chunk"),
+        ({"settings": {}, "input_digest": "beef"}, "that only one is a chunk"),
     ],
 )
 def test_what_two_layers_differ_in_is_named(entries: dict[str, Any], words: str) -> None:
     part = {"settings": {"chunk": "1/2"}, "input_digest": "beef"}
     with pytest.raises(StageError, match=rf"differ in {words}; write them again"):
         check_alike("a.usdc", part, "b.usdc", entries, ())
+    # Whole layers of other versions say nothing of the content.
+    check_alike("a.usdc", {"settings": {}, "input_digest": "beef"}, "b.usdc", {"settings": {}}, ())

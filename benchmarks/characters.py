@@ -119,7 +119,8 @@ def main(arguments: list[str] | None = None) -> int:
 def measure(path: Path, kind: str, order: Order) -> Figures:
     """Repair one stage, or take what is there, and measure it."""
     character = read_character(path)
-    known = study(character, at_rest=kind == "worn")
+    # Baked characters show their bind pose at the default time, if at all.
+    known = study(character, at_rest=kind == "worn" or not any(character.skeleton))
     frames, options = _frames(known, order.frames)
     if order.jobs is not None:
         options += ["--jobs", str(order.jobs)]

@@ -204,7 +204,7 @@ def _each_on_its_way(
     def probe(way: WeldedMeshes, chosen: NDArray[np.bool_], *, most: int | None = None) -> None:
         """Take the chosen frames (T,) with least left, and the others only where that helped."""
         before, left = wrong.copy(), np.where(chosen & (wrong > 0), wrong, np.inf)
-        first = np.isin(np.arange(len(left)), np.argsort(left)[: options.probes])
+        first = np.isin(np.arange(len(left)), np.argsort(left, kind="stable")[: options.probes])
         tried = take(way, first & chosen, farther=True, most=options.probes)
         if wrong[tried].sum() <= options.helped * before[tried].sum():
             take(way, chosen & ~tried, farther=True, most=most)

@@ -55,7 +55,7 @@ def test_what_jumps_is_told_but_not_where_frames_are_solved_alone(
     sharp = partial(JumpMeter, options=JumpOptions(farther=-1.0))
     monkeypatch.setattr(motion, "JumpMeter", sharp)
     (text,) = told(stage)
-    assert text.startswith(f"corrections that jump: {MOVED} in frame 2:6 (by up to ")
+    assert text.startswith(f"corrections that jump: {MOVED} in frames 2:6 (by up to ")
     assert told(stage, alone=True) == []
 
 
@@ -104,8 +104,8 @@ def test_the_meshes_that_jump_farthest_come_first(tmp_path: Path) -> None:
     assert [own.kind for own in findings] == ["jumps"] * 2
     assert findings[1].times == (source.times[2], source.times[5])
     (text,) = warnings_of(findings)
-    assert text.startswith(f"corrections that jump: {WALL} in frame 3, 6 (by up to 20 %")
-    assert "; " in text and f"{MOVED} in frame 3, 6 (by up to 10 %" in text
+    assert text.startswith(f"corrections that jump: {WALL} in frames 3, 6 (by up to 20 %")
+    assert "; " in text and f"{MOVED} in frames 3, 6 (by up to 10 %" in text
     assert found.jitter is not None and found.jitter > 0.01
 
 
@@ -195,7 +195,7 @@ def test_bent_props_are_told_with_what_keeps_them(tmp_path: Path) -> None:
         return [text for text in report.warnings if text.startswith("bent")]
 
     (text,) = bent(None)
-    assert f"{MOVED} in frame " in text and WALL not in text and "--rigid" in text
+    assert f"{MOVED} in frames " in text and WALL not in text and "--rigid" in text
     assert bent(MOVED) == []
 
 
@@ -218,7 +218,7 @@ def test_what_gave_way_though_it_stands_still_is_told(tmp_path: Path) -> None:
         return [text for text in report.warnings if text.startswith("moved, though")]
 
     (text,) = moved()
-    assert f"{WALL} in frame " in text and MOVED not in text and "--collider" in text
+    assert f"{WALL} in frames " in text and MOVED not in text and "--collider" in text
     assert moved(collider=WALL) == []
 
 

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from usd_io.read.vertex_weights import read_vertex_weights
     from usd_io.times import FrameSpec, parse_frames
     from usd_io.write.authoring import AuthoredMesh, write_animation
-    from usd_io.write.joining import join_layers
+    from usd_io.write.joining import is_joined, join_layers
     from usd_io.write.records import repaired_stage
     from usd_io.write.writer import OverrideWriter
 
@@ -63,6 +63,7 @@ __all__ = [
     "WorldMatrices",
     "input_digest",
     "inverse_matrix",
+    "is_joined",
     "join_layers",
     "key_times",
     "local_points",
@@ -92,7 +93,7 @@ _MODULES = {
         "UsageError",
         "UsdIoError",
     ),
-    "write.joining": ("join_layers",),
+    "write.joining": ("is_joined", "join_layers"),
     "read.matrices": ("inverse_matrix", "transform_points"),
     "read.mesh": ("AnimatedMesh", "MeshSelection"),
     "read.reader": ("read_frame", "read_meshes", "read_points"),

@@ -6,9 +6,9 @@ import os
 from collections.abc import Sequence
 from dataclasses import fields
 
-from dtrepair.pipeline.errors import plain_errors
+from dtrepair.pipeline.errors import UsageError, plain_errors
 from dtrepair.pipeline.selection import Selection
-from dtrepair.pipeline.stages.outputs import FilePath
+from dtrepair.pipeline.stages.outputs import FilePath, is_readable
 
 
 def join_layers(layers: Sequence[FilePath], output: FilePath) -> None:
@@ -28,8 +28,33 @@ def join_layers(layers: Sequence[FilePath], output: FilePath) -> None:
     import usd_io
 
     with plain_errors():
-        # What was chosen of an input may differ, and so do the settings of single objects.
-        chosen = [*(field.name for field in fields(Selection)), "objects"]
-        usd_io.join_layers(
-            [os.fspath(layer) for layer in layers], os.fspath(output), differing=chosen
+        usd_io.join_layers(_paths(layers), os.fspath(output), differing=_chosen())
+
+
+def check_joined(layers: Sequence[FilePath], output: FilePath) -> None:
+    """Refuse an output that was joined of other layers, and layers that cannot be joined.
+
+    An output that is not there, or cannot be read, is none, and nothing is looked at.
+
+    Raises:
+        PipelineError: as `join_layers` does; UsageError for an output of other layers.
+    """
+    import usd_io
+
+    if not is_readable(output):
+        return
+    with plain_errors():
+        joined = usd_io.is_joined(_paths(layers), os.fspath(output), differing=_chosen())
+    if not joined:
+        raise UsageError(
+            f"{output}: exists, and was joined of other layers; name another output, or remove it"
         )
+
+
+def _paths(layers: Sequence[FilePath]) -> list[str]:
+    return [os.fspath(layer) for layer in layers]
+
+
+def _chosen() -> list[str]:
+    """What was chosen of an input, which may differ, and so do the settings of single objects."""
+    return [*(field.name for field in fields(Selection)), "objects"]

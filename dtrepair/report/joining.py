@@ -8,7 +8,7 @@ from typing import Any
 
 from dtrepair.diagnosis import Diagnosis
 from dtrepair.report.findings import joined
-from dtrepair.report.modelled import AttachedList, ModelledList, PassingRecord, WornRecord
+from dtrepair.report.modelled import AttachedList, ModelledList, PassingRecord, WornRecord, parts_of
 from dtrepair.report.record import (
     ContactRecord,
     CountRecord,
@@ -36,7 +36,7 @@ def join_reports(documents: Sequence[Document]) -> Report:
     warnings = dict.fromkeys(text for document in documents for text in document["warnings"])
     alone = [document["alone_from"] for document in documents if "alone_from" in document]
     attached = first.get("attached")
-    worn = [WornRecord.from_document(own) for d in documents for own in d.get("worn", ())]
+    worn = [WornRecord(**parts_of(own)) for d in documents for own in d.get("worn", ())]
     return Report(
         **{name: first[name] for name in ("command", "version", "input", "device")},
         settings={name: value for name, value in first["settings"].items() if name != "chunk"},
@@ -45,7 +45,7 @@ def join_reports(documents: Sequence[Document]) -> Report:
         frames=tuple(sorted(frames, key=lambda frame: frame.time or 0.0)),
         warnings=tuple(warnings),
         attached=AttachedList.from_document(attached) if attached else AttachedList(),
-        passing=tuple(map(PassingRecord.from_document, first.get("passing", ()))),
+        passing=tuple(PassingRecord(**parts_of(own)) for own in first.get("passing", ())),
         worn=tuple(dict.fromkeys(worn)),
         findings=joined([found for d in documents for found in d.get("findings", ())]),
         alone_from=min(alone, default=None),

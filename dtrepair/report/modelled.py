@@ -167,11 +167,6 @@ class PassingRecord:
     first: PartRecord
     second: PartRecord
 
-    @classmethod
-    def from_document(cls, document: Mapping[str, Any]) -> PassingRecord:
-        """Return the record that a document was made of, read from JSON."""
-        return cls(**{name: PartRecord.from_document(part) for name, part in document.items()})
-
 
 @dataclass(frozen=True, kw_only=True)
 class WornRecord:
@@ -180,10 +175,10 @@ class WornRecord:
     over: PartRecord
     under: PartRecord
 
-    @classmethod
-    def from_document(cls, document: Mapping[str, Any]) -> WornRecord:
-        """Return the record that a document was made of, read from JSON."""
-        return cls(**{name: PartRecord.from_document(part) for name, part in document.items()})
+
+def parts_of(document: Mapping[str, Any]) -> dict[str, PartRecord]:
+    """Return the parts that a record of two of them is made of, from its document."""
+    return {name: PartRecord.from_document(part) for name, part in document.items()}
 
 
 def summed(counts: Iterable[ModelledCounts]) -> ModelledCounts:

@@ -18,10 +18,10 @@ from usd_io.errors import StageError, UsageError, one_line, time_text
 from usd_io.layers import read_text
 from usd_io.paths import check_output_path, relative_asset_path, same_file
 from usd_io.write.atomic_layer import AtomicLayer
-from usd_io.write.metadata import get_record, set_record
+from usd_io.write.metadata import get_record, set_record, usd_dictionary
 from usd_io.write.normals_sources import NORMALS, RATES
 from usd_io.write.rates import author_rates
-from usd_io.write.records import check_alike, check_record, part_of
+from usd_io.write.records import check_alike, check_record, part_of, record_of, same_values
 
 LAYER_KEYS = ("subLayers", "subLayerOffsets", "customLayerData")
 SHARED_KEYS = ("version", "input", "input_digest", "settings")
@@ -75,11 +75,7 @@ def join_layers(
     if not paths:
         raise UsageError("no layers to join; name at least one")
     target = check_output_path(output)
-    chunks = sorted((_open_chunk(os.fspath(path)) for path in paths), key=_order)
-    _check_chunks(chunks, target)
-    for chunk in chunks:
-        check_alike(chunks[0].path, chunks[0].record, chunk.path, chunk.record, differing)
-    _check_complete(chunks)
+    chunks = _checked(paths, target, differing)
     with AtomicLayer(target) as file, reading("the layers to join"):
         assert file.layer is not None
         first = chunks[0]
@@ -92,6 +88,35 @@ def join_layers(
             _join_rates(file, chunks, prim)
         set_record(file.layer, _joined_record(chunks, list(file.layer.subLayerPaths)))
         file.commit()
+
+
+def is_joined(
+    paths: Sequence[str | os.PathLike[str]],
+    output: str | os.PathLike[str],
+    *,
+    differing: Collection[str] = (),
+) -> bool:
+    """Return whether an output says it was joined of such layers; else as `join_layers` does."""
+    target = os.fspath(output)
+    chunks = _checked(paths, target, differing)
+    record, below = record_of(target) if os.path.isfile(target) else ({}, "")
+    if not record:
+        return True
+    own = {**_joined_record(chunks, chunks[0].sources), "input": record.get("input")}
+    over = [same_file(below, source) for source in chunks[0].sources[:1] if below]
+    return all(over) and same_values(record, usd_dictionary(own))
+
+
+def _checked(
+    paths: Sequence[str | os.PathLike[str]], target: str, differing: Collection[str]
+) -> list[_Chunk]:
+    """Return the layers in their order; raise where they do not belong together."""
+    chunks = sorted((_open_chunk(os.fspath(path)) for path in paths), key=_order)
+    _check_chunks(chunks, target)
+    for chunk in chunks:
+        check_alike(chunks[0].path, chunks[0].record, chunk.path, chunk.record, differing)
+    _check_complete(chunks)
+    return chunks
 
 
 def _open_chunk(path: str) -> _Chunk:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -102,6 +102,15 @@ def check_alike(
             f"{first_path} and {path} differ in {', '.join(reasons[:4])}; write them again, all "
             "with the same settings, version and input"
         )
+
+
+def same_values(one: object, other: object) -> bool:
+    """Return whether two values of records are the same, with arrays as lists."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return all(same_values(one.get(name), other.get(name)) for name in {*one, *other})
+    if isinstance(one, str) or not isinstance(one, Iterable) or not isinstance(other, Iterable):
+        return bool(one == other)
+    return list(one) == list(other)
 
 
 def _told(values: Mapping[str, Any], name: str) -> str:

@@ -23,7 +23,7 @@ from dtrepair.wording import counted
 @click.option(
     "--skip-existing",
     is_flag=True,
-    help="Do nothing if OUT is there already, can be read, and no CHUNK is newer.",
+    help="Do nothing if OUT is there already, joined of these layers, and none is newer.",
 )
 @console_options
 @one_line_errors
@@ -39,10 +39,12 @@ def command(*, chunks: tuple[str, ...], output: str, skip_existing: bool, consol
         dtrepair repair shot.usd --chunk 2/2 -o part2.usdc
         dtrepair join part1.usdc part2.usdc -o shot_repaired.usdc
     """
-    from dtrepair.pipeline.join import join_layers
+    from dtrepair.pipeline.join import check_joined, join_layers
 
-    if skip_existing and already_written(output, console, inputs=chunks):
-        return CLEAN
+    if skip_existing:
+        check_joined(chunks, output)
+        if already_written(output, console, inputs=chunks) is not None:
+            return CLEAN
     older = os.path.isfile(output)
     join_layers(chunks, output)
     end = ", in place of an older one" if older else ""

@@ -99,8 +99,9 @@ def command(
     if output is not None:
         read = source_path, [settings.rest] if settings.rest else []
         known = settings.recorded, KeyposeSettings().recorded
-        if skip_existing and already_written(output, console, reports, *read, known):
-            return CLEAN
+        done = already_written(output, console, reports, *read, known) if skip_existing else None
+        if done is not None:
+            return done
         clean_up_if_forced(output)
     inputs = (source_path, output, settings)
     observer = ConsoleObserver(console, say, output=output)

@@ -108,8 +108,10 @@ def command(
     check_report_places(reports, console, source_path, others=[output])
     read = source_path, [settings.rest] if settings.rest else []
     known = settings.recorded, RepairSettings().recorded
-    if skip_existing and already_written(output, console, reports, *read, known):
-        return CLEAN
+    if skip_existing:
+        done = already_written(output, console, reports, *read, known)
+        if done is not None:
+            return done
     inputs = (source_path, output, settings)
     replaced = None if running["resume"] else output
     running["observer"] = ConsoleObserver(console, say, output=replaced)

@@ -118,8 +118,10 @@ def command(
     read, written = files_of(source_path, target_path, settings)
     check_report_places(reports, console, *read, others=[output, *written])
     known = settings.recorded(source_path, target_path), TransferSettings.unsaid()
-    if skip_existing and already_written(output, console, reports, None, read, known):
-        return CLEAN
+    if skip_existing:
+        done = already_written(output, console, reports, None, read, known)
+        if done is not None:
+            return done
     observer = ConsoleObserver(console, say, output=output)
     inputs = (source_path, target_path, output, settings)
     clean_up_if_forced(output)

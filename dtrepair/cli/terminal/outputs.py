@@ -9,7 +9,7 @@ from typing import Any
 
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.streams import say
-from dtrepair.pipeline.errors import OutputError, UsageError
+from dtrepair.pipeline.errors import CLEAN, OutputError, UsageError
 from dtrepair.pipeline.observer import SILENT, Observer
 from dtrepair.pipeline.stages.outputs import (
     check_writable,
@@ -17,6 +17,7 @@ from dtrepair.pipeline.stages.outputs import (
     has_record,
     is_readable,
     other_result,
+    recorded_exit_code,
     refuse_overwriting,
     writing,
 )
@@ -93,8 +94,10 @@ def already_written(
     over: str | None = None,
     inputs: Sequence[str] = (),
     choices: tuple[Mapping[str, Any], Mapping[str, Any]] | None = None,
-) -> bool:
-    """Return whether --skip-existing finds a whole output; tell that, and what cannot be read.
+) -> int | None:
+    """Return the exit code of a whole output that --skip-existing finds; tell of what it finds.
+
+    None: there is none, or it is written again.
 
     reports: what is not written then, which is told. over: the stage that a layer lies over;
     inputs: what else it is made of: an output of other contents than now is made again. choices:
@@ -102,10 +105,10 @@ def already_written(
     UsageError for a layer that says that it is the result of another run.
     """
     if not os.path.exists(output):
-        return False
+        return None
     if not is_readable(output):
         console.warn([f"{output}: exists, but cannot be read: it is written again"])
-        return False
+        return None
     if is_stage(output):
         if choices is not None and (other := other_result(output, over, *choices)):
             raise UsageError(
@@ -117,13 +120,15 @@ def already_written(
             return _skipped(output, reports, console)
     if newer := earlier_than(output, [*([over] if over else []), *inputs]):
         console.warn([f"{output}: exists, of an earlier {newer}: it is written again"])
-        return False
+        return None
     return _skipped(output, reports, console)
 
 
-def _skipped(output: str, reports: Reports, console: Console) -> bool:
-    """Say that an output is left as it is, and what else is not written."""
+def _skipped(output: str, reports: Reports, console: Console) -> int:
+    """Say that an output is left as it is, and what is not written; return its exit code."""
     unwritten = [name for name, value in vars(reports).items() if value is not None]
     end = f"; no {' and no '.join(unwritten)} is written" if unwritten else ""
+    code = recorded_exit_code(output)
+    end += "; it is not clean, as its run has said" if code != CLEAN else ""
     console.result(f"{output}: exists; skipped{end}")
-    return True
+    return code

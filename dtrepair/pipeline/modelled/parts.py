@@ -299,8 +299,8 @@ def tell_modelled(
         first, second = meshes[i].path, meshes[j].path
         what = f"{first} and {second}" if i != j else f"different parts of {first}"
         observer.warning(
-            f"attach: {what} meet neither in the bind pose nor in a frame that was looked at: none "
-            "of their contacts counts as modelled"
+            f"attach: {what} meet neither in the bind pose nor in a frame that was looked at, or "
+            "are ignored: none of their contacts counts as modelled"
         )
     left = [pair for pair in unclear if pair not in parts.meshes_told]
     warn(observer, unclear_sides(parts.source, left))

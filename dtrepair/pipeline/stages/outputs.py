@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from dtrepair.pipeline.errors import OutputError, UsageError
+from dtrepair.pipeline.errors import CLEAN, FRAMES, REMAINING, OutputError, UsageError
 
 FilePath = str | os.PathLike[str]
 
@@ -19,6 +19,13 @@ _FILES = {*_INPUTS, "rest", "pin", "poses", "markers", "correspondence"}
 _WITHOUT_EFFECT = {"strict", "strict_references", "objects", "save_correspondence", "registration"}
 # So much of what differs fits on a line: choices, and characters of a value.
 _MOST_TOLD, _LONGEST_TOLD = 4, 60
+
+
+def is_stage(path: str) -> bool:
+    """Return whether a path is one of a stage; what tells it is loaded when it is asked for."""
+    from dtrepair.pipeline.stages import sources
+
+    return sources.is_stage(path)
 
 
 @contextmanager
@@ -50,7 +57,6 @@ class _TrialDone(Exception):
 def is_readable(path: FilePath) -> bool:
     """Return whether a path is a file that opens as a layer or mesh file."""
     from dtrepair.files.polygon_mesh import MeshFileError
-    from dtrepair.pipeline.stages.sources import is_stage
 
     if not os.path.isfile(path):
         return False
@@ -84,7 +90,6 @@ def earlier_than(path: FilePath, inputs: Iterable[str]) -> str:
     Layers over one stage say what its content was; other outputs are compared by the times of the
     files. Inputs that are not there, as on another machine, are not compared.
     """
-    from dtrepair.pipeline.stages.sources import is_stage
     from usd_io import UsdIoError, input_digest, open_stage
     from usd_io.write.records import record_of
 
@@ -104,6 +109,24 @@ def earlier_than(path: FilePath, inputs: Iterable[str]) -> str:
         if os.path.getmtime(file) > os.path.getmtime(path):
             return name
     return ""
+
+
+def recorded_exit_code(path: FilePath) -> int:
+    """Return what the run that wrote an output ended with, by its counts; CLEAN without any.
+
+    What it says nothing of counts as done: poses between keys, frames repaired each for itself.
+    """
+    from usd_io.write.records import record_of
+
+    record = record_of(path)[0] if is_stage(os.fspath(path)) else {}
+    counts, settings = record.get("counts"), record.get("settings")
+    if not isinstance(counts, Mapping) or not isinstance(settings, Mapping):
+        return CLEAN
+    if counts.get("failed"):
+        return FRAMES
+    repaired = _command_of(settings) == "repair"
+    left = ("strained", *(("improved", "unchanged") if repaired else ("pairs_after",)))
+    return REMAINING if any(counts.get(name) for name in left) else CLEAN
 
 
 def other_result(

@@ -103,8 +103,11 @@ def test_join_of_two_ranges_is_the_whole(tmp_path: Path) -> None:
     first, second = read_samples(tmp_path / "d.usdc"), read_samples(tmp_path / "e.usdc")
     assert list(first) == list(second)
     assert_fails(run("join", tmp_path / "b.usdc", "-o", tmp_path / "b.usdc"), 2, "b.usdc")
-    again = run("join", tmp_path / "b.usdc", "-o", tmp_path / "d.usdc", "--skip-existing")
+    parts = [tmp_path / "b.usdc", tmp_path / "c.usdc"]
+    again = run("join", *parts, "-o", tmp_path / "d.usdc", "--skip-existing")
     assert again.code == 0 and "exists" in again.out
+    again = run("join", parts[0], "-o", tmp_path / "d.usdc", "--skip-existing")
+    assert_fails(again, 2, "was joined of other layers")
 
 
 def test_report_describes_the_run(tmp_path: Path) -> None:

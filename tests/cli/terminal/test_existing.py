@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pxr import UsdUtils
@@ -41,7 +42,8 @@ def test_the_other_commands_too(tmp_path: Path, command: str) -> None:
     done = run(command, *inputs, "-o", output, "--skip-existing")
     assert "written again" in done.err and output.stat().st_size > 0
     done = run(command, *inputs, "-o", output, "--skip-existing")
-    assert done.code == 0 and "exists; skipped" in done.out
+    # A transfer leaves what intersects.
+    assert done.code == (command == "transfer") and "exists; skipped" in done.out
 
 
 @pytest.mark.parametrize("command", ["repair", "keyposes"])
@@ -95,6 +97,47 @@ def test_joined_layers_say_what_they_are_of(tmp_path: Path) -> None:
     tube_stage(path, (OPEN, CLOSED))
     os.utime(path, (0, 0))
     assert "of an earlier" in run(*asked).err
+
+
+def test_only_a_join_of_these_layers_is_done(tmp_path: Path) -> None:
+    path, other = (tube_stage(tmp_path / f"{k}.usdc", (CLOSED, OPEN, OPEN, OPEN)) for k in "ao")
+    output, parts = tmp_path / "b.usdc", [tmp_path / f"{part}.usdc" for part in (1, 2)]
+    for number, part in enumerate(parts, start=1):
+        assert run("repair", path, "-o", part, "--chunk", f"{number}/2").code == 0
+    asked = ("join", *parts, "-o", output, "--skip-existing")
+    assert run(*asked).code == 0 and "exists; skipped" in run(*asked).out
+    # Layers that cannot be joined are refused as ever.
+    assert_fails(run("join", parts[0], "-o", output, "--skip-existing"), 3, "chunk 2/2 is missing")
+    missing = tmp_path / "none.usdc"
+    assert_fails(run("join", missing, "-o", output, "--skip-existing"), 3, "no such layer")
+    assert run("repair", other, "-o", tmp_path / "r.usdc", "--frames", "1:3").code == 0
+    done = run("join", tmp_path / "r.usdc", "-o", output, "--skip-existing")
+    assert_fails(done, 2, f"{output}: exists, and was joined of other layers", "remove it")
+    assert run("repair", path, "-o", tmp_path / "r.usdc", "--frames", "1:3").code == 0
+    done = run("join", tmp_path / "r.usdc", "-o", output, "--skip-existing")
+    assert_fails(done, 2, "was joined of other layers")
+
+
+@pytest.mark.parametrize(
+    ("command", "poses", "more", "code"),
+    [
+        ("repair", (CLOSED, OPEN), ("--maximum-displacement", 1e-3), 1),
+        ("repair", (OPEN, float("nan")), (), 4),
+        ("transfer", (CLOSED, OPEN), (), 1),
+        ("transfer", (OPEN, OPEN), (), 0),
+    ],
+)
+def test_what_is_skipped_ends_as_its_run_did(
+    tmp_path: Path, command: str, poses: Any, more: tuple[str, ...], code: int
+) -> None:
+    path, output = tmp_path / "a.usdc", tmp_path / "b.usdc"
+    tube_stage(path, poses)
+    inputs = [path, path] if command == "transfer" else [path]
+    asked = (command, *inputs, "-o", output, *more)
+    assert run(*asked).code == code
+    done = run(*asked, "--skip-existing")
+    assert done.code == code and "exists; skipped" in done.out
+    assert ("it is not clean, as its run has said" in done.out) == (code != 0)
 
 
 @pytest.mark.parametrize("content", [b"", b"nothing of the kind"])

@@ -21,7 +21,7 @@ from dtrepair.pipeline import (
 )
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene import make_scene
-from dtrepair.report.modelled import WornRecord
+from dtrepair.report.modelled import WornRecord, parts_of
 from tests.command_line import run
 from tests.meshes import joined, tube
 from tests.pipeline.hosts import Listener
@@ -68,7 +68,7 @@ def test_it_is_told_once_which_part_lies_over_which(
     report = repair_stage(sleeve, tmp_path / "b.usda", alone=alone, observer=host)
     assert worn(host) == named(report.worn) == FOUND and host.warnings == []
     (document,) = report.document()["worn"]
-    assert WornRecord.from_document(document) == report.worn[0]
+    assert WornRecord(**parts_of(document)) == report.worn[0]
 
 
 @pytest.mark.parametrize("how", ["frames", "layer", "ignore", "paper"])

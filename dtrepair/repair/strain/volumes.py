@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from dtrepair.diagnosis import StrainKind
 from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.geometry import (
     FloatArray,
@@ -32,8 +34,13 @@ class LimbOptions:
     Args:
         length: Distance along the surface over which a piece reaches: fingers have pieces of their
             own, trunks have slices.
+        edges: Or so many times the mean edge of the part, if that is more: a ring of a coarse mesh
+            has no shape of its own.
+        phases: So many times everything is cut, each time a little farther along: what lies between
+            two slices of one is within a slice of another.
         small: Pieces with less area than its square are slivers between slices.
         triangles: So are those with fewer triangles.
+        span: So are those that span less of the length, as the ends of limbs.
         flat: A piece of less volume, over its capped area to the power 3/2, has no thickness of
             its own: a saddle, or half a chest. A tube as long as its radius has 0.07.
         holes: A part whose rims span at most this share of its area is a skin: sockets of eyes,
@@ -41,10 +48,17 @@ class LimbOptions:
     """
 
     length: float = 0.05
+    edges: float = 0.0
+    phases: int = 1
     small: float = 0.02
     triangles: int = 24
+    span: float = 0.0
     flat: float = 0.03
     holes: float = 0.05
+
+
+# A wire is shorter than a usual piece, and hides where two of these meet.
+SHORT = LimbOptions(length=0.03, edges=2.0, phases=3, span=0.5)
 
 
 class Pieces:
@@ -121,8 +135,8 @@ def limbs(
     *,
     scale: Scale = WHOLE,
     options: LimbOptions = LimbOptions(),
-) -> Pieces:
-    """Return the pieces of limbs of all skins: slices by the distance from one end.
+) -> tuple[Pieces, ...]:
+    """Return the pieces of limbs of all skins, cut in each phase: slices by the distance to an end.
 
     Distances run along the edges of the rest (V, 3), from that vertex of each part that is farthest
     from its middle; a slice of them has a piece for each limb that it cuts.
@@ -132,16 +146,100 @@ def limbs(
     length = lengths(rest[first] - rest[second]) + np.finfo(np.float32).tiny
     graph = sparse.csr_matrix((length, (first, second)), shape=(len(rest), len(rest)))
     away = csgraph.dijkstra(graph, directed=False, indices=_ends(parts, rest), min_only=True)
-    slices = np.floor(away[parts.faces].mean(axis=1) / (options.length * size))
+    mean = np.bincount(parts.of_edge, length, parts.count) / np.bincount(parts.of_edge)
+    reach = np.maximum(options.length * size, options.edges * mean)
+    along = away[parts.faces].mean(axis=1) / reach[parts.of_face]
     sides = shared_edges(parts.faces)
-    same = slices[sides[:, 0]] == slices[sides[:, 1]]
-    piece = link_labels(sides[same].astype(np.int32), len(parts.faces))
-    areas = vector_areas(rest, parts.faces)
-    wide = np.bincount(piece, lengths(areas))
-    whole = (wide >= (options.small * size) ** 2) & (np.bincount(piece) >= options.triangles)
+    area = lengths(vector_areas(rest, parts.faces))
     skin = holes_of(rest, parts.faces, parts.of_face) <= options.holes
-    judged = whole[piece] & skin[parts.of_face]
-    return Pieces(parts.faces, np.where(judged, piece, -1), options.flat)
+    ways = []
+    for phase in range(options.phases):
+        slices = np.floor(along + phase / options.phases)
+        same = slices[sides[:, 0]] == slices[sides[:, 1]]
+        piece = link_labels(sides[same].astype(np.int32), len(parts.faces))
+        whole = np.bincount(piece, area) >= (options.small * size) ** 2
+        whole &= np.bincount(piece) >= options.triangles
+        whole &= _spans(along, piece) >= options.span
+        judged = whole[piece] & skin[parts.of_face]
+        ways.append(Pieces(parts.faces, np.where(judged, piece, -1), options.flat))
+    return tuple(ways)
+
+
+class Beyond(NamedTuple):
+    """A piece (N,) of a part whose volume changed by more than its bound."""
+
+    kind: StrainKind
+    part: int
+    vertices: IntArray
+    change: float
+    bound: float
+
+
+class Solids:
+    """What has a volume to keep: closed parts, and where the rest is known the limbs of skins.
+
+    Args:
+        parts: The parts.
+        rest: The pose (V, 3) by which parts are cut into limbs; None: limbs are not judged.
+        scale: What lengths are measured in.
+        sheet: A closed part of less volume, over its area to the power 3/2, has none.
+        thicker: Of what has grown, growth of the volume over the area; lumps swell however thin.
+        bounds: Changes that closed parts, limbs, and short pieces of limbs may have.
+    """
+
+    def __init__(
+        self,
+        parts: ConnectedParts,
+        rest: FloatArray | None,
+        *,
+        scale: Scale,
+        sheet: float,
+        thicker: float,
+        bounds: tuple[float, float, float],
+    ) -> None:
+        self.parts, self.thicker, self.bounds = parts, thicker, bounds
+        closed = np.where(parts.closed[parts.of_face], parts.of_face, -1)
+        self.closed = Pieces(parts.faces, closed, sheet)
+        self.limbs = () if rest is None else limbs(parts, rest, scale=scale)
+        self.short = () if rest is None else limbs(parts, rest, scale=scale, options=SHORT)
+
+    def __call__(
+        self, before: FloatArray, after: FloatArray, old: FloatArray, new: FloatArray
+    ) -> list[Beyond]:
+        """Return what has another volume in a pose (V, 3); old, new: vector areas (F, 3).
+
+        Of a part of which nothing else is told the worst short piece.
+        """
+        poses = before, after, old, new
+        lumps = np.where(self.parts.lumps[: self.closed.count], -1.0, self.thicker)
+        result = self._beyond(StrainKind.VOLUME, self.closed, poses, lumps, self.bounds[0])
+        same = np.full(1, self.thicker)
+        for pieces in self.limbs:
+            result += self._beyond(StrainKind.LIMB, pieces, poses, same, self.bounds[1])
+        told, worst = {own.part for own in result}, dict[int, Beyond]()
+        for pieces in self.short:
+            for own in self._beyond(StrainKind.LIMB, pieces, poses, same, self.bounds[2]):
+                if own.part not in told:
+                    known = worst.setdefault(own.part, own)
+                    worst[own.part] = max(known, own, key=lambda other: other.change)
+        return [*result, *worst.values()]
+
+    def _beyond(
+        self,
+        kind: StrainKind,
+        pieces: Pieces,
+        poses: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+        thicker: FloatArray,
+        bound: float,
+    ) -> list[Beyond]:
+        """Return the pieces that changed by more than their bound."""
+        change = pieces.changes(*poses, thicker)
+        result = []
+        for index in np.flatnonzero(change > bound):
+            own = pieces.vertices(int(index))
+            part = int(self.parts.of_vertex[own[0]])
+            result.append(Beyond(kind, part, own, float(change[index]), bound))
+        return result
 
 
 def holes_of(points: FloatArray, faces: IntArray, piece: Places) -> FloatArray:
@@ -153,6 +251,14 @@ def holes_of(points: FloatArray, faces: IntArray, piece: Places) -> FloatArray:
     own = np.bincount(piece, lengths(areas))
     capped = Pieces(faces, piece, 0.0).measures(points, areas)[1]
     return np.asarray(capped / np.maximum(own, np.finfo(np.float64).tiny) - 1.0)
+
+
+def _spans(values: FloatArray, piece: Places) -> FloatArray:
+    """Return the difference (P,) of the largest and the least value (F,) of each piece."""
+    order = np.argsort(piece, kind="stable")
+    starts = np.flatnonzero(np.diff(piece[order], prepend=-1))
+    most = np.maximum.reduceat(values[order], starts)
+    return np.asarray(most - np.minimum.reduceat(values[order], starts))
 
 
 def _ends(parts: ConnectedParts, rest: FloatArray) -> IntArray:

@@ -139,21 +139,48 @@ def _opened(
 def _found_so(
     scene: Scene, meshes: WeldedMeshes, opened: Sequence[OpenedPose], options: IndependentOptions
 ) -> list[_Found]:
-    """Return what is found for poses: solved, and within the bounds."""
+    """Return what is found for poses; attached parts take their garments along first."""
+    dressed = meshes.dressed if is_tied(scene) else None
+    first, otherwise = (meshes, _dressed) if dressed is None else (dressed, _undressed)
+    both = zip(opened, _bounded_poses(first.scene, first, opened, options), strict=True)
+    return [otherwise(scene, meshes, pose, found, options) for pose, found in both]
+
+
+def _bounded_poses(
+    scene: Scene, meshes: WeldedMeshes, opened: Sequence[OpenedPose], options: IndependentOptions
+) -> list[_Found]:
+    """Return what is found for poses by the meshes of one way, within the bounds."""
     start = time.perf_counter()
     wanted = [k for k, pose in enumerate(opened) if pose.wrong]
     solved = _solved(scene, meshes, [opened[k] for k in wanted], options)
     found = dict(zip(wanted, solved, strict=True))
     seconds = (time.perf_counter() - start) / max(len(wanted), 1)
     unsolved = [(pose.centred, Solved(pose.centred)) for pose in opened]
-    bounded = [
+    return [
         _bounded(
             scene, meshes, pose, *found.get(k, unsolved[k]), seconds if k in found else 0.0, options
         )
         for k, pose in enumerate(opened)
     ]
-    both = zip(opened, bounded, strict=True)
-    return [_dressed(scene, meshes, pose, found, options) for pose, found in both]
+
+
+def _undressed(
+    scene: Scene,
+    meshes: WeldedMeshes,
+    pose: OpenedPose,
+    found: _Found,
+    options: IndependentOptions,
+) -> _Found:
+    """Return what is found for a pose of attached parts with its garments free, if that is better.
+
+    found: with garments tied; asked for where something is left, came off, or is kept in part only.
+    """
+    left, start = (*_left(scene, pose, found), found.judged.lowered), time.perf_counter()
+    if any(left):
+        (other,) = _bounded_poses(scene, meshes, [pose], options)
+        if (*_left(scene, pose, other), other.judged.lowered) < left:
+            return _after(found, other, start)
+    return found
 
 
 def _dressed(
@@ -165,12 +192,11 @@ def _dressed(
 ) -> _Found:
     """Return what is found for a pose with garments tied to what they lie over, if that is better.
 
-    Where they came off, and where something is left that no attached parts hold.
+    Where they came off, and where something is left.
     """
     left = _left(scene, pose, found)
     off = left[1] or any(own.kind == StrainKind.WORN for own in found.judged.excess)
-    stuck = left[0] > 0 and not is_tied(scene)
-    if not (off or stuck) or meshes.dressed is None:
+    if not (left[0] or off) or meshes.dressed is None:
         return found
     start, best = time.perf_counter(), found
     for other in _dressed_ways(meshes, meshes.dressed, pose, options):
@@ -179,11 +205,14 @@ def _dressed(
             best, left = other, less
         if not any(left):
             break
-    if best is found:
-        return found
-    solved = replace(best.solved, stages=[*found.solved.stages, *best.solved.stages])
-    seconds = found.seconds + time.perf_counter() - start
-    return best._replace(solved=solved, seconds=seconds)
+    return found if best is found else _after(found, best, start)
+
+
+def _after(first: _Found, other: _Found, start: float) -> _Found:
+    """Return what another way found from a `start` on, with what the first took as well."""
+    solved = replace(other.solved, stages=[*first.solved.stages, *other.solved.stages])
+    seconds = first.seconds + time.perf_counter() - start
+    return other._replace(solved=solved, seconds=seconds)
 
 
 def _dressed_ways(

@@ -28,31 +28,27 @@ CAME_OFF = Excess(StrainKind.WORN, 1, 2.0, 1.0, 0, np.zeros(1, dtype=np.int32))
 # What is left on the first way and with garments tied, and whether something came off there; the
 # last bounds may have brought back what came off.
 @pytest.mark.parametrize(
-    ("first", "tied", "excess", "attached", "taken"),
+    ("first", "tied", "excess", "taken"),
     [
-        ((0, False), (0, False), (), False, None),
-        ((9, False), (0, False), (), False, "tied"),
-        ((9, False), (9, False), (), False, "first"),
-        ((9, False), (0, False), (), True, None),
-        ((9, False), (0, False), (CAME_OFF,), True, "tied"),
-        ((0, True), (0, False), (), True, "tied"),
-        ((0, True), (3, False), (), False, "first"),
-        ((0, True), (0, True), (), False, "first"),
+        ((0, False), (0, False), (), None),
+        ((9, False), (0, False), (), "tied"),
+        ((9, False), (9, False), (), "first"),
+        ((0, False), (0, False), (CAME_OFF,), "first"),
+        ((0, True), (0, False), (), "tied"),
+        ((0, True), (3, False), (), "first"),
+        ((0, True), (0, True), (), "first"),
     ],
 )
 def test_garments_are_tied_where_they_came_off_or_something_is_left(
     first: tuple[int, bool],
     tied: tuple[int, bool],
     excess: tuple[Excess, ...],
-    attached: bool,
     taken: str | None,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     scene = make_scene([Body(*ARM), Body(*SLEEVE)], RepairOptions())
     meshes, pose = WeldedMeshes(scene), detected(scene, gathered(scene, [ARM[0], SLEEVE[0]]))
     assert meshes.dressed is not None
-    if attached:
-        vars(scene)["held"] = Attachments(scene.enclosures.part_of_face, NO_ZONES, scene.garments)
     points = [pose.centred + 0.1, pose.centred + 0.2]
     left = {id(points[0]): first, id(points[1]): tied}
     stages = [Stage(name, 0, 0, 0.0, 1, 0.5) for name in ("one", "two")]
@@ -77,6 +73,45 @@ def test_garments_are_tied_where_they_came_off_or_something_is_left(
         assert result.solved.stages == stages
     else:
         assert result is found[0]
+
+
+# What is left with garments tied and with free ones, and whether only a share of these is kept.
+@pytest.mark.parametrize(
+    ("tied", "lowered", "free", "taken"),
+    [
+        ((0, False), False, (0, False), "tied alone"),
+        ((9, False), True, (0, False), "free"),
+        ((0, False), True, (0, False), "free"),
+        ((0, True), False, (0, False), "free"),
+        ((9, False), False, (9, False), "tied"),
+        ((2, False), True, (9, False), "tied"),
+    ],
+)
+def test_attached_parts_take_their_garments_along_first(
+    tied: tuple[int, bool],
+    lowered: bool,
+    free: tuple[int, bool],
+    taken: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = make_scene([Body(*ARM), Body(*SLEEVE)], RepairOptions())
+    meshes, pose = WeldedMeshes(scene), detected(scene, gathered(scene, [ARM[0], SLEEVE[0]]))
+    vars(scene)["held"] = Attachments(scene.enclosures.part_of_face, NO_ZONES, scene.garments)
+    points = {True: pose.centred + 0.1, False: pose.centred + 0.2}
+    left = {id(points[True]): tied, id(points[False]): free}
+    asked: list[bool] = []
+
+    def found_by(own: Scene, *_: Any) -> list[independent._Found]:
+        asked.append(own.dressed)
+        judged = Judged(points[own.dressed], lowered=own.dressed and lowered)
+        return [independent._Found(judged, NO_PAIRS, Solved(points[own.dressed]), 1.0)]
+
+    monkeypatch.setattr(independent, "_bounded_poses", found_by)
+    monkeypatch.setattr(independent, "wrong_of", lambda _, __, own: left[id(own)][0])
+    monkeypatch.setattr(independent, "came_off", lambda _, __, own: left[id(own)][1])
+    (result,) = independent._found_so(scene, meshes, [pose], IndependentOptions())
+    assert asked == ([True] if taken == "tied alone" else [True, False])
+    assert result.judged.points is points[taken != "free"]
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from dtrepair.keyposes.spans import (
     places_for,
 )
 from dtrepair.keyposes.tracks import Pose, Track
+from dtrepair.numerics.geometry import diagonal, lengths
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +35,9 @@ class SearchOptions:
             cleaning it: less is not worth the animator's surprise.
         shortest: No key is added between two that are nearer to each other than this fraction of
             the given span: keys crowd where contacts begin, and what lies between them pops.
+        farther, near: A key goes farther than so many times what the repaired pose and the given
+            keys around it went, and this fraction of the diagonal, only where no more keys may be
+            added: an arm would fly out between two keys at which it hangs.
         trials: Most changes between two given keys, times the number of spans they may be split
             into.
         changes: Numbers of the changes that are tried.
@@ -42,6 +46,8 @@ class SearchOptions:
     finer: float = 0.5
     least_gain: float = 0.1
     shortest: float = 0.1
+    farther: float = 2.0
+    near: float = 0.01
     trials: int = 4
     changes: ChangeOptions = field(default_factory=ChangeOptions)
 
@@ -95,6 +101,12 @@ def clean_in_betweens(
     for span in spans:
         search.leave_out(span)
     return search.answer(before)
+
+
+def _moved(before: Pose, after: Pose) -> float:
+    """Return how far a vertex moves at most between poses (V, 3), over the diagonal."""
+    points = before.astype(np.float64)
+    return float(lengths(after - points).max(initial=0.0)) / (diagonal(points) or 1.0)
 
 
 class _Search:
@@ -188,6 +200,7 @@ class _Search:
                 found = self.settled(time, start)
                 if found is None:
                     continue
+                most = np.inf if full else self.farthest(part, time, found)
                 for change in changes(
                     self.tracks,
                     time,
@@ -198,7 +211,7 @@ class _Search:
                     full=full,
                     options=self.numbers.changes,
                 ):
-                    trial = self.measured(change, part)
+                    trial = self.measured(change, part) if self.moved(change) <= most else None
                     if trial is None:
                         continue
                     if trial.solved:
@@ -225,6 +238,23 @@ class _Search:
                     moved = track.at(end).astype(np.float64) - given.at(end)
                     displaced.append((pose + abs(away) * moved).astype(np.float32))
                 yield tuple(displaced)
+
+    def farthest(self, part: tuple[float, float], time: float, found: Sequence[Pose]) -> float:
+        """Return how far a key may go while more may be added, as many times its diagonal.
+
+        found: what a repair made of the pose (V, 3) of each mesh at a time within a part.
+        """
+        usual = 0.0
+        for track, given, pose in zip(self.tracks, self.given, found, strict=True):
+            ends = [(end, track.at(end)) for end in part if end not in self.added]
+            moves = [_moved(given.at(place), own) for place, own in [(time, pose), *ends]]
+            usual = max([usual, *moves])
+        return self.numbers.farther * usual + self.numbers.near
+
+    def moved(self, change: Change) -> float:
+        """Return how far a change moves keys from what was given, over the diagonals of meshes."""
+        moves = [_moved(self.given[index].at(time), pose) for index, time, pose in change.keys]
+        return max(moves, default=0.0)
 
     def settled(self, time: float, start: tuple[Pose, ...]) -> tuple[Pose, ...] | None:
         """Return a start that is clean, or repaired; None where there is neither."""

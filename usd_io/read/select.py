@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 from pxr import Sdf, Tf, Usd, UsdGeom
 
@@ -209,14 +210,17 @@ def _no_match(stage: Usd.Stage, prim: str | None, exclude: str | None) -> Except
     return SelectionError(
         f"prim expression {prim!r}: no match among the active, defined and loaded meshes"
         + ("" if exclude is None else f" that {exclude!r} does not exclude")
-        + _examples(_matching_meshes(stage, None, None))
+        + _examples(_matching_meshes(stage, None, None), prim)
     )
 
 
-def _examples(meshes: Sequence[Usd.Prim], named: int = 3) -> str:
-    """Say which meshes there are, the first of them by name."""
+def _examples(meshes: Sequence[Usd.Prim], prim: str, named: int = 3) -> str:
+    """Say which mesh is meant, or which there are, the first of them by name."""
     if not meshes:
         return "; the stage has none"
+    prefixes = [str(own) for mesh in meshes for own in mesh.GetPath().GetPrefixes()]
+    if near := get_close_matches(prim.rstrip("/"), dict.fromkeys(prefixes), n=1):
+        return f"; is {near[0]} meant?"
     more = f" and {len(meshes) - named} more" if len(meshes) > named else ""
     return f"; the stage has {', '.join(str(mesh.GetPath()) for mesh in meshes[:named])}{more}"
 

@@ -97,7 +97,7 @@ def command(
     check_report_places(reports, console, source_path)
     observer = ConsoleObserver(console)
     report = check_stage(source_path, settings, jobs=jobs, device=device, observer=observer)
-    if reports.report != STDOUT:
+    if STDOUT not in reports.report:
         if settings.find_worn:
             print_modelled(console, report)
             print_worn(console, report)

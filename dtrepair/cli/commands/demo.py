@@ -118,7 +118,7 @@ def _repair(source: Path, output: Path, report_path: Path, device: str, console:
     clean_up_if_forced(str(output))
     observer = ConsoleObserver(console, say)
     report = repair_stage(str(source), str(output), device=device, observer=observer)
-    put_reports(report, Reports(str(report_path)))
+    put_reports(report, Reports((str(report_path),)))
     print_table(console, report.frames, str(output))
     return exit_code(report)
 

@@ -20,8 +20,8 @@ def report_options(*names: str) -> Function:
 
     def decorate(function: Function) -> Function:
         @wraps(function)
-        def wrapper(report_path: str | None, picture: str | None, **values: Any) -> Any:
-            return function(reports=Reports(report_path, picture), **values)
+        def wrapper(report_paths: tuple[str, ...], picture: str | None, **values: Any) -> Any:
+            return function(reports=Reports(report_paths, picture), **values)
 
         decorated = click.option(
             "--picture",
@@ -32,10 +32,11 @@ def report_options(*names: str) -> Function:
         return click.option(
             "--report",
             *names,
-            "report_path",
+            "report_paths",
             type=FILE,
+            multiple=True,
             metavar="F.json|F.html|-",
-            help="Write a report: JSON, as .html a page to look at; - is stdout.",
+            help="Write a report: JSON, as .html a page to look at; - is stdout; repeatable.",
         )(decorated)
 
     return decorate

@@ -17,7 +17,7 @@ SECTIONS = {
     "Keys and in-betweens": "samples interpolation extra keep_keys verify_only",
     "Quality": "alone clearance maximum_displacement diffusion tighten at_any_cost effort "
     "skip method",
-    "Output": "output before report_path find_worn count picture screenshot registration "
+    "Output": "output before report_paths find_worn count picture screenshot registration "
     "shapes delta normals only_frames skip_existing dry_run",
     "Running": "frame_count chunk distributed resume device jobs config quiet verbose help",
     "Published method (--method paper)": "iterations regularization optimizer energy laplacian "

@@ -35,7 +35,7 @@ def print_spans(console: Console, report: Report) -> None:
             added = ", ".join(time_label(time) for time in span.added) or "-"
             rows.append([label, *numbers, added])
     if rows:
-        console.table(["in-betweens", "before", "after", "added keys"], rows)
+        console.table(["in-betweens", "dirty before", "dirty after", "added keys"], rows)
     left = [time for span in spans for time in span.left]
     total = sum(span.after.samples for span in spans)
     console.result(f"{total - len(left)} of {total} in-betweens clean")

@@ -42,6 +42,10 @@ def print_modelled(console: Console, report: Report) -> None:
     width = max(len(row[-1]) for row in rows)
     header = ["pairs", "most in a frame", "as in", "around", "modelled contacts of".ljust(width)]
     console.table(header, [[*row[:-1], row[-1].ljust(width)] for row in rows])
+    if any(row[1] == "?" for row in rows):
+        console.result(
+            "?: each frame lists the parts with most pairs, and these were never among them"
+        )
     if attached.others:
         console.result(
             f"and {counted(attached.others, 'more pair')} of parts, "

@@ -31,9 +31,9 @@ PICTURES = (".png", ".jpg", ".jpeg")
 
 @dataclass(frozen=True)
 class Reports:
-    """Where a report goes, and a picture; None: nowhere."""
+    """Where a report goes, as JSON and as a page or more, and a picture; None: nowhere."""
 
-    report: str | None = None
+    report: tuple[str, ...] = ()
     picture: str | None = None
 
 
@@ -53,11 +53,13 @@ def check_report_places(
         refuse_overwriting(reports.picture, *inputs, others=others)
         check_writable(reports.picture)
         others.append(reports.picture)
-    if reports.report == STDOUT:
-        console.results_on_stderr = True
-    elif reports.report is not None:
-        refuse_overwriting(reports.report, *inputs, others=others)
-        check_writable(reports.report)
+    for path in reports.report:
+        if path == STDOUT:
+            console.results_on_stderr = True
+        else:
+            refuse_overwriting(path, *inputs, others=others)
+            check_writable(path)
+            others.append(path)
 
 
 def check_picture_name(path: str) -> None:
@@ -67,20 +69,20 @@ def check_picture_name(path: str) -> None:
 
 
 def put_reports(report: Report, reports: Reports, observer: Observer = SILENT) -> None:
-    """Write what was asked for: a report as JSON or page, and a picture. Raises OutputError."""
-    path = reports.report
-    if path == STDOUT:
-        error = say(render_report(report), newline=False)
-        # Whoever closed a pipe wants no more of it.
-        if error is not None and not isinstance(error, BrokenPipeError):
-            raise OutputError(f"standard output: cannot be written: {error.strerror}")
-    elif path is not None and path.lower().endswith(PAGES):
-        from dtrepair.pipeline.page.write import write_page
+    """Write what was asked for: reports as JSON or page, and a picture. Raises OutputError."""
+    for path in reports.report:
+        if path == STDOUT:
+            error = say(render_report(report), newline=False)
+            # Whoever closed a pipe wants no more of it.
+            if error is not None and not isinstance(error, BrokenPipeError):
+                raise OutputError(f"standard output: cannot be written: {error.strerror}")
+        elif path.lower().endswith(PAGES):
+            from dtrepair.pipeline.page.write import write_page
 
-        write_page(report, path, observer=observer)
-    elif path is not None:
-        with writing(path):
-            write_report(report, path)
+            write_page(report, path, observer=observer)
+        else:
+            with writing(path):
+                write_report(report, path)
     if reports.picture is not None:
         from dtrepair.pipeline.page.picture import write_picture
 
@@ -126,7 +128,7 @@ def already_written(
 
 def _skipped(output: str, reports: Reports, console: Console) -> int:
     """Say that an output is left as it is, and what is not written; return its exit code."""
-    unwritten = [name for name, value in vars(reports).items() if value is not None]
+    unwritten = [name for name, value in vars(reports).items() if value]
     end = f"; no {' and no '.join(unwritten)} is written" if unwritten else ""
     code = recorded_exit_code(output)
     end += "; it is not clean, as its run has said" if code != CLEAN else ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from difflib import get_close_matches
 from typing import NamedTuple
 
 from dtrepair.pipeline.errors import UsageError
@@ -20,17 +21,20 @@ def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
     """
     found = meshes_matched(source, expression, option)
     if not found:
-        raise UsageError(f"{option}: {no_match(source)}")
+        raise UsageError(f"{option}: {no_match(source, expression)}")
     from usd_io.read.select import union_terms
 
     for term in union_terms(expression):
         if not meshes_matched(source, term, option):
-            raise UsageError(f"{option} {term}: {no_match(source)}")
+            raise UsageError(f"{option} {term}: {no_match(source, term)}")
     return found
 
 
-def no_match(source: Source) -> str:
-    """Say that a path expression matches no mesh of a source."""
+def no_match(source: Source, expression: str) -> str:
+    """Say that a path expression matches no mesh of a source, and which it may mean."""
+    paths = dict.fromkeys(above for mesh in source.meshes for above in _with_parents(mesh.path))
+    if near := get_close_matches(expression.strip(), paths, n=1):
+        return f"matches none of the selected meshes; is {near[0]} meant?"
     known = ", ".join(mesh.path for mesh in source.meshes[:3])
     more = " ..." if len(source.meshes) > 3 else ""
     return f"matches none of the selected meshes ({known}{more})"
@@ -99,8 +103,8 @@ def called_pairs(
     """Return what is called attached or detached, and warnings.
 
     each: the settings of each mesh, which name others; attach, detach: pairs "A,B" of the options.
-    What is called both is detached. What of the settings is not among the selected meshes is warned
-    of.
+    What is called both is detached. That is warned of, and what of the settings is not among the
+    selected meshes.
     """
     found, warnings = list[set[tuple[int, int]]](), list[str]()
     for name, texts in (("attach", attach), ("detach", detach)):
@@ -111,9 +115,12 @@ def called_pairs(
                 others = meshes_matched(source, expression, where)
                 pairs |= {(min(index, other), max(index, other)) for other in others}
                 if not others:
-                    warnings.append(f"{where}: {no_match(source)}")
+                    warnings.append(f"{where}: {no_match(source, expression)}")
         found.append(pairs)
     attached, detached = found
+    for i, j in sorted(attached & detached):
+        both = f"{source.meshes[i].path} and {source.meshes[j].path}"
+        warnings.append(f"{both}: attach and detach; detach is what holds")
     return CalledPairs(tuple(sorted(attached - detached)), tuple(sorted(detached))), warnings
 
 

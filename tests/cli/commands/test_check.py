@@ -51,6 +51,16 @@ def test_counts_agree_with_the_library(tmp_path: Path) -> None:
     }
 
 
+def test_reports_go_to_several_files(tmp_path: Path) -> None:
+    path, places = tube_obj(tmp_path / "a.obj", CLOSED), [tmp_path / "r.json", tmp_path / "r.html"]
+    found = run("check", path, *(word for place in places for word in ("--report", place)))
+    assert found.code == 1
+    validate(json.loads(places[0].read_text()))
+    assert "<html" in places[1].read_text()
+    again = run("check", path, "--report", places[0], "--report", places[0])
+    assert_fails(again, 2, "r.json")
+
+
 def test_stage_counts_each_frame(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN), times=(-2, 0.5, 7))
     found = run("check", path, "--samples", "--json", tmp_path / "r.json")

@@ -12,7 +12,13 @@ import pytest
 
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.modelled_text import modelled_line, print_modelled, worn_line
-from dtrepair.report.modelled import AttachedList, AttachedRecord, ModelledList, WornRecord
+from dtrepair.report.modelled import (
+    AttachedList,
+    AttachedRecord,
+    ModelledList,
+    OtherParts,
+    WornRecord,
+)
 from tests.command_line import OPEN, assert_fails, run, tube_obj
 from tests.jointed_arm import FRAMES, arm_stage
 from tests.report.modelled_records import part, record
@@ -38,6 +44,17 @@ def test_what_meets_in_frames_only_is_called_so(capsys: pytest.CaptureFixture[st
     print_modelled(Console(), report)
     row = capsys.readouterr().out.splitlines()[1]
     assert row.split()[:4] == ["0", "46", "frames", "only"]
+
+
+@pytest.mark.parametrize("others", [0, 3])
+def test_what_no_frame_lists_is_explained(others: int, capsys: pytest.CaptureFixture[str]) -> None:
+    frame = SimpleNamespace(modelled=ModelledList(others=OtherParts(parts=others)))
+    found = AttachedList(listed=(attached(2),))
+    report: Any = SimpleNamespace(attached=found, passing=(), frames=(frame,))
+    print_modelled(Console(), report)
+    _, row, *rest = capsys.readouterr().out.splitlines()
+    assert row.split()[1] == ("?" if others else "0")
+    assert len(rest) == (others > 0) and all(own.startswith("?: each frame lists") for own in rest)
 
 
 def test_it_is_said_where_nothing_is_modelled(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dtrepair.keyposes.tracks import Pose, Track
-from dtrepair.numerics.geometry import diagonal
+from dtrepair.numerics.geometry import diagonal, lengths
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,6 +112,47 @@ def neighbours_moved(
             pose = track.poses[track.times.index(end)]
             keys.append((index, end, (pose + step).astype(np.float32)))
     return Change(keys, ())
+
+
+def usual_move(
+    tracks: Sequence[Track],
+    given: Sequence[Track],
+    interpolation: str,
+    part: tuple[float, float],
+    added: Sequence[float],
+    time: float,
+    found: Sequence[Pose] | None,
+) -> float:
+    """Return how far the given keys at the ends of a part went, and what was found at a time.
+
+    In diagonals of the meshes. found: what repair made of the pose at `time`; None: nothing.
+    """
+    usual = 0.0
+    for index, (track, own) in enumerate(zip(tracks, given, strict=True)):
+        moves = [_moved(own.at(end), track.at(end)) for end in part if end not in added]
+        if found is not None:
+            moves.append(_moved(own.at(time, interpolation=interpolation), found[index]))
+        usual = max([usual, *moves])
+    return usual
+
+
+def moved_farther(
+    tracks: Sequence[Track], given: Sequence[Track], interpolation: str, change: Change
+) -> float:
+    """Return how far from what was given a change leads keys, diagonals, that go farther by it."""
+    farthest = 0.0
+    for index, time, pose in change.keys:
+        was = given[index].at(time, interpolation=interpolation)
+        moved = _moved(was, pose)
+        if moved > _moved(was, tracks[index].at(time, interpolation=interpolation)):
+            farthest = max(farthest, moved)
+    return farthest
+
+
+def _moved(before: Pose, after: Pose) -> float:
+    """Return how far a vertex moves at most between poses (V, 3), in diagonals."""
+    points = before.astype(np.float64)
+    return float(lengths(after - points).max(initial=0.0)) / (diagonal(points) or 1.0)
 
 
 def scaled(old: Pose, new: Pose, scale: float) -> Pose:

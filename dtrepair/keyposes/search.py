@@ -8,7 +8,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dtrepair.keyposes.changes import Change, ChangeOptions, changes, reach_of
+from dtrepair.keyposes.changes import (
+    Change,
+    ChangeOptions,
+    changes,
+    moved_farther,
+    reach_of,
+    usual_move,
+)
 from dtrepair.keyposes.options import KeyOptions
 from dtrepair.keyposes.spans import (
     KeyPoses,
@@ -21,7 +28,6 @@ from dtrepair.keyposes.spans import (
     places_for,
 )
 from dtrepair.keyposes.tracks import Pose, Track
-from dtrepair.numerics.geometry import diagonal, lengths
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +43,7 @@ class SearchOptions:
             the given span: keys crowd where contacts begin, and what lies between them pops.
         farther, near: A key goes farther than so many times what the repaired pose and the given
             keys around it went, and this fraction of the diagonal, only where no more keys may be
-            added: an arm would fly out between two keys at which it hangs.
+            added, or nothing else helps: an arm would fly out between two keys at which it hangs.
         trials: Most changes between two given keys, times the number of spans they may be split
             into.
         changes: Numbers of the changes that are tried.
@@ -103,12 +109,6 @@ def clean_in_betweens(
     return search.answer(before)
 
 
-def _moved(before: Pose, after: Pose) -> float:
-    """Return how far a vertex moves at most between poses (V, 3), over the diagonal."""
-    points = before.astype(np.float64)
-    return float(lengths(after - points).max(initial=0.0)) / (diagonal(points) or 1.0)
-
-
 class _Search:
     """The tracks as they are so far, and what is known about the spans between their keys."""
 
@@ -131,6 +131,11 @@ class _Search:
 
     def poses(self, tracks: Sequence[Track], time: float) -> tuple[Pose, ...]:
         return tuple(track.at(time, interpolation=self.options.interpolation) for track in tracks)
+
+    @property
+    def moving(self) -> tuple[Sequence[Track], Sequence[Track], str]:
+        """The tracks as they are, as they were given, and how they are interpolated."""
+        return self.tracks, self.given, self.options.interpolation
 
     def measure(self, tracks: Sequence[Track], part: tuple[float, float]) -> tuple[Sample, ...]:
         start, end = part
@@ -172,6 +177,7 @@ class _Search:
     def clean(self, span: tuple[float, float]) -> None:
         """Move or add keys until a span is clean or nothing helps."""
         hopeless: set[tuple[float, float]] = set()
+        bounded = True
         for _ in range(self.numbers.trials * (self.options.extra + 1)):
             parts = parts_of(span, self.added)
             dirty = {
@@ -179,28 +185,35 @@ class _Search:
             }
             part = max(dirty, key=lambda item: dirty[item], default=None)
             if part is None or dirty[part] == 0.0:
-                return
+                if not (bounded and hopeless):
+                    return
+                # Rather far out than dirty.
+                bounded, hopeless = False, set()
+                continue
             short = part[1] - part[0] < self.numbers.shortest * (span[1] - span[0])
-            trial = self.best_trial(part, full=short or len(parts) > self.options.extra)
+            most = len(parts) > self.options.extra
+            trial = self.best_trial(part, full=short or most, bounded=bounded and not most)
             if trial is None:
                 hopeless.add(part)
             else:
                 self.accept(trial)
 
-    def best_trial(self, part: tuple[float, float], *, full: bool) -> Trial | None:
+    def best_trial(self, part: tuple[float, float], *, full: bool, bounded: bool) -> Trial | None:
         """Return the change that leaves least, None where none leaves less.
 
-        full: no more keys may be added.
+        full: no more keys may be added; bounded: no key goes far out.
         """
         best: Trial | None = None
         options, cost = self.options, cost_of(part, self.known[part])
         for time in places_for(self.known[part]):
-            poses = self.poses(self.tracks, time)
+            poses, most = self.poses(self.tracks, time), np.inf
             for start in self.starts(part, time, poses):
                 found = self.settled(time, start)
+                if bounded and start is poses:
+                    usual = usual_move(*self.moving, part, self.added, time, found)
+                    most = self.numbers.farther * usual + self.numbers.near
                 if found is None:
                     continue
-                most = np.inf if full else self.farthest(part, time, found)
                 for change in changes(
                     self.tracks,
                     time,
@@ -211,7 +224,9 @@ class _Search:
                     full=full,
                     options=self.numbers.changes,
                 ):
-                    trial = self.measured(change, part) if self.moved(change) <= most else None
+                    if moved_farther(*self.moving, change) > most:
+                        continue
+                    trial = self.measured(change, part)
                     if trial is None:
                         continue
                     if trial.solved:
@@ -238,23 +253,6 @@ class _Search:
                     moved = track.at(end).astype(np.float64) - given.at(end)
                     displaced.append((pose + abs(away) * moved).astype(np.float32))
                 yield tuple(displaced)
-
-    def farthest(self, part: tuple[float, float], time: float, found: Sequence[Pose]) -> float:
-        """Return how far a key may go while more may be added, as many times its diagonal.
-
-        found: what a repair made of the pose (V, 3) of each mesh at a time within a part.
-        """
-        usual = 0.0
-        for track, given, pose in zip(self.tracks, self.given, found, strict=True):
-            ends = [(end, track.at(end)) for end in part if end not in self.added]
-            moves = [_moved(given.at(place), own) for place, own in [(time, pose), *ends]]
-            usual = max([usual, *moves])
-        return self.numbers.farther * usual + self.numbers.near
-
-    def moved(self, change: Change) -> float:
-        """Return how far a change moves keys from what was given, over the diagonals of meshes."""
-        moves = [_moved(self.given[index].at(time), pose) for index, time, pose in change.keys]
-        return max(moves, default=0.0)
 
     def settled(self, time: float, start: tuple[Pose, ...]) -> tuple[Pose, ...] | None:
         """Return a start that is clean, or repaired; None where there is neither."""

@@ -261,36 +261,6 @@ def test_keys_do_not_crowd_where_none_helps(shortest: float) -> None:
     )
 
 
-class WallSolver(SteepSolver):
-    """Wants one vertex of a pose ten long beyond a wall with steep ends."""
-
-    def pairs(self, time: float, poses: Sequence[NDArray[np.float32]]) -> int:
-        return int(poses[0][0, 0] < (1.0 if 1.5 < time < 9.5 else 0.0))
-
-    def repair(
-        self, time: float, poses: Sequence[NDArray[np.float32]]
-    ) -> tuple[NDArray[np.float32], ...]:
-        return (float32(np.maximum(poses[0], [[1.05, 0.0, 0.0], [0.0, 0.0, 0.0]])),)
-
-    def allowed(
-        self, index: int, time: float, given: NDArray[np.float32], pose: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
-        return pose
-
-
-@pytest.mark.parametrize("farther", [2.0, np.inf])
-def test_keys_are_added_before_one_flies_out(farther: float) -> None:
-    pose = float32([[0.0, 0.0, 0.0], [0.0, 0.0, 10.0]])
-    track, options = Track((0.0, 10.0), (pose, pose)), KeyOptions(samples=9, keep_keys=True)
-    numbers = SearchOptions(farther=farther)
-    found = clean_in_betweens(
-        [track], [(0.0, 10.0)], WallSolver(), options=options, numbers=numbers
-    )
-    assert not dirty(found.spans[0].after)
-    most = max(float(key[0, 0]) for key in found.tracks[0].poses)
-    assert (most < 4.0) == (farther == 2.0)
-
-
 @pytest.mark.parametrize("helpless", [True, False])
 def test_what_cannot_be_cleaned_is_told(helpless: bool) -> None:
     # No solver, or no keys to add: the samples say what is left, and the keys stay.

@@ -214,11 +214,11 @@ def _each_on_its_way(
         bent = [bent_bodies(scene, found) for found in judged]
         for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
             take(way, lowered)
-        dress = meshes.undressed if scene.dressed else meshes.dressed
-        if dress is not None:
-            take(dress, lowered, farther=True, most=int(lowered.sum()))
+        if not scene.dressed and meshes.dressed is not None:
+            take(meshes.dressed, lowered, farther=True, most=int(lowered.sum()))
     if scene.dressed and (wrong > 0).any():
-        probe(meshes.undressed, ~lowered, most=len(frames))
+        for own in (lowered, ~lowered):
+            probe(meshes.undressed, own, most=len(frames))
     if ((wrong > 0) & (wrong <= options.nearly)).any():
         for way in meshes.creased:
             probe(way, wrong <= options.nearly)

@@ -1,0 +1,84 @@
+"""Keys do not go far out as long as others may be added, and nothing stays dirty for that."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dtrepair.keyposes.options import KeyOptions
+from dtrepair.keyposes.search import SearchOptions, clean_in_betweens
+from dtrepair.keyposes.spans import KeyPoses
+from dtrepair.keyposes.tracks import Track
+
+Pose = NDArray[np.float32]
+# A pose ten long whose first vertex has to stay beyond walls.
+STILL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 10.0]], dtype=np.float32)
+
+
+class WallSolver:
+    """Wants the first vertex beyond walls: at times from, to, each as high as the third number."""
+
+    def __init__(self, *walls: tuple[float, float, float]) -> None:
+        self.walls = walls
+
+    def wanted(self, time: float) -> float:
+        return max((high for start, end, high in self.walls if start < time < end), default=-9.0)
+
+    def pairs(self, time: float, poses: Sequence[Pose]) -> int:
+        return int(poses[0][0, 0] < self.wanted(time))
+
+    def repair(self, time: float, poses: Sequence[Pose]) -> tuple[Pose, ...]:
+        found = poses[0].copy()
+        found[0, 0] = max(found[0, 0], self.wanted(time) + 0.05)
+        return (found,)
+
+    def allowed(self, index: int, time: float, given: Pose, pose: Pose) -> Pose:
+        return pose
+
+
+def cleaned(solver: WallSolver, *, extra: int = 8, **numbers: float) -> KeyPoses:
+    track, options = Track((0.0, 10.0), (STILL, STILL)), KeyOptions(keep_keys=True, extra=extra)
+    search = SearchOptions(**numbers)  # type: ignore[arg-type]
+    return clean_in_betweens([track], [(0.0, 10.0)], solver, options=options, numbers=search)
+
+
+def left(found: KeyPoses) -> int:
+    return sum(sample.pairs for sample in found.spans[0].after)
+
+
+def highest(found: KeyPoses) -> float:
+    return max(float(pose[0, 0]) for pose in found.tracks[0].poses)
+
+
+@pytest.mark.parametrize(("farther", "most"), [(2.0, 4.0), (np.inf, np.inf)])
+def test_keys_are_added_before_one_flies_out(farther: float, most: float) -> None:
+    found = cleaned(WallSolver((1.5, 9.5, 1.0)), farther=farther)
+    assert left(found) == 0
+    assert highest(found) < most and (farther == 2.0 or highest(found) > 5.0)
+
+
+def test_a_key_flies_out_where_no_more_may_be_added() -> None:
+    found = cleaned(WallSolver((1.5, 9.5, 1.0)), extra=1)
+    assert left(found) == 0 and highest(found) > 3.0
+
+
+def test_short_parts_are_no_way_to_fly_out() -> None:
+    wall = WallSolver((0.2, 9.9, 1.0))
+    assert highest(cleaned(wall, shortest=0.2)) <= highest(cleaned(wall, shortest=0.2, farther=1e9))
+
+
+def test_what_is_clean_with_far_keys_is_so_without() -> None:
+    random, nearer = np.random.default_rng(0), 0
+    for _ in range(60):
+        ends = np.sort(random.uniform(0.3, 9.7, 4))
+        highs = random.uniform(0.3, 1.5, 2)
+        both = zip(list(pairwise(ends))[::2], highs, strict=True)
+        solver = WallSolver(*((start, end, high) for (start, end), high in both))
+        far, near = cleaned(solver, farther=1e9), cleaned(solver)
+        assert left(near) <= left(far)
+        nearer += highest(near) < highest(far)
+    assert nearer > 5

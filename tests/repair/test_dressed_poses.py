@@ -10,6 +10,7 @@ import pytest
 from dtrepair import Body, RepairOptions
 from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.attachments import Attachments
+from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair import independent
 from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.result import Solved, Stage
@@ -18,6 +19,7 @@ from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import detected, gathered
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from dtrepair.repair.single_poses import Found
 from dtrepair.repair.strain.meter import Excess
 from tests.repair.separation.test_lifting import ARM, SLEEVE
 
@@ -54,12 +56,12 @@ def test_garments_are_tied_where_they_came_off_or_something_is_left(
     stages = [Stage(name, 0, 0, 0.0, 1, 0.5) for name in ("one", "two")]
     solved = [Solved(*own) for own in zip(points, ([own] for own in stages), strict=True)]
     found = [
-        independent._Found(Judged(points[0], excess), NO_PAIRS, solved[0], 1.0),
-        independent._Found(Judged(points[1]), NO_PAIRS, solved[1], 1.0),
+        Found(Judged(points[0], excess), NO_PAIRS, solved[0], 1.0),
+        Found(Judged(points[1]), NO_PAIRS, solved[1], 1.0),
     ]
     asked: list[bool] = []
 
-    def found_tied(own: Scene, *_: Any) -> list[independent._Found]:
+    def found_tied(own: Scene, *_: Any) -> list[Found]:
         asked.append(own.dressed)
         return found[1:]
 
@@ -75,43 +77,58 @@ def test_garments_are_tied_where_they_came_off_or_something_is_left(
         assert result is found[0]
 
 
-# What is left with garments tied and with free ones, and whether only a share of these is kept.
+# What is left with garments tied, with free ones and with them after the body, and whether the
+# first two are strained.
 @pytest.mark.parametrize(
-    ("tied", "lowered", "free", "taken"),
+    ("tied", "free", "after", "strained", "taken"),
     [
-        ((0, False), False, (0, False), "tied alone"),
-        ((9, False), True, (0, False), "free"),
-        ((0, False), True, (0, False), "free"),
-        ((0, True), False, (0, False), "free"),
-        ((9, False), False, (9, False), "tied"),
-        ((2, False), True, (9, False), "tied"),
+        ((0, False), (0, False), (0, False), (False, False), ["tied"]),
+        ((9, False), (0, False), (0, False), (True, False), ["tied", "free"]),
+        ((0, False), (0, False), (0, False), (True, False), ["tied", "free"]),
+        ((9, False), (9, False), (0, False), (False, False), ["tied", "free", "tied"]),
+        ((0, False), (0, False), (0, False), (True, True), ["tied", "free", "tied"]),
+        ((0, True), (0, False), (0, False), (False, False), ["tied", "free"]),
+        ((0, True), (0, True), (0, False), (False, False), ["tied", "free", "after"]),
+        ((0, True), (0, True), (3, True), (False, False), ["tied", "free", "after", "tied"]),
     ],
 )
 def test_attached_parts_take_their_garments_along_first(
     tied: tuple[int, bool],
-    lowered: bool,
     free: tuple[int, bool],
-    taken: str,
+    after: tuple[int, bool],
+    strained: tuple[bool, bool],
+    taken: list[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     scene = make_scene([Body(*ARM), Body(*SLEEVE)], RepairOptions())
     meshes, pose = WeldedMeshes(scene), detected(scene, gathered(scene, [ARM[0], SLEEVE[0]]))
     vars(scene)["held"] = Attachments(scene.enclosures.part_of_face, NO_ZONES, scene.garments)
-    points = {True: pose.centred + 0.1, False: pose.centred + 0.2}
-    left = {id(points[True]): tied, id(points[False]): free}
-    asked: list[bool] = []
+    ways = dict(zip(("tied", "free", "after"), (tied, free, after), strict=True))
+    points = {name: pose.centred + k for k, name in enumerate(ways)}
+    left = {id(points[name]): own for name, own in ways.items()}
+    asked: list[str] = []
 
-    def found_by(own: Scene, *_: Any) -> list[independent._Found]:
-        asked.append(own.dressed)
-        judged = Judged(points[own.dressed], lowered=own.dressed and lowered)
-        return [independent._Found(judged, NO_PAIRS, Solved(points[own.dressed]), 1.0)]
+    def found_by(own: Scene, *_: Any) -> list[Found]:
+        name = "tied" if own.dressed else "free"
+        asked.append(name)
+        judged = Judged(points[name], (CAME_OFF,) * strained[not own.dressed])
+        return [Found(judged, NO_PAIRS, Solved(points[name]), 1.0)]
 
-    monkeypatch.setattr(independent, "_bounded_poses", found_by)
+    def after_bodies(*_: Any, **__: Any) -> FloatArray:
+        asked.append("after")
+        return points["after"]
+
+    monkeypatch.setattr(independent, "bounded_poses", found_by)
+    monkeypatch.setattr(independent, "with_bodies_first", after_bodies)
+    monkeypatch.setattr(
+        independent, "bounded_result", lambda *own: Found(Judged(own[3]), NO_PAIRS, own[4], 1.0)
+    )
     monkeypatch.setattr(independent, "wrong_of", lambda _, __, own: left[id(own)][0])
     monkeypatch.setattr(independent, "came_off", lambda _, __, own: left[id(own)][1])
     (result,) = independent._found_so(scene, meshes, [pose], IndependentOptions())
-    assert asked == ([True] if taken == "tied alone" else [True, False])
-    assert result.judged.points is points[taken != "free"]
+    tried = list(dict.fromkeys(taken))
+    assert asked == tried
+    assert result.judged.points is points[taken[-1]]
 
 
 @pytest.mark.parametrize(
@@ -125,17 +142,16 @@ def test_what_follows_the_body_is_taken_if_nothing_is_left_and_else_the_best(
     first, along, both = (pose.centred + shift for shift in (0.1, 0.2, 0.3))
     left = {id(first): (9, False), id(along): led, id(both): (5, False)}
     found = {
-        id(own): independent._Found(Judged(own), NO_PAIRS, Solved(own), 1.0)
-        for own in (first, along, both)
+        id(own): Found(Judged(own), NO_PAIRS, Solved(own), 1.0) for own in (first, along, both)
     }
     asked: list[str] = []
 
-    def found_pushed(own: Scene, *_: Any) -> list[independent._Found]:
+    def found_pushed(own: Scene, *_: Any) -> list[Found]:
         asked.append("pushed")
         return [found[id(both)]]
 
     monkeypatch.setattr(independent, "with_bodies_first", lambda *_, **__: along)
-    monkeypatch.setattr(independent, "_bounded", lambda *own: found[id(own[3])])
+    monkeypatch.setattr(independent, "bounded_result", lambda *own: found[id(own[3])])
     monkeypatch.setattr(independent, "_found", found_pushed)
     monkeypatch.setattr(independent, "wrong_of", lambda _, __, own: left[id(own)][0])
     monkeypatch.setattr(independent, "came_off", lambda _, __, own: left[id(own)][1])

@@ -210,17 +210,41 @@ def _no_match(stage: Usd.Stage, prim: str | None, exclude: str | None) -> Except
     return SelectionError(
         f"prim expression {prim!r}: no match among the active, defined and loaded meshes"
         + ("" if exclude is None else f" that {exclude!r} does not exclude")
-        + _examples(_matching_meshes(stage, None, None), prim)
+        + _examples(meshes := _matching_meshes(stage, None, exclude))
+        + meant(stage, prim, [str(mesh.GetPath()) for mesh in meshes])
     )
 
 
-def _examples(meshes: Sequence[Usd.Prim], prim: str, named: int = 3) -> str:
-    """Say which mesh is meant, or which there are, the first of them by name."""
+def meant(stage: Usd.Stage, expression: str, paths: Iterable[str]) -> str:
+    """Return which of the paths a plain path that is not on the stage may mean, as a question.
+
+    Or "": names differ by a letter or two, as many as parents.
+    """
+    typed = expression.strip().removesuffix("//")
+    path = Sdf.Path(typed) if Sdf.Path.IsValidPathString(typed) else Sdf.Path()
+    if not path.IsAbsolutePath() or stage.GetPrimAtPath(path):
+        return ""
+    depth = path.pathElementCount
+    prefixes = dict.fromkeys(
+        above for own in paths for above in Sdf.Path(own).GetPrefixes()[depth - 1 : depth]
+    )
+    names = str(path).split("/")
+    for near in prefixes:
+        pairs = zip(names, str(near).split("/"), strict=True)
+        if all(one == other or _alike(one, other) for one, other in pairs):
+            return f"; is {near}{'' if str(near) in paths else '//'} meant?"
+    return ""
+
+
+def _alike(name: str, other: str) -> bool:
+    """Return whether one name may be the other, mistyped."""
+    return bool(get_close_matches(name.lower(), [other.lower()], cutoff=0.75))
+
+
+def _examples(meshes: Sequence[Usd.Prim], named: int = 3) -> str:
+    """Say which meshes there are, the first of them by name."""
     if not meshes:
         return "; the stage has none"
-    prefixes = [str(own) for mesh in meshes for own in mesh.GetPath().GetPrefixes()]
-    if near := get_close_matches(prim.rstrip("/"), dict.fromkeys(prefixes), n=1):
-        return f"; is {near[0]} meant?"
     more = f" and {len(meshes) - named} more" if len(meshes) > named else ""
     return f"; the stage has {', '.join(str(mesh.GetPath()) for mesh in meshes[:named])}{more}"
 

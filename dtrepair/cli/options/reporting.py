@@ -36,7 +36,8 @@ def report_options(*names: str) -> Function:
             type=FILE,
             multiple=True,
             metavar="F.json|F.html|-",
-            help="Write a report: JSON, as .html a page to look at; - is stdout; repeatable.",
+            help="Write a report: JSON, as .html a page to look at; - is stdout. May be given "
+            "several times.",
         )(decorated)
 
     return decorate

@@ -44,7 +44,7 @@ def print_modelled(console: Console, report: Report) -> None:
     console.table(header, [[*row[:-1], row[-1].ljust(width)] for row in rows])
     if any(row[1] == "?" for row in rows):
         console.result(
-            "?: each frame lists the parts with most pairs, and these were never among them"
+            "?: a frame lists the pairs of parts that have most, and this one was in no such list"
         )
     if attached.others:
         console.result(

@@ -31,7 +31,7 @@ PICTURES = (".png", ".jpg", ".jpeg")
 
 @dataclass(frozen=True)
 class Reports:
-    """Where a report goes, as JSON and as a page or more, and a picture; None: nowhere."""
+    """Where the report goes, as JSON or page, to any number of places, and a picture."""
 
     report: tuple[str, ...] = ()
     picture: str | None = None
@@ -54,6 +54,8 @@ def check_report_places(
         check_writable(reports.picture)
         others.append(reports.picture)
     for path in reports.report:
+        if path == STDOUT and console.results_on_stderr:
+            raise UsageError("--report -: given twice; leave one out")
         if path == STDOUT:
             console.results_on_stderr = True
         else:

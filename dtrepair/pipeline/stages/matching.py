@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from difflib import get_close_matches
 from typing import NamedTuple
 
 from dtrepair.pipeline.errors import UsageError
@@ -30,14 +29,20 @@ def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
     return found
 
 
-def no_match(source: Source, expression: str) -> str:
-    """Say that a path expression matches no mesh of a source, and which it may mean."""
-    paths = dict.fromkeys(above for mesh in source.meshes for above in _with_parents(mesh.path))
-    if near := get_close_matches(expression.strip(), paths, n=1):
-        return f"matches none of the selected meshes; is {near[0]} meant?"
+def no_match(source: Source, expression: str | None = None) -> str:
+    """Say that a path expression matches no mesh of a source, and what it may mean.
+
+    expression: None for one whose prims need not be selected.
+    """
+    if expression is not None and isinstance(source, StageSource):
+        from usd_io.read.select import meant
+
+        guess = meant(source.opened.stage, expression, [mesh.path for mesh in source.meshes])
+    else:
+        guess = ""
     known = ", ".join(mesh.path for mesh in source.meshes[:3])
     more = " ..." if len(source.meshes) > 3 else ""
-    return f"matches none of the selected meshes ({known}{more})"
+    return f"matches none of the selected meshes ({known}{more}){guess}"
 
 
 def meshes_matched(source: Source, expression: str, option: str) -> list[int]:
@@ -103,8 +108,8 @@ def called_pairs(
     """Return what is called attached or detached, and warnings.
 
     each: the settings of each mesh, which name others; attach, detach: pairs "A,B" of the options.
-    What is called both is detached. That is warned of, and what of the settings is not among the
-    selected meshes.
+    What is called both is detached, which is warned of where the same text says both. What of the
+    settings is not among the selected meshes is warned of, too.
     """
     found, warnings = list[set[tuple[int, int]]](), list[str]()
     for name, texts in (("attach", attach), ("detach", detach)):
@@ -115,12 +120,11 @@ def called_pairs(
                 others = meshes_matched(source, expression, where)
                 pairs |= {(min(index, other), max(index, other)) for other in others}
                 if not others:
-                    warnings.append(f"{where}: {no_match(source, expression)}")
+                    warnings.append(f"{where}: {no_match(source)}")
         found.append(pairs)
     attached, detached = found
-    for i, j in sorted(attached & detached):
-        both = f"{source.meshes[i].path} and {source.meshes[j].path}"
-        warnings.append(f"{both}: attach and detach; detach is what holds")
+    for text in sorted(set(attach) & set(detach)):
+        warnings.append(f"{text}: called attached and detached; detached holds")
     return CalledPairs(tuple(sorted(attached - detached)), tuple(sorted(detached))), warnings
 
 

@@ -16,7 +16,6 @@ from dtrepair.repair.clip.frames import Frame, without_holds
 from dtrepair.repair.clip.mend_frames import dirty_share
 from dtrepair.repair.clip.steady_frames import agreed
 from dtrepair.repair.clip.window_method import MakeMethod
-from dtrepair.repair.independent import solved_pose
 from dtrepair.repair.parallel.worker_pool import (
     WorkerPool,
     available_processors,
@@ -42,6 +41,7 @@ from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.separation.groups import faulty_bodies, groups_meet, groups_of_bodies
 from dtrepair.repair.separation.starts import Starts
+from dtrepair.repair.single_poses import solved_pose
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")

@@ -57,8 +57,11 @@ def test_reports_go_to_several_files(tmp_path: Path) -> None:
     assert found.code == 1
     validate(json.loads(places[0].read_text()))
     assert "<html" in places[1].read_text()
-    again = run("check", path, "--report", places[0], "--report", places[0])
-    assert_fails(again, 2, "r.json")
+    both = run("check", path, "--report", "-", "--report", places[0])
+    assert json.loads(both.out) == {**json.loads(places[0].read_text()), **both.json}
+    for place in (places[0], "-"):
+        again = run("check", path, "--report", place, "--report", place)
+        assert_fails(again, 2, "--report" if place == "-" else "r.json")
 
 
 def test_stage_counts_each_frame(tmp_path: Path) -> None:

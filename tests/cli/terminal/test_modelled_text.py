@@ -54,7 +54,7 @@ def test_what_no_frame_lists_is_explained(others: int, capsys: pytest.CaptureFix
     print_modelled(Console(), report)
     _, row, *rest = capsys.readouterr().out.splitlines()
     assert row.split()[1] == ("?" if others else "0")
-    assert len(rest) == (others > 0) and all(own.startswith("?: each frame lists") for own in rest)
+    assert len(rest) == (others > 0) and all(own.startswith("?: a frame lists") for own in rest)
 
 
 def test_it_is_said_where_nothing_is_modelled(tmp_path: Path) -> None:

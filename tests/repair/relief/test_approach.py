@@ -19,7 +19,7 @@ from dtrepair.repair.full.biharmonic_fill import FillOptions
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.full.phases import PhaseOptions
-from dtrepair.repair.independent import repair_poses, solved_pose
+from dtrepair.repair.independent import repair_poses
 from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.relief.approach import ApproachOptions, bounded_approach
 from dtrepair.repair.scene.bounds import Judged
@@ -27,6 +27,7 @@ from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from dtrepair.repair.single_poses import solved_pose
 from tests.meshes import armed_body
 
 REST, FACES = armed_body(1.5)

@@ -67,7 +67,10 @@ def test_selection_leaves_the_stage_as_it_was(crowd: Path) -> None:
         ("{bad", "Ill-formed|parse error"),
         ("//hero//{no:such}", "No registered function 'no'"),
         ("/Nobody", "no match among the active, .* meshes; the stage has /Root/hero/Body"),
-        ("/Root/hero/Bdy", "no match .*; is /Root/hero/Body meant?"),
+        ("/Root/hero/Bdy", r"the stage has .*; is /Root/hero/Body meant\?$"),
+        ("/Root/Heroo//", r"; is /Root/hero// meant\?$"),
+        ("/Root/hero/Shoes", "the stage has [^?]*$"),
+        ("/Root/hero/Body{isa:Sphere}", "the stage has [^?]*$"),
         ("/Root/hero", "'/Root/hero//' for the meshes below it"),
     ],
 )

@@ -1,0 +1,142 @@
+"""Poses of a scene by the meshes of one way, each for itself: led apart, solved, bounded."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.repair.independent_options import IndependentOptions
+from dtrepair.repair.relief.approach import bounded_approach
+from dtrepair.repair.relief.relief import relieved_poses
+from dtrepair.repair.result import Solved
+from dtrepair.repair.scene.bounds import Judged, bounded_pose
+from dtrepair.repair.scene.mending import mended
+from dtrepair.repair.scene.opened_pose import OpenedPose
+from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_that_meet
+from dtrepair.repair.separation.release import released
+from dtrepair.repair.separation.sunken import raised_frames
+from dtrepair.repair.torn_poses import LedPose
+
+
+class Found(NamedTuple):
+    """What was found for a pose, its pairs (K, 2), and how and in what time it was found."""
+
+    judged: Judged
+    pairs: IntArray
+    solved: Solved
+    seconds: float
+
+
+def bounded_poses(
+    scene: Scene, meshes: WeldedMeshes, opened: Sequence[OpenedPose], options: IndependentOptions
+) -> list[Found]:
+    """Return what is found for poses by the meshes of one way, within the bounds."""
+    start = time.perf_counter()
+    wanted = [k for k, pose in enumerate(opened) if pose.wrong]
+    solved = solved_poses(scene, meshes, [opened[k] for k in wanted], options)
+    found = dict(zip(wanted, solved, strict=True))
+    seconds = (time.perf_counter() - start) / max(len(wanted), 1)
+    unsolved = [(pose.centred, Solved(pose.centred)) for pose in opened]
+    return [
+        bounded_result(
+            scene, meshes, pose, *found.get(k, unsolved[k]), seconds if k in found else 0.0, options
+        )
+        for k, pose in enumerate(opened)
+    ]
+
+
+def solved_poses(
+    scene: Scene, meshes: WeldedMeshes, opened: list[OpenedPose], options: IndependentOptions
+) -> list[tuple[FloatArray, Solved]]:
+    """Return a pose (V, 3) and how it was found; those of one welded mesh are solved at once."""
+    starts = [_start(scene, pose, options) for pose in opened]
+    of_pose = [meshes([pose.sewn]) for pose in opened]
+    found: dict[int, tuple[FloatArray, Solved]] = {}
+    for mesh in {id(mesh): mesh for mesh in of_pose}.values():
+        own = [k for k, other in enumerate(of_pose) if other is mesh]
+        numbers = options.separation, options.torn
+        poses = [LedPose(scene, mesh, opened[k], starts[k], *numbers) for k in own]
+        separated = [pose.separated(pose.start, pose.opened.pairs) for pose in poses]
+        for pose, k, led, solved in zip(poses, own, separated, mesh.solve(separated), strict=True):
+            found[k] = solved if len(scene.bodies) == 1 else pose.improved(solved, led)
+    return [found[k] for k in range(len(opened))]
+
+
+def solved_pose(
+    scene: Scene, meshes: WeldedMeshes, opened: OpenedPose, *, options: IndependentOptions
+) -> FloatArray:
+    """Return what is found (V, 3) for a pose on its own; it may be strained."""
+    points = solved_poses(scene, meshes, [opened], options)[0][0]
+    pairs_of = partial(scene.pairs, weld=opened.weld)
+    found = bounded_pose(
+        scene, opened, Judged(points), pairs_of(points), pairs_of, options=options.share
+    )
+    mesh, numbers = meshes([opened.sewn]), options.approach
+    better = bounded_approach(scene, mesh, opened, found, pairs_of, options=numbers)
+    return points if better is found else better[0].points
+
+
+def _start(scene: Scene, pose: OpenedPose, options: IndependentOptions) -> FloatArray:
+    """Return a pose (V, 3) with its enclosed and sunken parts led out, and its layers lifted."""
+    start = pose.centred
+    if len(pose.enclosed):
+        start = released(scene, start, not_worn(scene, pose.enclosed), options=options.release)
+    met, one = parts_that_meet(scene, pose.pairs, pose.enclosed), np.zeros(1)
+    frames = raised_frames(scene, start[None], [pose.pairs], one, options=options.sunken)
+    lifted: FloatArray = lifted_frames(scene, frames, [met], one, options=options.lift)[0]
+    return lifted
+
+
+def result_pairs(scene: Scene, points: FloatArray) -> IntArray:
+    """Return the pairs (K, 2) of a result (V, 3), in which each vertex stands for itself.
+
+    What only happened to coincide in the input are two in the result.
+    """
+    return scene.pairs(points, scene.weld(points))
+
+
+def bounded_result(
+    scene: Scene,
+    meshes: WeldedMeshes,
+    pose: OpenedPose,
+    final: FloatArray,
+    solved: Solved,
+    seconds: float,
+    options: IndependentOptions,
+) -> Found:
+    """Return what was found for a pose, `final` (V, 3), within the bounds.
+
+    seconds: what it took so far.
+    """
+    start, pairs_of = time.perf_counter(), partial(result_pairs, scene)
+    if final is pose.centred:
+        judged, pairs = bounded_pose(
+            scene, pose, Judged(final), pose.pairs, pairs_of, options=options.share
+        )
+    else:
+        mesh = meshes([pose.sewn])
+        (final,) = relieved_poses(scene, mesh, [pose], [final], options=options.relief)
+        bounded = bounded_pose(
+            scene, pose, Judged(final), pairs_of(final), pairs_of, options=options.share
+        )
+        numbers = options.approach
+        judged, pairs = bounded_approach(scene, mesh, pose, bounded, pairs_of, options=numbers)
+    if judged.lowered:
+        judged, pairs = mended(
+            scene,
+            meshes([pose.sewn]),
+            pose.centred,
+            judged,
+            pairs,
+            pairs_of,
+            step=options.mend_step,
+            options=options.mend,
+        )
+    return Found(judged, pairs, solved, seconds + time.perf_counter() - start)

@@ -41,9 +41,9 @@ class SearchOptions:
             cleaning it: less is not worth the animator's surprise.
         shortest: No key is added between two that are nearer to each other than this fraction of
             the given span: keys crowd where contacts begin, and what lies between them pops.
-        farther, near: A key goes farther than so many times what the repaired pose and the given
-            keys around it went, and this fraction of the diagonal, only where no more keys may be
-            added, or nothing else helps: an arm would fly out between two keys at which it hangs.
+        farther, near: No key goes farther than so many times what the repaired pose and the given
+            keys around it went, and this fraction of the diagonal: an arm would fly out between two
+            keys at which it hangs. What is left for that is told.
         trials: Most changes between two given keys, times the number of spans they may be split
             into.
         changes: Numbers of the changes that are tried.
@@ -177,7 +177,6 @@ class _Search:
     def clean(self, span: tuple[float, float]) -> None:
         """Move or add keys until a span is clean or nothing helps."""
         hopeless: set[tuple[float, float]] = set()
-        bounded = True
         for _ in range(self.numbers.trials * (self.options.extra + 1)):
             parts = parts_of(span, self.added)
             dirty = {
@@ -185,23 +184,18 @@ class _Search:
             }
             part = max(dirty, key=lambda item: dirty[item], default=None)
             if part is None or dirty[part] == 0.0:
-                if not (bounded and hopeless):
-                    return
-                # Rather far out than dirty.
-                bounded, hopeless = False, set()
-                continue
+                return
             short = part[1] - part[0] < self.numbers.shortest * (span[1] - span[0])
-            most = len(parts) > self.options.extra
-            trial = self.best_trial(part, full=short or most, bounded=bounded and not most)
+            trial = self.best_trial(part, full=short or len(parts) > self.options.extra)
             if trial is None:
                 hopeless.add(part)
             else:
                 self.accept(trial)
 
-    def best_trial(self, part: tuple[float, float], *, full: bool, bounded: bool) -> Trial | None:
+    def best_trial(self, part: tuple[float, float], *, full: bool) -> Trial | None:
         """Return the change that leaves least, None where none leaves less.
 
-        full: no more keys may be added; bounded: no key goes far out.
+        full: no more keys may be added.
         """
         best: Trial | None = None
         options, cost = self.options, cost_of(part, self.known[part])
@@ -209,7 +203,7 @@ class _Search:
             poses, most = self.poses(self.tracks, time), np.inf
             for start in self.starts(part, time, poses):
                 found = self.settled(time, start)
-                if bounded and start is poses:
+                if start is poses:
                     usual = usual_move(*self.moving, part, self.added, time, found)
                     most = self.numbers.farther * usual + self.numbers.near
                 if found is None:

@@ -205,7 +205,7 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         keys.record(record, time, found.tracks)
         for time, record in sorted({**records, **added}.items())
     )
-    findings = _broken_off(source, keys, found.tracks)
+    findings = _motion_findings(source, keys, found.tracks)
     warnings = clearance_warnings(frames, run.options.clearance) + warnings_of(findings)
     warn(observer, warnings)
     if sink is not None:
@@ -233,16 +233,19 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     )
 
 
-def _broken_off(
+def _motion_findings(
     source: StageSource, keys: StageKeys, tracks: Sequence[Track]
 ) -> tuple[MotionFinding, ...]:
-    """What is corrected in keys beside which others were not chosen."""
+    """What gives way in the chosen keys, and what ends beside keys that were not chosen.
+
+    Keys are too far apart to tell jumps.
+    """
     motion = Motion(source)
     for time in keys.selected:
         if keys.frames[time].usable:
             before, after = ([own.at(time) for own in each] for each in (keys.given, tracks))
             motion.add(time, before, after)
-    return tuple(own for own in motion.findings() if own.kind is FindingKind.BREAKS_OFF)
+    return tuple(own for own in motion.findings() if own.kind is not FindingKind.JUMPS)
 
 
 def _collider_warnings(among: ColliderContacts, keys: StageKeys) -> tuple[str, ...]:

@@ -103,7 +103,9 @@ def test_a_mesh_that_stands_still_is_held_beside_a_skin(rig: Path, tmp_path: Pat
     wall.GetFaceVertexIndicesAttr().Set([0, 1, 2])
     stage.Save()
     out = tmp_path / "out.usda"
-    repair_keyposes(rig, out, selection=Selection(frames="0,8"))
+    report = repair_keyposes(rig, out, selection=Selection(frames="0,8"))
+    (gave,) = (own for own in report.findings if own.kind is FindingKind.MOVED)
+    assert (gave.path, gave.times) == (WALL, (8.0,))
     held = {time: np.abs(pose - still).max() for time, pose in read_samples(out, WALL).items()}
     assert held[8.0] > 1e-3 and held[4.0] > 1e-4
     assert max(held[float(time)] for time in (0, *range(9, 25))) < 1e-6

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -58,7 +59,7 @@ class LimbOptions:
 
 
 # A wire is shorter than a usual piece, and hides where two of these meet.
-SHORT = LimbOptions(length=0.03, edges=2.0, phases=3, span=0.5)
+SHORT = LimbOptions(length=0.03, edges=3.0, phases=3, span=0.5)
 
 
 class Pieces:
@@ -184,7 +185,6 @@ class Solids:
         scale: What lengths are measured in.
         sheet: A closed part of less volume, over its area to the power 3/2, has none.
         thicker: Of what has grown, growth of the volume over the area; lumps swell however thin.
-        bounds: Changes that closed parts, limbs, and short pieces of limbs may have.
     """
 
     def __init__(
@@ -195,45 +195,46 @@ class Solids:
         scale: Scale,
         sheet: float,
         thicker: float,
-        bounds: tuple[float, float, float],
     ) -> None:
-        self.parts, self.thicker, self.bounds = parts, thicker, bounds
+        self.parts = parts
         closed = np.where(parts.closed[parts.of_face], parts.of_face, -1)
         self.closed = Pieces(parts.faces, closed, sheet)
         self.limbs = () if rest is None else limbs(parts, rest, scale=scale)
         self.short = () if rest is None else limbs(parts, rest, scale=scale, options=SHORT)
+        lumps = np.where(parts.lumps[: self.closed.count], -1.0, thicker)
+        same = np.full(1, thicker)
+        self._thicker = [lumps, *(same for _ in (*self.limbs, *self.short))]
 
-    def __call__(
+    def changes(
         self, before: FloatArray, after: FloatArray, old: FloatArray, new: FloatArray
-    ) -> list[Beyond]:
-        """Return what has another volume in a pose (V, 3); old, new: vector areas (F, 3).
+    ) -> list[FloatArray]:
+        """Return the changes (P,) of all pieces in a pose (V, 3); old, new: vector areas (F, 3)."""
+        both = zip((self.closed, *self.limbs, *self.short), self._thicker, strict=True)
+        return [pieces.changes(before, after, old, new, thicker) for pieces, thicker in both]
 
-        Of a part of which nothing else is told the worst short piece.
+    def beyond(
+        self, changes: Sequence[FloatArray], *, volume: float, limb: float, wire: float
+    ) -> list[Beyond]:
+        """Return what changed by more than closed parts, limbs and short pieces of limbs may.
+
+        Of short pieces the worst of a part of which no other volume is told.
         """
-        poses = before, after, old, new
-        lumps = np.where(self.parts.lumps[: self.closed.count], -1.0, self.thicker)
-        result = self._beyond(StrainKind.VOLUME, self.closed, poses, lumps, self.bounds[0])
-        same = np.full(1, self.thicker)
+        result = self._beyond(StrainKind.VOLUME, self.closed, changes[0], volume)
+        rest = iter(changes[1:])
         for pieces in self.limbs:
-            result += self._beyond(StrainKind.LIMB, pieces, poses, same, self.bounds[1])
+            result += self._beyond(StrainKind.LIMB, pieces, next(rest), limb)
         told, worst = {own.part for own in result}, dict[int, Beyond]()
         for pieces in self.short:
-            for own in self._beyond(StrainKind.LIMB, pieces, poses, same, self.bounds[2]):
+            for own in self._beyond(StrainKind.LIMB, pieces, next(rest), wire):
                 if own.part not in told:
                     known = worst.setdefault(own.part, own)
                     worst[own.part] = max(known, own, key=lambda other: other.change)
         return [*result, *worst.values()]
 
     def _beyond(
-        self,
-        kind: StrainKind,
-        pieces: Pieces,
-        poses: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-        thicker: FloatArray,
-        bound: float,
+        self, kind: StrainKind, pieces: Pieces, change: FloatArray, bound: float
     ) -> list[Beyond]:
         """Return the pieces that changed by more than their bound."""
-        change = pieces.changes(*poses, thicker)
         result = []
         for index in np.flatnonzero(change > bound):
             own = pieces.vertices(int(index))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,6 +22,7 @@ from dtrepair.numerics.geometry import (
     shared_edges,
     vector_areas,
 )
+from dtrepair.numerics.recent import Recent
 from dtrepair.numerics.scale import WHOLE, Scale
 from dtrepair.repair.strain.parts import ConnectedParts
 
@@ -92,20 +93,16 @@ class Pieces:
 
     def changes(
         self,
-        before: FloatArray,
-        after: FloatArray,
-        old: FloatArray,
-        new: FloatArray,
+        before: tuple[FloatArray, FloatArray],
+        after: tuple[FloatArray, FloatArray],
         thicker: FloatArray,
     ) -> FloatArray:
         """Return by how much of itself the volume (P,) of each piece changed, 0 where it has none.
 
-        before, after: poses (V, 3); old, new: vector areas (F, 3) of all triangles. What did not
-        get thicker, volume over area, by more than this share (P,) has not grown; -1: all has.
+        before, after: `measures` of both poses. What did not get thicker, volume over area, by more
+        than this share (P,) has not grown; -1: all has.
         """
-        centre = before.mean(axis=0)
-        had, area = self.measures(before - centre, old)
-        has, wide = self.measures(after - centre, new)
+        (had, area), (has, wide) = before, after
         solid = np.abs(had) > self.flat * area**1.5
         ratio = np.where(solid, has / np.where(solid, had, 1.0), 1.0)
         swollen = ratio * area > (1.0 + thicker) * wide
@@ -131,39 +128,52 @@ class Pieces:
 
 
 def limbs(
-    parts: ConnectedParts,
-    rest: FloatArray,
-    *,
-    scale: Scale = WHOLE,
-    options: LimbOptions = LimbOptions(),
-) -> tuple[Pieces, ...]:
-    """Return the pieces of limbs of all skins, cut in each phase: slices by the distance to an end.
+    parts: ConnectedParts, rest: FloatArray, *each: LimbOptions, scale: Scale = WHOLE
+) -> list[tuple[Pieces, ...]]:
+    """Return for each of the options the pieces of limbs of all skins, cut in each phase.
 
-    Distances run along the edges of the rest (V, 3), from that vertex of each part that is farthest
-    from its middle; a slice of them has a piece for each limb that it cuts.
+    A piece lies between two distances to an end: they run along the edges of the rest (V, 3), from
+    that vertex of each part that is farthest from its middle. A slice of them has a piece for each
+    limb that it cuts.
     """
-    size = scale.diagonal(rest) or 1.0
     first, second = parts.edges.T
     length = lengths(rest[first] - rest[second]) + np.finfo(np.float32).tiny
     graph = sparse.csr_matrix((length, (first, second)), shape=(len(rest), len(rest)))
     away = csgraph.dijkstra(graph, directed=False, indices=_ends(parts, rest), min_only=True)
     mean = np.bincount(parts.of_edge, length, parts.count) / np.bincount(parts.of_edge)
-    reach = np.maximum(options.length * size, options.edges * mean)
-    along = away[parts.faces].mean(axis=1) / reach[parts.of_face]
-    sides = shared_edges(parts.faces)
-    area = lengths(vector_areas(rest, parts.faces))
-    skin = holes_of(rest, parts.faces, parts.of_face) <= options.holes
-    ways = []
-    for phase in range(options.phases):
-        slices = np.floor(along + phase / options.phases)
-        same = slices[sides[:, 0]] == slices[sides[:, 1]]
-        piece = link_labels(sides[same].astype(np.int32), len(parts.faces))
-        whole = np.bincount(piece, area) >= (options.small * size) ** 2
-        whole &= np.bincount(piece) >= options.triangles
-        whole &= _spans(along, piece) >= options.span
-        judged = whole[piece] & skin[parts.of_face]
-        ways.append(Pieces(parts.faces, np.where(judged, piece, -1), options.flat))
-    return tuple(ways)
+    size = scale.diagonal(rest) or 1.0
+    holes = holes_of(rest, parts.faces, parts.of_face)
+    cut = _Cut(parts, away[parts.faces].mean(axis=1), mean, size, holes)
+    return [tuple(cut.phases(rest, own)) for own in each]
+
+
+class _Cut(NamedTuple):
+    """Skins along which limbs are cut: how far each triangle (F,) is from the end of its part.
+
+    mean: edge of each part (P,); holes: see `holes_of`, (P,).
+    """
+
+    parts: ConnectedParts
+    away: FloatArray
+    mean: FloatArray
+    size: float
+    holes: FloatArray
+
+    def phases(self, rest: FloatArray, options: LimbOptions) -> Iterator[Pieces]:
+        """Yield the pieces of limbs, cut a little farther along each time."""
+        parts, sides = self.parts, shared_edges(self.parts.faces)
+        area = lengths(vector_areas(rest, parts.faces))
+        reach = np.maximum(options.length * self.size, options.edges * self.mean)
+        along, skin = self.away / reach[parts.of_face], self.holes <= options.holes
+        for phase in range(options.phases):
+            slices = np.floor(along + phase / options.phases)
+            same = slices[sides[:, 0]] == slices[sides[:, 1]]
+            piece = link_labels(sides[same].astype(np.int32), len(parts.faces))
+            whole = np.bincount(piece, area) >= (options.small * self.size) ** 2
+            whole &= np.bincount(piece) >= options.triangles
+            whole &= _spans(along, piece) >= options.span
+            judged = whole[piece] & skin[parts.of_face]
+            yield Pieces(parts.faces, np.where(judged, piece, -1), options.flat)
 
 
 class Beyond(NamedTuple):
@@ -199,8 +209,12 @@ class Solids:
         self.parts = parts
         closed = np.where(parts.closed[parts.of_face], parts.of_face, -1)
         self.closed = Pieces(parts.faces, closed, sheet)
-        self.limbs = () if rest is None else limbs(parts, rest, scale=scale)
-        self.short = () if rest is None else limbs(parts, rest, scale=scale, options=SHORT)
+        ways: list[tuple[Pieces, ...]] = [(), ()]
+        if rest is not None:
+            ways = limbs(parts, rest, LimbOptions(), SHORT, scale=scale)
+        self.limbs, self.short = ways
+        self._pieces = (self.closed, *self.limbs, *self.short)
+        self._before = Recent[list[tuple[FloatArray, FloatArray]]]()
         lumps = np.where(parts.lumps[: self.closed.count], -1.0, thicker)
         same = np.full(1, thicker)
         self._thicker = [lumps, *(same for _ in (*self.limbs, *self.short))]
@@ -209,8 +223,22 @@ class Solids:
         self, before: FloatArray, after: FloatArray, old: FloatArray, new: FloatArray
     ) -> list[FloatArray]:
         """Return the changes (P,) of all pieces in a pose (V, 3); old, new: vector areas (F, 3)."""
-        both = zip((self.closed, *self.limbs, *self.short), self._thicker, strict=True)
-        return [pieces.changes(before, after, old, new, thicker) for pieces, thicker in both]
+        centre = before.mean(axis=0)
+        # Corrections of one input are measured in turn.
+        had = self._before(lambda points: self._measures(points - centre, old), before)
+        has = self._measures(after - centre, new)
+        return [
+            pieces.changes(first, second, thicker)
+            for pieces, first, second, thicker in zip(
+                self._pieces, had, has, self._thicker, strict=True
+            )
+        ]
+
+    def _measures(
+        self, points: FloatArray, areas: FloatArray
+    ) -> list[tuple[FloatArray, FloatArray]]:
+        """Return the measures of all pieces in a pose (V, 3)."""
+        return [pieces.measures(points, areas) for pieces in self._pieces]
 
     def beyond(
         self, changes: Sequence[FloatArray], *, volume: float, limb: float, wire: float

@@ -64,9 +64,9 @@ def test_pieces_keep_their_volume_where_they_move_as_wholes(seed: int, scale: fl
     turn *= np.sign(np.linalg.det(turn))
     moved = points @ turn.T + 100.0 * random.normal(size=3)
     old, new = vector_areas(scale * points, faces), vector_areas(scale * moved, faces)
-    for pieces in limbs(parts_of((points, faces)), points):
-        none = np.zeros(pieces.count)
-        assert pieces.changes(scale * points, scale * moved, old, new, none).max() < 1e-9
+    for pieces in limbs(parts_of((points, faces)), points, LimbOptions())[0]:
+        before, after = pieces.measures(scale * points, old), pieces.measures(scale * moved, new)
+        assert pieces.changes(before, after, np.zeros(pieces.count)).max() < 1e-9
 
 
 def test_a_limb_that_lost_its_volume_is_told_though_the_whole_keeps_its_own() -> None:
@@ -94,7 +94,7 @@ def test_a_wire_shorter_than_usual_pieces_is_told_wherever_it_is(first: int) -> 
 
 def test_rings_of_coarse_limbs_and_their_ends_are_no_short_pieces() -> None:
     points, faces = rod()
-    for pieces in limbs(parts_of((points, faces)), points, options=replace(SHORT, length=0.01)):
+    for pieces in limbs(parts_of((points, faces)), points, replace(SHORT, length=0.01))[0]:
         along = points[pieces.faces].mean(axis=1)[:, 0]
         spans = [np.ptp(along[pieces.piece == k]) for k in np.unique(pieces.piece)]
         # Rings are 3 / 119 apart.
@@ -122,7 +122,7 @@ def test_of_a_part_of_which_nothing_else_is_told_the_worst_short_piece_is() -> N
 
 def test_limbs_of_one_slice_are_pieces_of_their_own() -> None:
     mesh = crossed_legs(0.0, 0.0)
-    pieces = limbs(parts_of(mesh), mesh[0])[0]
+    pieces = limbs(parts_of(mesh), mesh[0], LimbOptions())[0][0]
     sides = [np.sign(mesh[0][pieces.vertices(k), 0]) for k in range(pieces.count)]
     single = [own for own in sides if len(own) and (own == own[0]).all()]
     assert len(single) > 0.8 * sum(len(own) > 0 for own in sides)
@@ -130,12 +130,12 @@ def test_limbs_of_one_slice_are_pieces_of_their_own() -> None:
 
 def test_garments_slivers_and_saddles_are_no_limbs() -> None:
     points, faces = tube(AROUND, 40, 0.2, 3.0)
-    assert all(own.count == 0 for own in limbs(parts_of((points, faces)), points))
+    assert all(own.count == 0 for own in limbs(parts_of((points, faces)), points, LimbOptions())[0])
     mesh = rod()
     holed = (mesh[0], mesh[1][:-6])
-    assert limbs(parts_of(holed), mesh[0])[0].count > 8
+    assert limbs(parts_of(holed), mesh[0], LimbOptions())[0][0].count > 8
     few = LimbOptions(triangles=10_000)
-    assert all(own.count == 0 for own in limbs(parts_of(mesh), mesh[0], options=few))
+    assert all(own.count == 0 for own in limbs(parts_of(mesh), mesh[0], few)[0])
     plate = (mesh[0] * [1.0, 1.0, 0.02], mesh[1])
     assert judged(plate, plate[0] * [1.0, 1.0, 0.2]) == []
 
@@ -143,7 +143,8 @@ def test_garments_slivers_and_saddles_are_no_limbs() -> None:
 def test_each_part_has_limbs_whatever_its_distance_from_the_others() -> None:
     mesh = rod()
     parts = parts_of(joined(mesh, (mesh[0] + [0.0, 4.0, 0.0], mesh[1])))
-    pieces = limbs(parts, np.concatenate([mesh[0], mesh[0] + [0.0, 4.0, 0.0]]))[0]
+    both = np.concatenate([mesh[0], mesh[0] + [0.0, 4.0, 0.0]])
+    pieces = limbs(parts, both, LimbOptions())[0][0]
     owners = [np.unique(parts.of_vertex[pieces.vertices(k)]) for k in np.unique(pieces.piece)]
     assert {len(own) for own in owners} == {1}
     assert (np.bincount(np.concatenate(owners)) > 8).all()

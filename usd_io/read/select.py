@@ -61,7 +61,7 @@ def select_prims(
         if not _matching_meshes(stage, term, None):
             raise _no_match(stage, term, None)
     prototypes = _prototype_roots(stage)
-    warnings: list[str] = []
+    warnings = _idle_excludes(stage, exclude, matched)
     candidates = []
     for mesh in matched:
         reason = _skip_reason(mesh, prototypes, include_invisible, include_purposes)
@@ -161,6 +161,17 @@ def _matching_meshes(stage: Usd.Stage, prim: str | None, exclude: str | None) ->
     return _matching(stage, prim, exclude, lambda item: bool(item.IsA(UsdGeom.Mesh)))
 
 
+def _idle_excludes(stage: Usd.Stage, exclude: str | None, meshes: Sequence[Usd.Prim]) -> list[str]:
+    """Return a warning for each term of an exclusion that matches no prim of the stage."""
+    terms = [] if exclude is None else union_terms(exclude) or [exclude.strip()]
+    paths = [str(mesh.GetPath()) for mesh in meshes]
+    return [
+        f"exclude {term}: matches nothing, so that nothing is left out{meant(stage, term, paths)}"
+        for term in terms
+        if not matching_paths(stage, term)
+    ]
+
+
 def _is_shape(prim: Usd.Prim) -> bool:
     return prim.GetTypeName() in _SHAPES
 
@@ -215,7 +226,7 @@ def _no_match(stage: Usd.Stage, prim: str | None, exclude: str | None) -> Except
     )
 
 
-def meant(stage: Usd.Stage, expression: str, paths: Iterable[str]) -> str:
+def meant(stage: Usd.Stage, expression: str, paths: Sequence[str]) -> str:
     """Return which of the paths a plain path that is not on the stage may mean, as a question.
 
     Or "": names differ by a letter or two, as many as parents.
@@ -228,17 +239,12 @@ def meant(stage: Usd.Stage, expression: str, paths: Iterable[str]) -> str:
     prefixes = dict.fromkeys(
         above for own in paths for above in Sdf.Path(own).GetPrefixes()[depth - 1 : depth]
     )
-    names = str(path).split("/")
+    names = str(path).split("/")[1:]
     for near in prefixes:
-        pairs = zip(names, str(near).split("/"), strict=True)
-        if all(one == other or _alike(one, other) for one, other in pairs):
+        pairs = zip(names, str(near).split("/")[1:], strict=True)
+        if all(get_close_matches(one.lower(), [own.lower()], cutoff=0.75) for one, own in pairs):
             return f"; is {near}{'' if str(near) in paths else '//'} meant?"
     return ""
-
-
-def _alike(name: str, other: str) -> bool:
-    """Return whether one name may be the other, mistyped."""
-    return bool(get_close_matches(name.lower(), [other.lower()], cutoff=0.75))
 
 
 def _examples(meshes: Sequence[Usd.Prim], named: int = 3) -> str:

@@ -172,7 +172,7 @@ def test_what_is_attached_and_detached_is_told(apart: Path) -> None:
     host = Listener()
     report = check_stage(apart, attach=(BOTH,), detach=(BOTH,), observer=host)
     assert not report.attached
-    told = f"{BOTH}: called attached and detached; detached holds"
+    told = f"{BOTH}: called attached and detached, which counts"
     assert [own for own in host.warnings if "called attached" in own] == [told]
 
 

@@ -81,6 +81,14 @@ def test_bad_expressions_are_usage_errors(crowd: Path, expression: str, reason: 
     assert "\n" not in str(caught.value)
 
 
+def test_an_exclusion_that_matches_nothing_is_told(crowd: Path) -> None:
+    opened = Usd.Stage.Open(str(crowd))
+    assert not read_meshes(opened, exclude="//hero//").warnings
+    (warning,) = read_meshes(opened, exclude="(/Root/hero/Bdy) + (/Root/hero)").warnings
+    assert warning.startswith("exclude /Root/hero/Bdy: matches nothing")
+    assert warning.endswith("; is /Root/hero/Body meant?")
+
+
 def test_everything_excluded(crowd: Path) -> None:
     with pytest.raises(StageError, match="no active, defined and loaded mesh besides"):
         paths_of(crowd, exclude="//")

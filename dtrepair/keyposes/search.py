@@ -52,7 +52,7 @@ class SearchOptions:
     finer: float = 0.5
     least_gain: float = 0.1
     shortest: float = 0.1
-    farther: float = 2.0
+    farther: float = 1.5
     near: float = 0.01
     trials: int = 4
     changes: ChangeOptions = field(default_factory=ChangeOptions)

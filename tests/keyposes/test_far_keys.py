@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dtrepair.keyposes.changes import Change, moved_farther, usual_move
 from dtrepair.keyposes.options import KeyOptions
 from dtrepair.keyposes.search import SearchOptions, clean_in_betweens
 from dtrepair.keyposes.spans import KeyPoses
@@ -54,11 +56,11 @@ def highest(found: KeyPoses) -> float:
     return max(float(pose[0, 0]) for pose in found.tracks[0].poses)
 
 
-@pytest.mark.parametrize(("farther", "most"), [(2.0, 4.0), (np.inf, np.inf)])
+@pytest.mark.parametrize(("farther", "most"), [(1.5, 3.0), (np.inf, np.inf)])
 def test_keys_are_added_before_one_flies_out(farther: float, most: float) -> None:
     found = cleaned(WallSolver((1.5, 9.5, 1.0)), farther=farther)
     assert left(found) == 0
-    assert highest(found) < most and (farther == 2.0 or highest(found) > 5.0)
+    assert highest(found) < most and (farther == 1.5 or highest(found) > 5.0)
 
 
 def test_what_would_be_clean_with_a_far_key_only_is_left() -> None:
@@ -66,6 +68,24 @@ def test_what_would_be_clean_with_a_far_key_only_is_left() -> None:
     found = cleaned(wall, extra=1)
     assert left(found) > 0 and highest(found) < 3.0
     assert left(cleaned(wall, extra=1, farther=1e9)) == 0
+
+
+def test_moves_are_measured_from_what_was_given_in_diagonals() -> None:
+    large = 10.0 * STILL
+    given = [Track((0.0, 10.0), (pose, pose)) for pose in (STILL, large)]
+    tracks = [own.with_key(0.0, own.poses[0] + np.float32(2.0)) for own in given]
+    far = [pose + np.float32([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) for pose in (STILL, large)]
+    usual = partial(usual_move, tracks, given, "linear", (0.0, 10.0))
+    shift = 2.0 * np.sqrt(3.0)
+    assert usual([], 5.0, None) == pytest.approx(shift / 10.0)
+    assert usual([], 5.0, far) == pytest.approx(shift / 10.0)
+    assert usual([0.0], 5.0, far) == pytest.approx(3.0 / 10.0)
+    assert usual([0.0], 5.0, None) == 0.0
+    moved = partial(moved_farther, tracks, given, "linear")
+    assert moved(Change([(0, 5.0, far[0]), (1, 5.0, far[1])], (5.0,))) == pytest.approx(0.3)
+    assert moved(Change([(1, 5.0, far[1])], (5.0,))) == pytest.approx(0.03)
+    # A key that goes back has not gone far.
+    assert moved(Change([(0, 0.0, far[0])], ())) == 0.0
 
 
 def test_what_is_clean_with_far_keys_is_so_without_nearly_always() -> None:

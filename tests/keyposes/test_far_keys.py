@@ -73,8 +73,9 @@ def test_what_would_be_clean_with_a_far_key_only_is_left() -> None:
 def test_moves_are_measured_from_what_was_given_in_diagonals() -> None:
     large = 10.0 * STILL
     given = [Track((0.0, 10.0), (pose, pose)) for pose in (STILL, large)]
-    tracks = [own.with_key(0.0, own.poses[0] + np.float32(2.0)) for own in given]
-    far = [pose + np.float32([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) for pose in (STILL, large)]
+    tracks = [own.with_key(0.0, own.poses[0] + np.full(3, 2.0, np.float32)) for own in given]
+    step = np.array([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0]], dtype=np.float32)
+    far = [pose + step for pose in (STILL, large)]
     usual = partial(usual_move, tracks, given, "linear", (0.0, 10.0))
     shift = 2.0 * np.sqrt(3.0)
     assert usual([], 5.0, None) == pytest.approx(shift / 10.0)

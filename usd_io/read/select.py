@@ -166,7 +166,7 @@ def _idle_excludes(stage: Usd.Stage, exclude: str | None, meshes: Sequence[Usd.P
     terms = [] if exclude is None else union_terms(exclude) or [exclude.strip()]
     paths = [str(mesh.GetPath()) for mesh in meshes]
     return [
-        f"exclude {term}: matches nothing, so that nothing is left out{meant(stage, term, paths)}"
+        f"exclude {term}: matches no prim, and leaves nothing out{meant(stage, term, paths)}"
         for term in terms
         if not matching_paths(stage, term)
     ]

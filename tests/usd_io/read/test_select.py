@@ -85,7 +85,7 @@ def test_an_exclusion_that_matches_nothing_is_told(crowd: Path) -> None:
     opened = Usd.Stage.Open(str(crowd))
     assert not read_meshes(opened, exclude="//hero//").warnings
     (warning,) = read_meshes(opened, exclude="(/Root/hero/Bdy) + (/Root/hero)").warnings
-    assert warning.startswith("exclude /Root/hero/Bdy: matches nothing")
+    assert warning.startswith("exclude /Root/hero/Bdy: matches no prim")
     assert warning.endswith("; is /Root/hero/Body meant?")
 
 

@@ -32,6 +32,8 @@ class BorrowingOptions:
         rough_attached: ... where parts are attached, whose frames are solved each for itself, so
             many times as much, ...
         smooth: ... and more than this.
+        wrung: Of attached parts those start again, too, in which a piece of a limb lost, or gained,
+            more of its volume than this, and than in the neighbour.
         hopeless: What is farther beyond its bounds than this (see `badness`) does not start again:
             a soldier's straps crushed between layers are so by any way.
         stands_out: Of attached parts frames in which one moves by this much, root mean square,
@@ -44,7 +46,7 @@ class BorrowingOptions:
         limb: Of a larger part so many vertices, those that stand out most, count: a leg is little
             of a skin.
         triangles: Of attached parts loans are made for so many triangles to each frame of a window,
-            one at least, and first to strained frames: a loan is about as much work as a frame.
+            one at least, and first to strained frames: a loan is a quarter of the work of a frame.
             Twice as many go to frames that stand out.
         left_share: Of what was wrong with the input so much may be left, of a lender and of what
             was borrowed: a share of a strained pose leaves more.
@@ -55,6 +57,7 @@ class BorrowingOptions:
     rough: float = 3.0
     rough_attached: float = 1.6
     smooth: float = 0.03
+    wrung: float = 0.5
     hopeless: float = 30.0
     stands_out: float = 4e-3
     less: float = 0.6
@@ -62,7 +65,7 @@ class BorrowingOptions:
     jump: float = 0.012
     run: int = 8
     limb: int = 1000
-    triangles: int = 5000
+    triangles: int = 20_000
     left_share: float = 0.1
     lending: LendingOptions = field(default_factory=LendingOptions)
     relief: ReliefOptions = field(default_factory=ReliefOptions)
@@ -71,13 +74,15 @@ class BorrowingOptions:
 class Merit(NamedTuple):
     """How a pose is: the less the better.
 
-    Whether and how far it is strained, what is wrong, and the distortion of its edges.
+    Whether and how far it is strained, what is wrong, the distortion of its edges, and where parts
+    are attached the largest change of a limb.
     """
 
     strained: bool
     badness: float
     wrong: int
     distortion: float
+    wrung: float = 0.0
 
 
 class Loan(NamedTuple):
@@ -277,7 +282,9 @@ class Borrowing:
         # Single skins were solved from their neighbours already.
         if scene.strain_meter.parts.count > 1:
             bent = distortion(frame.centred, points, scene.strain_meter.parts.edges)
-        return Merit(bool(excess), badness(excess), wrong_of(scene, frame, points), bent)
+        tied = self.mesh.surface.ties is not None
+        wrung = scene.strain_meter.limb_change(frame.centred, points) if tied else 0.0
+        return Merit(bool(excess), badness(excess), wrong_of(scene, frame, points), bent, wrung)
 
 
 def _solved(state: _Borrowers, jobs: int | None) -> list[FloatArray]:

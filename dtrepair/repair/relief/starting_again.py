@@ -109,6 +109,7 @@ def _loans(
             other = merits[lender]
             good = few[lender] > 0.0 and not other.strained and other.wrong <= few[lender]
             rough = merit.distortion > max(options.smooth, rougher * other.distortion)
+            rough |= merit.wrung > max(options.wrung, other.wrung)
             if good and merit.badness <= options.hopeless and (merit.strained or rough):
                 result.append(loan)
                 break

@@ -278,6 +278,13 @@ class StrainMeter:
             result.append(Excess(kind, part, change, bound, worst, own))
         return result
 
+    def limb_change(self, before: FloatArray, after: FloatArray) -> float:
+        """Return the largest change of the volume of a limb between poses (V, 3), 0 if none is."""
+        of = partial(vector_areas, faces=self.parts.faces)
+        old, new = self._areas_before(of, before), of(after)
+        changed = self._solids.changes(before, after, old, new)[1:]
+        return max((float(own.max(initial=0.0)) for own in changed), default=0.0)
+
     @cached_property
     def _solids(self) -> Solids:
         """What has a volume to keep."""

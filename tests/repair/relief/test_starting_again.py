@@ -15,9 +15,9 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.relief import borrowing
-from dtrepair.repair.relief.borrowing import BorrowingOptions
+from dtrepair.repair.relief.borrowing import BorrowingOptions, Merit
 from dtrepair.repair.relief.relief import relieved_poses
-from dtrepair.repair.relief.starting_again import started_again
+from dtrepair.repair.relief.starting_again import _loans, started_again
 from dtrepair.repair.scene.bounds import strain_of
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
@@ -72,6 +72,23 @@ def test_a_strained_frame_takes_the_way_of_its_neighbour() -> None:
         assert not strain_of(scene, frame.centred, points)
         assert len(frame.pairs) and not len(scene.pairs(points, frame.weld))
         assert np.linalg.norm(points - frame.centred, axis=1).max() < 0.25
+
+
+@pytest.mark.parametrize(
+    ("wrung", "loans"),
+    [
+        ((0.2, 0.6, 0.2), [(1, 0)]),
+        ((0.7, 0.6, 0.2), [(0, 1), (1, 2)]),
+        ((0.6, 0.6, 0.6), []),
+        ((0.1, 0.4, 0.1), []),
+    ],
+)
+def test_frames_with_a_wrung_limb_start_again(
+    wrung: tuple[float, ...], loans: list[tuple[int, int]]
+) -> None:
+    merits = [Merit(False, 0.0, 0, 0.01, own) for own in wrung]
+    options = BorrowingOptions(wrung=0.5)
+    assert _loans(merits, [1.0] * 3, frozenset(), 1.6, options) == loans
 
 
 def test_windows_of_clips_borrow() -> None:

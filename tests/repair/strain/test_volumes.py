@@ -120,6 +120,15 @@ def test_of_a_part_of_which_nothing_else_is_told_the_worst_short_piece_is() -> N
     assert [own.kind for own in told(both, volume=0.01)] == [StrainKind.VOLUME]
 
 
+def test_the_largest_change_of_a_limb() -> None:
+    mesh = rod()
+    meter = StrainMeter(parts_of(mesh), rest=mesh[0])
+    assert meter.limb_change(mesh[0], mesh[0]) == 0.0
+    # Slices whose every ring is drawn in have that share of their section.
+    assert meter.limb_change(mesh[0], pinched(0.5, 30, 60)) == pytest.approx(0.75)
+    assert StrainMeter(parts_of(mesh)).limb_change(mesh[0], pinched(0.5, 30, 60)) == 0.0
+
+
 def test_limbs_of_one_slice_are_pieces_of_their_own() -> None:
     mesh = crossed_legs(0.0, 0.0)
     pieces = limbs(parts_of(mesh), mesh[0], LimbOptions())[0][0]

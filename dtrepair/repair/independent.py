@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -148,15 +149,13 @@ def _undressed(
     found: with garments tied; asked for where something is left, came off, or is strained. Where
     something still came off garments come after the body.
     """
-    start, best = time.perf_counter(), found
-    left = (*_left(scene, pose, found), bool(found.judged.excess))
-    for other in _free_ways(meshes, pose, options) if any(left) else ():
-        less = (*_left(scene, pose, other), bool(other.judged.excess))
-        if less < left:
-            best, left = other, less
-        if not left[1]:
-            break
-    return found if best is found else _after(found, best, start)
+
+    def rank(own: Found) -> tuple[int, bool, bool]:
+        return *_left(scene, pose, own), bool(own.judged.excess)
+
+    if not any(rank(found)):
+        return found
+    return _best(found, _free_ways(meshes, pose, options), rank, lambda left: not left[1])
 
 
 def _free_ways(
@@ -183,21 +182,31 @@ def _dressed(
     off = left[1] or any(own.kind == StrainKind.WORN for own in found.judged.excess)
     if not (left[0] or off) or meshes.dressed is None:
         return found
-    start, best = time.perf_counter(), found
-    for other in _dressed_ways(meshes, meshes.dressed, pose, options):
-        less = _left(scene, pose, other)
-        if less < left:
+    ways = _dressed_ways(meshes, meshes.dressed, pose, options)
+    return _best(found, ways, partial(_left, scene, pose), lambda left: not any(left))
+
+
+def _best(
+    found: Found,
+    ways: Iterable[Found],
+    rank: Callable[[Found], tuple[int, ...]],
+    enough: Callable[[tuple[int, ...]], bool],
+) -> Found:
+    """Return what ranks lowest of what is found and of other ways, asked until it is enough.
+
+    What another way found tells the stages and the time of the first as well.
+    """
+    start, best, left = time.perf_counter(), found, rank(found)
+    for other in ways:
+        if (less := rank(other)) < left:
             best, left = other, less
-        if not any(left):
+        if enough(left):
             break
-    return found if best is found else _after(found, best, start)
-
-
-def _after(first: Found, other: Found, start: float) -> Found:
-    """Return what another way found from a `start` on, with what the first took as well."""
-    solved = replace(other.solved, stages=[*first.solved.stages, *other.solved.stages])
-    seconds = first.seconds + time.perf_counter() - start
-    return other._replace(solved=solved, seconds=seconds)
+    if best is found:
+        return found
+    solved = replace(best.solved, stages=[*found.solved.stages, *best.solved.stages])
+    seconds = found.seconds + time.perf_counter() - start
+    return best._replace(solved=solved, seconds=seconds)
 
 
 def _dressed_ways(

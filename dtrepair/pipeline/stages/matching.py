@@ -124,7 +124,7 @@ def called_pairs(
         found.append(pairs)
     attached, detached = found
     for text in sorted(set(attach) & set(detach)):
-        warnings.append(f"{text}: called attached and detached, which counts")
+        warnings.append(f"{text}: called both attached and detached: it is detached")
     return CalledPairs(tuple(sorted(attached - detached)), tuple(sorted(detached))), warnings
 
 

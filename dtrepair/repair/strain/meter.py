@@ -94,11 +94,15 @@ class Excess(NamedTuple):
 
 
 class _Changed(NamedTuple):
-    """What a correction spoilt: edges, how far each tie (N,) came off, diagonals, and all else."""
+    """What a correction spoilt: edges, how far each tie (N,) came off, diagonals, and all else.
+
+    limb: the largest change of the volume of a limb, whether that is too much or not.
+    """
 
     edges: list[Excess]
     drift: FloatArray
     others: list[Excess]
+    limb: float
 
 
 class StrainMeter:
@@ -140,7 +144,7 @@ class StrainMeter:
         if np.array_equal(before, after):
             return []
         size = self.scale.diagonal(before) or 1.0
-        edges, drift, others = self._changes(self._changed, before, after)
+        edges, drift, others, _ = self._changes(self._changed, before, after)
         return [*edges, *self._drifts(drift, before, size, strict), *others]
 
     def _changed(self, before: FloatArray, after: FloatArray) -> _Changed:
@@ -148,13 +152,15 @@ class StrainMeter:
         size = self.scale.diagonal(before) or 1.0
         of = partial(vector_areas, faces=self.parts.faces)
         old, new = self._areas_before(of, before), of(after)
+        volumes = self._solids.changes(before, after, old, new)
         others = [
-            *self._volumes(before, after, old, new),
+            *self._volumes(before, after, volumes),
             *self._flips(before, after, old, new, size),
             *self._taken_off(before, after),
         ]
         edges = self._spoilt_edges(before, after, size)
-        return _Changed(edges, self._drift(before, after, size), others)
+        limb = max((float(own.max(initial=0.0)) for own in volumes[1:]), default=0.0)
+        return _Changed(edges, self._drift(before, after, size), others, limb)
 
     def _spoilt_edges(self, before: FloatArray, after: FloatArray, size: float) -> list[Excess]:
         """Return parts, or else bodies, with too many edges that changed by the factor."""
@@ -267,11 +273,10 @@ class StrainMeter:
         return Excess(kind, part, float(value), bound, vertex, vertices, other)
 
     def _volumes(
-        self, before: FloatArray, after: FloatArray, old: FloatArray, new: FloatArray
+        self, before: FloatArray, after: FloatArray, changed: list[FloatArray]
     ) -> list[Excess]:
-        """Return closed parts and limbs with another volume; old, new: vector areas (F, 3)."""
+        """Return closed parts and limbs with another volume; changed: by `Solids.changes`."""
         options, result = self.options, []
-        changed = self._solids.changes(before, after, old, new)
         bounds = {"volume": options.volume, "limb": options.limb, "wire": options.wire}
         for kind, part, own, change, bound in self._solids.beyond(changed, **bounds):
             worst = int(own[np.argmax(lengths(after[own] - before[own]))])
@@ -280,10 +285,9 @@ class StrainMeter:
 
     def limb_change(self, before: FloatArray, after: FloatArray) -> float:
         """Return the largest change of the volume of a limb between poses (V, 3), 0 if none is."""
-        of = partial(vector_areas, faces=self.parts.faces)
-        old, new = self._areas_before(of, before), of(after)
-        changed = self._solids.changes(before, after, old, new)[1:]
-        return max((float(own.max(initial=0.0)) for own in changed), default=0.0)
+        if np.array_equal(before, after):
+            return 0.0
+        return self._changes(self._changed, before, after).limb
 
     @cached_property
     def _solids(self) -> Solids:

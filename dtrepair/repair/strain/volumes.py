@@ -142,34 +142,43 @@ def limbs(
     away = csgraph.dijkstra(graph, directed=False, indices=_ends(parts, rest), min_only=True)
     mean = np.bincount(parts.of_edge, length, parts.count) / np.bincount(parts.of_edge)
     size = scale.diagonal(rest) or 1.0
-    holes = holes_of(rest, parts.faces, parts.of_face)
-    cut = _Cut(parts, away[parts.faces].mean(axis=1), mean, size, holes)
-    return [tuple(cut.phases(rest, own)) for own in each]
+    cut = _Cut(
+        parts,
+        sides=shared_edges(parts.faces),
+        area=lengths(vector_areas(rest, parts.faces)),
+        away=away[parts.faces].mean(axis=1),
+        mean=mean,
+        size=size,
+        holes=holes_of(rest, parts.faces, parts.of_face),
+    )
+    return [tuple(cut.phases(own)) for own in each]
 
 
 class _Cut(NamedTuple):
-    """Skins along which limbs are cut: how far each triangle (F,) is from the end of its part.
+    """Skins along which limbs are cut: how far `away` each triangle (F,) is from their ends.
 
-    mean: edge of each part (P,); holes: see `holes_of`, (P,).
+    sides: triangles (S, 2) that share an edge; area: of triangles (F,); mean: the mean edge of each
+    part (P,); size: diagonal of the scene; holes: see `holes_of`, (P,).
     """
 
     parts: ConnectedParts
+    sides: Places
+    area: FloatArray
     away: FloatArray
     mean: FloatArray
     size: float
     holes: FloatArray
 
-    def phases(self, rest: FloatArray, options: LimbOptions) -> Iterator[Pieces]:
+    def phases(self, options: LimbOptions) -> Iterator[Pieces]:
         """Yield the pieces of limbs, cut a little farther along each time."""
-        parts, sides = self.parts, shared_edges(self.parts.faces)
-        area = lengths(vector_areas(rest, parts.faces))
+        parts, sides = self.parts, self.sides
         reach = np.maximum(options.length * self.size, options.edges * self.mean)
         along, skin = self.away / reach[parts.of_face], self.holes <= options.holes
         for phase in range(options.phases):
             slices = np.floor(along + phase / options.phases)
             same = slices[sides[:, 0]] == slices[sides[:, 1]]
             piece = link_labels(sides[same].astype(np.int32), len(parts.faces))
-            whole = np.bincount(piece, area) >= (options.small * self.size) ** 2
+            whole = np.bincount(piece, self.area) >= (options.small * self.size) ** 2
             whole &= np.bincount(piece) >= options.triangles
             whole &= _spans(along, piece) >= options.span
             judged = whole[piece] & skin[parts.of_face]

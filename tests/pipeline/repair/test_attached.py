@@ -172,8 +172,8 @@ def test_what_is_attached_and_detached_is_told(apart: Path) -> None:
     host = Listener()
     report = check_stage(apart, attach=(BOTH,), detach=(BOTH,), observer=host)
     assert not report.attached
-    told = f"{BOTH}: called attached and detached, which counts"
-    assert [own for own in host.warnings if "called attached" in own] == [told]
+    told = f"{BOTH}: called both attached and detached: it is detached"
+    assert [own for own in host.warnings if "called both" in own] == [told]
 
 
 def test_values_that_name_nothing_are_refused(apart: Path) -> None:

@@ -70,6 +70,12 @@ def test_what_would_be_clean_with_a_far_key_only_is_left() -> None:
     assert left(cleaned(wall, extra=1, farther=1e9)) == 0
 
 
+def test_short_parts_are_no_way_to_fly_out() -> None:
+    wall = WallSolver((0.2, 9.9, 1.0))
+    assert highest(cleaned(wall, shortest=0.2)) < 2.0
+    assert highest(cleaned(wall, shortest=0.2, farther=1e9)) > 5.0
+
+
 def test_moves_are_measured_from_what_was_given_in_diagonals() -> None:
     large = 10.0 * STILL
     given = [Track((0.0, 10.0), (pose, pose)) for pose in (STILL, large)]

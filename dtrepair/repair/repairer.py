@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -109,6 +110,17 @@ class SceneRepairer:
     def rest_intersections(self) -> int:
         """Number of intersecting triangles of the rest poses themselves, mode respected."""
         return self.scene.rest_intersections
+
+    def with_options(self, **changes: Any) -> SceneRepairer:
+        """Return a repairer of the same bodies with other options of the full method.
+
+        changes: Fields of `RepairOptions`. What was made of the rest poses is shared.
+        """
+        other = copy(self)
+        vars(other).pop("animator", None)
+        other.meshes = self.meshes.with_options(f"options {changes}", **changes)
+        other.scene = other.meshes.scene
+        return other
 
     @cached_property
     def animator(self) -> ClipRepairer:

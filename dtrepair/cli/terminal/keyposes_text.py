@@ -38,9 +38,15 @@ def print_spans(console: Console, report: Report) -> None:
         console.table(["in-betweens", "dirty before", "dirty after", "added keys"], rows)
     left = [time for span in spans for time in span.left]
     total = sum(span.after.samples for span in spans)
-    console.result(f"{total - len(left)} of {total} in-betweens clean")
+    if total:
+        console.result(f"{total - len(left)} of {total} in-betweens clean")
+    else:
+        console.result("no in-betweens: no two neighbouring keys are looked at")
     if skipped := report.keyposes.skipped:
         console.warn([f"{counted(skipped, 'span')} with an unusable key or frame: not looked at"])
     if left:
         times = ", ".join(time_label(time) for time in left[:8]) + (" ..." if left[8:] else "")
-        console.result(f"still intersecting at {times}")
+        console.result(
+            f"still intersecting at {times}; where contacts begin between keys, dtrepair repair, "
+            "which solves every frame, may do better"
+        )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, TypedDict
 
 from dtrepair.keyposes.options import KeyOptions
@@ -19,7 +19,7 @@ class KeyposeSettings:
     Args:
         selection: which meshes and keys take part.
         keys: how the in-betweens are looked at and mended.
-        options: of the method; keys are never tightened, whatever they say.
+        options: of the method; in-betweens are never tightened, whatever they say.
         objects: how single meshes take part.
         tables: settings of single meshes; they win over the options and what the stage holds.
         rest: the rest pose, as `RepairSettings` takes it.
@@ -31,10 +31,6 @@ class KeyposeSettings:
     objects: ObjectOptions = field(default_factory=ObjectOptions)
     tables: tuple[PrimTable, ...] = ()
     rest: str | None = None
-
-    def __post_init__(self) -> None:
-        """Leave out tightening: tightened keys touch, and leave no room for poses between them."""
-        object.__setattr__(self, "options", replace(self.options, tighten=0))
 
     @property
     def recorded(self) -> dict[str, Any]:

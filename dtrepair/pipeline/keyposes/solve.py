@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +31,18 @@ def _inside(times: Iterable[float], spans: Sequence[tuple[float, float]]) -> lis
     return [time for time, place in places if place >= 0 and time < spans[place][1]]
 
 
+@dataclass(frozen=True, kw_only=True)
+class KeyRepairOptions:
+    """How keys are repaired.
+
+    Args:
+        room: Clearance of given keys between which poses are looked at, diagonals of the rest
+            poses, where none is asked for: tightened keys touch, and leave those no room.
+    """
+
+    room: float = 0.001
+
+
 class StageKeys:
     """The keys of an input; answers what `dtrepair.keyposes.search` asks about poses.
 
@@ -47,6 +59,8 @@ class StageKeys:
         repairer: FrameRepairer,
         rigid: Sequence[bool],
         check: Callable[[], None],
+        *,
+        options: KeyRepairOptions = KeyRepairOptions(),
     ) -> None:
         """Read all keys, and count those selected; one that collapsed cannot be used.
 
@@ -81,6 +95,7 @@ class StageKeys:
         self.between = tuple(time for time in others if time not in lacking)
         self.held = frozenset(self.between).difference(_inside(self.between, self.spans))
         self.tracks = self.given
+        self._near, self._far = _repairers(repairer, options.room if self.spans else 0.0)
 
     @property
     def given(self) -> tuple[Track, ...]:
@@ -130,7 +145,7 @@ class StageKeys:
     def repair(self, time: float, poses: Sequence[Pose]) -> tuple[Pose, ...] | None:
         """Return poses with fewer pairs; None where there are none."""
         frame = self.frame(time, poses)
-        repaired = self._repaired(frame)
+        repaired = _repaired(self._far, frame)
         if all(points is None for points in repaired.points):
             return None
         if not repaired.record.left.left_out:
@@ -169,7 +184,7 @@ class StageKeys:
         frame = self.frames[time]
         if not frame.usable:
             return self.repairer.finish(frame, None)
-        repaired = self._repaired(frame, self.counts[time])
+        repaired = self._given_repaired(frame, self.counts[time])
         tracks = list(self.tracks)
         for index, points in enumerate(repaired.points):
             if points is not None:
@@ -177,12 +192,19 @@ class StageKeys:
         self.tracks = tuple(tracks)
         return repaired
 
-    def _repaired(self, frame: Frame, before: SceneCount | None = None) -> Repaired:
-        try:
-            solution: Any = self.repairer.repairer(frame.poses)
-        except Exception as error:
-            solution = error
-        return self.repairer.finish(frame, solution, before)
+    def _given_repaired(self, frame: Frame, before: SceneCount | None) -> Repaired:
+        """Return a key near to the input, with room; farther from it only where that leaves less.
+
+        Of room that is not reached nothing is told: nobody asked for it.
+        """
+        near = _repaired(self._near, frame, before)
+        if not self.repairer.repairer.options.clearance:
+            left = replace(near.record.left, too_close=0)
+            near = replace(near, record=replace(near.record, left=left))
+        if self._near is self._far or not any(_wrong(near)):
+            return near
+        far = _repaired(self._far, frame, before)
+        return far if _wrong(far) < _wrong(near) else near
 
     def write(self, tracks: Sequence[Track], sink: Sink) -> None:
         """Put what changed: keys, and frames between them; others keep the samples of the input."""
@@ -229,6 +251,32 @@ class StageKeys:
                 time, before, frame.spaces, after, ended.spaces
             ),
         )
+
+
+def _repairers(repairer: FrameRepairer, room: float) -> tuple[FrameRepairer, FrameRepairer]:
+    """Return what repairs given keys, with room in diagonals, and poses between them.
+
+    The published method knows neither a clearance nor tightening.
+    """
+    own = repairer.repairer
+    if own.options.method == "paper":
+        return repairer, repairer
+    clearance = own.options.clearance or room * own.scene.scale.diagonal(own.scene.rest)
+    return repairer.with_options(clearance=clearance), repairer.with_options(tighten=0)
+
+
+def _repaired(repairer: FrameRepairer, frame: Frame, before: SceneCount | None = None) -> Repaired:
+    try:
+        solution: Any = repairer.repairer(frame.poses)
+    except Exception as error:
+        solution = error
+    return repairer.finish(frame, solution, before)
+
+
+def _wrong(repaired: Repaired) -> tuple[float, bool]:
+    """Return how many pairs a key has left, infinite if it failed, and whether it is strained."""
+    after = repaired.record.after
+    return np.inf if after is None else after.pairs, repaired.record.status == "strained"
 
 
 def _with_strains(record: FrameRecord | None, strains: Sequence[Strain], pairs: int) -> Diagnosis:

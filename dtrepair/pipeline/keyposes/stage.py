@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,9 +13,9 @@ from typing import Unpack
 from dtrepair import __version__
 from dtrepair.keyposes.search import clean_in_betweens, verify_in_betweens
 from dtrepair.keyposes.spans import KeyPoses
-from dtrepair.keyposes.tracks import Track
 from dtrepair.pipeline.clock import Clock
 from dtrepair.pipeline.errors import UsageError, plain_errors
+from dtrepair.pipeline.keyposes.findings import key_findings
 from dtrepair.pipeline.keyposes.record import in_betweens
 from dtrepair.pipeline.keyposes.settings import KeyposeChoices, KeyposeSettings
 from dtrepair.pipeline.keyposes.solve import StageKeys
@@ -31,7 +31,6 @@ from dtrepair.pipeline.observer import (
     warn,
 )
 from dtrepair.pipeline.repair.collider_contacts import ColliderContacts, colliders_of
-from dtrepair.pipeline.repair.motion import Motion
 from dtrepair.pipeline.repair.records import clearance_warnings
 from dtrepair.pipeline.repair.run import Run, make_repairer
 from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
@@ -43,7 +42,7 @@ from dtrepair.pipeline.stages.plan import Plan, make_plan
 from dtrepair.pipeline.stages.rest import Rest, choose_rests, rest_warnings, thin_warnings
 from dtrepair.pipeline.stages.sinks import Sink, open_sink
 from dtrepair.pipeline.stages.sources import StageSource, is_stage, open_source
-from dtrepair.report.findings import FindingKind, MotionFinding, warnings_of
+from dtrepair.report.findings import warnings_of
 from dtrepair.report.record import FrameRecord, Report, summarize
 from dtrepair.wording import frames_named
 
@@ -205,7 +204,7 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         keys.record(record, time, found.tracks)
         for time, record in sorted({**records, **added}.items())
     )
-    findings = _motion_findings(source, keys, found.tracks)
+    findings = key_findings(source, keys, found)
     warnings = clearance_warnings(frames, run.options.clearance) + warnings_of(findings)
     warn(observer, warnings)
     if sink is not None:
@@ -231,21 +230,6 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         findings=findings,
         keyposes=in_betweens(found, prepared.settings.keys.interpolation, keys.skipped),
     )
-
-
-def _motion_findings(
-    source: StageSource, keys: StageKeys, tracks: Sequence[Track]
-) -> tuple[MotionFinding, ...]:
-    """What gives way in the chosen keys, and what ends beside keys that were not chosen.
-
-    Keys are too far apart to tell jumps.
-    """
-    motion = Motion(source)
-    for time in keys.selected:
-        if keys.frames[time].usable:
-            before, after = ([own.at(time) for own in each] for each in (keys.given, tracks))
-            motion.add(time, before, after)
-    return tuple(own for own in motion.findings() if own.kind is not FindingKind.JUMPS)
 
 
 def _collider_warnings(among: ColliderContacts, keys: StageKeys) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from threading import Lock
@@ -90,6 +91,12 @@ class FrameRepairer:
         # Called with how many frames' worth of work is done beyond the frames handed out.
         self.progress: Callable[[float], None] | None = None
         self._again = Lock()
+
+    def with_options(self, **changes: Any) -> FrameRepairer:
+        """Return the same with other options (fields of `RepairOptions`) of the full method."""
+        other = copy(self)
+        other.repairer = self.repairer.with_options(**changes)
+        return other
 
     def solve(self, poses: Iterable[Pose]) -> Iterator[Solution]:
         """Solve (time, points of each mesh) in order; an error may take a frame's place."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,14 +194,16 @@ class WeldedMeshes:
         numbers = surface or self._surface
         return WeldedMeshes(scene, full=self._full, surface=numbers, way=f"{self.way}/{way}")
 
+    def with_options(self, way: str, **changes: Any) -> WeldedMeshes:
+        """Return the meshes with other options of the full method, set apart by a way."""
+        return self._of(self.scene.changed(options=replace(self.scene.options, **changes)), way)
+
     @cached_property
     def without_clearance(self) -> WeldedMeshes:
         """The meshes of a scene that asks for none: contacts are opened when all else is done."""
-        chosen = self.scene.options
-        if chosen.clearance == 0.0:
+        if self.scene.options.clearance == 0.0:
             return self
-        scene = self.scene.changed(options=replace(chosen, clearance=0.0))
-        return self._of(scene, "without clearance")
+        return self.with_options("without clearance", clearance=0.0)
 
     @cached_property
     def undirected(self) -> WeldedMeshes | None:
@@ -271,12 +273,11 @@ class WeldedMeshes:
 
     def with_inner_mobility(self, mobility: float) -> WeldedMeshes:
         """Return the meshes in which open layers lie over what moves at most so freely."""
-        chosen = self.scene.options
-        if chosen.inner_mobility <= mobility:
+        if self.scene.options.inner_mobility <= mobility:
             return self
         if mobility not in self._less_mobile:
-            scene = self.scene.changed(options=replace(chosen, inner_mobility=mobility))
-            self._less_mobile[mobility] = self._of(scene, f"mobility {mobility}")
+            own = self.with_options(f"mobility {mobility}", inner_mobility=mobility)
+            self._less_mobile[mobility] = own
         return self._less_mobile[mobility]
 
     def otherwise(

@@ -220,7 +220,7 @@ def test_selected_keys_and_unusable_ones(tmp_path: Path) -> None:
     some = run("keyposes", path, "--verify-only", "--frames", "21:31")
     assert some.code == 0 and "4 of 4" in some.out
     apart = run("keyposes", path, "--verify-only", "--frames", "1,21")
-    assert apart.code == 0 and "0 of 0" in apart.out  # key 11 lies between
+    assert apart.code == 0 and "no in-betweens:" in apart.out  # key 11 lies between
     assert "no two neighbouring keys" in apart.err
     stage = Usd.Stage.Open(str(path))
     points = stage.GetPrimAtPath("/Root/Arm").GetAttribute("points")

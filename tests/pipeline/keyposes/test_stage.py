@@ -15,7 +15,6 @@ from dtrepair.pipeline.keyposes.settings import KeyposeSettings
 from dtrepair.pipeline.keyposes.stage import plan_keyposes, repair_keyposes
 from dtrepair.pipeline.observer import FrameDone, SpansDone
 from dtrepair.pipeline.selection import Selection
-from dtrepair.repair.options import RepairOptions
 from dtrepair.report.record import read_report
 from tests.command_line import run, tube_obj, tube_stage
 from tests.meshes import elbow, icosphere
@@ -93,10 +92,6 @@ def test_a_plan_writes_nothing(swing: str, tmp_path: Path) -> None:
     assert plan.times == (1.0, 11.0) and [mesh.path for mesh in plan.meshes] == ["/Root/Arm"]
     assert plan_keyposes(swing).output is None
     assert names_in(tmp_path) == before
-
-
-def test_keys_are_never_tightened() -> None:
-    assert KeyposeSettings(options=RepairOptions(tighten=3)).options.tighten == 0
 
 
 def test_only_stages_with_samples_have_keys(tmp_path: Path) -> None:

@@ -1,0 +1,137 @@
+"""Given keys end near the input, with room where poses between them are looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dtrepair.diagnosis import CountRecord, Diagnosis
+from dtrepair.intersect.detector import Detector
+from dtrepair.intersect.proximity import close_pairs
+from dtrepair.numerics.geometry import diagonal
+from dtrepair.pipeline.keyposes import solve
+from dtrepair.pipeline.keyposes.solve import KeyRepairOptions
+from dtrepair.pipeline.keyposes.stage import repair_keyposes
+from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired
+from dtrepair.pipeline.repair.stage import repair_stage
+from dtrepair.pipeline.selection import Selection
+from dtrepair.repair.options import RepairOptions
+from tests.command_line import read_samples
+from tests.swinging_arm import arm_mesh, arm_stage
+
+ARM, MIDDLE = "/Root/Arm", 11.0
+# The first vertex of the arm that hangs down, and where the body ends, by rings of nine.
+HANGS, BODY = 30 * 9, 16 * 9
+REST, FACES = arm_mesh(1.0)
+ROOM = KeyRepairOptions().room * diagonal(REST)
+
+
+@pytest.fixture
+def pressed(tmp_path: Path) -> Path:
+    """An arm that hangs in front of the body, in it, and in front of it."""
+    return arm_stage(tmp_path / "arm.usda", (1.0, 0.3, 1.0))
+
+
+@pytest.fixture
+def swing(tmp_path: Path) -> Path:
+    """An arm that swings through the body between two clean keys."""
+    return arm_stage(tmp_path / "swing.usda", (1.0, -1.0))
+
+
+def middle(path: Path) -> NDArray[np.float64]:
+    return read_samples(path, ARM)[MIDDLE].astype(np.float64)
+
+
+def keyposes(path: Path, **choices: Any) -> NDArray[np.float64]:
+    """The key in the middle, repaired."""
+    out = path.with_name("keys.usdc")
+    report = repair_keyposes(path, out, **choices)
+    assert all(frame.after is not None and frame.after.pairs == 0 for frame in report.frames)
+    return middle(out)
+
+
+def too_close(points: NDArray[np.float64], distance: float) -> int:
+    """How many pairs of triangles of arm and body are closer than a distance."""
+    triangles = Detector(points, FACES)
+    pairs = close_pairs(triangles, points.astype(np.float32), distance)
+    first, second = (np.asarray(FACES)[pairs[:, side]] for side in (0, 1))
+    apart = (first < BODY).all(axis=1) & (second >= HANGS).all(axis=1)
+    apart |= (second < BODY).all(axis=1) & (first >= HANGS).all(axis=1)
+    return int(apart.sum())
+
+
+def test_a_key_is_tightened_but_keeps_room(pressed: Path) -> None:
+    given, key = middle(pressed), keyposes(pressed)
+    loose = keyposes(pressed, options=RepairOptions(tighten=0))
+    far = [np.abs(own - given).max() for own in (key, loose)]
+    assert 0.0 < far[0] < 0.9 * far[1]
+    assert too_close(key, 0.9 * ROOM) == 0
+
+
+def test_a_key_without_a_span_is_repaired_as_a_frame_alone(pressed: Path) -> None:
+    key = keyposes(pressed, selection=Selection(frames="11"))
+    repair_stage(pressed, out := pressed.with_name("out.usdc"), alone=True)
+    assert np.array_equal(key, middle(out))
+    # It touches: nothing passes by between keys.
+    assert too_close(key, 0.9 * ROOM) > 0
+
+
+def test_a_clearance_that_is_asked_for_is_the_room(pressed: Path) -> None:
+    options = RepairOptions(clearance=8.0 * ROOM)
+    assert too_close(keyposes(pressed, options=options), 7.0 * ROOM) == 0
+
+
+@pytest.fixture
+def changed(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Changes the records of keys that were repaired near the input."""
+    repair = solve._repaired
+
+    def change(**changes: Any) -> None:
+        def repaired(repairer: FrameRepairer, *given: Any) -> Repaired:
+            found = repair(repairer, *given)
+            near = repairer.repairer.options.tighten > 0
+            return replace(found, record=replace(found.record, **changes)) if near else found
+
+        monkeypatch.setattr(solve, "_repaired", repaired)
+
+    return change
+
+
+def test_of_room_that_is_not_reached_nothing_is_told(
+    pressed: Path, changed: Callable[..., None]
+) -> None:
+    changed(left=Diagnosis(too_close=3))
+    report = repair_keyposes(pressed, pressed.with_name("keys.usdc"))
+    assert report.warnings == () and not any(frame.left.too_close for frame in report.frames)
+    asked = RepairOptions(clearance=ROOM)
+    report = repair_keyposes(pressed, pressed.with_name("keys.usdc"), options=asked)
+    assert any("is not reached" in line for line in report.warnings)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"after": CountRecord(triangles=5, pairs=5)}, {"status": "strained"}]
+)
+def test_what_fails_near_the_input_goes_farther(
+    pressed: Path, changed: Callable[..., None], changes: dict[str, Any]
+) -> None:
+    near, loose = keyposes(pressed), keyposes(pressed, options=RepairOptions(tighten=0))
+    changed(**changes)
+    far = keyposes(pressed)
+    assert np.abs(far - loose).max() < ROOM < 0.2 * np.abs(far - near).max()
+
+
+def test_what_is_between_keys_is_never_tightened(swing: Path) -> None:
+    """Added keys are those of a search that never tightens."""
+    outputs = []
+    for number, rounds in enumerate((0, 4)):
+        out = swing.with_name(f"{number}.usdc")
+        repair_keyposes(swing, out, options=RepairOptions(tighten=rounds))
+        outputs.append(read_samples(out, ARM))
+    assert outputs[0].keys() == outputs[1].keys() and len(outputs[0]) > 2
+    assert all(np.array_equal(own, outputs[1][time]) for time, own in outputs[0].items())

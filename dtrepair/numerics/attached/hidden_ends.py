@@ -6,6 +6,7 @@ a body slides off the hand that came out of it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from dtrepair.numerics.attachments import NO_TIES, Ties, joined_ties, ties_to
+from dtrepair.numerics.attachments import NO_TIES, Ties, distances, joined_ties, ties_to
 from dtrepair.numerics.closest_point import NearestTriangles
 from dtrepair.numerics.enclosure import enclosure
 from dtrepair.numerics.geometry import (
@@ -32,13 +33,17 @@ class HiddenEndOptions:
 
     Args:
         enclosed: Least winding number of the hiding part around every vertex of the end.
-        near: The hiding part is within this many rms radii of the end, everywhere.
+        near: The hiding part is within this many rms radii of the end, everywhere; ...
+        far: ... or within so many, and follows it in a clip: the hand in a wide sleeve, ...
+        follows: ... so that no distance changes by more than this many radii in it.
         hiding: So many open parts, the largest, are asked what they hide.
         cells: Along the extent of the hiding part: a sleeve is much narrower than its coat.
     """
 
     enclosed: float = 0.6
     near: float = 0.5
+    far: float = 2.5
+    follows: float = 1.0
     hiding: int = 24
     cells: int = 64
 
@@ -49,6 +54,7 @@ def hidden_ends(
     part_of: IntArray,
     bound: NDArray[np.integer],
     *,
+    poses: Sequence[FloatArray] = (),
     options: HiddenEndOptions = HiddenEndOptions(),
 ) -> Ties:
     """Tie the ends of open parts to what hides them in a pose.
@@ -58,6 +64,8 @@ def hidden_ends(
         faces: Triangles (F, 3), whose vertices at one position of the rest are one.
         part_of: The connected part (F,) of each triangle.
         bound: What binds each triangle (F,): of parts of two bindings nothing is known; -1: none.
+        poses: Poses (V, 3) of a clip; where there is none nothing is known to follow.
+        options: Numbers.
     """
     ends = _ends(faces, len(points))
     part_of_end = np.array([part_of[own.triangle] for own in ends], dtype=np.int64)
@@ -77,7 +85,10 @@ def hidden_ends(
         same &= (boxes[:, 1] <= corners.max(axis=(0, 1))).all(axis=1)
         if same.any():
             within = [ends[k].vertices for k in np.flatnonzero(same)]
-            found += _hidden_in(points, corners, triangles, within, options)
+            hidden = _hidden_in(points, corners, triangles, within, options)
+            found += [
+                ties for ties, radius in hidden if _belongs(ties, radius, faces, poses, options)
+            ]
     return joined_ties(found)
 
 
@@ -108,17 +119,33 @@ def _hidden_in(
     triangles: NDArray[np.integer],
     ends: list[IntArray],
     options: HiddenEndOptions,
-) -> list[Ties]:
-    """Return the ties of those ends that triangles (T,) with corners (T, 3, 3) hide."""
+) -> Iterator[tuple[Ties, float]]:
+    """Yield the ties and the rms radius of each end that triangles (T,) go round.
+
+    corners: those (T, 3, 3) of the triangles.
+    """
     around = np.abs(enclosure(points[np.concatenate(ends)], corners, options.cells))
     starts = np.cumsum([0, *(len(own) for own in ends)])
-    found, nearest = [], NearestTriangles(corners)
+    nearest = NearestTriangles(corners)
     for own, start, stop in zip(ends, starts[:-1], starts[1:], strict=True):
-        if around[start:stop].min() <= options.enclosed:
-            continue
-        ties = ties_to(nearest, triangles, points, own)
-        centred = points[own] - points[own].mean(axis=0)
-        radius = float(np.sqrt(dots(centred, centred).mean()))
-        if lengths(ties.offsets).max() <= options.near * radius:
-            found.append(ties)
-    return found
+        if around[start:stop].min() > options.enclosed:
+            centred = points[own] - points[own].mean(axis=0)
+            radius = float(np.sqrt(dots(centred, centred).mean()))
+            yield ties_to(nearest, triangles, points, own), radius
+
+
+def _belongs(
+    ties: Ties,
+    radius: float,
+    faces: IntArray,
+    poses: Sequence[FloatArray],
+    options: HiddenEndOptions,
+) -> bool:
+    """Return whether an end of a radius is near to what hides it, or follows it in all poses."""
+    farthest = lengths(ties.offsets).max()
+    if farthest <= options.near * radius:
+        return True
+    if farthest > options.far * radius or len(poses) == 0:
+        return False
+    away = np.array([distances(ties, pose, faces) for pose in poses])
+    return bool(np.ptp(away, axis=0).max() <= options.follows * radius)

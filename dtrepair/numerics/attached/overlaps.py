@@ -56,6 +56,7 @@ def find_attachments(
     count: int,
     references: Sequence[Reference],
     *,
+    poses: Sequence[FloatArray] = (),
     options: AttachmentOptions = AttachmentOptions(),
 ) -> Attachments:
     """Find what the references show as attached.
@@ -65,14 +66,13 @@ def find_attachments(
         count: Number of vertices.
         references: Poses with their intersecting pairs; contacts of a part with itself are no
             attachments.
+        poses: Poses (V, 3) of the whole clip, which tell what follows what hides it.
+        options: Numbers.
     """
-    label = components(faces, count)
-    used = np.unique(label[faces]) if len(faces) else np.zeros(0, dtype=np.int32)
     part_of_vertex = np.full(count, -1, dtype=np.int32)
-    place = np.searchsorted(used, label)
-    known = (place < len(used)) & np.isin(label, used)
-    part_of_vertex[known] = place[known]
-    part_of = part_of_vertex[faces[:, 0]] if len(faces) else np.zeros(0, dtype=np.int32)
+    place = np.unique(components(faces, count)[faces], return_inverse=True)[1]
+    part_of_vertex[faces] = place.reshape(faces.shape)
+    part_of = part_of_vertex[faces[:, 0]]
     keys, ties, carried = [NO_KEYS], [NO_TIES], [NO_TIES]
     nested, sliding = set[Both](), set[Both]()
     for reference in references:
@@ -88,7 +88,8 @@ def find_attachments(
                 towards[own] = np.unique(faces[zone_keys // overlaps.parts])
         nested |= overlaps.nested(towards)
         if reference.bound is not None:
-            carried.append(hidden_ends(reference.points, faces, part_of, reference.bound))
+            held = reference.points, faces, part_of, reference.bound
+            carried.append(hidden_ends(*held, poses=poses))
     if slid := [reference for reference in references if reference.slid]:
         still = distinct_keys(keys)
         shown = shown_by_slides(slid, part_of, still, share=options.turned)

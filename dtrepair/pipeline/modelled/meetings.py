@@ -32,6 +32,9 @@ class MeetingOptions:
             of the two, is no more than this farther from it, in diagonals of the smaller one: a rod
             that is drawn out of its sleeve, or a wheel, is elsewhere but touches what it did.
         places: So many places are asked for that, at most.
+        joint: What meets at rest at a joint of a third group that both stay with belongs to it, as
+            a ring round an arm where that comes out of its sleeve: half of the pairs are no farther
+            from what meets there of either, in diagonals of all that meets something.
     """
 
     samples: int = 33
@@ -42,6 +45,7 @@ class MeetingOptions:
     root: float = 0.1
     touch: float = 0.02
     places: int = 200
+    joint: float = 0.02
 
 
 class Meetings(NamedTuple):
@@ -85,6 +89,7 @@ def meetings(
         touching[asked] += met.touch(pose, np.flatnonzero(asked).tolist())
     passing &= (looks - stays >= options.share * looks) & (2 * rooted < looks)
     passing &= 2 * touching < looks
+    passing[passing] = ~met.at_joints(rest, passing)
     return Meetings(met.sides, passing)
 
 
@@ -148,10 +153,44 @@ class _Met:
                 found[row] |= np.median(away - reach) <= self.options.touch * size
         return found
 
+    def at_joints(self, rest: FloatArray, passing: BoolArray) -> BoolArray:
+        """Return which two groups (P,) of those that pass (N,) meet at a joint of a third one.
+
+        rest: All points (V, 3) at rest.
+        """
+        number = {tuple(both): index for index, both in enumerate(self.sides.tolist())}
+        stays = {both for both, index in number.items() if not passing[index]}
+        most = self.options.joint * diagonal(rest[self._every])
+
+        def near(own: int, first: int, second: int) -> bool:
+            """Return whether two groups that pass meet where others meet that stay."""
+            middles, other = (
+                rest[self.faces[self._pairs(own)]].mean(axis=(1, 2)),
+                min(first, second),
+            )
+            joint = self._pairs(number[other, max(first, second)])
+            closest = NearestTriangles(rest[self.faces[joint.ravel()]]).nearest(middles)[1]
+            return bool(np.median(lengths(closest - middles)) <= most)
+
+        together: dict[int, set[int]] = {}
+        for one, other in stays:
+            together.setdefault(one, set()).add(other)
+            together.setdefault(other, set()).add(one)
+        found = np.zeros(int(passing.sum()), dtype=bool)
+        for row, index in enumerate(np.flatnonzero(passing).tolist()):
+            one, other = self.sides[index].tolist()
+            thirds = together.get(one, set()) & together.get(other, set())
+            found[row] = any(near(index, one, k) and near(index, other, k) for k in sorted(thirds))
+        return found
+
+    def _pairs(self, index: int) -> IntArray:
+        """Return the pairs (K, 2) of triangles of two groups that meet at rest."""
+        return self.pairs[np.flatnonzero(self.place == index)]
+
     def _some(self, index: int, side: int) -> tuple[IntArray, FloatArray]:
         """Return a few triangles (N,) of one of two that meet, and their distances (N,) at rest."""
         if (index, side) not in self._places:
-            own = np.unique(self.pairs[self.place == index, side]).astype(np.int32)
+            own = np.unique(self._pairs(index)[:, side]).astype(np.int32)
             own = own[:: -(-len(own) // self.options.places)]
             away = self._at_rest.distances(own, self.sides[index, 1 - side])
             self._places[index, side] = own, away

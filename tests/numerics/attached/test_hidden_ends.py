@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,14 +24,16 @@ def hand_in_sleeve(radius: float = 0.2, shift: float = 0.8) -> Mesh:
     )
 
 
-def tied_ends(mesh: Mesh, bound: tuple[int, int] = (0, 0)) -> tuple[list[int], list[int]]:
+def tied_ends(
+    mesh: Mesh, bound: tuple[int, int] = (0, 0), poses: Sequence[NDArray[np.float64]] = ()
+) -> tuple[list[int], list[int]]:
     """The vertices that are tied, and the parts that hold them."""
     points, faces = mesh
     part = components(faces, len(points))
     of_face = np.unique(part, return_inverse=True)[1][faces[:, 0]].astype(np.int32)
-    ties = hidden_ends(points, faces, of_face, np.array(bound)[of_face])
+    ties = hidden_ends(points, faces, of_face, np.array(bound)[of_face], poses=poses)
     held = np.einsum("nk,nkd->nd", ties.weights, points[faces[ties.triangles]])
-    assert (np.linalg.norm(held - points[ties.vertices], axis=1) < 0.06).all()
+    assert (np.linalg.norm(held - points[ties.vertices], axis=1) < 0.16).all()
     return ties.vertices.tolist(), np.unique(of_face[ties.triangles]).tolist()
 
 
@@ -47,6 +51,21 @@ def test_parts_of_two_bindings_or_of_none_are_not_tied() -> None:
 def test_an_end_outside_or_far_from_what_goes_round_it_is_not_tied() -> None:
     assert tied_ends(hand_in_sleeve(shift=1.1)) == ([], [])
     assert tied_ends(hand_in_sleeve(radius=0.1)) == ([], [])
+
+
+def test_an_end_in_a_wide_sleeve_is_tied_if_it_follows() -> None:
+    """Both turn together, and the hand slides by less than its radius; one that slides does not."""
+    mesh, turn = hand_in_sleeve(radius=0.1), np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    hand = (np.arange(len(mesh[0])) >= 24 * 21)[:, None] * np.array([1.0, 0.0, 0.0])
+    inner = 24 * 21 + np.arange(20)
+
+    def tied(*shifts: float, own: Mesh = mesh) -> list[int]:
+        return tied_ends(own, poses=[(own[0] + shift * hand) @ turn for shift in shifts])[0]
+
+    assert tied(0.0, 0.04, -0.04) == inner.tolist()
+    assert tied(0.0, 0.04, 0.13) == tied(0.0, 0.5) == tied() == []
+    # What is far wider, as a skirt, tells nothing of what is in it.
+    assert tied(0.0, own=hand_in_sleeve(radius=0.05)) == []
 
 
 def test_a_triangle_without_area_is_no_border() -> None:

@@ -158,6 +158,28 @@ def met(shift: float, *, rooted: float = 0.0, options: MeetingOptions = PASSING)
     return bool(passing[0])
 
 
+@pytest.mark.parametrize("aside", ["", "arm and body", "arm and ring"])
+def test_what_meets_at_a_joint_of_a_third_part_belongs_to_it(aside: str) -> None:
+    """A ring round an arm, where that comes out of a body, goes elsewhere with the arm."""
+    triangle, away = 0.1 * np.eye(3), np.array([2.0, 0.0, 0.0])
+    places = {"body": 0.0, "root": 0.01, "arm": 0.02, "ring": 0.03, "own": 0.03, "feet": 5.0}
+    if aside == "arm and ring":  # they meet elsewhere
+        places |= {"arm": 2.02, "own": 2.03}
+    if aside == "arm and body":
+        places["root"] = 5.01
+    rest = np.concatenate([triangle + place for place in places.values()])
+    faces = np.arange(len(rest), dtype=np.int32).reshape(-1, 3)
+    # Body and feet are one group; so are root and arm, and both triangles of the ring.
+    group = np.array([7, 5, 5, 3, 3, 7])
+    held = 5 if aside == "arm and body" else 0
+    pairs = np.array([[3, 0], [1, held], [4, 2]], dtype=np.int32)
+    goes = np.isin(list(places), ["arm", "ring", "own"]).repeat(3)[:, None]
+    pose = rest + np.where(goes, away, 0.0)
+    sides, passing = meetings(rest, [pose] * 12, faces, pairs, group, options=PASSING)
+    assert sides.tolist() == [[3, 5], [3, 7], [5, 7]]
+    assert passing.tolist() == [False, bool(aside), False]
+
+
 def test_a_joint_of_small_parts_does_not_pass_by_where_it_bends() -> None:
     """It moves on by much of its size, and by little of that of the character."""
     options = MeetingOptions(least=0.5, share=0.9)

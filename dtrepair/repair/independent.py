@@ -88,7 +88,8 @@ def _found_by_groups(
     faulty = faulty_bodies(scene, [pose])
     for bodies in groups:
         # With a clearance a pose without pairs may have to move as well.
-        if scene.options.clearance == 0.0 and faulty.isdisjoint(bodies):
+        asked = scene.options.clearance > 0.0 and not options.room
+        if not asked and faulty.isdisjoint(bodies):
             continue
         parts, own = meshes.of_bodies(bodies)
         (found,) = _found(parts.scene, own, [parts.opened(pose)], options)
@@ -108,8 +109,10 @@ def _found(
     found = _found_so(plain.scene, plain, opened, options)
     if scene.options.clearance == 0.0:
         return found
-    both = zip(opened, found, strict=True)
-    return [_opened(scene, meshes, pose, own, options) for pose, own in both]
+    return [
+        own if options.room and not pose.wrong else _opened(scene, meshes, pose, own, options)
+        for pose, own in zip(opened, found, strict=True)
+    ]
 
 
 def _opened(
@@ -119,7 +122,8 @@ def _opened(
     start, mesh = time.perf_counter(), meshes([pose.sewn])
     known, numbers = [found.judged], options.opening
     (judged,) = opened_frames(scene, mesh, [pose], known, np.zeros(1), options=numbers)
-    left = too_close(mesh, judged.points, facing=own_rest(mesh, [pose]))
+    facing = own_rest(mesh, [pose])
+    left = 0 if options.room else too_close(mesh, judged.points, facing=facing)
     pairs = result_pairs(scene, judged.points)
     spent = time.perf_counter() - start
     stages = [*found.solved.stages, Stage("open", len(pairs), 0, 0.0, 0, spent)]

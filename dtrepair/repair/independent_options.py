@@ -41,6 +41,8 @@ class IndependentOptions:
         followers: How loose parts go along with what they follow.
         props_back: How props come back.
         opening: How contacts are opened to the clearance.
+        room: The clearance is room for other poses, which nobody asked for: what has no contacts
+            keeps every bit, and what stays nearer is not told.
         share: How the share of a correction is found that does not do more.
         release: How enclosed parts are led out.
         lift, sunken: How layers are led back over what came through them, and parts out of what
@@ -60,6 +62,7 @@ class IndependentOptions:
     followers: FollowerOptions = field(default_factory=FollowerOptions)
     props_back: PropsBackOptions = field(default_factory=PropsBackOptions)
     opening: OpeningOptions = field(default_factory=OpeningOptions)
+    room: bool = False
     share: ShareOptions = field(default_factory=ShareOptions)
     release: ReleaseOptions = field(default_factory=ReleaseOptions)
     lift: LiftOptions = field(default_factory=LiftOptions)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from copy import copy
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -111,14 +112,28 @@ class SceneRepairer:
         """Number of intersecting triangles of the rest poses themselves, mode respected."""
         return self.scene.rest_intersections
 
-    def with_options(self, **changes: Any) -> SceneRepairer:
-        """Return a repairer of the same bodies with other options of the full method.
+    def with_room(self, room: float) -> SceneRepairer:
+        """Return a repairer of single poses whose repaired contacts keep a distance, length units.
 
-        changes: Fields of `RepairOptions`. What was made of the rest poses is shared.
+        What has none keeps every bit. Where a clearance is asked for that is the room, and the
+        published method keeps none.
         """
+        if self.options.clearance or self.options.method == "paper":
+            return self
+        numbers = replace(self._independent, room=True)
+        return self._changed(numbers, f"room {room}", clearance=room)
+
+    def untightened(self) -> SceneRepairer:
+        """Return a repairer that does not tighten, as the published method never does."""
+        if self.options.method == "paper" or self.options.tighten == 0:
+            return self
+        return self._changed(self._independent, "untightened", tighten=0)
+
+    def _changed(self, numbers: IndependentOptions, way: str, **changes: Any) -> SceneRepairer:
+        """Return a repairer with other options that nothing made of the rest poses depends on."""
         other = copy(self)
         vars(other).pop("animator", None)
-        other.meshes = self.meshes.with_options(f"options {changes}", **changes)
+        other._independent, other.meshes = numbers, self.meshes.with_options(way, **changes)
         other.scene = other.meshes.scene
         return other
 

@@ -46,7 +46,5 @@ def print_spans(console: Console, report: Report) -> None:
         console.warn([f"{counted(skipped, 'span')} with an unusable key or frame: not looked at"])
     if left:
         times = ", ".join(time_label(time) for time in left[:8]) + (" ..." if left[8:] else "")
-        console.result(
-            f"still intersecting at {times}; where contacts begin between keys, dtrepair repair, "
-            "which solves every frame, may do better"
-        )
+        better = "; dtrepair repair, which solves every frame, may do better"
+        console.result(f"still intersecting at {times}{better if report.output else ''}")

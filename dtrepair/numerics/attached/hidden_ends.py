@@ -35,7 +35,8 @@ class HiddenEndOptions:
         enclosed: Least winding number of the hiding part around every vertex of the end.
         near: The hiding part is within this many rms radii of the end, everywhere; ...
         far: ... or within so many, and follows it in a clip: the hand in a wide sleeve, ...
-        follows: ... so that no distance changes by more than this many radii in it.
+        follows: ... so that no distance changes by more than this many radii in it, ...
+        least: ... in so many other poses at least.
         hiding: So many open parts, the largest, are asked what they hide.
         cells: Along the extent of the hiding part: a sleeve is much narrower than its coat.
     """
@@ -44,6 +45,7 @@ class HiddenEndOptions:
     near: float = 0.5
     far: float = 2.5
     follows: float = 1.0
+    least: int = 2
     hiding: int = 24
     cells: int = 64
 
@@ -87,7 +89,9 @@ def hidden_ends(
             within = [ends[k].vertices for k in np.flatnonzero(same)]
             hidden = _hidden_in(points, corners, triangles, within, options)
             found += [
-                ties for ties, radius in hidden if _belongs(ties, radius, faces, poses, options)
+                ties
+                for ties, radius in hidden
+                if _belongs(ties, radius, points, faces, poses, options)
             ]
     return joined_ties(found)
 
@@ -137,15 +141,20 @@ def _hidden_in(
 def _belongs(
     ties: Ties,
     radius: float,
+    points: FloatArray,
     faces: IntArray,
     poses: Sequence[FloatArray],
     options: HiddenEndOptions,
 ) -> bool:
-    """Return whether an end of a radius is near to what hides it, or follows it in all poses."""
-    farthest = lengths(ties.offsets).max()
-    if farthest <= options.near * radius:
+    """Return whether an end of a radius is near to what hides it, or follows it in all poses.
+
+    points: the pose (V, 3) that shows it; those in which the end is at the same place tell nothing.
+    """
+    away = lengths(ties.offsets)
+    if away.max() <= options.near * radius:
         return True
-    if farthest > options.far * radius or len(poses) == 0:
+    others = [p for p in poses if not np.array_equal(p[ties.vertices], points[ties.vertices])]
+    if away.max() > options.far * radius or len(others) < options.least:
         return False
-    away = np.array([distances(ties, pose, faces) for pose in poses])
-    return bool(np.ptp(away, axis=0).max() <= options.follows * radius)
+    off = [np.abs(distances(ties, pose, faces) - away).max() for pose in others]
+    return bool(max(off) <= options.follows * radius)

@@ -66,7 +66,7 @@ def find_attachments(
         count: Number of vertices.
         references: Poses with their intersecting pairs; contacts of a part with itself are no
             attachments.
-        poses: Poses (V, 3) of the whole clip, which tell what follows what hides it.
+        poses: Poses (V, 3) of a clip, which tell what follows what hides it.
         options: Numbers.
     """
     part_of_vertex = np.full(count, -1, dtype=np.int32)

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from dtrepair.keyposes.spans import KeyPoses
-from dtrepair.numerics.geometry import diagonal
+from dtrepair.numerics.geometry import FloatArray, diagonal
 from dtrepair.numerics.metrics import JumpMeter
+from dtrepair.numerics.scale import Scale
 from dtrepair.pipeline.keyposes.solve import StageKeys
-from dtrepair.pipeline.repair.motion import Motion
+from dtrepair.pipeline.repair.motion import Motion, parts_of_mesh
+from dtrepair.pipeline.stages.frames import Frame, placed_frame
 from dtrepair.pipeline.stages.sources import StageSource
 from dtrepair.report.findings import FindingKind, MotionFinding
 
@@ -31,49 +33,80 @@ def key_findings(
     source: StageSource,
     keys: StageKeys,
     found: KeyPoses,
+    interpolation: str = "linear",
     *,
     options: KeyJumpOptions = KeyJumpOptions(),
 ) -> tuple[MotionFinding, ...]:
-    """Return what gives way in chosen keys, ends beside others, or jumps where keys were added."""
-    motion = Motion(source)
+    """Return what gives way in chosen keys, ends beside others, or jumps where keys were added.
+
+    interpolation: of the poses between keys.
+    """
+    motion, given = Motion(source), keys.given
     for time in keys.selected:
         if keys.frames[time].usable:
-            motion.add(time, *_poses(keys, found, time))
+            motion.add(time, *([own.at(time) for own in each] for each in (given, found.tracks)))
     # Given keys are too far apart to jump.
-    given = [own for own in motion.findings() if own.kind is not FindingKind.JUMPS]
-    return *given, *_jumps(source, keys, found, options.farther)
+    told = [own for own in motion.findings() if own.kind is not FindingKind.JUMPS]
+    jumps = _Jumps(source, keys.repairer.repairer.scene.scale)
+    for run in _whole_frames(source, found):
+        jumps.restart()
+        for time in run.tolist():
+            keys.check()
+            poses = (
+                [own.at(time, interpolation=interpolation) for own in each]
+                for each in (given, found.tracks)
+            )
+            jumps.add(time, *(placed_frame(source, time, own) for own in poses))
+    return *told, *jumps.findings(options.farther)
 
 
-def _poses(keys: StageKeys, found: KeyPoses, time: float) -> tuple[list[np.ndarray], ...]:
-    """Return points (V, 3) of all meshes at a time, as they came and as they end."""
-    return tuple([own.at(time) for own in each] for each in (keys.given, found.tracks))
-
-
-def _jumps(
-    source: StageSource, keys: StageKeys, found: KeyPoses, farther: float
-) -> list[MotionFinding]:
-    """Return what jumps on the whole frames of spans in which keys were added."""
+def _whole_frames(source: StageSource, found: KeyPoses) -> list[FloatArray]:
+    """Return the whole frames (T,), and the ends, of spans with added keys, neighbours together."""
     from usd_io.frame_grid import frame_grid
 
-    scale = keys.repairer.repairer.scene.scale
-    grid, meters = frame_grid(source.meshes[0].handle.stage), [JumpMeter() for _ in source.meshes]
-    sizes, size = [0.0 for _ in source.meshes], 0.0
+    grid, runs = frame_grid(source.meshes[0].handle.stage), list[FloatArray]()
     for span in found.spans:
         frames = grid.filled(np.array([span.start, span.end])) if span.added else None
-        for time in () if frames is None else frames.tolist():
-            before, after = (keys.frame(time, own).spaces for own in _poses(keys, found, time))
-            size = max(size, scale.diagonal(np.concatenate(before)))
-            for index, (meter, *poses) in enumerate(zip(meters, before, after, strict=True)):
-                sizes[index] = sizes[index] or diagonal(np.asarray(poses[0], np.float64))
-                meter.add(time, *poses)
-        for meter in meters:
+        if frames is None:  # or they are too many
+            continue
+        if runs and runs[-1][-1] == frames[0]:
+            runs[-1] = np.concatenate([runs[-1], frames[1:]])
+        else:
+            runs.append(frames)
+    return runs
+
+
+class _Jumps:
+    """The jumps of all meshes, frame by frame."""
+
+    def __init__(self, source: StageSource, scale: Scale) -> None:
+        self.source, self.scale = source, scale
+        self.meters = [JumpMeter(parts_of_mesh(mesh)) for mesh in source.meshes]
+        self.sizes, self.size = [0.0 for _ in source.meshes], 0.0
+
+    def add(self, time: float, before: Frame, after: Frame) -> None:
+        """Take the next frame, as it came and as it ends; one without points tells nothing."""
+        if not (before.usable and after.usable):
+            return self.restart()
+        self.size = max(self.size, self.scale.diagonal(np.concatenate(before.spaces)))
+        each = zip(self.meters, before.spaces, after.spaces, strict=True)
+        for index, (meter, own, repaired) in enumerate(each):
+            self.sizes[index] = self.sizes[index] or diagonal(np.asarray(own, np.float64))
+            meter.add(time, own, repaired)
+
+    def restart(self) -> None:
+        """Begin anew: what follows is no neighbour of the frames so far."""
+        for meter in self.meters:
             meter.restart()
-    findings = []
-    for mesh, meter, own in zip(source.meshes, meters, sizes, strict=True):
-        jumps = {time: far for time, far in meter.jumps.items() if far * own > farther * size}
-        if jumps:
-            kind, largest = FindingKind.JUMPS, max(jumps.values())
-            findings.append(
-                MotionFinding(kind=kind, path=mesh.path, largest=largest, times=tuple(jumps))
-            )
-    return findings
+
+    def findings(self, farther: float) -> list[MotionFinding]:
+        """Return what jumps by more than so much, diagonals of all that is repaired."""
+        findings = []
+        for mesh, meter, own in zip(self.source.meshes, self.meters, self.sizes, strict=True):
+            least = farther * self.size
+            jumps = {time: far for time, far in meter.jumps.items() if far * own > least}
+            if jumps:
+                kind, far = FindingKind.JUMPS, max(jumps.values())
+                times = tuple(jumps)
+                findings.append(MotionFinding(kind=kind, path=mesh.path, largest=far, times=times))
+        return findings

@@ -67,7 +67,7 @@ class StageKeys:
         repairer: solves and verifies frame by frame; rigid: of each mesh; check: called from time
         to time, and ends the work by what it raises.
         """
-        self.source, self.repairer, self.rigid = source, repairer, rigid
+        self.source, self.repairer, self.rigid, self.check = source, repairer, rigid, check
         times = [float(time) for time in source.all_times]
         self.selected = [time for time in times if time in source.times]
         self.frames = {time: read_frame(source, time) for time in times}
@@ -95,7 +95,9 @@ class StageKeys:
         self.between = tuple(time for time in others if time not in lacking)
         self.held = frozenset(self.between).difference(_inside(self.between, self.spans))
         self.tracks = self.given
-        self._near, self._far = _repairers(repairer, options.room if self.spans else 0.0)
+        own = repairer.repairer
+        room = options.room * own.scene.scale.diagonal(own.scene.rest)
+        self._near, self._far = (repairer.by(k) for k in (own.with_room(room), own.untightened()))
 
     @property
     def given(self) -> tuple[Track, ...]:
@@ -195,13 +197,12 @@ class StageKeys:
     def _given_repaired(self, frame: Frame, before: SceneCount | None) -> Repaired:
         """Return a key near to the input, with room; farther from it only where that leaves less.
 
-        Of room that is not reached nothing is told: nobody asked for it.
+        One between which and another nothing is looked at is repaired as any pose.
         """
+        if not any(frame.time in span for span in self.spans):
+            return _repaired(self.repairer, frame, before)
         near = _repaired(self._near, frame, before)
-        if not self.repairer.repairer.options.clearance:
-            left = replace(near.record.left, too_close=0)
-            near = replace(near, record=replace(near.record, left=left))
-        if self._near is self._far or not any(_wrong(near)):
+        if self._far.repairer is self._near.repairer or not any(_wrong(near)):
             return near
         far = _repaired(self._far, frame, before)
         return far if _wrong(far) < _wrong(near) else near
@@ -253,18 +254,6 @@ class StageKeys:
         )
 
 
-def _repairers(repairer: FrameRepairer, room: float) -> tuple[FrameRepairer, FrameRepairer]:
-    """Return what repairs given keys, with room in diagonals, and poses between them.
-
-    The published method knows neither a clearance nor tightening.
-    """
-    own = repairer.repairer
-    if own.options.method == "paper":
-        return repairer, repairer
-    clearance = own.options.clearance or room * own.scene.scale.diagonal(own.scene.rest)
-    return repairer.with_options(clearance=clearance), repairer.with_options(tighten=0)
-
-
 def _repaired(repairer: FrameRepairer, frame: Frame, before: SceneCount | None = None) -> Repaired:
     try:
         solution: Any = repairer.repairer(frame.poses)
@@ -274,9 +263,9 @@ def _repaired(repairer: FrameRepairer, frame: Frame, before: SceneCount | None =
 
 
 def _wrong(repaired: Repaired) -> tuple[float, bool]:
-    """Return how many pairs a key has left, infinite if it failed, and whether it is strained."""
+    """Return how many pairs a key has left, infinite if it failed, and whether it is not clean."""
     after = repaired.record.after
-    return np.inf if after is None else after.pairs, repaired.record.status == "strained"
+    return np.inf if after is None else after.pairs, repaired.record.status != "clean"
 
 
 def _with_strains(record: FrameRecord | None, strains: Sequence[Strain], pairs: int) -> Diagnosis:

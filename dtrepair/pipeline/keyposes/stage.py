@@ -204,7 +204,7 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         keys.record(record, time, found.tracks)
         for time, record in sorted({**records, **added}.items())
     )
-    findings = key_findings(source, keys, found)
+    findings = key_findings(source, keys, found, prepared.settings.keys.interpolation)
     warnings = clearance_warnings(frames, run.options.clearance) + warnings_of(findings)
     warn(observer, warnings)
     if sink is not None:

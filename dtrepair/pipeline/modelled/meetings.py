@@ -34,7 +34,7 @@ class MeetingOptions:
         places: So many places are asked for that, at most.
         joint: What meets at rest at a joint of a third group that both stay with belongs to it, as
             a ring round an arm where that comes out of its sleeve: half of the pairs are no farther
-            from what meets there of either, in diagonals of all that meets something.
+            from what meets there of either, in diagonals of all that meets something. 0: none does.
     """
 
     samples: int = 33
@@ -45,7 +45,7 @@ class MeetingOptions:
     root: float = 0.1
     touch: float = 0.02
     places: int = 200
-    joint: float = 0.02
+    joint: float = 0.0
 
 
 class Meetings(NamedTuple):
@@ -89,7 +89,7 @@ def meetings(
         touching[asked] += met.touch(pose, np.flatnonzero(asked).tolist())
     passing &= (looks - stays >= options.share * looks) & (2 * rooted < looks)
     passing &= 2 * touching < looks
-    passing[passing] = ~met.at_joints(rest, passing)
+    passing &= ~met.at_joints(rest, passing)
     return Meetings(met.sides, passing)
 
 
@@ -154,34 +154,31 @@ class _Met:
         return found
 
     def at_joints(self, rest: FloatArray, passing: BoolArray) -> BoolArray:
-        """Return which two groups (P,) of those that pass (N,) meet at a joint of a third one.
+        """Return which two groups (N,) of those that pass (N,) meet at a joint of a third one.
 
         rest: All points (V, 3) at rest.
         """
+        found = np.zeros(len(passing), dtype=bool)
+        if not self.options.joint:
+            return found
         number = {tuple(both): index for index, both in enumerate(self.sides.tolist())}
-        stays = {both for both, index in number.items() if not passing[index]}
-        most = self.options.joint * diagonal(rest[self._every])
-
-        def near(own: int, first: int, second: int) -> bool:
-            """Return whether two groups that pass meet where others meet that stay."""
-            middles, other = (
-                rest[self.faces[self._pairs(own)]].mean(axis=(1, 2)),
-                min(first, second),
-            )
-            joint = self._pairs(number[other, max(first, second)])
-            closest = NearestTriangles(rest[self.faces[joint.ravel()]]).nearest(middles)[1]
-            return bool(np.median(lengths(closest - middles)) <= most)
-
         together: dict[int, set[int]] = {}
-        for one, other in stays:
+        for one, other in self.sides[~passing].tolist():
             together.setdefault(one, set()).add(other)
             together.setdefault(other, set()).add(one)
-        found = np.zeros(int(passing.sum()), dtype=bool)
-        for row, index in enumerate(np.flatnonzero(passing).tolist()):
+        for index in np.flatnonzero(passing).tolist():
             one, other = self.sides[index].tolist()
-            thirds = together.get(one, set()) & together.get(other, set())
-            found[row] = any(near(index, one, k) and near(index, other, k) for k in sorted(thirds))
+            for third in sorted(together.get(one, set()) & together.get(other, set())):
+                joints = [number[min(own, third), max(own, third)] for own in (one, other)]
+                found[index] |= all(self._beside(rest, index, joint) for joint in joints)
         return found
+
+    def _beside(self, rest: FloatArray, index: int, joint: int) -> bool:
+        """Return whether two groups meet where others do, `joint`, in a pose (V, 3)."""
+        middles = rest[self.faces[self._pairs(index)]].mean(axis=(1, 2))
+        closest = NearestTriangles(rest[self.faces[self._pairs(joint).ravel()]]).nearest(middles)[1]
+        most = self.options.joint * diagonal(rest[self._every])
+        return bool(np.median(lengths(closest - middles)) <= most)
 
     def _pairs(self, index: int) -> IntArray:
         """Return the pairs (K, 2) of triangles of two groups that meet at rest."""

@@ -38,7 +38,7 @@ POINTS = "points"
 STILL = "still"
 # When two connected parts only pass each other at rest, as long hair and the arms of a T-pose: the
 # clip may show it once, and joints of small parts are bent in all of it.
-PASSING = MeetingOptions(least=0.02, rooted=0.25, share=0.85)
+PASSING = MeetingOptions(least=0.02, rooted=0.25, share=0.85, joint=0.02)
 
 
 class Look(NamedTuple):

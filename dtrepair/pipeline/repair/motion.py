@@ -108,7 +108,7 @@ class StillMeter:
         return self._gives if self.still else {}
 
 
-def _parts(mesh: SourceMesh) -> IntArray:
+def parts_of_mesh(mesh: SourceMesh) -> IntArray:
     """Return the connected part (V,) of each vertex; vertices at one place at rest are one."""
     weld = weld_map(mesh.rest)
     return components(weld[mesh.faces], len(weld))[weld]
@@ -143,7 +143,7 @@ class Motion:
         self._least = least
         self._paths = [mesh.path for mesh in source.meshes]
         self._jitter = [JitterMeter() for _ in self._paths]
-        self._jumps = [JumpMeter(_parts(mesh)) for mesh in source.meshes]
+        self._jumps = [JumpMeter(parts_of_mesh(mesh)) for mesh in source.meshes]
         # Of a single mesh nothing else moves.
         several = len(self._paths) > 1
         self._bends = [BendMeter() for _ in self._paths] if several else []

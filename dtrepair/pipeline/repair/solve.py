@@ -92,10 +92,10 @@ class FrameRepairer:
         self.progress: Callable[[float], None] | None = None
         self._again = Lock()
 
-    def with_options(self, **changes: Any) -> FrameRepairer:
-        """Return the same with other options (fields of `RepairOptions`) of the full method."""
+    def by(self, repairer: SceneRepairer) -> FrameRepairer:
+        """Return the same with another solver of the same bodies."""
         other = copy(self)
-        other.repairer = self.repairer.with_options(**changes)
+        other.repairer, other.warnings = repairer, []
         return other
 
     def solve(self, poses: Iterable[Pose]) -> Iterator[Solution]:

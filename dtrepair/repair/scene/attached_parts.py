@@ -24,7 +24,7 @@ def known_attachments(
     faces: triangles (F, 3), whose vertices at one position of the rest are one; poses: the rest
     (V, 3), and poses of the whole clip.
     """
-    found = find_attachments(faces, len(poses[0]), references, poses=poses[1:])
+    found = find_attachments(faces, len(poses[0]), references, poses=poses)
     if len(found.zones) + len(found.every_tie.vertices) == 0:
         return None
     return with_riders(found, faces, poses)

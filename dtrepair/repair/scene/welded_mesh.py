@@ -195,7 +195,7 @@ class WeldedMeshes:
         return WeldedMeshes(scene, full=self._full, surface=numbers, way=f"{self.way}/{way}")
 
     def with_options(self, way: str, **changes: Any) -> WeldedMeshes:
-        """Return the meshes with other options of the full method, set apart by a way."""
+        """Return the meshes with options that no attachment depends on, by the full method."""
         return self._of(self.scene.changed(options=replace(self.scene.options, **changes)), way)
 
     @cached_property

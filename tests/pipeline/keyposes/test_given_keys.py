@@ -10,19 +10,22 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
 
-from dtrepair.diagnosis import CountRecord, Diagnosis
+from dtrepair.diagnosis import CountRecord
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.proximity import close_pairs
+from dtrepair.keyposes.options import KeyOptions
 from dtrepair.numerics.geometry import diagonal
 from dtrepair.pipeline.keyposes import solve
-from dtrepair.pipeline.keyposes.solve import KeyRepairOptions
+from dtrepair.pipeline.keyposes.solve import KeyRepairOptions, StageKeys
 from dtrepair.pipeline.keyposes.stage import repair_keyposes
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired
 from dtrepair.pipeline.repair.stage import repair_stage
 from dtrepair.pipeline.selection import Selection
 from dtrepair.repair.options import RepairOptions
-from tests.command_line import read_samples
+from tests.command_line import CLOSED, OPEN, read_samples, tube_pose, tube_stage
+from tests.meshes import icosphere
 from tests.swinging_arm import arm_mesh, arm_stage
 
 ARM, MIDDLE = "/Root/Arm", 11.0
@@ -87,6 +90,72 @@ def test_a_clearance_that_is_asked_for_is_the_room(pressed: Path) -> None:
     assert too_close(keyposes(pressed, options=options), 7.0 * ROOM) == 0
 
 
+def test_of_room_that_is_not_reached_nothing_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Room as wide as a clearance that a limit of the displacement lets nothing reach."""
+    path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
+    wide = KeyRepairOptions(room=0.06 / diagonal(tube_pose(OPEN)))
+    monkeypatch.setitem(StageKeys.__init__.__kwdefaults__, "options", wide)
+    for clearance in (0.0, 0.06):
+        options = RepairOptions(maximum_displacement=0.07, clearance=clearance)
+        report = repair_keyposes(path, tmp_path / "b.usdc", options=options)
+        told = [
+            any(frame.left.too_close for frame in report.frames),
+            any("closer than" in frame.message for frame in report.frames),
+            any("is not reached" in line for line in report.warnings),
+        ]
+        assert told == [clearance > 0.0] * 3
+
+
+def test_clean_keys_keep_every_bit(pressed: Path) -> None:
+    """Where they touch, too: what a frame alone ends with is not touched again."""
+    repair_stage(pressed, out := pressed.with_name("out.usdc"), alone=True)
+    flat = pressed.with_name("flat.usdc")
+    Usd.Stage.Open(str(out)).Export(str(flat))
+    assert too_close(middle(flat), 0.9 * ROOM) > 0
+    repair_keyposes(flat, again := pressed.with_name("again.usdc"), keys=KeyOptions(keep_keys=True))
+    for time in (1.0, MIDDLE, 21.0):
+        assert np.array_equal(read_samples(again, ARM)[time], read_samples(flat, ARM)[time])
+
+
+def test_what_is_clean_beside_it_keeps_every_bit(pressed: Path) -> None:
+    """Two balls that nearly touch, far away."""
+    ball, faces = icosphere(2, 0.1)
+    stage = Usd.Stage.Open(str(pressed))
+    for name, aside in (("A", 0.0), ("B", 0.2 + 0.3 * ROOM)):
+        mesh = UsdGeom.Mesh.Define(stage, f"/Root/{name}")
+        mesh.GetFaceVertexCountsAttr().Set([3] * len(faces))
+        mesh.GetFaceVertexIndicesAttr().Set(faces.ravel().tolist())
+        for time in (1.0, MIDDLE, 21.0):
+            place = np.array([5.0 + aside, 0.1 * (time == MIDDLE), 0.0])
+            mesh.GetPointsAttr().Set((ball + place).astype(np.float32), time)
+    stage.Save()
+    repair_keyposes(pressed, out := pressed.with_name("keys.usdc"))
+    after = Usd.Stage.Open(str(out))
+    for name in ("A", "B"):
+        prims = (
+            own.GetPrimAtPath(f"/Root/{name}").GetAttribute("points") for own in (stage, after)
+        )
+        before, kept = (np.asarray(points.Get(MIDDLE)) for points in prims)
+        assert np.array_equal(before, kept)
+    assert too_close(middle(out), 0.9 * ROOM) == 0
+
+
+def test_a_lone_key_beside_others_needs_no_room(tmp_path: Path) -> None:
+    path = arm_stage(tmp_path / "arm.usda", (1.0, 0.9, 1.0, 0.3, 1.0))
+    repair_keyposes(path, out := tmp_path / "keys.usdc", selection=Selection(frames="1,11,31"))
+    repair_stage(path, alone := tmp_path / "alone.usdc", alone=True)
+    assert np.array_equal(read_samples(out, ARM)[31.0], read_samples(alone, ARM)[31.0])
+
+
+def test_the_published_method_has_no_room(pressed: Path) -> None:
+    options = RepairOptions(method="paper")
+    repair_keyposes(pressed, out := pressed.with_name("keys.usdc"), options=options)
+    repair_stage(pressed, alone := pressed.with_name("alone.usdc"), alone=True, options=options)
+    assert np.array_equal(middle(out), middle(alone))
+
+
 @pytest.fixture
 def changed(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Changes the records of keys that were repaired near the input."""
@@ -101,17 +170,6 @@ def changed(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
         monkeypatch.setattr(solve, "_repaired", repaired)
 
     return change
-
-
-def test_of_room_that_is_not_reached_nothing_is_told(
-    pressed: Path, changed: Callable[..., None]
-) -> None:
-    changed(left=Diagnosis(too_close=3))
-    report = repair_keyposes(pressed, pressed.with_name("keys.usdc"))
-    assert report.warnings == () and not any(frame.left.too_close for frame in report.frames)
-    asked = RepairOptions(clearance=ROOM)
-    report = repair_keyposes(pressed, pressed.with_name("keys.usdc"), options=asked)
-    assert any("is not reached" in line for line in report.warnings)
 
 
 @pytest.mark.parametrize(

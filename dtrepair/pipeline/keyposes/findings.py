@@ -37,26 +37,33 @@ def key_findings(
     *,
     options: KeyJumpOptions = KeyJumpOptions(),
 ) -> tuple[MotionFinding, ...]:
-    """Return what gives way in chosen keys, ends beside others, or jumps where keys were added.
+    """Return what gives way in keys, ends beside others, or jumps where some were added.
 
     interpolation: of the poses between keys.
     """
-    motion, given = Motion(source), keys.given
-    for time in keys.selected:
-        if keys.frames[time].usable:
-            motion.add(time, *([own.at(time) for own in each] for each in (given, found.tracks)))
-    # Given keys are too far apart to jump.
+    given, motion = keys.given, Motion(source)
+
+    def placed(time: float) -> tuple[Frame, Frame]:
+        poses = (
+            [own.at(time, interpolation=interpolation) for own in each]
+            for each in (given, found.tracks)
+        )
+        before, after = (placed_frame(source, time, own) for own in poses)
+        return before, after
+
+    added = {time for span in found.spans for time in span.added}
+    for time in sorted({*keys.selected, *added}):
+        before, after = placed(time)
+        if before.usable and after.usable:
+            motion.add(time, before.spaces, after.spaces)
+    # Keys are too far apart to jump.
     told = [own for own in motion.findings() if own.kind is not FindingKind.JUMPS]
     jumps = _Jumps(source, keys.repairer.repairer.scene.scale)
     for run in _whole_frames(source, found):
         jumps.restart()
         for time in run.tolist():
             keys.check()
-            poses = (
-                [own.at(time, interpolation=interpolation) for own in each]
-                for each in (given, found.tracks)
-            )
-            jumps.add(time, *(placed_frame(source, time, own) for own in poses))
+            jumps.add(time, *placed(time))
     return *told, *jumps.findings(options.farther)
 
 

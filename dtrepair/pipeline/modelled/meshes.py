@@ -91,7 +91,7 @@ class PlacedMeshes:
         )
         sizes = [len(mesh.faces) for mesh in source.meshes]
         self.mesh_of = np.repeat(np.arange(len(sizes)), sizes)
-        self._time = placing_time(source, source.all_times)
+        self._time = placing_time(source, source.clip_times)
         self.rest = _placed(source, self._time, [rest.points for rest in rests])
         weld = weld_maps([self.rest[a:b] for a, b in pairwise(starts)])
         self.weld = without_touches(self.faces, weld, lambda: self._detector(self.rest, weld=weld))
@@ -194,7 +194,7 @@ class PlacedMeshes:
 
     def poses(self, samples: int) -> Iterator[tuple[str, FloatArray]]:
         """Yield the names and poses (V, 3) of so many frames, or all, that can be used."""
-        times = self.source.all_times
+        times = self.source.clip_times
         chosen = np.linspace(0, len(times) - 1, min(samples, len(times))).astype(int)
         for time in times[chosen].tolist():
             frame = read_frame(self.source, time)

@@ -183,7 +183,7 @@ def untold_in_check(
 
 def frames_tell(source: Source, options: ReferenceOptions = ReferenceOptions()) -> bool:
     """Return whether the clip has so many frames that they tell what no bind pose does."""
-    return len(unrepaired(source).all_times) >= options.least
+    return len(unrepaired(source).clip_times) >= options.least
 
 
 def _untold(

@@ -247,9 +247,9 @@ def _time_of_rest(source: Source, rests: list[Rest]) -> tuple[float, list[tuple[
     from dtrepair.intersect.ignored import CollapsedPoseError
     from dtrepair.intersect.scene_counts import SceneCounter
 
-    count = min(PLACEMENTS, len(source.all_times))
-    chosen = source.all_times[np.linspace(0, len(source.all_times) - 1, count).astype(int)]
-    times = usable_times(source, chosen) or [placing_time(source, source.all_times)]
+    count = min(PLACEMENTS, len(source.clip_times))
+    chosen = source.clip_times[np.linspace(0, len(source.clip_times) - 1, count).astype(int)]
+    times = usable_times(source, chosen) or [placing_time(source, source.clip_times)]
     counter: SceneCounter | None = None
     best, least = float(times[0]), -1
     met: list[tuple[int, int]] = []

@@ -61,6 +61,7 @@ class SourceMesh:
 class Source(Protocol):
     """An opened input; `times` are those of the selected frames, `all_times` of all frames.
 
+    clip_times: the same, but of key poses those of the frames between them as well.
     origin: Where in the world (3,) the common space of all meshes has its zero.
     """
 
@@ -68,6 +69,7 @@ class Source(Protocol):
     meshes: tuple[SourceMesh, ...]
     times: NDArray[np.float64]
     all_times: NDArray[np.float64]
+    clip_times: NDArray[np.float64]
     warnings: tuple[str, ...]
     up: tuple[float, float, float]
     origin: NDArray[np.float64]
@@ -107,7 +109,7 @@ def few_times(source: Source) -> list[float]:
 
     The parts of a farm agree on them. Raises InputError where none can.
     """
-    every = source.all_times
+    every = source.clip_times
     found = usable_times(source, np.unique(every[[0, len(every) // 2, -1]]))
     return found or [placing_time(source, every)]
 
@@ -202,6 +204,7 @@ class StageSource:
             whole, authored = frames == "whole", selection.samples_only
             self.clock = usd_io.stage_times(handles, spec, whole=whole, authored=authored)
         self.times, self.all_times = self.clock.chosen, self.clock.every
+        self.clip_times = self.clock.keys if frames == "key poses" else self.all_times
         self.warnings += tuple(f"{path}: {warning}" for warning in self.clock.warnings)
         self.origin = np.zeros(3)
         self.matrices = usd_io.WorldMatrices(visibility=not selection.include_invisible)
@@ -236,8 +239,7 @@ class StageSource:
 
         Looks at the whole clip, so that the parts of a farm agree.
         """
-        times = few_times(self)
-        boxes = np.concatenate([self.boxes(time) for time in times])
+        boxes = np.concatenate([self.boxes(time) for time in few_times(self)])
         low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
         with np.errstate(over="ignore", invalid="ignore"):
             step = float(np.spacing(np.float32(np.abs([low, high]).max())))
@@ -260,8 +262,7 @@ class StageSource:
         corner_of = np.array(list(np.ndindex(2, 2, 2)))
         boxes = []
         for index, mesh in enumerate(self.meshes):
-            points = poses.get(index, mesh.rest)
-            box = np.stack([points.min(axis=0), points.max(axis=0)])
+            box = np.stack([end(poses.get(index, mesh.rest), axis=0) for end in (np.min, np.max)])
             corners = self.to_world(mesh, time, box[corner_of, range(3)])
             boxes.append([corners.min(axis=0), corners.max(axis=0)])
         return np.array(boxes)
@@ -284,9 +285,8 @@ class StageSource:
         matrix[3, :3] -= self.origin
         moved = usd_io.transform_points(points, matrix)
         if moved.size and not np.abs(moved).max() < LARGEST:
-            raise usd_io.FrameError(
-                mesh.path, time, "points leave the range of float32 in world space; mend the scale"
-            )
+            told = "points leave the range of float32 in world space; mend the scale"
+            raise usd_io.FrameError(mesh.path, time, told)
         return moved
 
     def to_local(self, mesh: SourceMesh, time: float, points: Points) -> Points:
@@ -309,7 +309,7 @@ class MeshSource:
         points = self.file.points
         faces = triangulate(self.file.counts, self.file.corners, points).faces
         self.meshes: tuple[SourceMesh, ...] = (SourceMesh(Path(path).name, points, faces, True),)
-        self.times = self.all_times = np.array([np.nan])
+        self.times = self.all_times = self.clip_times = np.array([np.nan])
         self.warnings: tuple[str, ...] = ()
         self.up = (0.0, 1.0, 0.0)
         self.origin = np.zeros(3)

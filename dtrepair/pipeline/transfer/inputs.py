@@ -42,7 +42,7 @@ class PoseFiles:
         self._paths = tuple(paths)
         self.name = rest.name
         self.meshes: tuple[SourceMesh, ...] = (replace(rest.meshes[0], has_rest=True),)
-        self.times = self.all_times = np.arange(1.0, len(paths) + 1.0)
+        self.times = self.all_times = self.clip_times = np.arange(1.0, len(paths) + 1.0)
         if frames is not None:
             self.times = self.times[parse_frames(frames).select(self.times, require=True)]
         self.warnings = rest.warnings

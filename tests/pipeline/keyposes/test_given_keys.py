@@ -96,7 +96,9 @@ def test_of_room_that_is_not_reached_nothing_is_told(
     """Room as wide as a clearance that a limit of the displacement lets nothing reach."""
     path = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED, OPEN))
     wide = KeyRepairOptions(room=0.06 / diagonal(tube_pose(OPEN)))
-    monkeypatch.setitem(StageKeys.__init__.__kwdefaults__, "options", wide)
+    defaults = StageKeys.__init__.__kwdefaults__
+    assert defaults is not None
+    monkeypatch.setitem(defaults, "options", wide)
     for clearance in (0.0, 0.06):
         options = RepairOptions(maximum_displacement=0.07, clearance=clearance)
         report = repair_keyposes(path, tmp_path / "b.usdc", options=options)

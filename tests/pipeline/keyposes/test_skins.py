@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
 
+from dtrepair.pipeline.check import check_stage
 from dtrepair.pipeline.keyposes.stage import repair_keyposes
 from dtrepair.pipeline.selection import Selection
 from dtrepair.report.findings import FindingKind
 from dtrepair.report.record import Report
 from tests.command_line import read_samples, run, tube_stage
+from tests.meshes import icosphere
 from tests.rigged_tube import MESH, rigged_tube, skinned_points
+from usd_io import AuthoredMesh, write_animation
 
 KEYS = [0.0, 8.0, 16.0, 24.0]
 WALL = "/Root/Wall"
@@ -105,7 +108,7 @@ def test_a_mesh_that_stands_still_is_held_beside_a_skin(rig: Path, tmp_path: Pat
     out = tmp_path / "out.usda"
     report = repair_keyposes(rig, out, selection=Selection(frames="0,8"))
     (gave,) = (own for own in report.findings if own.kind is FindingKind.MOVED)
-    assert (gave.path, gave.times) == (WALL, (8.0,))
+    assert gave.path == WALL and 8.0 in gave.times
     held = {time: np.abs(pose - still).max() for time, pose in read_samples(out, WALL).items()}
     assert held[8.0] > 1e-3 and held[4.0] > 1e-4
     assert max(held[float(time)] for time in (0, *range(9, 25))) < 1e-6
@@ -148,3 +151,22 @@ def test_a_span_with_an_unusable_frame_is_left(tmp_path: Path) -> None:
     assert any(line.startswith(f"{words}frame 3: ") for line in report.warnings)
     assert run("keyposes", path, "--verify-only", "--frames", "1,5,9").err.count(words) == 1
     del points, stage
+
+
+def test_what_was_modelled_is_learnt_from_the_whole_clip(tmp_path: Path) -> None:
+    """Two boxes without a rest overlap least in a frame that is no key."""
+    ball, faces = icosphere(2, 0.2)
+    path, along = tmp_path / "a.usda", 0.01 * np.arange(11.0)
+    meshes = []
+    for name, aside in (("A", np.zeros(11)), ("B", 0.3 - np.abs(along - 0.05))):
+        places = np.stack([aside, np.zeros(11), along], axis=1)
+        meshes.append(AuthoredMesh(f"/Root/{name}", faces, [ball + place for place in places]))
+    write_animation(path, meshes, times=np.arange(11.0))
+    counts = [
+        [frame.before for frame in report.frames]
+        for report in (
+            repair_keyposes(path, selection=Selection(frames="0,10")),
+            check_stage(path, selection=Selection(frames="0,10")),
+        )
+    ]
+    assert counts[0] == counts[1] and counts[0][0] is not None and counts[0][0].modelled_pairs

@@ -113,8 +113,8 @@ def pairs_beside(
     pairs = [own for own in pairs if not any(source.meshes[k].faces_away is not None for k in own)]
     if not pairs:
         return []
-    count = min(options.looks, len(source.all_times))
-    times = source.all_times[np.linspace(0, len(source.all_times) - 1, count).astype(int)]
+    count = min(options.looks, len(source.clip_times))
+    times = source.clip_times[np.linspace(0, len(source.clip_times) - 1, count).astype(int)]
     asked = np.zeros(len(source.meshes), dtype=bool)
     asked[np.ravel(pairs)] = True
     beside: set[tuple[int, int]] = set()

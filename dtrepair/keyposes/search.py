@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from dtrepair.keyposes.changes import (
     Change,
-    ChangeOptions,
     changes,
     moved_farther,
     reach_of,
     usual_move,
 )
 from dtrepair.keyposes.options import KeyOptions
+from dtrepair.keyposes.search_options import SearchOptions
 from dtrepair.keyposes.spans import (
     KeyPoses,
     Sample,
@@ -30,38 +29,6 @@ from dtrepair.keyposes.spans import (
 from dtrepair.keyposes.tracks import Pose, Track
 
 
-@dataclass(frozen=True, kw_only=True)
-class SearchOptions:
-    """Numbers of the search.
-
-    Args:
-        finer: Fraction of its cost by which a split span may seem worse than before: its parts have
-            finer samples, which show more.
-        least_gain: Fraction of the cost of a span that must go where keys are moved without
-            cleaning it: less is not worth the animator's surprise.
-        shortest: No key is added between two that are nearer to each other than this fraction of
-            the given span: keys crowd where contacts begin, and what lies between them pops.
-        farther, near: No key goes farther than so many times what the repaired pose and the given
-            keys around it went, and this fraction of the diagonal: an arm would fly out between two
-            keys at which it hangs. What is left for that is told.
-        trials: Most changes between two given keys, times the number of spans they may be split
-            into.
-        changes: Numbers of the changes that are tried.
-    """
-
-    finer: float = 0.5
-    least_gain: float = 0.1
-    shortest: float = 0.1
-    farther: float = 1.5
-    near: float = 0.01
-    trials: int = 4
-    changes: ChangeOptions = field(default_factory=ChangeOptions)
-
-
-def _nothing() -> None:
-    """Let a search go on."""
-
-
 def verify_in_betweens(
     tracks: Sequence[Track],
     spans: Sequence[tuple[float, float]],
@@ -69,7 +36,7 @@ def verify_in_betweens(
     *,
     options: KeyOptions,
     jobs: int = 1,
-    check: Callable[[], None] = _nothing,
+    check: Callable[[], None] = lambda: None,
 ) -> KeyPoses:
     """Count the in-betweens of spans (start, end) of neighbouring keys; nothing is changed.
 
@@ -88,7 +55,7 @@ def clean_in_betweens(
     options: KeyOptions,
     jobs: int = 1,
     progress: Callable[[int], None] = lambda done: None,
-    check: Callable[[], None] = _nothing,
+    check: Callable[[], None] = lambda: None,
     numbers: SearchOptions = SearchOptions(),
 ) -> KeyPoses:
     """Move keys or add the fewest until `options.samples` in-betweens of each span are clean.
@@ -175,7 +142,25 @@ class _Search:
         return KeyPoses(self.tracks, spans)
 
     def clean(self, span: tuple[float, float]) -> None:
-        """Move or add keys until a span is clean or nothing helps."""
+        """Move or add keys until a span is clean or nothing helps: near to the input if that will.
+
+        Else farther from it, if that leaves less.
+        """
+        ways, begun = self.solver.ways, (self.tracks, self.added, dict(self.known))
+        self.clean_by(ways, span)
+        if (left := self.left(span)) and len(ways) > 1:
+            near = self.tracks, self.added, self.known
+            self.tracks, self.added, self.known = begun
+            self.clean_by(ways[-1:], span)
+            if self.left(span) >= left:
+                self.tracks, self.added, self.known = near
+
+    def left(self, span: tuple[float, float]) -> float:
+        """Return the cost of a span."""
+        return sum(cost_of(part, self.known[part]) for part in parts_of(span, self.added))
+
+    def clean_by(self, ways: Sequence[int], span: tuple[float, float]) -> None:
+        """Move or add keys until a span is clean or nothing helps, repaired in some ways."""
         hopeless: set[tuple[float, float]] = set()
         for _ in range(self.numbers.trials * (self.options.extra + 1)):
             parts = parts_of(span, self.added)
@@ -186,13 +171,15 @@ class _Search:
             if part is None or dirty[part] == 0.0:
                 return
             short = part[1] - part[0] < self.numbers.shortest * (span[1] - span[0])
-            trial = self.best_trial(part, full=short or len(parts) > self.options.extra)
+            trial = self.best_trial(ways, part, full=short or len(parts) > self.options.extra)
             if trial is None:
                 hopeless.add(part)
             else:
                 self.accept(trial)
 
-    def best_trial(self, part: tuple[float, float], *, full: bool) -> Trial | None:
+    def best_trial(
+        self, ways: Sequence[int], part: tuple[float, float], *, full: bool
+    ) -> Trial | None:
         """Return the change that leaves least, None where none leaves less.
 
         full: no more keys may be added.
@@ -200,14 +187,11 @@ class _Search:
         best: Trial | None = None
         options, cost = self.options, cost_of(part, self.known[part])
         for time in places_for(self.known[part]):
-            poses, most = self.poses(self.tracks, time), np.inf
-            for start in self.starts(part, time, poses):
-                found = self.settled(time, start)
-                if start is poses:
-                    usual = usual_move(*self.moving, part, self.added, time, found)
-                    most = self.numbers.farther * usual + self.numbers.near
-                if found is None:
-                    continue
+            poses = self.poses(self.tracks, time)
+            most = self.farthest(part, time)
+            for way, start, found in self.found(ways, part, time, poses):
+                if start is poses and way == ways[0]:
+                    most = self.farthest(part, time, found)
                 for change in changes(
                     self.tracks,
                     time,
@@ -248,10 +232,28 @@ class _Search:
                     displaced.append((pose + abs(away) * moved).astype(np.float32))
                 yield tuple(displaced)
 
-    def settled(self, time: float, start: tuple[Pose, ...]) -> tuple[Pose, ...] | None:
-        """Return a start that is clean, or repaired; None where there is neither."""
-        self.check()
-        return start if not self.solver.pairs(time, start) else self.solver.repair(time, start)
+    def found(
+        self,
+        ways: Sequence[int],
+        part: tuple[float, float],
+        time: float,
+        poses: tuple[Pose, ...],
+    ) -> Iterator[tuple[int, tuple[Pose, ...], tuple[Pose, ...]]]:
+        """Yield what is clean, or repaired in some ways, with the way and what it began as."""
+        for start in self.starts(part, time, poses):
+            self.check()
+            dirty = self.solver.pairs(time, start)
+            for way in ways if dirty else ways[:1]:
+                own = self.solver.repair(time, start, way) if dirty else start
+                if own is not None:
+                    yield way, start, own
+
+    def farthest(
+        self, part: tuple[float, float], time: float, found: tuple[Pose, ...] | None = None
+    ) -> float:
+        """Return how far a key in a part may go, diagonals; found: what it is at a time."""
+        move = usual_move(*self.moving, part, self.added, time, found)
+        return self.numbers.farther * move + self.numbers.near
 
     def measured(self, change: Change, part: tuple[float, float]) -> Trial | None:
         """Return what a change leaves, mainly of `part`; None where a key gets pairs by it."""

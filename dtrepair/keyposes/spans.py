@@ -13,10 +13,14 @@ from dtrepair.keyposes.tracks import Pose, Track
 class Solver(Protocol):
     """What a scene can answer about poses (V, 3) float32, one for each mesh."""
 
+    @property
+    def ways(self) -> Sequence[int]:
+        """Numbers of the ways to repair a pose, that which stays nearest to it first."""
+
     def pairs(self, time: float, poses: Sequence[Pose]) -> int:
         """Return the number of intersecting pairs, exactly."""
 
-    def repair(self, time: float, poses: Sequence[Pose]) -> tuple[Pose, ...] | None:
+    def repair(self, time: float, poses: Sequence[Pose], way: int) -> tuple[Pose, ...] | None:
         """Return poses with fewer pairs; None where there are none."""
 
     def allowed(self, index: int, time: float, given: Pose, pose: Pose) -> Pose:

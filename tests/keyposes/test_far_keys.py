@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from dtrepair.keyposes.changes import Change, moved_farther, usual_move
 from dtrepair.keyposes.options import KeyOptions
-from dtrepair.keyposes.search import SearchOptions, clean_in_betweens
+from dtrepair.keyposes.search import clean_in_betweens
+from dtrepair.keyposes.search_options import SearchOptions
 from dtrepair.keyposes.spans import KeyPoses
 from dtrepair.keyposes.tracks import Track
 
@@ -24,8 +25,10 @@ STILL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 10.0]], dtype=np.float32)
 class WallSolver:
     """Wants the first vertex beyond walls: at times from, to, each as high as the third number."""
 
-    def __init__(self, *walls: tuple[float, float, float]) -> None:
-        self.walls = walls
+    def __init__(
+        self, *walls: tuple[float, float, float], beyond: Sequence[float] = (0.05,)
+    ) -> None:
+        self.walls, self.beyond, self.ways = walls, beyond, range(len(beyond))
 
     def wanted(self, time: float) -> float:
         return max((high for start, end, high in self.walls if start < time < end), default=-9.0)
@@ -33,9 +36,9 @@ class WallSolver:
     def pairs(self, time: float, poses: Sequence[Pose]) -> int:
         return int(poses[0][0, 0] < self.wanted(time))
 
-    def repair(self, time: float, poses: Sequence[Pose]) -> tuple[Pose, ...]:
+    def repair(self, time: float, poses: Sequence[Pose], way: int) -> tuple[Pose, ...]:
         found = poses[0].copy()
-        found[0, 0] = max(found[0, 0], self.wanted(time) + 0.05)
+        found[0, 0] = max(found[0, 0], self.wanted(time) + self.beyond[way])
         return (found,)
 
     def allowed(self, index: int, time: float, given: Pose, pose: Pose) -> Pose:
@@ -68,6 +71,23 @@ def test_what_would_be_clean_with_a_far_key_only_is_left() -> None:
     found = cleaned(wall, extra=1)
     assert left(found) > 0 and highest(found) < 3.0
     assert left(cleaned(wall, extra=1, farther=1e9)) == 0
+
+
+def test_the_nearest_that_is_clean_is_added() -> None:
+    wall = (1.5, 9.5, 1.0)
+    for farther in ([0.05, 0.3], [0.05, 0.3, 9.0]):
+        found = cleaned(WallSolver(wall, beyond=farther))
+        assert left(found) == 0 and highest(found) == highest(cleaned(WallSolver(wall)))
+
+
+def test_farther_ways_are_tried_within_the_limit_of_the_nearest_and_then_their_own() -> None:
+    """With one key to add at most, from which the lines fall below the wall."""
+    narrow = WallSolver((4.0, 6.0, 1.0), beyond=[0.05, 0.6, 9.0])
+    assert left(cleaned(narrow, extra=1)) == 0 and highest(cleaned(narrow, extra=1)) < 1.8
+    wide = (1.5, 9.5, 1.0)
+    assert left(cleaned(WallSolver(wide), extra=1)) > 0
+    far = cleaned(WallSolver(wide, beyond=[0.05, 9.0]), extra=1)
+    assert left(far) == 0 and 5.0 < highest(far) < 16.0
 
 
 def test_short_parts_are_no_way_to_fly_out() -> None:

@@ -12,7 +12,8 @@ from pxr import Usd, UsdGeom, Vt
 from dtrepair import Repairer, RepairOptions, find_intersections
 from dtrepair.keyposes.changes import ChangeOptions, neighbours_moved, scaled
 from dtrepair.keyposes.options import KeyOptions
-from dtrepair.keyposes.search import SearchOptions, clean_in_betweens, verify_in_betweens
+from dtrepair.keyposes.search import clean_in_betweens, verify_in_betweens
+from dtrepair.keyposes.search_options import SearchOptions
 from dtrepair.keyposes.spans import Sample
 from dtrepair.keyposes.tracks import Pose, Track, between
 from tests.swinging_arm import arm_mesh, arm_pose
@@ -115,10 +116,12 @@ def test_frames_between_keys_are_looked_at() -> None:
     track = Track((0.0, 4.0), (pose, pose), original=lambda time: pose, frames=(1.0, 2.0, 3.0))
 
     class Dirty:
+        ways = (0,)
+
         def pairs(self, time: float, poses: Sequence[Pose]) -> int:
             return int(time == 3.0)
 
-        def repair(self, time: float, poses: Sequence[Pose]) -> None:
+        def repair(self, time: float, poses: Sequence[Pose], way: int) -> None:
             return None
 
         def allowed(self, index: int, time: float, given: Pose, pose: Pose) -> Pose:
@@ -165,6 +168,8 @@ def test_scaled_displacements_keep_unmoved_bits() -> None:
 class ArmSolver:
     """Counts and repairs the arm; `cases` are repairs asked for."""
 
+    ways = (0,)
+
     def __init__(self, *, helpless: bool = False) -> None:
         _, self.faces = arm_mesh(1.0)
         self.repairer = (
@@ -178,7 +183,7 @@ class ArmSolver:
         return len(find_intersections(poses[0], self.faces))
 
     def repair(
-        self, time: float, poses: Sequence[NDArray[np.float32]]
+        self, time: float, poses: Sequence[NDArray[np.float32]], way: int
     ) -> tuple[NDArray[np.float32], ...] | None:
         self.cases += 1
         if self.repairer is None:
@@ -232,11 +237,13 @@ def test_verification_changes_nothing() -> None:
 class SteepSolver:
     """Wants one vertex beyond a curve that no chain of lines from the first key stays beyond."""
 
+    ways = (0,)
+
     def pairs(self, time: float, poses: Sequence[NDArray[np.float32]]) -> int:
         return int(poses[0][0, 0] < np.sqrt(time) - 1e-6)
 
     def repair(
-        self, time: float, poses: Sequence[NDArray[np.float32]]
+        self, time: float, poses: Sequence[NDArray[np.float32]], way: int
     ) -> tuple[NDArray[np.float32], ...]:
         return (float32([[1.1 * np.sqrt(time), 0.0, 0.0]]),)
 

@@ -78,7 +78,7 @@ class StageKeys:
         self._usable = [time for time in times if self.frames[time].usable]
         # Of in-betweens: what is interpolated has no shape that it should keep, so they are judged
         # where they are repaired, and keys as they end.
-        self._strains: dict[float, tuple[Strain, ...]] = {}
+        self._strains: dict[float, list[tuple[tuple[Pose, ...], tuple[Strain, ...]]]] = {}
         chosen = [pair for pair in pairwise(times) if set(pair) <= set(self.selected)]
         others = [float(time) for time in source.clock.keys if time not in self.frames]
         lacking: dict[float, str] = {}
@@ -97,7 +97,9 @@ class StageKeys:
         self.tracks = self.given
         own = repairer.repairer
         room = options.room * own.scene.scale.diagonal(own.scene.rest)
-        self._near, self._far = (repairer.by(k) for k in (own.with_room(room), own.untightened()))
+        # The nearest first.
+        ways = dict.fromkeys((own.with_room(room), own.untightened()))
+        self._repairers = [repairer.by(way) for way in ways]
 
     @property
     def given(self) -> tuple[Track, ...]:
@@ -144,15 +146,21 @@ class StageKeys:
         """Return intersecting pairs of poses at a time."""
         return self.count(time, poses).total.pairs
 
-    def repair(self, time: float, poses: Sequence[Pose]) -> tuple[Pose, ...] | None:
+    @property
+    def ways(self) -> Sequence[int]:
+        """The ways to repair a pose, the nearest first."""
+        return range(len(self._repairers))
+
+    def repair(self, time: float, poses: Sequence[Pose], way: int) -> tuple[Pose, ...] | None:
         """Return poses with fewer pairs; None where there are none."""
         frame = self.frame(time, poses)
-        repaired = _repaired(self._far, frame)
+        repaired = _repaired(self._repairers[way], frame)
         if all(points is None for points in repaired.points):
             return None
-        if not repaired.record.left.left_out:
-            self._strains[time] = repaired.record.left.strains
-        return _filled(frame, repaired)
+        filled, left = _filled(frame, repaired), repaired.record.left
+        if not left.left_out:
+            self._strains.setdefault(time, []).append((filled, left.strains))
+        return filled
 
     def allowed(self, index: int, time: float, given: Pose, pose: Pose) -> Pose:
         """Return the nearest pose that mesh `index` may have at a time: a rigid one only moves."""
@@ -201,11 +209,19 @@ class StageKeys:
         """
         if not any(frame.time in span for span in self.spans):
             return _repaired(self.repairer, frame, before)
-        near = _repaired(self._near, frame, before)
-        if self._far.repairer is self._near.repairer or not any(_wrong(near)):
-            return near
-        far = _repaired(self._far, frame, before)
-        return far if _wrong(far) < _wrong(near) else near
+        found = _repaired(self._repairers[0], frame, before)
+        for way in self._repairers[1:]:
+            if any(_wrong(found)):
+                found = min(found, _repaired(way, frame, before), key=_wrong)
+        return found
+
+    def _strained(self, time: float, poses: Sequence[Pose]) -> tuple[Strain, ...]:
+        """Return what was strained where an added key was repaired, by what it is nearest to."""
+
+        def away(way: tuple[tuple[Pose, ...], tuple[Strain, ...]]) -> float:
+            return max(float(np.abs(a - b).max()) for a, b in zip(way[0], poses, strict=True))
+
+        return min(self._strains.get(time, []), key=away, default=((), ()))[1]
 
     def write(self, tracks: Sequence[Track], sink: Sink) -> None:
         """Put what changed: keys, and frames between them; others keep the samples of the input."""
@@ -229,7 +245,7 @@ class StageKeys:
         spaces = [[np.asarray(p, np.float64) for p in own.spaces] for own in (frame, ended)]
         before, after = (self._counted(own) for own in (frame, ended))
         moved = [displacements(a, b) for a, b in zip(*spaces, strict=True)]
-        strains = self._strains.get(time, ())
+        strains = self._strained(time, new)
         if record is not None:
             strains = self.repairer.repairer.strains(frame.spaces, ended.spaces)
         sizes = self.repairer.record.sizes(frame, spaces[0])

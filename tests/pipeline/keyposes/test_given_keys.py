@@ -16,8 +16,9 @@ from dtrepair.diagnosis import CountRecord
 from dtrepair.intersect.detector import Detector
 from dtrepair.intersect.proximity import close_pairs
 from dtrepair.keyposes.options import KeyOptions
+from dtrepair.keyposes.spans import KeyPoses
 from dtrepair.numerics.geometry import diagonal
-from dtrepair.pipeline.keyposes import solve
+from dtrepair.pipeline.keyposes import solve, stage
 from dtrepair.pipeline.keyposes.solve import KeyRepairOptions, StageKeys
 from dtrepair.pipeline.keyposes.stage import repair_keyposes
 from dtrepair.pipeline.repair.solve import FrameRepairer, Repaired
@@ -124,20 +125,20 @@ def test_clean_keys_keep_every_bit(pressed: Path) -> None:
 def test_what_is_clean_beside_it_keeps_every_bit(pressed: Path) -> None:
     """Two balls that nearly touch, far away."""
     ball, faces = icosphere(2, 0.1)
-    stage = Usd.Stage.Open(str(pressed))
+    given = Usd.Stage.Open(str(pressed))
     for name, aside in (("A", 0.0), ("B", 0.2 + 0.3 * ROOM)):
-        mesh = UsdGeom.Mesh.Define(stage, f"/Root/{name}")
+        mesh = UsdGeom.Mesh.Define(given, f"/Root/{name}")
         mesh.GetFaceVertexCountsAttr().Set([3] * len(faces))
         mesh.GetFaceVertexIndicesAttr().Set(faces.ravel().tolist())
         for time in (1.0, MIDDLE, 21.0):
             place = np.array([5.0 + aside, 0.1 * (time == MIDDLE), 0.0])
             mesh.GetPointsAttr().Set((ball + place).astype(np.float32), time)
-    stage.Save()
+    given.Save()
     repair_keyposes(pressed, out := pressed.with_name("keys.usdc"))
     after = Usd.Stage.Open(str(out))
     for name in ("A", "B"):
         prims = (
-            own.GetPrimAtPath(f"/Root/{name}").GetAttribute("points") for own in (stage, after)
+            own.GetPrimAtPath(f"/Root/{name}").GetAttribute("points") for own in (given, after)
         )
         before, kept = (np.asarray(points.Get(MIDDLE)) for points in prims)
         assert np.array_equal(before, kept)
@@ -186,12 +187,21 @@ def test_what_fails_near_the_input_goes_farther(
     assert np.abs(far - loose).max() < ROOM < 0.2 * np.abs(far - near).max()
 
 
-def test_what_is_between_keys_is_never_tightened(swing: Path) -> None:
-    """Added keys are those of a search that never tightens."""
-    outputs = []
-    for number, rounds in enumerate((0, 4)):
-        out = swing.with_name(f"{number}.usdc")
-        repair_keyposes(swing, out, options=RepairOptions(tighten=rounds))
-        outputs.append(read_samples(out, ARM))
-    assert outputs[0].keys() == outputs[1].keys() and len(outputs[0]) > 2
-    assert all(np.array_equal(own, outputs[1][time]) for time, own in outputs[0].items())
+@pytest.mark.parametrize(("method", "ways"), [("full", 2), ("paper", 1)])
+def test_what_is_between_keys_is_repaired_near_to_it_first(
+    swing: Path, monkeypatch: pytest.MonkeyPatch, method: str, ways: int
+) -> None:
+    moved = list[float]()
+
+    def search(prepared: object, keys: StageKeys, observer: object) -> KeyPoses:
+        poses = [own.at(4.7) for own in keys.tracks]
+        assert keys.pairs(4.7, poses)
+        for way in keys.ways:
+            found = keys.repair(4.7, poses, way)
+            assert found is not None and (method == "paper" or not keys.pairs(4.7, found))
+            moved.append(float(np.abs(found[0] - poses[0]).max()))
+        return KeyPoses(keys.tracks, ())
+
+    monkeypatch.setattr(stage, "_search", search)
+    repair_keyposes(swing, swing.with_name("out.usdc"), options=RepairOptions(method=method))
+    assert len(moved) == ways and (ways == 1 or 0.0 < moved[0] < 0.9 * moved[1])

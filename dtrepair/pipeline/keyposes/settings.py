@@ -19,7 +19,7 @@ class KeyposeSettings:
     Args:
         selection: which meshes and keys take part.
         keys: how the in-betweens are looked at and mended.
-        options: of the method; in-betweens are never tightened, whatever they say.
+        options: of the method.
         objects: how single meshes take part.
         tables: settings of single meshes; they win over the options and what the stage holds.
         rest: the rest pose, as `RepairSettings` takes it.

@@ -67,7 +67,6 @@ def find_attachments(
         references: Poses with their intersecting pairs; contacts of a part with itself are no
             attachments.
         poses: Poses (V, 3) of a clip, which tell what follows what hides it.
-        options: Numbers.
     """
     part_of_vertex = np.full(count, -1, dtype=np.int32)
     place = np.unique(components(faces, count)[faces], return_inverse=True)[1]

@@ -96,3 +96,14 @@ def test_a_hand_follows_the_sleeve_that_is_pushed_aside() -> None:
     faces = len(hand_in_sleeve()[1]), len(icosphere(3)[1])
     bound = np.repeat(np.array([0, -1], dtype=np.int32), faces)
     assert slid(bound) < 0.75 * slid(None)
+
+
+def test_the_clip_of_a_scene_shows_what_follows() -> None:
+    rest, faces = hand_in_sleeve(radius=0.1)
+    hand = (np.arange(len(rest)) >= 24 * 21)[:, None] * np.array([1.0, 0.0, 0.0])
+    bind = Reference(rest, NONE, bound=np.zeros(len(faces), dtype=np.int32))
+    for shifts, count in (((0.02, -0.02), 20), ((0.02, 0.3), 0), ((0.02,), 0), ((), 0)):
+        poses = [Reference(rest + 1.0 + shift * hand, NONE) for shift in shifts]
+        scene = SceneRepairer([Body(rest, faces)], references=[bind], layer_poses=poses).scene
+        held = scene.attachments
+        assert (0 if held is None else len(held.every_tie.vertices)) == count

@@ -13,8 +13,9 @@ from dtrepair.pipeline.keyposes import stage
 from dtrepair.pipeline.keyposes.solve import StageKeys
 from dtrepair.pipeline.keyposes.stage import repair_keyposes
 from dtrepair.report.findings import FindingKind, MotionFinding
-from tests.meshes import icosphere
+from tests.meshes import elbow, icosphere
 from tests.swinging_arm import arm_stage
+from usd_io import AuthoredMesh, write_animation
 
 KEYS = (1.0, 11.0)
 
@@ -78,3 +79,22 @@ def test_a_jump_counts_in_the_size_of_all_that_moves(
     assert jumps(arm, monkeypatch, thrown) == []
     (found,) = jumps(arm, monkeypatch, {time: 2.0 * far for time, far in thrown.items()})
     assert found.path == "/Root/Ball" and found.largest > 0.1
+
+
+def test_what_moves_with_its_parent_does_not_stand_still(tmp_path: Path) -> None:
+    """A ball with the same points in all keys, at an arm that moves on."""
+    (arm, quads), (ball, faces) = elbow(0.1), icosphere(2, 0.1)
+    side = arm[np.abs(arm[:, 2] - 0.6) < 0.1, 0].max()
+    for along, told in ((0.0, True), (1.0, False)):
+        path = tmp_path / f"{along}.usda"
+        shifts = np.repeat(np.eye(4)[None], 2, axis=0)
+        shifts[:, 3, :3] = [[side + 0.05, along * k, 0.6] for k in range(2)]
+        moved = [arm + np.array([0.0, (along + 0.01) * k, 0.0]) for k in range(2)]
+        meshes = [
+            AuthoredMesh("/Root/Arm", quads, moved, rest=arm),
+            AuthoredMesh("/Root/Ball/Ball", faces, rest=ball, transforms=shifts),
+        ]
+        write_animation(path, meshes, times=[1.0, 5.0])
+        found = repair_keyposes(path, path.with_name("out.usdc")).findings
+        kinds = {own.kind for own in found if own.path == "/Root/Ball/Ball"}
+        assert (FindingKind.MOVED in kinds) == told

@@ -164,7 +164,7 @@ def test_what_meets_at_a_joint_of_a_third_part_belongs_to_it(aside: str) -> None
     triangle, away = 0.1 * np.eye(3), np.array([2.0, 0.0, 0.0])
     places = {"body": 0.0, "root": 0.01, "arm": 0.02, "ring": 0.03, "own": 0.03, "feet": 5.0}
     if aside == "arm and ring":  # they meet elsewhere
-        places |= {"arm": 2.02, "own": 2.03}
+        places |= {"arm": 0.62, "own": 0.63}
     if aside == "arm and body":
         places["root"] = 5.01
     rest = np.concatenate([triangle + place for place in places.values()])

@@ -26,16 +26,18 @@ def print_keys(console: Console, records: tuple[FrameRecord, ...]) -> None:
 def print_spans(console: Console, report: Report) -> None:
     """Print the spans that were not clean, and what is left."""
     assert report.keyposes is not None
-    spans = report.keyposes.spans
+    spans, mended = report.keyposes.spans, report.output is not None
     rows = []
     for span in spans:
         if span.before.dirty:
             label = f"{time_label(span.start)} to {time_label(span.end)}"
-            numbers = [f"{found.dirty}/{found.samples}" for found in (span.before, span.after)]
+            looks = (span.before, span.after) if mended else (span.before,)
+            row = [label, *(f"{found.dirty}/{found.samples}" for found in looks)]
             added = ", ".join(time_label(time) for time in span.added) or "-"
-            rows.append([label, *numbers, added])
+            rows.append([*row, added] if mended else row)
     if rows:
-        console.table(["in-betweens", "dirty before", "dirty after", "added keys"], rows)
+        after = ["dirty before", "dirty after", "added keys"] if mended else ["dirty"]
+        console.table(["in-betweens", *after], rows)
     left = [time for span in spans for time in span.left]
     total = sum(span.after.samples for span in spans)
     if total:
@@ -46,5 +48,6 @@ def print_spans(console: Console, report: Report) -> None:
         console.warn([f"{counted(skipped, 'span')} with an unusable key or frame: not looked at"])
     if left:
         times = ", ".join(time_label(time) for time in left[:8]) + (" ..." if left[8:] else "")
-        better = "; dtrepair repair, which solves every frame, may do better"
-        console.result(f"still intersecting at {times}{better if report.output else ''}")
+        if mended:
+            times = f"{times}; dtrepair repair, which solves every frame, may do better"
+        console.result(f"{'still ' if mended else ''}intersecting at {times}")

@@ -81,10 +81,9 @@ def command(
     several meshes meet; of animation with a sample on every frame those that --frames names one by
     one. Each is repaired for itself, with a little room; clean ones stay bit for bit. Then N
     in-betweens of each span between keys are counted exactly as USD interpolates them, and whole
-    frames of skins there.
-    Where some intersect, the two keys are moved by up to 2 % of their size at a time, if that is
-    enough; else in-betweens are repaired and added as keys, the fewest that were found. Spans
-    between new keys have N samples each, too.
+    frames of skins there. Where some intersect, the two keys are moved by up to 2 % of their size
+    at a time, if that is enough; else in-betweens are repaired and added as keys, the fewest that
+    were found. Spans between new keys have N samples each, too.
 
     \b
     Example:

@@ -187,6 +187,12 @@ def test_what_fails_near_the_input_goes_farther(
     assert np.abs(far - loose).max() < ROOM < 0.2 * np.abs(far - near).max()
 
 
+def test_what_fails_either_way_stays_near(pressed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    near = keyposes(pressed)
+    monkeypatch.setattr(solve, "_wrong", lambda found: (1.0, True))
+    assert np.array_equal(keyposes(pressed), near)
+
+
 @pytest.mark.parametrize(("method", "ways"), [("full", 2), ("paper", 1)])
 def test_what_is_between_keys_is_repaired_near_to_it_first(
     swing: Path, monkeypatch: pytest.MonkeyPatch, method: str, ways: int

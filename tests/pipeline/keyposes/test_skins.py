@@ -154,7 +154,7 @@ def test_a_span_with_an_unusable_frame_is_left(tmp_path: Path) -> None:
 
 
 def test_what_was_modelled_is_learnt_from_the_whole_clip(tmp_path: Path) -> None:
-    """Two boxes without a rest overlap least in a frame that is no key."""
+    """Two balls without a rest overlap least in a frame that is no key."""
     ball, faces = icosphere(2, 0.2)
     path, along = tmp_path / "a.usda", 0.01 * np.arange(11.0)
     meshes = []

@@ -13,6 +13,7 @@ from dtrepair.intersect.exact import settled
 from dtrepair.intersect.ignored import PairLimits, collapsed
 from dtrepair.intersect.topology.device_mesh import DeviceMesh
 from dtrepair.intersect.tree import build_tree, leaf_neighbors
+from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import as_mesh, as_numpy, weld_map
 from dtrepair.numerics.work import add_work
 
@@ -73,6 +74,7 @@ class Detector:
         self._neighbors = [upload(a, self._warp.int32) for a in (near.start, near.leaf)]
         self._neighbors += [upload(near.excluded, self._warp.uint64)]
         self._all_active = self._active(np.ones(len(triangles), dtype=bool))
+        self._no_zones = self.zones(None)
         self._welded = self._weld(weld) if weld is not None else self.mesh.ordered
 
     def __call__(
@@ -82,6 +84,7 @@ class Detector:
         weld: ArrayLike | None = None,
         exact: bool | Settle = True,
         active: NDArray[np.bool_] | None = None,
+        zones: Any = None,
     ) -> NDArray[np.int32]:
         """Return the intersecting pairs of a pose (V, 3) as (K, 2), of poses (B, V, 3) as (K, 3).
 
@@ -89,12 +92,13 @@ class Detector:
         map for this call. With `exact=False` pairs that floating point cannot settle count as
         intersecting: never fewer pairs, and no host arithmetic in an inner loop; a function
         says which rows of `candidates` to keep. `active` (F,) leaves out the pairs of which neither
-        triangle is active. Raises CollapsedPoseError where there are more pairs than can be kept.
+        triangle is active, `zones` modelled contacts as far as they know them. Raises
+        CollapsedPoseError where there are more pairs than can be kept.
         """
         rounded = self._rounded(points)
         looked_at = len(self.faces) if active is None else int(active.sum())
         add_work(len(rounded) * looked_at)
-        pairs = self.candidates(rounded, weld=weld, active=active)
+        pairs = self.candidates(rounded, weld=weld, active=active, zones=zones)
         if callable(exact):
             pairs = pairs[exact(rounded, pairs)]
         elif exact:
@@ -108,6 +112,7 @@ class Detector:
         *,
         weld: ArrayLike | None = None,
         active: NDArray[np.bool_] | None = None,
+        zones: Any = None,
     ) -> NDArray[np.int32]:
         """Return rows (frame, i, j, certainty), unsorted, of poses (B, V, 3).
 
@@ -119,7 +124,7 @@ class Detector:
         warp = self._warp
         welded = self._welded if weld is None else self._weld(weld)
         positions = self._there.view(points, warp.vec3f)
-        near = self._near(positions, welded, active)
+        near = self._near(positions, welded, active, zones)
         pairs = self._there.empty(len(near), warp.vec4i)
         count = self._there.zeros(1, warp.int32)
         inputs = [near, positions, self.mesh.ordered, self.mesh.order, pairs, count]
@@ -130,7 +135,13 @@ class Detector:
         rows: NDArray[np.int32] = pairs.numpy()[:found]
         return rows
 
-    def _near(self, positions: Any, welded: Any, active: NDArray[np.bool_] | None) -> Any:
+    def _near(
+        self,
+        positions: Any,
+        welded: Any,
+        active: NDArray[np.bool_] | None,
+        zones: Any,
+    ) -> Any:
         """Return candidate pairs (frame, i, j) in leaf order, a Warp array of their number."""
         assert self.tree is not None
         warp = self._warp
@@ -140,7 +151,8 @@ class Detector:
             capacity = self._capacity  # another thread may raise it meanwhile
             near = self._there.empty(capacity, warp.vec3i)
             count = self._there.zeros(1, warp.int32)
-            self.search(boxes, welded, near, count, self._there.launch, active=active)
+            launch = self._there.launch
+            self.search(boxes, welded, near, count, launch, active=active, zones=zones)
             needed = int(count.numpy()[0])
             if needed > most:
                 raise collapsed(len(self.faces))
@@ -226,6 +238,7 @@ class Detector:
         launch: Launch,
         *,
         active: NDArray[np.bool_] | None = None,
+        zones: Any = None,
     ) -> None:
         """Write candidates (frame, i, j) in leaf order to `near`, as far as there is room.
 
@@ -237,9 +250,31 @@ class Detector:
         assert self.tree is not None
         marks = self._all_active if active is None else self._active(active)
         most = self.limits.of(len(self.faces) * boxes[0].shape[0])[0]
-        inputs = [*self.mesh.leaves, welded, *self._neighbors, marks, *boxes]
+        known = self._no_zones if zones is None else zones
+        inputs = [*self.mesh.leaves, welded, *self._neighbors, marks, known, *boxes]
         inputs += [most, self.limits.of_leaf, near, count]
         launch(self._kernels.find_candidates, (boxes[0].shape[0], self.tree.leaf_count), inputs)
+
+    def zones(self, attachments: Attachments | None) -> Any:
+        """Return a Warp structure of what was modelled, for `search` to leave out.
+
+        Of no triangles for None, and where parts are too many for bits.
+        """
+        from dtrepair.intersect.predicates import Zones
+
+        part, told = np.zeros(0, dtype=np.int32), np.zeros((0, 0), dtype=np.uint8)
+        towards, result = np.zeros((0, 0), dtype=np.uint64), Zones()
+        bits = None if attachments is None else attachments.zone_bits
+        if attachments is not None and bits is not None and self.tree is not None:
+            order, count = self.tree.order, attachments.count
+            part, towards = attachments.part_of[order].astype(np.int32), bits[order]
+            told = np.zeros((count, count), dtype=np.uint8)
+            first, second = np.divmod(attachments.told, count)
+            told[first, second] = told[second, first] = 1
+        result.part = self._there.array(part, self._warp.int32)
+        result.towards = self._there.array(towards, self._warp.uint64)
+        result.told = self._there.array(told, self._warp.uint8)
+        return result
 
     @property
     def topology(self) -> list[Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dtrepair.device import start_warp
-from dtrepair.intersect.predicates import APART, classify
+from dtrepair.intersect.predicates import APART, Zones, classify, is_modelled, share_vertex
 
 wp = start_warp()
 wp.set_module_options({"enable_backward": False, "fast_math": False})
@@ -44,22 +44,6 @@ def gap(
 def overlap(low_a: wp.vec3f, high_a: wp.vec3f, low_b: wp.vec3f, high_b: wp.vec3f) -> bool:
     """Whether two closed boxes have a common point; one comparison, as branches are guesses."""
     return gap(low_a, high_a, low_b[0], low_b[1], low_b[2], high_b[0], high_b[1], high_b[2]) <= 0.0
-
-
-@wp.func
-def share_vertex(a: wp.vec3i, b: wp.vec3i) -> bool:
-    """Whether two triangles have a (welded) vertex in common."""
-    return (
-        a[0] == b[0]
-        or a[0] == b[1]
-        or a[0] == b[2]
-        or a[1] == b[0]
-        or a[1] == b[1]
-        or a[1] == b[2]
-        or a[2] == b[0]
-        or a[2] == b[1]
-        or a[2] == b[2]
-    )
 
 
 @wp.kernel
@@ -181,12 +165,13 @@ def written_pairs(
     first: int,
     others: int,
     welded: wp.array(dtype=wp.vec3i),
+    zones: Zones,
     candidates: wp.array(dtype=wp.vec3i),
     count: wp.array(dtype=wp.int32),
 ) -> int:
     """Write the pairs of a triangle with others, bits from `first` on; how many others those are.
 
-    Pairs that share a vertex are left out.
+    Pairs that share a vertex are left out, and modelled ones.
     """
     own = welded[i]
     row = int(others)
@@ -195,7 +180,7 @@ def written_pairs(
         j = first + lowest_bit(row)
         row = row & (row - 1)
         met += 1
-        if not share_vertex(own, welded[j]):
+        if not share_vertex(own, welded[j]) and not is_modelled(i, j, zones):
             slot = wp.atomic_add(count, 0, 1)
             if slot < candidates.shape[0]:
                 candidates[slot] = wp.vec3i(frame, i, j)
@@ -211,6 +196,7 @@ def find_candidates(
     neighbor: wp.array(dtype=wp.int32),
     excluded: wp.array(dtype=wp.uint64),
     active: wp.array(dtype=wp.uint8),
+    zones: Zones,
     low: wp.array2d(dtype=wp.vec3f),
     high: wp.array2d(dtype=wp.vec3f),
     node_low: wp.array2d(dtype=wp.vec3f),
@@ -224,9 +210,10 @@ def find_candidates(
     """Pairs (frame, i, j), i < j in leaf order, that share no vertex and whose boxes overlap.
 
     One thread a frame and leaf: the leaf with itself and those behind it. Bit k of a leaf is set in
-    `active` if its triangle k is; pairs of two that are not are left out. With more than `most`
-    pairs, or when a leaf has met more than `most_of_leaf` triangles, the search ends: of poses that
-    collapsed the count is more than `most` in no time, and cannot wrap around.
+    `active` if its triangle k is; pairs of two that are not are left out, and modelled ones.
+    With more than `most` pairs, or when a leaf has met more than `most_of_leaf` triangles, the
+    search ends: of poses that collapsed the count is more than `most` in no time, and cannot wrap
+    around.
     """
     frame, leaf = wp.tid()
     entry = neighbor_start[leaf]
@@ -263,7 +250,8 @@ def find_candidates(
                 i = leaf_start[leaf] + k
                 row = in_reach(low[frame, i], high[frame, i], blocks, frame, other)
                 row = row & wanted(k, out, own_active, other_active)
-                met += written_pairs(frame, i, leaf_start[other], row, welded, candidates, count)
+                start = leaf_start[other]
+                met += written_pairs(frame, i, start, row, welded, zones, candidates, count)
 
 
 @wp.func

@@ -206,3 +206,48 @@ def classify(
     THIN is uncertain, too: one of them has no area, for which there are no planes to tell.
     """
     return classify_doubles(double(a0), double(a1), double(a2), double(b0), double(b1), double(b2))
+
+
+@wp.func
+def share_vertex(a: wp.vec3i, b: wp.vec3i) -> bool:
+    """Whether two triangles have a (welded) vertex in common."""
+    return (
+        a[0] == b[0]
+        or a[0] == b[1]
+        or a[0] == b[2]
+        or a[1] == b[0]
+        or a[1] == b[1]
+        or a[1] == b[2]
+        or a[2] == b[0]
+        or a[2] == b[1]
+        or a[2] == b[2]
+    )
+
+
+@wp.struct
+class Zones:
+    """Contacts that were modelled, in leaf order; of no triangles if there are none.
+
+    part: the part of each triangle; towards: bits of the parts towards which it has zones; told:
+    whether no third part tells anything of two.
+    """
+
+    part: wp.array(dtype=wp.int32)
+    towards: wp.array2d(dtype=wp.uint64)
+    told: wp.array2d(dtype=wp.uint8)
+
+
+@wp.func
+def is_modelled(i: int, j: int, zones: Zones) -> bool:
+    """Whether a pair of triangles is a modelled contact, see `Attachments.modelled`."""
+    if zones.part.shape[0] == 0:
+        return False
+    a = zones.part[i]
+    b = zones.part[j]
+    there = zones.towards[i, b >> 6] >> wp.uint64(b & 63)
+    back = zones.towards[j, a >> 6] >> wp.uint64(a & 63)
+    shared = there & back & wp.uint64(1)
+    if a != b and zones.told[a, b] == wp.uint8(0):
+        for k in range(zones.towards.shape[1]):
+            shared = shared | (zones.towards[i, k] & zones.towards[j, k])
+    return shared != wp.uint64(0)

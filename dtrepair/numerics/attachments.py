@@ -263,20 +263,20 @@ class Attachments:
         found = self._in_zones(first, parts[:, 1]) & self._in_zones(second, parts[:, 0])
         low, high = parts.min(axis=1), parts.max(axis=1)
         # Of parts that are attached to each other, or nested, no third one tells anything.
-        loose = np.flatnonzero((low != high) & ~np.isin(low * self.count + high, self._told))
+        loose = np.flatnonzero((low != high) & ~np.isin(low * self.count + high, self.told))
         found[loose] |= self._share_a_zone(first[loose], second[loose])
         result[own] = found
         return result
 
     def _share_a_zone(self, first: KeyArray, second: KeyArray) -> BoolArray:
         """Return which of two triangles each (K,) have zones towards the same part."""
-        if self._zone_bits is not None:
-            return np.asarray((self._zone_bits[first] & self._zone_bits[second]).any(axis=1))
+        if self.zone_bits is not None:
+            return np.asarray((self.zone_bits[first] & self.zone_bits[second]).any(axis=1))
         both = self._zone_rows[first].multiply(self._zone_rows[second])
         return np.asarray(both.getnnz(axis=1) > 0)
 
     @cached_property
-    def _zone_bits(self) -> NDArray[np.uint64] | None:
+    def zone_bits(self) -> NDArray[np.uint64] | None:
         """The parts towards which each triangle has a zone, bit by bit (F, words).
 
         None where the parts are many, as strands of hair are: a matrix of their zones is small.
@@ -299,7 +299,7 @@ class Attachments:
         return sparse.csr_matrix(entries, shape=shape)
 
     @cached_property
-    def _told(self) -> KeyArray:
+    def told(self) -> KeyArray:
         """Pairs of parts that are attached or nested, as keys A x number of parts + B, A < B."""
         pairs = np.array(self.pairs_of_parts, dtype=np.int64).reshape(-1, 2)
         return distinct_keys([pairs[:, 0] * self.count + pairs[:, 1], self.nested])

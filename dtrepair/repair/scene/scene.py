@@ -304,8 +304,12 @@ class Scene:
         Of contacts that count only, which modelled ones do not; `weld` (V,): vertices that count
         as one.
         """
-        pairs = self.detector(points, weld=weld)
+        pairs = self.detector(points, weld=weld, zones=self._zones)
         return self.unmodelled(pairs[self.counted(self.body_of[pairs])])
+
+    @cached_property
+    def _zones(self) -> Any:
+        return self.detector.zones(self.attachments)
 
     def unmodelled(self, pairs: IntArray) -> IntArray:
         """Return which of pairs (K, 2) of triangles are no modelled contacts."""

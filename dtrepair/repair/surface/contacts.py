@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +77,8 @@ class Contacts:
 
         Pairs that floating point cannot settle count as intersecting, but see `UncertainPairs`.
         """
-        found = self._detector(self._written(points), exact=self._uncertain, active=active)
+        written = self._written(points)
+        found = self._detector(written, exact=self._uncertain, active=active, zones=self._zones)
         return self._counted(found)
 
     def batch_pairs(self, points: FloatArray) -> IntArray:
@@ -84,7 +86,7 @@ class Contacts:
 
         Pairs that floating point cannot settle are settled exactly.
         """
-        return self._counted(self._detector(self._written(points)))
+        return self._counted(self._detector(self._written(points), zones=self._zones))
 
     def close_pairs(
         self, points: FloatArray, clearance: float, *, facing: bool = False
@@ -102,7 +104,7 @@ class Contacts:
         else:
             found = found[~np.isin(pair_keys(found), self._keys_close_at_rest(clearance))]
         found = found[self.ring_distance(found) > self.neighbour_rings]
-        crossing = self._detector(self._written(points), exact=self._uncertain)
+        crossing = self._detector(self._written(points), exact=self._uncertain, zones=self._zones)
         return self._counted(_united(crossing, found))
 
     def folds(self, points: FloatArray, *, active: BoolArray | None = None) -> IntArray:
@@ -154,6 +156,11 @@ class Contacts:
             keep &= ~(self._still[first] & self._still[second])
             keep &= ~(self._whole[first] & (own[first] == own[second]))
         return keep
+
+    @cached_property
+    def _zones(self) -> Any:
+        """Modelled contacts, for detection to leave out."""
+        return self._detector.zones(self._attachments)
 
     def _written(self, points: FloatArray) -> NDArray[np.float32]:
         return (points * self._size).astype(np.float32)

@@ -127,7 +127,7 @@ WALLS = {
         "queries": "detector query_kernels proximity_kernels",
         "scene_counts": "detector ignored __init__",
         "proximity": "detector ignored proximity_kernels",
-        "detector": "exact ignored topology kernels tree",
+        "detector": "exact ignored topology kernels predicates tree",
         "exact": "topology exact_kernels",
         "ignored": "__init__",
         "topology": "tree",

@@ -26,6 +26,7 @@ from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.separation.groups import faulty_bodies, groups_meet, groups_of_bodies
 from dtrepair.repair.single_poses import (
     Found,
+    approached,
     bounded_poses,
     bounded_result,
     result_pairs,
@@ -54,7 +55,7 @@ def repair_poses(
         found[k] = _found_by_groups(scene, meshes, opened[k], groups[k], options)
     results = []
     for k, pose in enumerate(opened):
-        judged, pairs, solved, seconds = found[k]
+        judged, pairs, solved, seconds, _ = found[k]
         (led,) = with_followers(scene, [pose], [judged], np.zeros(1), options=options.followers)
         if led is not judged:
             judged, pairs = led, result_pairs(scene, led.points)
@@ -135,10 +136,13 @@ def _found_so(
     scene: Scene, meshes: WeldedMeshes, opened: Sequence[OpenedPose], options: IndependentOptions
 ) -> list[Found]:
     """Return what is found for poses; attached parts take their garments along first."""
-    dressed = meshes.dressed if is_tied(scene) else None
-    first, otherwise = (meshes, _dressed) if dressed is None else (dressed, _undressed)
-    both = zip(opened, bounded_poses(first.scene, first, opened, options), strict=True)
-    return [otherwise(scene, meshes, pose, found, options) for pose, found in both]
+    if meshes.dressed is None:
+        return bounded_poses(scene, meshes, opened, options)
+    tied = is_tied(scene)
+    first, otherwise = (meshes.dressed, _undressed) if tied else (meshes, _dressed)
+    known = bounded_poses(first.scene, first, opened, options, approach=False)
+    best = [otherwise(scene, meshes, *both, options) for both in zip(opened, known, strict=True)]
+    return [approached(pose, found, options) for pose, found in zip(opened, best, strict=True)]
 
 
 def _undressed(
@@ -166,7 +170,7 @@ def _free_ways(
     meshes: WeldedMeshes, pose: OpenedPose, options: IndependentOptions
 ) -> Iterator[Found]:
     """Yield what is found for a pose with garments free, and with them after the body."""
-    yield from bounded_poses(meshes.scene, meshes, [pose], options)
+    yield from bounded_poses(meshes.scene, meshes, [pose], options, approach=False)
     if meshes.dressed is not None:
         yield from _after_bodies(meshes, meshes.dressed, pose, options)
 
@@ -221,7 +225,7 @@ def _dressed_ways(
     tied: the meshes in which they are.
     """
     yield from _after_bodies(meshes, tied, pose, options)
-    yield from _found(tied.scene, tied, [pose], options)
+    yield from bounded_poses(tied.scene, tied, [pose], options, approach=False)
 
 
 def _after_bodies(
@@ -234,7 +238,7 @@ def _after_bodies(
 
     led = with_bodies_first(meshes, pose, solve, options=options.bodies_first)
     if led is not None:
-        yield bounded_result(tied.scene, tied, pose, led, Solved(led), 0.0, options)
+        yield bounded_result(tied.scene, tied, pose, led, Solved(led), 0.0, options, approach=False)
 
 
 def _left(scene: Scene, pose: OpenedPose, found: Found) -> tuple[int, bool]:

@@ -26,27 +26,40 @@ from dtrepair.repair.torn_poses import LedPose
 
 
 class Found(NamedTuple):
-    """What was found for a pose, its pairs (K, 2), and how and in what time it was found."""
+    """What was found for a pose, its pairs (K, 2), and how and in what time it was found.
+
+    way: the meshes of the way on which it was found.
+    """
 
     judged: Judged
     pairs: IntArray
     solved: Solved
     seconds: float
+    way: WeldedMeshes | None = None
 
 
 def bounded_poses(
-    scene: Scene, meshes: WeldedMeshes, opened: Sequence[OpenedPose], options: IndependentOptions
+    scene: Scene,
+    meshes: WeldedMeshes,
+    opened: Sequence[OpenedPose],
+    options: IndependentOptions,
+    *,
+    approach: bool = True,
 ) -> list[Found]:
-    """Return what is found for poses by the meshes of one way, within the bounds."""
+    """Return what is found for poses by the meshes of one way, within the bounds.
+
+    approach: whether what is left is led in from the rest; else see `approached`.
+    """
     start = time.perf_counter()
     wanted = [k for k, pose in enumerate(opened) if pose.wrong]
     solved = solved_poses(scene, meshes, [opened[k] for k in wanted], options)
     found = dict(zip(wanted, solved, strict=True))
     seconds = (time.perf_counter() - start) / max(len(wanted), 1)
     unsolved = [(pose.centred, Solved(pose.centred)) for pose in opened]
+    spent = [seconds if k in found else 0.0 for k in range(len(opened))]
     return [
         bounded_result(
-            scene, meshes, pose, *found.get(k, unsolved[k]), seconds if k in found else 0.0, options
+            scene, meshes, pose, *found.get(k, unsolved[k]), spent[k], options, approach=approach
         )
         for k, pose in enumerate(opened)
     ]
@@ -110,33 +123,58 @@ def bounded_result(
     solved: Solved,
     seconds: float,
     options: IndependentOptions,
+    *,
+    approach: bool = True,
 ) -> Found:
     """Return what was found for a pose, `final` (V, 3), within the bounds.
 
-    seconds: what it took so far.
+    seconds: what it took so far; approach: see `bounded_poses`.
     """
     start, pairs_of = time.perf_counter(), partial(result_pairs, scene)
-    if final is pose.centred:
-        judged, pairs = bounded_pose(
-            scene, pose, Judged(final), pose.pairs, pairs_of, options=options.share
-        )
-    else:
+    moved = final is not pose.centred
+    if moved:
         mesh = meshes([pose.sewn])
         (final,) = relieved_poses(scene, mesh, [pose], [final], options=options.relief)
-        bounded = bounded_pose(
-            scene, pose, Judged(final), pairs_of(final), pairs_of, options=options.share
-        )
+    pairs = pairs_of(final) if moved else pose.pairs
+    found = bounded_pose(scene, pose, Judged(final), pairs, pairs_of, options=options.share)
+    if moved and approach:
         numbers = options.approach
-        judged, pairs = bounded_approach(scene, mesh, pose, bounded, pairs_of, options=numbers)
-    if judged.lowered:
-        judged, pairs = mended(
-            scene,
-            meshes([pose.sewn]),
-            pose.centred,
-            judged,
-            pairs,
-            pairs_of,
-            step=options.mend_step,
-            options=options.mend,
-        )
-    return Found(judged, pairs, solved, seconds + time.perf_counter() - start)
+        found = bounded_approach(scene, mesh, pose, found, pairs_of, options=numbers)
+    found = _mended(scene, meshes, pose, found, options)
+    return Found(*found, solved, seconds + time.perf_counter() - start, meshes)
+
+
+def approached(pose: OpenedPose, found: Found, options: IndependentOptions) -> Found:
+    """Return what is found for a pose that is led in from the rest, if that is better.
+
+    found: the best of several ways; the last resort is long, and asked for on one of them.
+    """
+    assert found.way is not None
+    start, scene, mesh = time.perf_counter(), found.way.scene, found.way([pose.sewn])
+    known, pairs_of = (found.judged, found.pairs), partial(result_pairs, scene)
+    better = bounded_approach(scene, mesh, pose, known, pairs_of, options=options.approach)
+    if better is not known:
+        better = _mended(scene, found.way, pose, better, options)
+    spent = found.seconds + time.perf_counter() - start
+    return Found(*better, found.solved, spent, found.way)
+
+
+def _mended(
+    scene: Scene,
+    meshes: WeldedMeshes,
+    pose: OpenedPose,
+    found: tuple[Judged, IntArray],
+    options: IndependentOptions,
+) -> tuple[Judged, IntArray]:
+    """Return what is found within the bounds, mended where only a share of it is kept."""
+    if not found[0].lowered:
+        return found
+    return mended(
+        scene,
+        meshes([pose.sewn]),
+        pose.centred,
+        *found,
+        partial(result_pairs, scene),
+        step=options.mend_step,
+        options=options.mend,
+    )

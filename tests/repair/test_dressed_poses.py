@@ -16,7 +16,7 @@ from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.result import Solved, Stage
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene
-from dtrepair.repair.scene.opened_pose import detected, gathered
+from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.single_poses import Found
@@ -61,11 +61,11 @@ def test_garments_are_tied_where_they_came_off_or_something_is_left(
     ]
     asked: list[bool] = []
 
-    def found_tied(own: Scene, *_: Any) -> list[Found]:
+    def found_tied(own: Scene, *_: Any, **__: Any) -> list[Found]:
         asked.append(own.dressed)
         return found[1:]
 
-    monkeypatch.setattr(independent, "_found", found_tied)
+    monkeypatch.setattr(independent, "bounded_poses", found_tied)
     monkeypatch.setattr(independent, "wrong_of", lambda _, __, own: left[id(own)][0])
     monkeypatch.setattr(independent, "came_off", lambda _, __, own: left[id(own)][1])
     result = independent._dressed(scene, meshes, pose, found[0], IndependentOptions())
@@ -107,8 +107,10 @@ def test_attached_parts_take_their_garments_along_first(
     points = {name: pose.centred + k for k, name in enumerate(ways)}
     left = {id(points[name]): own for name, own in ways.items()}
     asked: list[str] = []
+    led: list[Found] = []
 
-    def found_by(own: Scene, *_: Any) -> list[Found]:
+    def found_by(own: Scene, *_: Any, approach: bool) -> list[Found]:
+        assert not approach, "what is left is led in from the rest once, at the end"
         name = "tied" if own.dressed else "free"
         asked.append(name)
         judged = Judged(points[name], (CAME_OFF,) * strained[not own.dressed])
@@ -121,14 +123,23 @@ def test_attached_parts_take_their_garments_along_first(
     monkeypatch.setattr(independent, "bounded_poses", found_by)
     monkeypatch.setattr(independent, "with_bodies_first", after_bodies)
     monkeypatch.setattr(
-        independent, "bounded_result", lambda *own: Found(Judged(own[3]), NO_PAIRS, own[4], 1.0)
+        independent,
+        "bounded_result",
+        lambda *own, **_: Found(Judged(own[3]), NO_PAIRS, own[4], 1.0),
     )
+
+    def led_in(_: OpenedPose, found: Found, __: IndependentOptions) -> Found:
+        led.append(found)
+        return found
+
+    monkeypatch.setattr(independent, "approached", led_in)
     monkeypatch.setattr(independent, "wrong_of", lambda _, __, own: left[id(own)][0])
     monkeypatch.setattr(independent, "came_off", lambda _, __, own: left[id(own)][1])
     (result,) = independent._found_so(scene, meshes, [pose], IndependentOptions())
     tried = list(dict.fromkeys(taken))
     assert asked == tried
     assert result.judged.points is points[taken[-1]]
+    assert led == [result]
 
 
 @pytest.mark.parametrize(
@@ -146,13 +157,13 @@ def test_what_follows_the_body_is_taken_if_nothing_is_left_and_else_the_best(
     }
     asked: list[str] = []
 
-    def found_pushed(own: Scene, *_: Any) -> list[Found]:
+    def found_pushed(own: Scene, *_: Any, **__: Any) -> list[Found]:
         asked.append("pushed")
         return [found[id(both)]]
 
     monkeypatch.setattr(independent, "with_bodies_first", lambda *_, **__: along)
-    monkeypatch.setattr(independent, "bounded_result", lambda *own: found[id(own[3])])
-    monkeypatch.setattr(independent, "_found", found_pushed)
+    monkeypatch.setattr(independent, "bounded_result", lambda *own, **_: found[id(own[3])])
+    monkeypatch.setattr(independent, "bounded_poses", found_pushed)
     monkeypatch.setattr(independent, "wrong_of", lambda _, __, own: left[id(own)][0])
     monkeypatch.setattr(independent, "came_off", lambda _, __, own: left[id(own)][1])
     result = independent._dressed(scene, meshes, pose, found[id(first)], IndependentOptions())

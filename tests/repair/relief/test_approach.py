@@ -27,7 +27,7 @@ from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
-from dtrepair.repair.single_poses import solved_pose
+from dtrepair.repair.single_poses import approached, bounded_poses, solved_pose
 from tests.meshes import armed_body
 
 REST, FACES = armed_body(1.5)
@@ -162,9 +162,7 @@ def test_bodies_that_move_freely_have_no_common_rest() -> None:
 def test_poses_and_frames_are_led_in_where_nothing_else_frees_them() -> None:
     """A method whose pushes and fills move nothing leaves all as it was."""
     scene, opened = curled()
-    still = FillOptions(rounds=0)
-    phases = PhaseOptions(first_steps=(1e-9,), insist_steps=(), fill=still, last_fill=still)
-    meshes = WeldedMeshes(scene, full=FullOptions(phases=phases))
+    meshes = WeldedMeshes(scene, full=FullOptions(phases=IDLE))
     for options, clean in (
         (IndependentOptions(approach=NONE), False),
         (IndependentOptions(), True),
@@ -173,3 +171,17 @@ def test_poses_and_frames_are_led_in_where_nothing_else_frees_them() -> None:
         assert (len(scene.pairs(found, opened.weld)) == 0) == clean
         ((result,),) = repair_poses(scene, meshes, [[POSE]], options=options)
         assert (result.status is Status.CLEAN) == clean
+
+
+def test_led_in_afterwards_is_the_same_as_at_once() -> None:
+    """So that of several ways only the best is led in."""
+    scene, opened = curled()
+    idle = WeldedMeshes(scene, full=FullOptions(phases=IDLE))
+    options, known = IndependentOptions(), (scene, idle, [opened])
+    (at_once,) = bounded_poses(*known, options)
+    (without,) = bounded_poses(*known, options, approach=False)
+    assert len(without.pairs) > 0 == len(at_once.pairs)
+    later = approached(opened, without, options)
+    assert np.array_equal(later.judged.points, at_once.judged.points)
+    assert later.seconds > without.seconds
+    assert approached(opened, at_once, options).judged is at_once.judged

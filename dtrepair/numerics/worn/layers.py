@@ -13,6 +13,7 @@ from dtrepair.numerics.worn.sides import (
     LayerOptions,
     WornLayer,
     Zone,
+    find_around,
     find_layer,
     find_sheet,
     find_worn,
@@ -84,6 +85,8 @@ class Layers:
             # Of two open limbs that are stuck together neither is worn.
             if found and self._zone(first, second) is not None and not parts.closed[found.under]:
                 return None
+        if found is None and self._zone(first, second) is None:
+            found = find_around(parts, first, second, pose, options=options)
         return found and self._free(found)
 
     def _free(self, layer: WornLayer) -> WornLayer | None:

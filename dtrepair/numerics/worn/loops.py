@@ -24,19 +24,18 @@ from dtrepair.numerics.geometry import (
     IntArray,
     border_edges,
     components,
-    cross,
     lengths,
     triangle_areas,
     vertex_areas,
 )
 from dtrepair.numerics.recent import Recent
-from dtrepair.numerics.worn.measure import Solid, WornOptions, worn_measure
+from dtrepair.numerics.worn.crossings import crossings
+from dtrepair.numerics.worn.measure import WornOptions, surrounds, worn_measure
 from dtrepair.numerics.worn.parts import Parts
+from dtrepair.numerics.worn.sides import LayerOptions, may_go_round, solids
 
 BoolArray = NDArray[np.bool_]
 
-# How far the tip of what fills a loop is off its middle and its plane, about as a share of it.
-UNEVEN = 0.15
 # So many times its last two steps a middle line goes on at most: those may be very short.
 FARTHEST = 4.0
 
@@ -63,7 +62,7 @@ class LoopOptions:
         moved: A ring is looked at where a vertex moved by this fraction of its width.
         wider: It is on if its loop, scaled about its middle by any of these, is passed through as
             at rest: the middle line of a leg cuts the corner at a bent knee.
-        worn: From when on a part is worn.
+        worn, layers: From when on a part is worn, and surrounds what is beside it.
     """
 
     parts: int = 64
@@ -80,6 +79,7 @@ class LoopOptions:
     moved: float = 0.25
     wider: tuple[float, ...] = (1.0, 1.3)
     worn: WornOptions = field(default_factory=WornOptions)
+    layers: LayerOptions = field(default_factory=LayerOptions)
 
 
 class Ring(NamedTuple):
@@ -107,7 +107,7 @@ class Ring(NamedTuple):
         loop, core = self.loop @ pose, self.core @ pose
         middle = loop.mean(axis=0)
         grown = (middle + times * (loop - middle) for times in wider)
-        return any(_crossings(own, core) == self.passes for own in grown)
+        return any(crossings(own, core) == self.passes for own in grown)
 
 
 class Rings:
@@ -156,15 +156,41 @@ class Rings:
         if top in self.stiff:
             return rings
         for under in self._around(parts.vertices[top], top):
-            solids = (Solid(rest, parts.triangles[k], bool(parts.closed[k])) for k in (top, under))
-            worn = worn_measure(*solids, least=options.worn.worn, options=options.worn)
+            both = solids(parts, top, under, 0)
+            worn = worn_measure(*both, least=options.worn.worn, options=options.worn)
             if worn.share >= options.worn.worn:
                 rings += _ring(parts, parts.vertices[top], (top, under), worn.axis, options)
         for hem in _hems(parts.triangles[top]):
             axis = np.linalg.svd(rest[hem] - rest[hem].mean(axis=0), full_matrices=False)[2][2]
             for under in self._around(hem, top):
                 rings += _ring(parts, hem, (top, under), axis, options, through=options.through)
+        known = {ring.under for ring in rings}
+        for under in self._beside(top):
+            if under not in known:
+                rings += self._section(top, under)
         return rings
+
+    def _beside(self, top: int) -> list[int]:
+        """Return the parts with their middle in the box of one that may go round."""
+        if not may_go_round(self.parts, top, 0, self.options.layers):
+            return []
+        middle = 0.5 * (self._low + self._high)
+        inside = ((self._low[top] < middle) & (middle < self._high[top])).all(axis=1)
+        inside[[top, *self.stiff]] = False
+        return np.flatnonzero(inside).tolist()
+
+    def _section(self, top: int, under: int) -> list[Ring]:
+        """Return as a ring what of a part is beside the middle of what it surrounds."""
+        parts, options, rest = self.parts, self.options, self.parts.poses[0]
+        both, least = solids(parts, top, under, 0), options.layers.around
+        if (worn := surrounds(*both, least=least, options=options.worn)).share < least:
+            return []
+        ring, limb = (rest[parts.vertices[k]] @ worn.axis for k in (top, under))
+        low, high = max(ring.min(), limb.min()), min(ring.max(), limb.max())
+        own = parts.vertices[top][np.abs(ring - 0.5 * (low + high)) <= 0.25 * (high - low)]
+        if len(own) < options.corners:
+            return []
+        return _ring(parts, own, (top, under), worn.axis, options)
 
     def _around(self, vertices: IntArray, top: int) -> list[int]:
         """Return the parts that have the middle of some vertices (N,) of another one inside."""
@@ -250,7 +276,7 @@ def _ring(
         return []
     areas = vertex_areas(rest[limb], local)
     core = _core(limb[near], height[near] / radius, areas[near], len(rest), options)
-    passes = _crossings(loop @ rest, core @ rest)
+    passes = crossings(loop @ rest, core @ rest)
     if abs(passes) != 1:
         return []
     concerned = [parts.vertices[part][within(part, options.near)[1]] for part in both]
@@ -302,29 +328,3 @@ def _means(vertices: IntArray, group: FloatArray, count: int) -> sparse.csr_matr
     _, own, sizes = np.unique(group, return_inverse=True, return_counts=True)
     own = own.reshape(-1)
     return sparse.csr_matrix((1.0 / sizes[own], (own, vertices)), shape=(len(sizes), count))
-
-
-def _crossings(loop: FloatArray, core: FloatArray) -> int:
-    """Return how often, by sign, a line of points (M, 3) passes through a loop of points (K, 3).
-
-    The loop is filled by triangles to a tip (Möller & Trumbore 1997). That is off its middle and
-    its plane: a line through the one, or with points in the other, would meet edges of what fills
-    it.
-    """
-    way, ahead = np.diff(core, axis=0), np.roll(loop, -1, axis=0)
-    uneven = 1.0 + UNEVEN * np.sin(np.arange(len(loop)) + 1.0)
-    middle = uneven @ loop / uneven.sum()
-    area = cross(loop - middle, ahead - middle).sum(axis=0) / 2.0
-    middle += UNEVEN * area / max(float(np.sqrt(np.linalg.norm(area))), np.finfo(float).tiny)
-    away = core[:-1] - middle
-    first, second = loop - middle, ahead - middle
-    scale = cross(way[:, None], second[None])
-    one = np.einsum("mc,mkc->mk", away, scale)
-    scale = np.einsum("kc,mkc->mk", first, scale)
-    turned = cross(away[:, None], first[None])
-    other = np.einsum("mc,mkc->mk", way, turned)
-    along = np.einsum("kc,mkc->mk", second, turned)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        one, other, along = one / scale, other / scale, along / scale
-        hit = (one >= 0.0) & (other >= 0.0) & (one + other <= 1.0) & (along >= 0.0) & (along < 1.0)
-    return int(np.sign(scale[hit]).sum())

@@ -26,6 +26,7 @@ class WornOptions:
         outside: A ray counts where it meets the worn body beyond this share of the wearer.
         worn: Mean share of the rays from which on a body is worn.
         kept: It is still worn while that share is not below this part of what it was.
+        beside: Only what lies by this share of its length beside a body can be surrounded by it.
     """
 
     directions: int = 48
@@ -33,6 +34,7 @@ class WornOptions:
     outside: float = 0.5
     worn: float = 0.7
     kept: float = 0.6
+    beside: float = 0.5
 
 
 DEFAULTS = WornOptions()
@@ -76,9 +78,8 @@ def worn_measure(
     outer, close = outer.alone(), inner.alone(near.all(axis=1))
     if len(close.faces) == 0:
         return Worn(0.0, np.array([0.0, 0.0, 1.0]))
-    principal = np.linalg.svd(own - own.mean(axis=0), full_matrices=False)[2]
     fixed = np.array(_CUBE) / np.linalg.norm(_CUBE, axis=1, keepdims=True)
-    axes = np.concatenate([principal, fixed])
+    axes = np.concatenate([_principal(own), fixed])
     shares = [_share_around(outer, close, axis, least, options) for axis in axes]
     best = int(np.argmax(shares))
     return Worn(shares[best], axes[best])
@@ -95,6 +96,41 @@ def share_around(
     return _share_around(outer.alone(), inner, axis, 0.0, options)
 
 
+def surrounds(
+    outer: Solid, inner: Solid, *, least: float = 0.0, options: WornOptions = DEFAULTS
+) -> Worn:
+    """How much one body goes round all of another that is beside it: a robe, each of two legs.
+
+    Like `worn_measure`, but sliced where both are, and along principal axes of both: a shoe that
+    looks out of a hem is beside little of the robe. Zero for what is beside it by less than half
+    of its length; as soon as one share is not less than `least`, that is told.
+    """
+    outer, inner, count = outer.alone(), inner.alone(), len(options.levels)
+    best = Worn(0.0, np.array([0.0, 0.0, 1.0]))
+    for axis in np.concatenate([_principal(own.points) for own in (inner, outer)]):
+        ring, limb = _upright(outer, axis), _upright(inner, axis)
+        low = max(float(ring.heights.min()), float(limb.heights.min()))
+        span = min(float(ring.heights.max()), float(limb.heights.max())) - low
+        if span < options.beside * float(np.ptp(limb.heights)):
+            continue
+        share = 0.0
+        for place, level in enumerate(options.levels):
+            # The levels that follow add one at most, each.
+            if (share + count - place) / count < max(least, best.share):
+                break
+            share += _share_at(ring, limb, low + level * span, options)
+        if share / count > best.share:
+            best = Worn(share / count, axis)
+        if best.share >= least > 0.0:
+            break
+    return best
+
+
+def _principal(points: FloatArray) -> FloatArray:
+    """Return the principal axes (3, 3) of points (V, 3)."""
+    return np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+
+
 class _Upright(NamedTuple):
     """A body along an axis: heights (F, 3) of its corners, and where they lie across (F, 3, 2)."""
 
@@ -103,17 +139,20 @@ class _Upright(NamedTuple):
     closed: bool
 
 
+def _upright(body: Solid, axis: FloatArray) -> _Upright:
+    """Return a body along an axis (3,)."""
+    across = np.cross(axis, [0.31, 0.77, -0.55])
+    plane = np.stack([across / np.linalg.norm(across), np.zeros(3)])
+    plane[1] = np.cross(axis, plane[0])
+    heights, flat = (body.points @ axis)[body.faces], (body.points @ plane.T)[body.faces]
+    return _Upright(heights, flat, body.closed)
+
+
 def _share_around(
     outer: Solid, inner: Solid, axis: FloatArray, least: float, options: WornOptions
 ) -> float:
     """Do the work of `share_around` for a body alone; zero where it is less than `least`."""
-    across = np.cross(axis, [0.31, 0.77, -0.55])
-    plane = np.stack([across / np.linalg.norm(across), np.zeros(3)])
-    plane[1] = np.cross(axis, plane[0])
-    ring, limb = (
-        _Upright((own.points @ axis)[own.faces], (own.points @ plane.T)[own.faces], own.closed)
-        for own in (outer, inner)
-    )
+    ring, limb = _upright(outer, axis), _upright(inner, axis)
     span = ring.heights
     levels = span.min() + np.array(options.levels) * np.ptp(span)
     shares: list[float] = []

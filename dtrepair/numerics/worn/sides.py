@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from dtrepair.numerics.geometry import FloatArray, IntArray, cross, dots, extent, lengths
-from dtrepair.numerics.worn.measure import Solid, worn_measure
+from dtrepair.numerics.worn.measure import Solid, surrounds, worn_measure
 from dtrepair.numerics.worn.parts import Parts
 
 BoolArray = NDArray[np.bool_]
@@ -38,6 +38,7 @@ class LayerOptions:
             of it turned the other way: an arm beside its body has two sides.
         worn: An open part is a layer over what it goes round by this share, see `worn_measure`; so
             is a closed one, as a skirt with a lining, ...
+        around: ... or over what it surrounds by this share where it is beside it, see `surrounds`.
         thin: ... that is not thicker than this, units of its extent: a bracelet is.
         poses: How many poses tell at most.
         ball: An open part surrounds itself where its normals point away from its middle by this.
@@ -53,6 +54,7 @@ class LayerOptions:
     clear: float = 0.1
     one_sided: float = 0.9
     worn: float = 0.7
+    around: float = 0.95
     thin: float = 0.02
     poses: int = 5
     ball: float = 0.5
@@ -175,24 +177,57 @@ def find_worn(
 
     An open part, or a thin closed one.
     """
-    points, best = parts.poses[pose], options.worn
-    found: WornLayer | None = None
-    for top, under in ((first, second), (second, first)):
-        if parts.closed[top] and _thickness(parts, top, pose) > options.thin:
-            continue
-        solids = (Solid(points, parts.triangles[k], bool(parts.closed[k])) for k in (top, under))
-        worn = worn_measure(*solids, least=best)
+    best, found = options.worn, None
+    for top, under in _garments(parts, first, second, pose, options):
+        worn = worn_measure(*solids(parts, top, under, pose), least=best)
         if worn.share >= best:
-            own = parts.vertices[top]
-            radial = points[own] - points[own].mean(axis=0)
+            points = parts.poses[pose][parts.vertices[top]]
+            radial = points - points.mean(axis=0)
             radial -= np.outer(radial @ worn.axis, worn.axis)
-            outwards = dots(parts.normals(top, pose), radial)
-            if not parts.closed[top]:
-                outwards = np.full(len(own), (outwards * parts.area_shares(top)).sum())
-            sides = np.where(outwards >= 0.0, 1.0, -1.0)
-            best = worn.share
-            found = WornLayer(top, under, own, sides, np.full(len(own), np.inf))
+            best, found = worn.share, _outside(parts, top, under, pose, radial)
     return found
+
+
+def find_around(
+    parts: Parts, first: int, second: int, pose: int, *, options: LayerOptions = LayerOptions()
+) -> WornLayer | None:
+    """Return the layer that surrounds what is beside it: a robe over either leg or shoe."""
+    for top, under in _garments(parts, first, second, pose, options):
+        both = solids(parts, top, under, pose)
+        if surrounds(*both, least=options.around).share >= options.around:
+            # A hand in its sleeve is far off the middle of a coat.
+            points, limb = (parts.poses[pose][parts.vertices[part]] for part in (top, under))
+            away = points - limb[cKDTree(limb).query(points)[1]]
+            return _outside(parts, top, under, pose, away)
+    return None
+
+
+def _garments(
+    parts: Parts, first: int, second: int, pose: int, options: LayerOptions
+) -> list[tuple[int, int]]:
+    """Return which of two parts may go round the other, [upper, lower]."""
+    both = (first, second), (second, first)
+    return [own for own in both if may_go_round(parts, own[0], pose, options)]
+
+
+def may_go_round(parts: Parts, part: int, pose: int, options: LayerOptions) -> bool:
+    """Return whether a part is a sheet, by itself or with a lining, as a pose has it."""
+    return not parts.closed[part] or _thickness(parts, part, pose) <= options.thin
+
+
+def solids(parts: Parts, top: int, under: int, pose: int) -> list[Solid]:
+    """Return two parts as a pose has them."""
+    points = parts.poses[pose]
+    return [Solid(points, parts.triangles[k], bool(parts.closed[k])) for k in (top, under)]
+
+
+def _outside(parts: Parts, top: int, under: int, pose: int, away: FloatArray) -> WornLayer:
+    """Return all of a part as a layer that goes round another one, `away` (N, 3) from it."""
+    outwards = dots(parts.normals(top, pose), away)
+    if not parts.closed[top]:
+        outwards = np.full(len(outwards), (outwards * parts.area_shares(top)).sum())
+    sides = np.where(outwards >= 0.0, 1.0, -1.0)
+    return WornLayer(top, under, parts.vertices[top], sides, np.full(len(sides), np.inf))
 
 
 def _thickness(parts: Parts, part: int, pose: int) -> float:

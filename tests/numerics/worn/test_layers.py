@@ -168,3 +168,12 @@ def test_an_attached_arm_is_no_layer_of_its_body() -> None:
     none = np.zeros(0, dtype=np.int32)
     parts = parts_of(trunk, arm, closed=(True, False))
     assert Layers(parts, [NO_PAIRS], zone=lambda a, b: none).between(0, 1) is None
+
+
+def test_a_robe_lies_over_a_shin_that_is_not_attached_to_it() -> None:
+    robe = tube(32, 24, 0.7, 2.0)
+    shin = tube(16, 12, 0.15, 0.8)[0] + [0.3, 0.1, -0.55], tube(16, 12, 0.15, 0.8)[1]
+    found = layer(robe, shin, closed=(False, True))
+    assert found is not None and (found.top, found.under) == (0, 1)
+    parts, none = parts_of(robe, shin, closed=(False, True)), np.zeros(0, dtype=np.int32)
+    assert Layers(parts, [NO_PAIRS], zone=lambda a, b: none).between(0, 1) is None

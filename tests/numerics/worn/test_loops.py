@@ -228,3 +228,15 @@ def test_stiff_rings_may_leave_and_short_moves_are_not_looked_at() -> None:
     # Of many parts the largest are looked at.
     rings = rings_of(ARM, BAND, parts=1)
     assert taken(rings, with_ring_moved(rings, 1, (0.8, 0.0, 0.0))) == []
+
+
+def test_legs_that_came_out_of_a_robe_are_off() -> None:
+    shin = tube(16, 12, 0.15, 0.8)
+    both = [moved(shin, (x, 0.0, -0.55)) for x in (-0.3, 0.3)]
+    rings = rings_of(tube(32, 24, 0.7, 2.0), *both, closed=False)
+    assert {ring.under for ring in rings.of(0)} == {1, 2}
+    assert taken(rings, with_ring_moved(rings, 2, (0.9, 0.0, 0.0))) == [(0, 2)]
+    assert taken(rings, with_ring_moved(rings, 2, (0.25, 0.2, -0.1))) == []
+    # What nothing surrounds may leave.
+    thick = rings_of(tube(32, 24, 0.7, 2.0), *both)
+    assert thick.of(0) == []

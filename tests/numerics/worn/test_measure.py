@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.numerics.worn.measure import Solid, share_around, worn_measure
+from dtrepair.numerics.worn.measure import Solid, share_around, surrounds, worn_measure
 from tests.meshes import Mesh, icosphere, joined, torus, tube
 
 ARM = tube(24, 40, 0.2, 4.0)
@@ -76,3 +76,30 @@ def test_points_of_other_bodies_make_no_difference() -> None:
     alone = worn_measure(solid(torus(48, 12, 0.32, 0.06)), solid(ARM))
     assert worn_measure(ring, arm).share == pytest.approx(alone.share, abs=0.02)
     assert len(ring.alone().points) == 48 * 12 and len(ring.alone().faces) == first
+
+
+# A robe down to z = -1, and one of two shins in it, which ends half way up, or looks out below.
+ROBE, SHIN = tube(32, 24, 0.7, 2.0), tube(16, 12, 0.15, 0.8)
+
+
+@pytest.mark.parametrize("height", [-0.55, -0.9])
+def test_a_robe_surrounds_each_of_two_shins(height: float) -> None:
+    robe, shin = solid(ROBE, closed=False), solid(moved(SHIN, (0.3, 0.1, height)))
+    assert worn_measure(robe, shin).share < 0.7
+    found = surrounds(robe, shin)
+    assert found.share == 1.0 and abs(found.axis[2]) == pytest.approx(1.0, abs=0.01)
+    assert surrounds(robe, shin, least=0.95).share >= 0.95
+    # What lies within a solid is not worn by it.
+    assert surrounds(solid(ROBE), shin).share < 0.7
+
+
+@pytest.mark.parametrize("least", [0.0, 0.95])
+@pytest.mark.parametrize("offset", [(0.75, 0.0, -0.5), (0.3, 0.1, -1.1), (0.0, 0.0, -2.0)])
+def test_what_sticks_out_or_looks_in_is_not_surrounded(
+    offset: tuple[float, float, float], least: float
+) -> None:
+    shin = solid(moved(SHIN, offset))
+    assert surrounds(solid(ROBE, closed=False), shin, least=least).share < 0.95
+    turned = np.roll(np.eye(3), 1, axis=0)
+    way = Solid(ROBE[0] @ turned, ROBE[1], False), Solid(shin.points @ turned, shin.faces, True)
+    assert surrounds(*way, least=least).share < 0.95

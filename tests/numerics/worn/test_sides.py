@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dtrepair.numerics.worn.parts import Parts
-from dtrepair.numerics.worn.sides import find_worn
+from dtrepair.numerics.worn.sides import find_around, find_worn
 from tests.meshes import icosphere
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
@@ -86,3 +86,31 @@ def test_a_skirt_with_a_lining_is_a_layer_and_a_thick_ring_is_none(inside_out: b
     sides = np.repeat([1.0, -1.0], len(points) // 2) * (-1.0 if inside_out else 1.0)
     assert np.array_equal(layer.sides, sides)
     assert find_worn(parts_of(lined(0.3), legs(), [True, True]), 0, 1, 0) is None
+
+
+def shoe(offset: float) -> Mesh:
+    """A ball that looks out of the skirt's hem, to one side of its middle."""
+    points, faces = icosphere(2, 0.3)
+    return points + np.array([offset, -0.95, 0.0]), faces
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_a_robe_is_a_layer_over_a_shoe_at_its_hem(inside_out: bool) -> None:
+    points, faces = lined(0.02)
+    robe = points, faces[:, ::-1].copy() if inside_out else faces
+    parts = parts_of(robe, shoe(0.5), [True, True])
+    assert find_worn(parts, 0, 1, 0) is None
+    for order in ((0, 1), (1, 0)):
+        layer = find_around(parts, *order, 0)
+        assert layer is not None and (layer.top, layer.under) == (0, 1)
+        sides = np.repeat([1.0, -1.0], len(points) // 2) * (-1.0 if inside_out else 1.0)
+        assert np.array_equal(layer.sides, sides) and np.isinf(layer.heights).all()
+    assert find_around(parts_of(robe, shoe(1.6), [True, True]), 0, 1, 0) is None
+    assert find_around(parts_of(lined(0.3), shoe(0.5), [True, True]), 0, 1, 0) is None
+
+
+def test_an_open_robe_has_one_side_outside() -> None:
+    points, faces = cone(0.8, 1.6)
+    for turned, side in ((faces, 1.0), (faces[:, ::-1].copy(), -1.0)):
+        layer = find_around(parts_of((points, turned), shoe(0.5), [False, True]), 0, 1, 0)
+        assert layer is not None and (layer.sides == side).all()

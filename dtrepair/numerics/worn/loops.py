@@ -128,6 +128,8 @@ class Rings:
         self._large = np.argsort(-areas, kind="stable")[: options.parts]
         self._low = np.stack([rest[own].min(axis=0) for own in parts.vertices])
         self._high = np.stack([rest[own].max(axis=0) for own in parts.vertices])
+        sheets = (may_go_round(parts, part, 0, options.layers) for part in range(len(areas)))
+        self._sheets = np.fromiter(sheets, dtype=bool)
         self._known: dict[int, list[Ring]] = {}
         # Many corrections of one input are asked for.
         self._worn_before = Recent[_WornIn]()
@@ -137,7 +139,7 @@ class Rings:
         farthest = float(lengths(after - before).max()) / self.options.moved
         width = np.sort(self._high - self._low, axis=1)[:, 1]
         # A hem is narrower than its garment.
-        narrow = (width < farthest) | ~self.parts.closed
+        narrow = (width < farthest) | self._sheets
         found = [ring for top in self._large[narrow[self._large]] for ring in self.of(int(top))]
         near = [ring for ring in found if ring.width < farthest]
         was_worn = self._worn_before(_WornIn, before)
@@ -165,18 +167,15 @@ class Rings:
             for under in self._around(hem, top):
                 rings += _ring(parts, hem, (top, under), axis, options, through=options.through)
         known = {ring.under for ring in rings}
-        for under in self._beside(top):
-            if under not in known:
-                rings += self._section(top, under)
-        return rings
+        beside = (under for under in self._beside(top) if under not in known)
+        return rings + [ring for under in beside for ring in self._section(top, under)]
 
     def _beside(self, top: int) -> list[int]:
         """Return the parts with their middle in the box of one that may go round."""
-        if not may_go_round(self.parts, top, 0, self.options.layers):
-            return []
         middle = 0.5 * (self._low + self._high)
         inside = ((self._low[top] < middle) & (middle < self._high[top])).all(axis=1)
         inside[[top, *self.stiff]] = False
+        inside &= self._sheets[top]
         return np.flatnonzero(inside).tolist()
 
     def _section(self, top: int, under: int) -> list[Ring]:

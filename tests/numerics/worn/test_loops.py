@@ -240,3 +240,13 @@ def test_legs_that_came_out_of_a_robe_are_off() -> None:
     # What nothing surrounds may leave.
     thick = rings_of(tube(32, 24, 0.7, 2.0), *both)
     assert thick.of(0) == []
+
+
+def test_a_lined_robe_is_looked_at_where_it_is_wider_than_a_leg_went() -> None:
+    points, faces = tube(32, 24, 0.7, 2.0)
+    funnel = points * (1.2 + 0.7 * points[:, 2:]) ** [1.0, 1.0, 0.0]
+    robe = joined((funnel, faces), (0.98 * funnel, faces[:, ::-1]))
+    rings = rings_of(robe, moved(tube(16, 12, 0.1, 0.8), (0.2, 0.0, -0.55)), moved=0.8)
+    assert 1.2 / 0.8 < np.ptp(funnel, axis=0).min()
+    assert taken(rings, with_ring_moved(rings, 1, (0.2, 0.0, 0.0))) == []
+    assert taken(rings, with_ring_moved(rings, 1, (1.2, 0.0, 0.0))) == [(0, 1)]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.work import work_done
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +29,8 @@ class UntanglingOptions:
         steps: Lengths that are tried.
         farthest: The longest of them, as a fraction of the smaller body's diagonal.
         halvings: How often the interval of the first length that frees a contact is halved.
+        work: After so much of it no other direction is tried (units of `numerics.work`): of small
+            bodies all are, of a dress on its wearer those of the shortest lengths.
     """
 
     stuck: float = 0.5
@@ -35,6 +38,7 @@ class UntanglingOptions:
     steps: int = 12
     farthest: float = 0.8
     halvings: int = 3
+    work: float = 2e6
 
 
 # Whether a shift (3,) frees a contact.
@@ -89,8 +93,11 @@ def shortest_direction(
     options: UntanglingOptions = UntanglingOptions(),
 ) -> FloatArray | None:
     """Return the direction (3,) of the shortest shift that frees a contact; None if none does."""
+    enough = work_done() + options.work
     for step in range(1, options.steps + 1):
         for direction in directions:
+            if work_done() > enough:
+                return None
             if frees(step / options.steps * farthest * direction):
                 return direction
     return None

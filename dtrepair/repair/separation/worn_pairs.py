@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.recent import Recent
 from dtrepair.numerics.scale import boxes_of
 from dtrepair.numerics.worn.measure import Solid, WornOptions, worn_measure
 from dtrepair.repair.scene.scene import Scene
@@ -31,6 +32,8 @@ class WornPairs:
         # Of two bodies the worn one and its wearer; None where neither is worn.
         self._known: dict[tuple[int, int], tuple[int, int] | None] = {}
         self._dresses: dict[int, tuple[int, ...]] = {}
+        # Many shifts of one pose are asked for.
+        self._before: dict[tuple[int, int], Recent[float]] = {}
 
     def of(self, first: int, second: int) -> tuple[int, int] | None:
         """Return the worn one of two bodies and its wearer, by the rest; None where none is."""
@@ -59,8 +62,9 @@ class WornPairs:
         worn = self.of(first, second)
         if worn is None:
             return False
-        kept = self._options.kept * self._around(worn, before)
-        return self._around(worn, after) < kept
+        known = self._before.setdefault(worn, Recent())
+        kept = self._options.kept * known(partial(self._around, worn), before)
+        return self._around(worn, after, least=kept) < kept
 
     def companions(self, body: int, other: int) -> tuple[int, ...]:
         """Return a body, and what goes along when it leaves another one: what one of them wears.
@@ -97,11 +101,14 @@ class WornPairs:
         over = covered_bodies(self._scene)
         return over | over.T
 
-    def _around(self, both: tuple[int, int], points: FloatArray) -> float:
-        """Return how much the first of two bodies goes round the second in a pose (V, 3)."""
+    def _around(self, both: tuple[int, int], points: FloatArray, *, least: float = 0.0) -> float:
+        """Return how much the first of two bodies goes round the second in a pose (V, 3).
+
+        least: smaller ones may be told as zero.
+        """
         outer, inner = (self._shape(body) for body in both)
         solids = (Solid(points, shape.faces, shape.closed) for shape in (outer, inner))
-        return worn_measure(*solids, options=self._options).share
+        return worn_measure(*solids, least=least, options=self._options).share
 
 
 def covered_bodies(scene: Scene) -> NDArray[np.bool_]:

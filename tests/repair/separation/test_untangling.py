@@ -7,8 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair import Body, SceneRepairer, Status
-from dtrepair.numerics.geometry import unique_edges
+from dtrepair.numerics.geometry import FloatArray, unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio
+from dtrepair.numerics.work import add_work
 from dtrepair.repair.separation.untangling import (
     UntanglingOptions,
     contact_counts,
@@ -86,3 +87,18 @@ def test_the_shortest_way_is_found_and_measured() -> None:
         0.5, abs=1.0 / UntanglingOptions().steps
     )
     assert length_along(lambda shift: False, aim, 1.0) is None
+
+
+def test_directions_of_large_bodies_are_tried_until_enough_was_done() -> None:
+    directions, tried = directions_around(ROD), list[FloatArray]()
+
+    def frees(shift: FloatArray) -> bool:
+        tried.append(shift)
+        add_work(1000.0)
+        return False
+
+    options = UntanglingOptions(work=10_500.0)
+    assert shortest_direction(frees, directions, 1.0, options=options) is None
+    assert len(tried) == 11
+    assert shortest_direction(frees, directions, 1.0) is None
+    assert len(tried) == 11 + UntanglingOptions().steps * len(directions)

@@ -147,8 +147,10 @@ def bounded_result(
 def approached(pose: OpenedPose, found: Found, options: IndependentOptions) -> Found:
     """Return what is found for a pose that is led in from the rest, if that is better.
 
-    found: the best of several ways; the last resort is long, and asked for on one of them.
+    found: the best of several ways: the last resort is long, and asked for on one of them only.
     """
+    if found.judged.points is pose.centred and not pose.wrong:
+        return found
     assert found.way is not None
     start, scene, mesh = time.perf_counter(), found.way.scene, found.way([pose.sewn])
     known, pairs_of = (found.judged, found.pairs), partial(result_pairs, scene)

@@ -76,9 +76,10 @@ def learnt_layers(layers: Layers) -> list[WornLayer]:
 
 
 def _over_something(layers: Layers) -> list[WornLayer]:
-    """Return which open parts lie over which others."""
+    """Return which open parts lie over which others; a head is no garment of its eyes."""
     found = (layers.between(*both) for both in near_sheets(layers.parts, layers.options))
-    return [own for own in found if own is not None and not layers.parts.closed[own.top]]
+    known = [own for own in found if own is not None and not own.around]
+    return [own for own in known if not layers.parts.closed[own.top]]
 
 
 def near_sheets(parts: Parts, options: LayerOptions) -> list[tuple[int, int]]:

@@ -8,15 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import IntArray
+from dtrepair.numerics.worn.around import find_around, find_worn
 from dtrepair.numerics.worn.parts import Parts
 from dtrepair.numerics.worn.sides import (
     LayerOptions,
     WornLayer,
     Zone,
-    find_around,
     find_layer,
     find_sheet,
-    find_worn,
     layer_over,
 )
 

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, cross, dots, extent, lengths
-from dtrepair.numerics.worn.measure import Solid, surrounds, worn_measure
+from dtrepair.numerics.geometry import FloatArray, IntArray, dots, extent, lengths
 from dtrepair.numerics.worn.parts import Parts
 
 BoolArray = NDArray[np.bool_]
@@ -74,6 +73,7 @@ class WornLayer(NamedTuple):
         heights: How far each (N,) is from the inner part, length units.
         covered: Vertices of the inner part that it lies over; None: all. Of what a sheet does not
             cover, as arms beside a cape, no side is known.
+        around: Whether all that is known is that it surrounds the inner part, see `find_around`.
     """
 
     top: int
@@ -82,6 +82,7 @@ class WornLayer(NamedTuple):
     sides: FloatArray
     heights: FloatArray
     covered: IntArray | None = None
+    around: bool = False
 
 
 def find_layer(
@@ -168,77 +169,6 @@ def layer_over(
         sides[~own] = 1.0 if (weights * sides[own]).sum() >= 0.0 else -1.0
         own = np.ones(len(own), dtype=bool)
     return WornLayer(top, under, parts.vertices[top][own], sides[own], heights[own])
-
-
-def find_worn(
-    parts: Parts, first: int, second: int, pose: int, *, options: LayerOptions = LayerOptions()
-) -> WornLayer | None:
-    """Return the layer that a part is which goes round the other, however far away it is.
-
-    An open part, or a thin closed one.
-    """
-    best, found = options.worn, None
-    for top, under in _garments(parts, first, second, pose, options):
-        worn = worn_measure(*solids(parts, top, under, pose), least=best)
-        if worn.share >= best:
-            points = parts.poses[pose][parts.vertices[top]]
-            radial = points - points.mean(axis=0)
-            radial -= np.outer(radial @ worn.axis, worn.axis)
-            best, found = worn.share, _outside(parts, top, under, pose, radial)
-    return found
-
-
-def find_around(
-    parts: Parts, first: int, second: int, pose: int, *, options: LayerOptions = LayerOptions()
-) -> WornLayer | None:
-    """Return the layer that surrounds what is beside it: a robe over either leg or shoe."""
-    for top, under in _garments(parts, first, second, pose, options):
-        both = solids(parts, top, under, pose)
-        if surrounds(*both, least=options.around).share >= options.around:
-            # A hand in its sleeve is far off the middle of a coat.
-            points, limb = (parts.poses[pose][parts.vertices[part]] for part in (top, under))
-            away = points - limb[cKDTree(limb).query(points)[1]]
-            return _outside(parts, top, under, pose, away)
-    return None
-
-
-def _garments(
-    parts: Parts, first: int, second: int, pose: int, options: LayerOptions
-) -> list[tuple[int, int]]:
-    """Return which of two parts may go round the other, [upper, lower]."""
-    both = (first, second), (second, first)
-    return [own for own in both if may_go_round(parts, own[0], pose, options)]
-
-
-def may_go_round(parts: Parts, part: int, pose: int, options: LayerOptions) -> bool:
-    """Return whether a part is a sheet, by itself or with a lining, as a pose has it."""
-    return not parts.closed[part] or _thickness(parts, part, pose) <= options.thin
-
-
-def solids(parts: Parts, top: int, under: int, pose: int) -> list[Solid]:
-    """Return two parts as a pose has them."""
-    points = parts.poses[pose]
-    return [Solid(points, parts.triangles[k], bool(parts.closed[k])) for k in (top, under)]
-
-
-def _outside(parts: Parts, top: int, under: int, pose: int, away: FloatArray) -> WornLayer:
-    """Return all of a part as a layer that goes round another one, `away` (N, 3) from it."""
-    outwards = dots(parts.normals(top, pose), away)
-    if not parts.closed[top]:
-        outwards = np.full(len(outwards), (outwards * parts.area_shares(top)).sum())
-    sides = np.where(outwards >= 0.0, 1.0, -1.0)
-    return WornLayer(top, under, parts.vertices[top], sides, np.full(len(sides), np.inf))
-
-
-def _thickness(parts: Parts, part: int, pose: int) -> float:
-    """Return how thick a closed part is in the mean, units of its extent."""
-    corners = parts.poses[pose][parts.triangles[part]]
-    areas = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
-    middle = corners.mean(axis=(0, 1))
-    volume = float(dots(corners[:, 0] - middle, areas).sum()) / 3.0
-    # A sheet has two sides: half its area times its thickness is its volume.
-    across = 2.0 * abs(volume) / max(float(lengths(areas).sum()), np.finfo(float).tiny)
-    return across / max(extent(corners.reshape(-1, 3)), np.finfo(float).tiny)
 
 
 def find_sheet(

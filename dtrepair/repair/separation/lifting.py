@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.worn.around import still_around
 from dtrepair.numerics.worn.sides import WornLayer
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.separation.layer_lift import LayerLift, LiftOptions
@@ -49,6 +50,8 @@ def lifted_frames(
     for layer in _from_inside(layers):
         both = tuple(sorted((layer.top, layer.under)))
         meets = np.array([both in own for own in keys])
+        if layer.around:
+            meets &= [still_around(scene.layers.parts, layer, pose) for pose in result]
         result = lifted_steadily(LayerLift(scene, layer, options), result, frames, meets)
     return result
 
@@ -65,7 +68,7 @@ def not_worn(scene: Scene, enclosed: IntArray) -> IntArray:
     if not _lifts(scene):
         return enclosed
     layers = (scene.layers.between(inner, outer) for inner, outer in enclosed.tolist())
-    loose = [layer is None or not _may_move(scene, layer) for layer in layers]
+    loose = [own is None or own.around or not _may_move(scene, own) for own in layers]
     parts: IntArray = enclosed[np.array(loose, dtype=bool)]
     return parts
 
@@ -81,7 +84,7 @@ def layered_bodies(scene: Scene, pairs: Sequence[IntArray]) -> set[tuple[int, in
     met = np.unique(np.concatenate([parts_that_meet(scene, own, none) for own in pairs]), axis=0)
     bodies = np.sort(scene.body_of_part[met], axis=1)
     layers = (scene.layers.between(first, second) for first, second in met.tolist())
-    led = [layer is not None and _may_move(scene, layer) for layer in layers]
+    led = [own is not None and not own.around and _may_move(scene, own) for own in layers]
     return {(int(a), int(b)) for a, b in bodies[np.array(led, dtype=bool)] if a != b}
 
 

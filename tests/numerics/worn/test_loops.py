@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.numerics.worn.loops import LoopOptions, Ring, Rings
+from dtrepair.numerics.worn.loops import Rings
 from dtrepair.numerics.worn.parts import Parts
+from dtrepair.numerics.worn.ring import LoopOptions, Ring
 from tests.meshes import Mesh, bent_tube, icosphere, joined, torus, tube
 
 ARM, LEG = tube(24, 40, 0.2, 4.0), tube(24, 40, 0.2, 2.0)
@@ -230,16 +231,39 @@ def test_stiff_rings_may_leave_and_short_moves_are_not_looked_at() -> None:
     assert taken(rings, with_ring_moved(rings, 1, (0.8, 0.0, 0.0))) == []
 
 
-def test_legs_that_came_out_of_a_robe_are_off() -> None:
-    shin = tube(16, 12, 0.15, 0.8)
-    both = [moved(shin, (x, 0.0, -0.55)) for x in (-0.3, 0.3)]
-    rings = rings_of(tube(32, 24, 0.7, 2.0), *both, closed=False)
-    assert {ring.under for ring in rings.of(0)} == {1, 2}
+ROBE = tube(32, 24, 0.7, 2.0)
+
+
+@pytest.mark.parametrize(("length", "height"), [(0.8, -0.55), (0.2, -0.7), (0.4, -1.0)])
+def test_legs_and_shoes_that_came_out_of_a_robe_are_off(length: float, height: float) -> None:
+    shin = tube(16, 12, 0.15, length)
+    both = [moved(shin, (x, 0.0, height)) for x in (-0.3, 0.3)]
+    rings = rings_of(ROBE, *both, closed=False)
+    assert rings.of(0) == []
+    assert [(ring.top, ring.under) for ring in rings.sections(0)] == [(0, 1), (0, 2)]
     assert taken(rings, with_ring_moved(rings, 2, (0.9, 0.0, 0.0))) == [(0, 2)]
     assert taken(rings, with_ring_moved(rings, 2, (0.25, 0.2, -0.1))) == []
-    # What nothing surrounds may leave.
-    thick = rings_of(tube(32, 24, 0.7, 2.0), *both)
-    assert thick.of(0) == []
+
+
+def test_what_no_sheet_surrounds_may_leave() -> None:
+    leg = moved(tube(16, 12, 0.15, 0.8), (0.3, 0.0, -0.55))
+    assert rings_of(ROBE, leg).sections(0) == []  # that is solid
+    assert rings_of(ROBE, leg, closed=False, stiff=(0,)).sections(0) == []
+    assert rings_of(ROBE, leg, closed=False, stiff=(1,)).sections(0) == []
+    beside = moved(leg, (0.45, 0.0, 0.0))  # half through it
+    assert rings_of(ROBE, beside, closed=False).sections(0) == []
+    # A limb that is worn has its rings already.
+    rings = rings_of(ROBE, moved(ARM, (0.1, 0.0, 0.0)), closed=False)
+    assert rings.of(0) != [] == rings.sections(0)
+
+
+def test_few_and_narrow_sections_are_looked_for() -> None:
+    legs = [moved(tube(16, 12, r, 0.8), (x, 0.0, -0.5)) for r, x in ((0.1, 0.3), (0.2, -0.3))]
+    rings = rings_of(ROBE, *legs, closed=False)
+    assert [ring.under for ring in rings.sections(0)] == [2, 1], "the larger one first"
+    assert [ring.under for ring in rings.sections(0, 0.3)] == [1], "none is as narrow as the other"
+    one = rings_of(ROBE, *legs, closed=False, beside=1)
+    assert [ring.under for ring in one.sections(0)] == [2]
 
 
 def test_a_lined_robe_is_looked_at_where_it_is_wider_than_a_leg_went() -> None:

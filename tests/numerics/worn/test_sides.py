@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from dtrepair.numerics.worn.around import find_around, find_worn, still_around
 from dtrepair.numerics.worn.parts import Parts
-from dtrepair.numerics.worn.sides import find_around, find_worn
-from tests.meshes import icosphere
+from tests.meshes import icosphere, tube
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 
@@ -114,3 +114,40 @@ def test_an_open_robe_has_one_side_outside() -> None:
     for turned, side in ((faces, 1.0), (faces[:, ::-1].copy(), -1.0)):
         layer = find_around(parts_of((points, turned), shoe(0.5), [False, True]), 0, 1, 0)
         assert layer is not None and (layer.sides == side).all()
+
+
+def test_of_two_sheets_that_surround_each_other_neither_is_outside() -> None:
+    robe, (points, faces) = tube(32, 24, 0.7, 2.0), tube(32, 24, 0.42, 2.0)
+    within = points - np.array([0.0, 0.0, 0.9]), faces
+    for outer, inner in ((robe, within), (within, robe)):
+        assert find_around(parts_of(outer, inner, [False, False]), 0, 1, 0) is None
+
+
+def test_a_pose_tells_whether_a_shoe_is_in_the_robe_yet() -> None:
+    parts = parts_of(lined(0.02), shoe(0.5), [True, True])
+    layer = find_around(parts, 0, 1, 0)
+    assert layer is not None and layer.around
+    for way, inside in (((0.0, 0.0, 0.0), True), ((0.5, 0.2, 0.0), True), ((1.5, 0.0, 0.0), False)):
+        points = parts.poses[0].copy()
+        points[parts.vertices[1]] += way
+        assert still_around(parts, layer, points) == inside
+
+
+def test_a_hand_in_its_sleeve_lies_beneath_the_side_of_it_that_is_nearest() -> None:
+    """Far from the middle of a coat, where all of a sleeve would be on one side."""
+    coat, sleeve = cone(0.8, 0.9), cone(0.3, 0.3)
+    points = sleeve[0][:, [1, 0, 2]] * [1.0, -1.0, 1.0] + np.array([2.0, 0.9, 0.0])
+    outer = np.concatenate([coat[0], points])
+    within = np.concatenate([0.97 * coat[0], (points - [2.0, 0.9, 0.0]) * 0.97 + [2.0, 0.9, 0.0]])
+    faces = np.concatenate([coat[1], sleeve[1] + len(coat[0])])
+    lined_coat = (
+        np.concatenate([outer, within]),
+        np.concatenate([faces, faces[:, ::-1] + len(outer)]).astype(np.int32),
+    )
+    hand, triangles = icosphere(2, 0.2)
+    held = hand * np.array([2.0, 1.0, 1.0]) + np.array([2.4, 0.9, 0.0]), triangles
+    layer = find_around(parts_of(lined_coat, held, [True, True]), 0, 1, 0)
+    assert layer is not None
+    of_sleeve = np.arange(len(coat[0]), len(outer))
+    assert (layer.sides[of_sleeve] == layer.sides[of_sleeve][0]).all()
+    assert (layer.sides[of_sleeve + len(outer)] == -layer.sides[of_sleeve][0]).all()

@@ -1,0 +1,96 @@
+"""Which sheet, by itself or with a lining, goes round another part, however far away that is."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from dtrepair.numerics.geometry import FloatArray, cross, dots, extent, lengths
+from dtrepair.numerics.worn.measure import Solid, surrounds, worn_measure
+from dtrepair.numerics.worn.parts import Parts
+from dtrepair.numerics.worn.sides import LayerOptions, WornLayer
+
+
+def find_worn(
+    parts: Parts, first: int, second: int, pose: int, *, options: LayerOptions = LayerOptions()
+) -> WornLayer | None:
+    """Return the layer that a part is which goes round the other, however far away it is.
+
+    An open part, or a thin closed one.
+    """
+    points, best, found = parts.poses[pose], options.worn, None
+    for top, under in ((first, second), (second, first)):
+        if not may_go_round(parts, top, pose, options):
+            continue
+        worn = worn_measure(*solids(parts, top, under, points), least=best)
+        if worn.share >= best:
+            own = points[parts.vertices[top]]
+            radial = own - own.mean(axis=0)
+            radial -= np.outer(radial @ worn.axis, worn.axis)
+            best, found = worn.share, _outside(parts, top, under, pose, radial)
+    return found
+
+
+def find_around(
+    parts: Parts, first: int, second: int, pose: int, *, options: LayerOptions = LayerOptions()
+) -> WornLayer | None:
+    """Return the layer that surrounds what is beside it: a robe over either leg or shoe.
+
+    Of two that surround each other, as sheets that alternate, neither is.
+    """
+    points = parts.poses[pose]
+    found = [
+        (top, under)
+        for top, under in ((first, second), (second, first))
+        if may_go_round(parts, top, pose, options)
+        and surrounds(*solids(parts, top, under, points), least=options.around).share
+        >= options.around
+    ]
+    if len(found) != 1:
+        return None
+    top, under = found[0]
+    # A hand in its sleeve is far off the middle of a coat.
+    own, limb = points[parts.vertices[top]], points[parts.vertices[under]]
+    away = own - limb[cKDTree(limb).query(own)[1]]
+    return _outside(parts, top, under, pose, away)._replace(around=True)
+
+
+def still_around(
+    parts: Parts, layer: WornLayer, points: FloatArray, *, options: LayerOptions = LayerOptions()
+) -> bool:
+    """Return whether a pose (V, 3) has within a layer of `find_around` what it surrounds.
+
+    A driver may leave his car, and lean on it; a foot that came through a robe is in it yet.
+    """
+    both = solids(parts, layer.top, layer.under, points)
+    return surrounds(*both, least=options.worn).share >= options.worn
+
+
+def may_go_round(parts: Parts, part: int, pose: int, options: LayerOptions) -> bool:
+    """Return whether a part is a sheet, by itself or with a lining, as a pose has it."""
+    return not parts.closed[part] or _thickness(parts, part, pose) <= options.thin
+
+
+def solids(parts: Parts, top: int, under: int, points: FloatArray) -> list[Solid]:
+    """Return two parts as points (V, 3) have them."""
+    return [Solid(points, parts.triangles[k], bool(parts.closed[k])) for k in (top, under)]
+
+
+def _outside(parts: Parts, top: int, under: int, pose: int, away: FloatArray) -> WornLayer:
+    """Return all of a part as a layer that goes round another one, `away` (N, 3) from it."""
+    outwards = dots(parts.normals(top, pose), away)
+    if not parts.closed[top]:
+        outwards = np.full(len(outwards), (outwards * parts.area_shares(top)).sum())
+    sides = np.where(outwards >= 0.0, 1.0, -1.0)
+    return WornLayer(top, under, parts.vertices[top], sides, np.full(len(sides), np.inf))
+
+
+def _thickness(parts: Parts, part: int, pose: int) -> float:
+    """Return how thick a closed part is in the mean, units of its extent."""
+    corners = parts.poses[pose][parts.triangles[part]]
+    areas = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
+    middle = corners.mean(axis=(0, 1))
+    volume = float(dots(corners[:, 0] - middle, areas).sum()) / 3.0
+    # A sheet has two sides: half its area times its thickness is its volume.
+    across = 2.0 * abs(volume) / max(float(lengths(areas).sum()), np.finfo(float).tiny)
+    return across / max(extent(corners.reshape(-1, 3)), np.finfo(float).tiny)

@@ -74,7 +74,7 @@ class Detector:
         self._neighbors = [upload(a, self._warp.int32) for a in (near.start, near.leaf)]
         self._neighbors += [upload(near.excluded, self._warp.uint64)]
         self._all_active = self._active(np.ones(len(triangles), dtype=bool))
-        self._no_zones = self.zones(None)
+        self._no_zones = self.zones_of(None)
         self._welded = self._weld(weld) if weld is not None else self.mesh.ordered
 
     def __call__(
@@ -92,8 +92,8 @@ class Detector:
         map for this call. With `exact=False` pairs that floating point cannot settle count as
         intersecting: never fewer pairs, and no host arithmetic in an inner loop; a function
         says which rows of `candidates` to keep. `active` (F,) leaves out the pairs of which neither
-        triangle is active, `zones` modelled contacts as far as they know them. Raises
-        CollapsedPoseError where there are more pairs than can be kept.
+        triangle is active, `zones` (of `zones_of`) modelled contacts, which a collapsed pose may
+        have any number of. Raises CollapsedPoseError where more are left than can be kept.
         """
         rounded = self._rounded(points)
         looked_at = len(self.faces) if active is None else int(active.sum())
@@ -255,7 +255,7 @@ class Detector:
         inputs += [most, self.limits.of_leaf, near, count]
         launch(self._kernels.find_candidates, (boxes[0].shape[0], self.tree.leaf_count), inputs)
 
-    def zones(self, attachments: Attachments | None) -> Any:
+    def zones_of(self, attachments: Attachments | None) -> Any:
         """Return a Warp structure of what was modelled, for `search` to leave out.
 
         Of no triangles for None, and where parts are too many for bits.

@@ -38,11 +38,15 @@ def test_pairs_without_modelled_ones(seed: int, parts: int, zones: float, nested
     points, faces = _soup(seed)
     attachments = _attachments(seed, parts, zones, nested)
     detector = Detector(points, faces)
-    every, known = detector(points), detector.zones(attachments)
+    every, known = detector(points), detector.zones_of(attachments)
     modelled = attachments.modelled(every)
     assert modelled.any() == (zones > 0.0)
     assert not modelled.all()
     assert np.array_equal(detector(points, zones=known), every[~modelled])
+    if modelled.any():
+        single = points[None].astype(np.float32)
+        rows = detector.candidates(single, zones=known)
+        assert len(rows) < len(detector.candidates(single)), "they are not even tested"
     active = np.arange(TRIANGLES) % 3 == 0
     some = active[every].any(axis=1) & ~modelled
     assert np.array_equal(detector(points, active=active, zones=known), every[some])
@@ -53,7 +57,7 @@ def test_parts_too_many_for_bits_leave_all_pairs() -> None:
     points, faces = _soup(0)
     attachments = _attachments(0, 64 * MOST_WORDS + 1, 0.1, 0.0)
     detector = Detector(points, faces)
-    found = detector(points, zones=detector.zones(attachments))
+    found = detector(points, zones=detector.zones_of(attachments))
     assert np.array_equal(found, detector(points))
     assert attachments.modelled(found).any()
 
@@ -61,4 +65,4 @@ def test_parts_too_many_for_bits_leave_all_pairs() -> None:
 def test_a_mesh_without_triangles_has_no_zones() -> None:
     detector = Detector(np.zeros((3, 3)), np.zeros((0, 3), dtype=np.int32))
     none = Attachments(np.zeros(0, np.int32), np.zeros(0, np.int64), NO_TIES)
-    assert len(detector(np.zeros((3, 3)), zones=detector.zones(none))) == 0
+    assert len(detector(np.zeros((3, 3)), zones=detector.zones_of(none))) == 0

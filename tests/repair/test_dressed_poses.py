@@ -122,11 +122,12 @@ def test_attached_parts_take_their_garments_along_first(
 
     monkeypatch.setattr(independent, "bounded_poses", found_by)
     monkeypatch.setattr(independent, "with_bodies_first", after_bodies)
-    monkeypatch.setattr(
-        independent,
-        "bounded_result",
-        lambda *own, **_: Found(Judged(own[3]), NO_PAIRS, own[4], 1.0),
-    )
+
+    def bounded(*own: Any, approach: bool) -> Found:
+        assert not approach
+        return Found(Judged(own[3]), NO_PAIRS, own[4], 1.0)
+
+    monkeypatch.setattr(independent, "bounded_result", bounded)
 
     def led_in(_: OpenedPose, found: Found, __: IndependentOptions) -> Found:
         led.append(found)

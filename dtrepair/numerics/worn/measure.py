@@ -102,8 +102,9 @@ def surrounds(
     """How much one body goes round all of another that is beside it: a robe, each of two legs.
 
     Like `worn_measure`, but sliced where both are, and along principal axes of both: a shoe that
-    looks out of a hem is beside little of the robe. Zero for what is beside it by less than half
-    of its length; as soon as one share is not less than `least`, that is told.
+    looks out of a hem is beside little of the robe. Zero where less than half of the length of
+    `inner` is beside it. The first share that is not less than `least` is told; smaller ones may
+    be told as less than they are.
     """
     outer, inner, count = outer.alone(), inner.alone(), len(options.levels)
     best = Worn(0.0, np.array([0.0, 0.0, 1.0]))

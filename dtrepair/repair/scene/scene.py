@@ -309,7 +309,7 @@ class Scene:
 
     @cached_property
     def _zones(self) -> Any:
-        return self.detector.zones(self.attachments)
+        return self.detector.zones_of(self.attachments)
 
     def unmodelled(self, pairs: IntArray) -> IntArray:
         """Return which of pairs (K, 2) of triangles are no modelled contacts."""

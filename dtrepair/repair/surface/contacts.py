@@ -160,7 +160,7 @@ class Contacts:
     @cached_property
     def _zones(self) -> Any:
         """Modelled contacts, for detection to leave out."""
-        return self._detector.zones(self._attachments)
+        return self._detector.zones_of(self._attachments)
 
     def _written(self, points: FloatArray) -> NDArray[np.float32]:
         return (points * self._size).astype(np.float32)

@@ -8,7 +8,7 @@ has a ring at each of its hems: an arm may come out of a sleeve while the jacket
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from functools import partial
 
 import numpy as np
@@ -66,6 +66,19 @@ class Rings:
         was_worn = self._worn_before(_WornIn, before)
         worn = partial(Ring.worn, pose=after, wider=self.options.wider)
         return [ring for ring in near if was_worn(ring) and not worn(ring)]
+
+    def concerned(self, off: Sequence[Ring], top: int) -> IntArray:
+        """Return the vertices (N,) that rings of a part concern which are off.
+
+        With one leg out of a robe they are those of both: what one did for the robe is of no use
+        where the robe is given up.
+        """
+        own = [ring for ring in off if ring.top == top]
+        found = np.unique(np.concatenate([ring.concerned for ring in own]))
+        if not any((top, ring.under) in self._sections for ring in own):
+            return found
+        beside = (ring.concerned for ring in self.sections(top))
+        return np.unique(np.concatenate([each for each in beside if np.isin(each, found).any()]))
 
     def of(self, top: int) -> list[Ring]:
         """Return what a part goes round in the rest."""

@@ -322,7 +322,7 @@ class StrainMeter:
             return []
         off, result = self.rings.taken_off(before, after), []
         for top in dict.fromkeys(ring.top for ring in off):
-            vertices = np.unique(np.concatenate([own.concerned for own in off if own.top == top]))
+            vertices = self.rings.concerned(off, top)
             own = self.rings.parts.vertices[top]
             worst = int(own[np.argmax(lengths(after[own] - before[own]))])
             part, bound = int(self.parts.of_vertex[worst]), self.options.worn

@@ -245,6 +245,22 @@ def test_legs_and_shoes_that_came_out_of_a_robe_are_off(length: float, height: f
     assert taken(rings, with_ring_moved(rings, 2, (0.25, 0.2, -0.1))) == []
 
 
+def test_both_legs_are_concerned_where_one_came_out_of_a_robe_and_no_hand() -> None:
+    shin, sleeve = tube(16, 12, 0.15, 0.8), tube(24, 12, 0.3, 0.8)
+    across = moved((sleeve[0][:, [2, 1, 0]] * [1.0, 1.0, -1.0], sleeve[1]), (2.0, 0.0, 0.9))
+    wrist = tube(16, 8, 0.1, 0.4)[0][:, [2, 1, 0]] * [1.0, 1.0, -1.0]
+    hand = moved((wrist, tube(16, 8, 0.1, 0.4)[1]), (2.2, 0.0, 0.9))
+    legs = [moved(shin, (x, 0.0, -0.55)) for x in (-0.3, 0.3)]
+    rings = rings_of(joined(ROBE, across), *legs, hand, closed=False)
+    assert [ring.under for ring in rings.sections(0)] == [1, 2, 3]
+    off = rings.taken_off(rings.parts.poses[0], with_ring_moved(rings, 2, (0.9, 0.0, 0.0)))
+    assert [ring.under for ring in off] == [2]
+    mask = np.isin(np.arange(len(rings.parts.part)), rings.concerned(off, 0))
+    assert [bool(mask[rings.parts.vertices[part]].any()) for part in range(4)] == [
+        *(True, True, True, False)
+    ]
+
+
 def test_what_no_sheet_surrounds_may_leave() -> None:
     leg = moved(tube(16, 12, 0.15, 0.8), (0.3, 0.0, -0.55))
     assert rings_of(ROBE, leg).sections(0) == []  # that is solid

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from dtrepair.numerics.geometry import FloatArray, cross, dots, extent, lengths
+from dtrepair.numerics.geometry import (
+    FloatArray,
+    cross,
+    dots,
+    extent,
+    lengths,
+    triangle_areas,
+)
 from dtrepair.numerics.worn.measure import Solid, surrounds, worn_measure
 from dtrepair.numerics.worn.parts import Parts
 from dtrepair.numerics.worn.sides import LayerOptions, WornLayer
@@ -38,14 +45,8 @@ def find_around(
 
     Of two that surround each other, as sheets that alternate, neither is.
     """
-    points = parts.poses[pose]
-    found = [
-        (top, under)
-        for top, under in ((first, second), (second, first))
-        if may_go_round(parts, top, pose, options)
-        and surrounds(*solids(parts, top, under, points), least=options.around).share
-        >= options.around
-    ]
+    points, both = parts.poses[pose], ((first, second), (second, first))
+    found = [own for own in both if _surrounds(parts, *own, pose, options)]
     if len(found) != 1:
         return None
     top, under = found[0]
@@ -53,6 +54,16 @@ def find_around(
     own, limb = points[parts.vertices[top]], points[parts.vertices[under]]
     away = own - limb[cKDTree(limb).query(own)[1]]
     return _outside(parts, top, under, pose, away)._replace(around=True)
+
+
+def _surrounds(parts: Parts, top: int, under: int, pose: int, options: LayerOptions) -> bool:
+    """Return whether a part is a sheet that surrounds what of another one is beside it."""
+    points = parts.poses[pose]
+    whole, own = (float(triangle_areas(points, parts.triangles[k]).sum()) for k in (top, under))
+    if own < options.small * whole or not may_go_round(parts, top, pose, options):
+        return False
+    both = solids(parts, top, under, points)
+    return surrounds(*both, least=options.around).share >= options.around
 
 
 def still_around(

@@ -78,7 +78,8 @@ class Rings:
         if not any((top, ring.under) in self._sections for ring in own):
             return found
         beside = (ring.concerned for ring in self.sections(top))
-        return np.unique(np.concatenate([each for each in beside if np.isin(each, found).any()]))
+        both = [each for each in beside if np.isin(each, found).any()]
+        return np.unique(np.concatenate([found, *both]))
 
     def of(self, top: int) -> list[Ring]:
         """Return what a part goes round in the rest."""

@@ -37,7 +37,8 @@ class LayerOptions:
             of it turned the other way: an arm beside its body has two sides.
         worn: An open part is a layer over what it goes round by this share, see `worn_measure`; so
             is a closed one, as a skirt with a lining, ...
-        around: ... or over what it surrounds by this share where it is beside it, see `surrounds`.
+        around: ... or over what it surrounds by this share where it is beside it, see `surrounds`,
+            and that has at least the share `small` of its area, as a leg, and not a wrist, ...
         thin: ... that is not thicker than this, units of its extent: a bracelet is.
         poses: How many poses tell at most.
         ball: An open part surrounds itself where its normals point away from its middle by this.
@@ -54,6 +55,7 @@ class LayerOptions:
     one_sided: float = 0.9
     worn: float = 0.7
     around: float = 0.95
+    small: float = 0.03
     thin: float = 0.02
     poses: int = 5
     ball: float = 0.5

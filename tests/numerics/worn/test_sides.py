@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from dtrepair.numerics.worn.around import find_around, find_worn, still_around
 from dtrepair.numerics.worn.parts import Parts
+from dtrepair.numerics.worn.sides import LayerOptions
 from tests.meshes import icosphere, tube
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
@@ -107,6 +108,10 @@ def test_a_robe_is_a_layer_over_a_shoe_at_its_hem(inside_out: bool) -> None:
         assert np.array_equal(layer.sides, sides) and np.isinf(layer.heights).all()
     assert find_around(parts_of(robe, shoe(1.6), [True, True]), 0, 1, 0) is None
     assert find_around(parts_of(lined(0.3), shoe(0.5), [True, True]), 0, 1, 0) is None
+    small = LayerOptions(small=0.05)
+    assert find_around(parts_of(robe, shoe(0.5), [True, True]), 0, 1, 0, options=small) is None
+    # Nothing is said of what sticks out on one side.
+    assert find_around(parts_of(robe, shoe(1.5), [True, True]), 0, 1, 0) is None
 
 
 def test_an_open_robe_has_one_side_outside() -> None:
@@ -144,7 +149,7 @@ def test_a_hand_in_its_sleeve_lies_beneath_the_side_of_it_that_is_nearest() -> N
         np.concatenate([outer, within]),
         np.concatenate([faces, faces[:, ::-1] + len(outer)]).astype(np.int32),
     )
-    hand, triangles = icosphere(2, 0.2)
+    hand, triangles = icosphere(2, 0.25)
     held = hand * np.array([2.0, 1.0, 1.0]) + np.array([2.4, 0.9, 0.0]), triangles
     layer = find_around(parts_of(lined_coat, held, [True, True]), 0, 1, 0)
     assert layer is not None

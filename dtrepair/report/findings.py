@@ -34,8 +34,8 @@ _WORDS = {
     FindingKind.BREAKS_OFF: (
         "corrections that break off with --frames",
         "frames beside these were not chosen and stay as they are, so that it pops, or between "
-        "far keys fades unseen; leave --frames out for what is kept, or choose more frames around "
-        "a contact",
+        "far keys fades unseen; for what is kept leave --frames out, or choose frames without "
+        "contacts at both ends as well, of keys too",
     ),
     FindingKind.JUMPS: (
         "corrections that jump",

@@ -5,14 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from dtrepair.numerics.geometry import (
-    FloatArray,
-    cross,
-    dots,
-    extent,
-    lengths,
-    triangle_areas,
-)
+from dtrepair.numerics.geometry import FloatArray, dots, triangle_areas
 from dtrepair.numerics.worn.measure import Solid, surrounds, worn_measure
 from dtrepair.numerics.worn.parts import Parts
 from dtrepair.numerics.worn.sides import LayerOptions, WornLayer
@@ -79,7 +72,7 @@ def still_around(
 
 def may_go_round(parts: Parts, part: int, pose: int, options: LayerOptions) -> bool:
     """Return whether a part is a sheet, by itself or with a lining, as a pose has it."""
-    return not parts.closed[part] or _thickness(parts, part, pose) <= options.thin
+    return not parts.closed[part] or parts.thickness(part, pose) <= options.thin
 
 
 def solids(parts: Parts, top: int, under: int, points: FloatArray) -> list[Solid]:
@@ -94,14 +87,3 @@ def _outside(parts: Parts, top: int, under: int, pose: int, away: FloatArray) ->
         outwards = np.full(len(outwards), (outwards * parts.area_shares(top)).sum())
     sides = np.where(outwards >= 0.0, 1.0, -1.0)
     return WornLayer(top, under, parts.vertices[top], sides, np.full(len(sides), np.inf))
-
-
-def _thickness(parts: Parts, part: int, pose: int) -> float:
-    """Return how thick a closed part is in the mean, units of its extent."""
-    corners = parts.poses[pose][parts.triangles[part]]
-    areas = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
-    middle = corners.mean(axis=(0, 1))
-    volume = float(dots(corners[:, 0] - middle, areas).sum()) / 3.0
-    # A sheet has two sides: half its area times its thickness is its volume.
-    across = 2.0 * abs(volume) / max(float(lengths(areas).sum()), np.finfo(float).tiny)
-    return across / max(extent(corners.reshape(-1, 3)), np.finfo(float).tiny)

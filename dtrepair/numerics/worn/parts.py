@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
+    cross,
+    dots,
+    extent,
     lengths,
     triangle_areas,
     unique_edges,
@@ -63,6 +66,16 @@ class Parts:
         place = np.searchsorted(own, triangles.ravel())
         shares: FloatArray = np.bincount(place, areas, len(own)) / (areas.sum() or 1.0)
         return shares
+
+    def thickness(self, part: int, pose: int) -> float:
+        """Return how thick a closed part is in the mean, units of its extent."""
+        corners = self.poses[pose][self.triangles[part]]
+        areas = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
+        middle = corners.mean(axis=(0, 1))
+        volume = float(dots(corners[:, 0] - middle, areas).sum()) / 3.0
+        # A sheet has two sides: half its area times its thickness is its volume.
+        across = 2.0 * abs(volume) / max(float(lengths(areas).sum()), np.finfo(float).tiny)
+        return across / max(extent(corners.reshape(-1, 3)), np.finfo(float).tiny)
 
 
 def vertex_normals(points: FloatArray, triangles: IntArray, vertices: IntArray) -> FloatArray:

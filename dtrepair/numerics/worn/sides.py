@@ -145,10 +145,15 @@ def upper_part(
 
 
 def _turned(parts: Parts, first: int, second: int, pose: int, options: LayerOptions) -> int | None:
-    """Return the one of two parts that is open if it is, mostly, turned against the other."""
+    """Return the one of two parts that is open if it is, mostly, turned against the other.
+
+    Against a coat's lining all that it covers is turned: trousers are not worn over it.
+    """
     if parts.closed[first] == parts.closed[second]:
         return None
     part, other = (second, first) if parts.closed[first] else (first, second)
+    if parts.thickness(other, pose) <= options.thin:
+        return None
     found = look_beside(parts, part, other, pose, options)
     weights = parts.area_shares(part) * found.known
     return part if float((weights * found.sides).sum()) < 0.0 else None

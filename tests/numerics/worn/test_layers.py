@@ -170,6 +170,20 @@ def test_an_attached_arm_is_no_layer_of_its_body() -> None:
     assert Layers(parts, [NO_PAIRS], zone=lambda a, b: none).between(0, 1) is None
 
 
+def test_trousers_do_not_lie_over_the_lined_coat_above_them() -> None:
+    """Its lining faces them, as if they were turned."""
+    outer, inner = tube(32, 24, 0.3, 2.0), tube(32, 24, 0.29, 2.0)
+    coat = joined(outer, reversed_faces(inner))
+    trousers = tube(24, 24, 0.26, 1.0)[0] - [0.0, 0.0, 0.9], tube(24, 24, 0.26, 1.0)[1]
+    for meshes, closed in (((coat, trousers), (True, False)), ((trousers, coat), (False, True))):
+        found = layer(*meshes, closed=closed)
+        assert found is not None and found.top == closed.index(True)
+    # A cape that is turned against a solid back still is one.
+    back = tube(24, 24, 0.26, 1.6)
+    cape = layer(reversed_faces(tube(24, 12, 0.3, 1.0)), back, closed=(False, True))
+    assert cape is not None and cape.top == 0
+
+
 def test_a_robe_lies_over_a_shin_that_is_not_attached_to_it() -> None:
     robe = tube(32, 24, 0.7, 2.0)
     shin = tube(16, 12, 0.15, 0.8)[0] + [0.3, 0.1, -0.55], tube(16, 12, 0.15, 0.8)[1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dtrepair.device import start_warp
-from dtrepair.intersect.predicates import APART, Zones, classify, is_modelled, share_vertex
+from dtrepair.intersect.predicates import APART, Zones, classify, is_modelled
 
 wp = start_warp()
 wp.set_module_options({"enable_backward": False, "fast_math": False})
@@ -44,6 +44,22 @@ def gap(
 def overlap(low_a: wp.vec3f, high_a: wp.vec3f, low_b: wp.vec3f, high_b: wp.vec3f) -> bool:
     """Whether two closed boxes have a common point; one comparison, as branches are guesses."""
     return gap(low_a, high_a, low_b[0], low_b[1], low_b[2], high_b[0], high_b[1], high_b[2]) <= 0.0
+
+
+@wp.func
+def share_vertex(a: wp.vec3i, b: wp.vec3i) -> bool:
+    """Whether two triangles have a (welded) vertex in common."""
+    return (
+        a[0] == b[0]
+        or a[0] == b[1]
+        or a[0] == b[2]
+        or a[1] == b[0]
+        or a[1] == b[1]
+        or a[1] == b[2]
+        or a[2] == b[0]
+        or a[2] == b[1]
+        or a[2] == b[2]
+    )
 
 
 @wp.kernel
@@ -159,7 +175,7 @@ def pairs_left_out(
 
 
 @wp.func
-def written_pairs(
+def add_pairs(
     frame: int,
     i: int,
     first: int,
@@ -187,6 +203,14 @@ def written_pairs(
     return met
 
 
+@wp.func
+def enough(met: int, most: int, most_of_leaf: int, count: wp.array(dtype=wp.int32)) -> bool:
+    """Whether there are too many pairs, which one leaf alone may tell: the pose has collapsed."""
+    if met > most_of_leaf:
+        wp.atomic_max(count, 0, most + 1)
+    return count[0] > most
+
+
 @wp.kernel
 def find_candidates(
     leaf_start: wp.array(dtype=wp.int32),
@@ -210,10 +234,9 @@ def find_candidates(
     """Pairs (frame, i, j), i < j in leaf order, that share no vertex and whose boxes overlap.
 
     One thread a frame and leaf: the leaf with itself and those behind it. Bit k of a leaf is set in
-    `active` if its triangle k is; pairs of two that are not are left out, and modelled ones.
-    With more than `most` pairs, or when a leaf has met more than `most_of_leaf` triangles, the
-    search ends: of poses that collapsed the count is more than `most` in no time, and cannot wrap
-    around.
+    `active` if its triangle k is; pairs of two that are not are left out, and modelled ones. With
+    more than `most` pairs, or `most_of_leaf` triangles that a leaf has met, the search ends: of
+    poses that collapsed the count is more than `most` in no time, and cannot wrap around.
     """
     frame, leaf = wp.tid()
     entry = neighbor_start[leaf]
@@ -234,9 +257,7 @@ def find_candidates(
         elif node < leaves - 1:
             node = 2 * node + 1
         else:
-            if met > most_of_leaf:
-                wp.atomic_max(count, 0, most + 1)
-            if count[0] > most:
+            if enough(met, most, most_of_leaf, count):
                 return
             other = node - leaves + 1
             node = skip[node]
@@ -250,8 +271,7 @@ def find_candidates(
                 i = leaf_start[leaf] + k
                 row = in_reach(low[frame, i], high[frame, i], blocks, frame, other)
                 row = row & wanted(k, out, own_active, other_active)
-                start = leaf_start[other]
-                met += written_pairs(frame, i, start, row, welded, zones, candidates, count)
+                met += add_pairs(frame, i, leaf_start[other], row, welded, zones, candidates, count)
 
 
 @wp.func

@@ -208,22 +208,6 @@ def classify(
     return classify_doubles(double(a0), double(a1), double(a2), double(b0), double(b1), double(b2))
 
 
-@wp.func
-def share_vertex(a: wp.vec3i, b: wp.vec3i) -> bool:
-    """Whether two triangles have a (welded) vertex in common."""
-    return (
-        a[0] == b[0]
-        or a[0] == b[1]
-        or a[0] == b[2]
-        or a[1] == b[0]
-        or a[1] == b[1]
-        or a[1] == b[2]
-        or a[2] == b[0]
-        or a[2] == b[1]
-        or a[2] == b[2]
-    )
-
-
 @wp.struct
 class Zones:
     """Contacts that were modelled, in leaf order; of no triangles if there are none.

@@ -31,6 +31,20 @@ def work_done() -> float:
     return _COUNTER.total
 
 
+def counted(call: Callable[[], T]) -> tuple[T, float]:
+    """Return what a call returns, and the work it did: a thread may count it that waited for it."""
+    begun = work_done()
+    found = call()
+    return found, work_done() - begun
+
+
+def uncounted(call: Callable[[], T]) -> T:
+    """Return what a call returns; its work does not count: each worker does it once for itself."""
+    found, work = counted(call)
+    add_work(-work)
+    return found
+
+
 class Repeats(Generic[T]):
     """What functions found of the same poses before: the work is counted again, but not done.
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import frame_units
+from dtrepair.numerics.work import add_work, counted, work_done
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.frames import Frame, without_holds
 from dtrepair.repair.clip.mend_frames import dirty_share
@@ -54,8 +55,12 @@ def side_by_side(
     """Return the answers in order, on threads: detection releases the interpreter."""
     if (jobs := jobs or available_processors()) == 1:
         return [function(item) for item in items]
+    answers = []
     with ThreadPoolExecutor(jobs) as pool:
-        return list(pool.map(function, items))
+        for answer, work in pool.map(lambda item: counted(partial(function, item)), items):
+            answers.append(answer)
+            add_work(work)
+    return answers
 
 
 class WindowRepairer:
@@ -142,12 +147,15 @@ class WindowRepairer:
             return [Judged(frame.centred) for frame in frames], meshes
         solved, place = without_holds(frames, longest=self.options.longest_hold)
         self._worth = share * len(frames) / len(solved)
+        enough = work_done() + ways.most(meshes.scene, len(solved))
         # Attached parts take their garments along from the start: through a coat that is free limbs
         # are pushed, and what that strains is solved twice.
         first = meshes.dressed if is_tied(meshes.scene) else None
         judged, taken = with_props(first or meshes, solved, self._judged, options=ways)
-        judged, taken = on_other_ways(taken, solved, judged, self._judged, options=ways)
-        judged = with_turns(taken, solved, judged, self._judged, options=ways)
+        judged, taken = on_other_ways(
+            taken, solved, judged, self._judged, enough=enough, options=ways
+        )
+        judged = with_turns(taken, solved, judged, self._judged, enough=enough, options=ways)
         if first is None:
             meshes = taken
         else:

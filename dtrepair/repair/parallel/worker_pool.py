@@ -17,6 +17,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from dtrepair.numerics.work import add_work, counted, work_done
 from dtrepair.repair.parallel.process_pool import (
     ATTEMPTS,
     WorkerLost,
@@ -59,6 +60,7 @@ class WorkerPool:
 
     Arrays of `array` are the same for all workers; all else that a method changes is known to the
     worker that did it, which is always the same one for a frame, and here only by its answers.
+    Their work is counted here too, see `numerics.work`: it is the same for any number of workers.
     """
 
     # Called now and then, here only, with how many frames' worth of work is done.
@@ -125,13 +127,15 @@ class ThreadWorkerPool(WorkerPool):
     ) -> list[Any]:
         """Return the answers of state.name(surface, item, *more) in the order of the items."""
 
-        def call(item: Any) -> Any:
-            return getattr(self.state, name)(self.state.surface, item, *more)
+        def call(item: Any) -> tuple[Any, float]:
+            method = getattr(self.state, name)
+            return counted(partial(method, self.state.surface, item, *more))
 
         assert self._pool is not None
         answers = []
-        for answer in self._pool.map(call, items):
+        for answer, work in self._pool.map(call, items):
             answers.append(answer)
+            add_work(work)
             if told is not None:
                 told(len(answers) / len(items))
         return answers
@@ -191,7 +195,8 @@ class ProcessWorkerPool(WorkerPool):
             if worker == 0:
                 found = super().map(name, own, *more, told=told)
             else:
-                found = self._answer(worker)
+                found, work = self._answer(worker)
+                add_work(work)
             for k, answer in zip(share, found, strict=True):
                 answers[k] = answer
         return answers
@@ -225,7 +230,8 @@ class ProcessWorkerPool(WorkerPool):
     def _serve(self, connection: Connection) -> None:
         """In a worker: do what is asked for, until this process is ended."""
         while True:
-            connection.send_bytes(packed(partial(self._called, *connection.recv())))
+            call = partial(self._called, *connection.recv())
+            connection.send_bytes(packed(partial(counted, call)))
 
     def _called(self, name: str, items: Sequence[Any] | None, more: tuple[Any, ...]) -> Any:
         return super().tell(name, *more) if items is None else super().map(name, items, *more)
@@ -256,9 +262,12 @@ def with_workers(
     Where a worker is lost all of it is done again, with fewer of them: memory may have run out.
     Raises WorkerLost where that happens again and again.
     """
+    begun = work_done()
     for attempt in range(1, ATTEMPTS + 1):
         try:
             with make_worker_pool(surface, jobs) as pool:
+                # Neither the start of workers counts nor what is done again.
+                add_work(begun - work_done())
                 return work(pool)
         except WorkerLost:
             if attempt == ATTEMPTS:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.temporal import runs_of
+from dtrepair.numerics.work import work_done
 from dtrepair.repair.scene.bounds import Judged, came_off, pairs_and_enclosed, wrong_in
 from dtrepair.repair.scene.holding import is_tied
 from dtrepair.repair.scene.opened_pose import OpenedPose, Pose, detected
@@ -38,6 +39,9 @@ class OtherWayOptions:
             those with least left, and on the others where at most this share of it stays.
         large: Scenes of more triangles get fewer frames by that ratio, but one at least; ...
         more: ... those of fewer get more, up to this factor.
+        work, work_a_triangle: After so much work, plus this for each triangle of the scene, times
+            the effort, for each frame of a window (units of `numerics.work`), frames of attached
+            parts go no other way.
     """
 
     farther: float = 2.0
@@ -50,6 +54,13 @@ class OtherWayOptions:
     helped: float = 0.5
     large: int = 20_000
     more: float = 2.0
+    work: float = 2e6
+    work_a_triangle: float = 60.0
+
+    def most(self, scene: Scene, frames: int) -> float:
+        """Return the work after which so many frames of a scene go no other way."""
+        a_frame = self.work + self.work_a_triangle * len(scene.faces)
+        return scene.options.effort * a_frame * frames
 
     def much_farther(self, most: float, than: float) -> bool:
         """Return whether the farthest move of one way is much farther than that of another.
@@ -144,16 +155,18 @@ def on_other_ways(
     judged: list[Judged],
     judge: Judge[Pose],
     *,
+    enough: float = np.inf,
     options: OtherWayOptions = OtherWayOptions(),
 ) -> tuple[list[Judged], WeldedMeshes]:
     """Return better poses of a window where another way leaves less, and the meshes of its way.
 
     Frames of attached parts, which are solved each for itself, go another way alone, and also where
     something is left in them: a prop that bends within the bounds elsewhere is left at that.
+    enough: total of `work_done` after which none of them does.
     """
     scene, taken, result = meshes.scene, meshes, judged
     if is_tied(scene):
-        return _each_on_its_way(meshes, frames, judged, judge, options), meshes
+        return _each_on_its_way(meshes, frames, judged, judge, enough, options), meshes
     if not any(found.lowered for found in judged):
         return judged, meshes
     bent = [bent_bodies(scene, found) for found in judged]
@@ -171,6 +184,7 @@ def _each_on_its_way(
     frames: Sequence[Pose],
     judged: list[Judged],
     judge: Judge[Pose],
+    enough: float,
     options: OtherWayOptions,
 ) -> list[Judged]:
     """Return poses of attached parts, each on the way that leaves least of what is wrong."""
@@ -191,6 +205,8 @@ def _each_on_its_way(
         """
         count, tried = len(scene.faces), np.zeros(len(frames), dtype=bool)
         for run in options.again(chosen & (wrong > 0), wrong.tolist(), count, most=most):
+            if work_done() > enough:
+                break
             own, tried[run] = frames[run], True
             other = judge(way, list(own))
             left = _wrong(scene, own, other)
@@ -231,12 +247,14 @@ def with_turns(
     judged: list[Judged],
     judge: Judge[Pose],
     *,
+    enough: float = np.inf,
     options: OtherWayOptions = OtherWayOptions(),
 ) -> list[Judged]:
     """Return better poses where strained ones are less so if joints that turned are left alone.
 
     What such joints have in contact counts all the same in what is handed back, and what strained
-    the frame stays told. In large scenes those with least left are tried (see `again`).
+    the frame stays told. In large scenes those with least left are tried (see `again`). enough:
+    see `on_other_ways`.
     """
     lowered = np.array([found.lowered for found in judged])
     turning = meshes.turning if lowered.any() else None
@@ -248,6 +266,8 @@ def with_turns(
     met = [own.wrong < frame.wrong for own, frame in zip(known, frames, strict=True)]
     chosen, before = lowered & np.array(met), _left(meshes.scene, frames, judged)
     for run in options.again(chosen, before, len(scene.faces), most=int(chosen.sum())):
+        if work_done() > enough:
+            break
         own, first = known[run], result[run]
         other = judge(turning, own)
         left = zip(_left(scene, own, other), _left(scene, own, first), strict=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from dtrepair.numerics.operators import (
     uniform_laplacian,
 )
 from dtrepair.numerics.scale import WHOLE, Scale
+from dtrepair.numerics.work import uncounted
 from dtrepair.numerics.worn.covering import Covering
 from dtrepair.repair.surface.contacts import Contacts
 from dtrepair.repair.surface.layers import (
@@ -239,7 +240,8 @@ class Surface(Topology):
                 roots = [np.full(b.stop - b.start, np.sqrt(finer * b.diffusion)) for b in moving]
                 scale = sparse.diags(np.concatenate(roots))
                 strong = scale @ self.laplacian[own][:, own] @ scale
-            factors.append((own, self.factor(sparse.diags(self.mass[own]) + strong)))
+            system = sparse.diags(self.mass[own]) + strong
+            factors.append((own, uncounted(partial(self.factor, system))))
         return factors
 
     @property
@@ -249,11 +251,10 @@ class Surface(Topology):
 
     def arap_factor_with(self, anchor: float) -> Solver:
         """Return the factor of L + anchor M, made once for each anchor."""
-        factor = self._arap_factors.get(anchor)
-        if factor is None:
-            factor = self.factor(self.laplacian + anchor * sparse.diags(self.mass))
-            self._arap_factors[anchor] = factor
-        return factor
+        if anchor not in self._arap_factors:
+            system = self.laplacian + anchor * sparse.diags(self.mass)
+            self._arap_factors[anchor] = uncounted(partial(self.factor, system))
+        return self._arap_factors[anchor]
 
     @cached_property
     def cover(self) -> IntArray:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from dtrepair.numerics.work import add_work, work_done
 from dtrepair.repair.parallel.process_pool import ATTEMPTS, WorkerLost, can_fork
 from dtrepair.repair.parallel.worker_pool import (
     ProcessWorkerPool,
@@ -44,6 +45,9 @@ class Work:
         self.squares[frame] = factor * frame**2 + self.offset
         self.calls[frame] += 1
         return frame, self.calls[frame], os.getpid()
+
+    def worked(self, surface: Surface, frame: int) -> None:
+        add_work(frame)
 
     def shift(self, offset: int) -> None:
         self.offset = offset
@@ -84,6 +88,29 @@ def test_pools_tell_how_far_they_are(make: Callable[[], WorkerPool]) -> None:
         assert told == sorted(set(told)) and told[0] > 0.0
         pool.map("squared", [], 1.0, told=told.append)
         assert told[-1] == 1.0
+
+
+@pytest.mark.parametrize("make", POOLS)
+def test_pools_count_what_their_workers_did(make: Callable[[], WorkerPool]) -> None:
+    with make() as pool:
+        pool.start(Work(pool))
+        begun = work_done()
+        pool.map("worked", range(8))
+        assert work_done() - begun == sum(range(8))
+
+
+def test_work_that_a_lost_worker_makes_again_counts_once() -> None:
+    pools: list[WorkerPool] = []
+
+    def work(pool: WorkerPool) -> None:
+        pools.append(pool)
+        add_work(5.0)
+        if len(pools) == 1:
+            raise WorkerLost
+
+    surface, begun = Surface(*icosphere(1)), work_done()
+    with_workers(surface, 1, work)
+    assert len(pools) == 2 and work_done() - begun == 5.0
 
 
 @needs_fork

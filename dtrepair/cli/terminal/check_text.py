@@ -35,7 +35,7 @@ def print_check(console: Console, report: Report) -> None:
         console.result("a pair between two meshes is counted in the row of either, and once in all")
     for line in enclosed_lines(records):
         console.result(line)
-    console.result(_conclusion(records))
+    console.result(_conclusion(records, every=report.settings.get("rest_contacts") == "repair"))
 
 
 def _unusable_lines(records: Sequence[FrameRecord]) -> list[str]:
@@ -52,7 +52,8 @@ def _unusable_lines(records: Sequence[FrameRecord]) -> list[str]:
     return lines
 
 
-def _conclusion(records: tuple[FrameRecord, ...]) -> str:
+def _conclusion(records: tuple[FrameRecord, ...], *, every: bool) -> str:
+    """Return what was found in all; every: whether nothing was left out as modelled."""
     counts = [record.before for record in records if record.before is not None]
     hit = sum(count.pairs > 0 for count in counts)
     triangles = sum(count.triangles for count in counts)
@@ -67,7 +68,7 @@ def _conclusion(records: tuple[FrameRecord, ...]) -> str:
     verb = "intersects" if hit == 1 else "intersect"
     return (
         f"{hit} of {counted(len(counts), 'frame')} {verb}: {counted(triangles, 'triangle')}, "
-        f"{counted(pairs, 'pair')}{ending}"
+        f"{counted(pairs, 'pair')}{', every contact counted' if every else ''}{ending}"
     )
 
 

@@ -96,8 +96,10 @@ def test_it_is_said_once_for_a_run_and_not_as_a_warning(tmp_path: Path) -> None:
     assert run("check", path, "--rest-contacts", "repair").err == ""
     strict = run("check", path, "--strict")
     assert strict.err == "" and strict.code == 1
+    assert strict.out.splitlines()[-1].endswith(" pairs, every contact counted")
     told = run("check", path, "--strict", "--rest-contacts", "auto")
     assert told.code == 0 and "taken as modelled" in told.err
+    assert "every contact" not in told.out
 
 
 def test_help_of_check_tells_what_strict_counts() -> None:

@@ -1,4 +1,4 @@
-"""How much work a thread has done: counted, not timed, so that results are the same on any machine.
+"""How much work was done: counted, not timed, so that results are the same on any machine.
 
 The unit is the detection of one triangle's contacts. Counted are detections, Cholesky factors,
 their solves and patches of fills, about half of what repairs do; with the rest a unit takes one and
@@ -14,35 +14,44 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 
+# Sums of whole parts of a unit do not depend on their order.
+_PARTS = 40
+
+
 class _Counter(threading.local):
-    total = 0.0
+    total = 0
 
 
 _COUNTER = _Counter()
 
 
 def add_work(amount: float) -> None:
-    """Count work of this thread, in units of a triangle's detection."""
-    _COUNTER.total += amount
+    """Count work of this thread, in units of a triangle's detection, to a fortieth of it."""
+    _COUNTER.total += round(_PARTS * amount)
 
 
 def work_done() -> float:
     """Return what this thread has counted so far; only differences mean anything."""
-    return _COUNTER.total
+    return _COUNTER.total / _PARTS
 
 
 def counted(call: Callable[[], T]) -> tuple[T, float]:
-    """Return what a call returns, and the work it did: a thread may count it that waited for it."""
-    begun = work_done()
+    """Return what a call returns, and its work, which those can count who wait for its thread."""
+    begun = _COUNTER.total
     found = call()
-    return found, work_done() - begun
+    return found, (_COUNTER.total - begun) / _PARTS
 
 
 def uncounted(call: Callable[[], T]) -> T:
-    """Return what a call returns; its work does not count: each worker does it once for itself."""
-    found, work = counted(call)
-    add_work(-work)
-    return found
+    """Return what a call returns; its work does not count.
+
+    Of what is made once and kept: however many workers there are, each of them makes it.
+    """
+    begun = _COUNTER.total
+    try:
+        return call()
+    finally:
+        _COUNTER.total = begun
 
 
 class Repeats(Generic[T]):

@@ -12,6 +12,7 @@ import json
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from dtrepair.diagnosis import Diagnosis, Status
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.work import add_work, counted
 from dtrepair.repair.parallel.process_pool import in_batches, map_in_processes
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.result import Count, RepairResult, Stage
@@ -66,14 +68,16 @@ def _remembering(solve: WindowSolver, mesh: WeldedMesh, memory: Memory) -> Windo
         lifted = [] if inputs is None else [inputs]
         key = hash_of(original, frames, mesh.surface.faces, way, *lifted)
         kept = memory.recall(key)
-        if kept is not None:
+        if kept is not None and "work" in kept:
             found = original.copy()
             found[:, kept["vertices"]] = kept["points"]
+            add_work(float(kept["work"]))
             return found
-        solved = solve(original, frames, pool, inputs, unless=unless)
+        solved, work = counted(partial(solve, original, frames, pool, inputs, unless=unless))
         if solved is not None:
             vertices = np.flatnonzero((solved != original).any(axis=(0, 2)))
-            memory.keep(key, {"vertices": vertices, "points": solved[:, vertices]})
+            points = solved[:, vertices]
+            memory.keep(key, {"vertices": vertices, "points": points, "work": np.array(work)})
         return solved
 
     return looked_up

@@ -1,4 +1,4 @@
-"""Work is counted for each thread, by what was done and not by the time that it took."""
+"""Work is counted by what was done and not by the time that it took."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy import sparse
 
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.operators import Factor, patch_factor
-from dtrepair.numerics.work import Repeats, add_work, work_done
+from dtrepair.numerics.work import Repeats, add_work, counted, uncounted, work_done
 from tests.meshes import icosphere
 
 
@@ -21,6 +21,34 @@ def test_a_thread_counts_its_own_work() -> None:
     assert work_done() - before == 2.5
     with ThreadPoolExecutor(1) as pool:
         assert pool.submit(work_done).result() == 0.0
+
+
+def test_what_is_made_once_and_kept_does_not_count() -> None:
+    def made() -> str:
+        add_work(3.0)
+        return "made"
+
+    def failed() -> None:
+        add_work(3.0)
+        raise ValueError
+
+    before = work_done()
+    assert uncounted(made) == "made"
+    with pytest.raises(ValueError):
+        uncounted(failed)
+    assert work_done() == before
+    assert counted(made) == ("made", 3.0)
+    assert work_done() - before == 3.0
+
+
+def test_sums_do_not_depend_on_their_order() -> None:
+    amounts, spent = [0.025, 1e7, 1.0, 0.175] * 1000, list[float]()
+    for own in (amounts, sorted(amounts), sorted(amounts)[::-1]):
+        before = work_done()
+        for amount in own:
+            add_work(amount)
+        spent.append(work_done() - before)
+    assert spent[0] == spent[1] == spent[2] == pytest.approx(1e10 + 1200.0)
 
 
 def test_detections_count_what_they_look_at() -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dtrepair import Body, RepairOptions, RepairResult, SceneRepairer
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.work import add_work, work_done
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.clip.window_method import WindowSolver
 from dtrepair.repair.parallel.worker_pool import WorkerPool
@@ -90,6 +91,29 @@ def test_windows_are_solved_once_in_each_way() -> None:
             mesh = way([way.scene.rest_weld])
             remembering(make_method, memory)(mesh)(window, times, WorkerPool())
     assert len(solved) == len(set(solved)) == len(memory) == len(ways)
+
+
+def test_what_is_looked_up_counts_as_much_work_as_solving_it() -> None:
+    memory, solved, spent = Kept(), list[int](), list[float]()
+    window, times = np.stack(POSES), np.arange(float(len(POSES)))
+
+    def solve(original: FloatArray, *rest: object, **more: object) -> FloatArray:
+        add_work(7.0)
+        solved.append(len(original))
+        return original
+
+    scene = SceneRepairer([Body(REST, FACES)]).scene
+    solver = remembering(lambda _: solve, memory)(WeldedMeshes(scene)([scene.rest_weld]))
+    for _ in range(2):
+        begun = work_done()
+        solver(window, times, WorkerPool())
+        spent.append(work_done() - begun)
+    assert spent == [7.0, 7.0] and len(solved) == 1
+    # What an older program kept tells none: it is solved again.
+    for key, arrays in memory.items():
+        memory[key] = {name: array for name, array in arrays.items() if name != "work"}
+    solver(window, times, WorkerPool())
+    assert len(solved) == 2
 
 
 def test_windows_that_were_led_from_other_inputs_are_solved_for_themselves() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.temporal import frame_units
-from dtrepair.numerics.work import add_work, counted, work_done
+from dtrepair.numerics.work import counted
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.frames import Frame, without_holds
 from dtrepair.repair.clip.mend_frames import dirty_share
@@ -55,12 +55,8 @@ def side_by_side(
     """Return the answers in order, on threads: detection releases the interpreter."""
     if (jobs := jobs or available_processors()) == 1:
         return [function(item) for item in items]
-    answers = []
     with ThreadPoolExecutor(jobs) as pool:
-        for answer, work in pool.map(lambda item: counted(partial(function, item)), items):
-            answers.append(answer)
-            add_work(work)
-    return answers
+        return list(pool.map(function, items))
 
 
 class WindowRepairer:
@@ -87,6 +83,7 @@ class WindowRepairer:
         self.make_method, self.jobs, self.progress = make_method, jobs, progress
         # What of a window is done, told, and which share of it a present frame stands for.
         self._done, self._told, self._worth = 0.0, 0.0, 1.0
+        self._work = 0.0  # of solving, see `numerics.work`
 
     def __call__(self, frames: list[Frame]) -> tuple[list[Judged], WeldedMeshes]:
         """Return the repaired poses of a window within the bounds, and the meshes they are of.
@@ -147,15 +144,18 @@ class WindowRepairer:
             return [Judged(frame.centred) for frame in frames], meshes
         solved, place = without_holds(frames, longest=self.options.longest_hold)
         self._worth = share * len(frames) / len(solved)
-        enough = work_done() + ways.most(meshes.scene, len(solved))
+        scene, most = meshes.scene, self._work + ways.enough_work(meshes.scene, len(solved))
+
+        def enough() -> bool:
+            return is_tied(scene) and self._work > most
+
         # Attached parts take their garments along from the start: through a coat that is free limbs
         # are pushed, and what that strains is solved twice.
         first = meshes.dressed if is_tied(meshes.scene) else None
         judged, taken = with_props(first or meshes, solved, self._judged, options=ways)
-        judged, taken = on_other_ways(
-            taken, solved, judged, self._judged, enough=enough, options=ways
-        )
-        judged = with_turns(taken, solved, judged, self._judged, enough=enough, options=ways)
+        limits = self._judged, enough
+        judged, taken = on_other_ways(taken, solved, judged, *limits, options=ways)
+        judged = with_turns(taken, solved, judged, *limits, options=ways)
         if first is None:
             meshes = taken
         else:
@@ -315,7 +315,8 @@ class WindowRepairer:
             pool.progress = lambda done: self._tell(self.options.solving, done)
             return self.make_method(mesh)(led, times, pool, base if moved else None, unless=unless)
 
-        found = with_workers(mesh.surface, jobs, solved)
+        found, work = counted(partial(with_workers, mesh.surface, jobs, solved))
+        self._work += work
         if found is None:
             return None
         return [mesh.expanded(*each) for each in zip(inputs, base, found, strict=True)]

@@ -266,7 +266,7 @@ def with_workers(
     for attempt in range(1, ATTEMPTS + 1):
         try:
             with make_worker_pool(surface, jobs) as pool:
-                # Neither the start of workers counts nor what is done again.
+                # What starts workers does not count, nor what was lost with one.
                 add_work(begun - work_done())
                 return work(pool)
         except WorkerLost:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.temporal import runs_of
-from dtrepair.numerics.work import work_done
 from dtrepair.repair.scene.bounds import Judged, came_off, pairs_and_enclosed, wrong_in
 from dtrepair.repair.scene.holding import is_tied
 from dtrepair.repair.scene.opened_pose import OpenedPose, Pose, detected
@@ -39,9 +38,9 @@ class OtherWayOptions:
             those with least left, and on the others where at most this share of it stays.
         large: Scenes of more triangles get fewer frames by that ratio, but one at least; ...
         more: ... those of fewer get more, up to this factor.
-        work, work_a_triangle: After so much work, plus this for each triangle of the scene, times
-            the effort, for each frame of a window (units of `numerics.work`), frames of attached
-            parts go no other way.
+        work, work_a_triangle: Frames of attached parts begin no other way once solving took so much
+            work, and so much for each triangle of the scene, times the effort, in the mean of the
+            frames of their window (units of `numerics.work`).
     """
 
     farther: float = 2.0
@@ -57,8 +56,8 @@ class OtherWayOptions:
     work: float = 2e6
     work_a_triangle: float = 60.0
 
-    def most(self, scene: Scene, frames: int) -> float:
-        """Return the work after which so many frames of a scene go no other way."""
+    def enough_work(self, scene: Scene, frames: int) -> float:
+        """Return the work on a window of so many frames after which no other way begins."""
         a_frame = self.work + self.work_a_triangle * len(scene.faces)
         return scene.options.effort * a_frame * frames
 
@@ -154,19 +153,19 @@ def on_other_ways(
     frames: Sequence[Pose],
     judged: list[Judged],
     judge: Judge[Pose],
+    worked_enough: Callable[[], bool],
     *,
-    enough: float = np.inf,
     options: OtherWayOptions = OtherWayOptions(),
 ) -> tuple[list[Judged], WeldedMeshes]:
     """Return better poses of a window where another way leaves less, and the meshes of its way.
 
     Frames of attached parts, which are solved each for itself, go another way alone, and also where
     something is left in them: a prop that bends within the bounds elsewhere is left at that.
-    enough: total of `work_done` after which none of them does.
+    worked_enough: whether no other way of theirs begins, as so much work was done.
     """
     scene, taken, result = meshes.scene, meshes, judged
     if is_tied(scene):
-        return _each_on_its_way(meshes, frames, judged, judge, enough, options), meshes
+        return _each_on_its_way(meshes, frames, judged, judge, worked_enough, options), meshes
     if not any(found.lowered for found in judged):
         return judged, meshes
     bent = [bent_bodies(scene, found) for found in judged]
@@ -184,7 +183,7 @@ def _each_on_its_way(
     frames: Sequence[Pose],
     judged: list[Judged],
     judge: Judge[Pose],
-    enough: float,
+    worked_enough: Callable[[], bool],
     options: OtherWayOptions,
 ) -> list[Judged]:
     """Return poses of attached parts, each on the way that leaves least of what is wrong."""
@@ -205,7 +204,7 @@ def _each_on_its_way(
         """
         count, tried = len(scene.faces), np.zeros(len(frames), dtype=bool)
         for run in options.again(chosen & (wrong > 0), wrong.tolist(), count, most=most):
-            if work_done() > enough:
+            if worked_enough():
                 break
             own, tried[run] = frames[run], True
             other = judge(way, list(own))
@@ -246,18 +245,18 @@ def with_turns(
     frames: Sequence[Pose],
     judged: list[Judged],
     judge: Judge[Pose],
+    worked_enough: Callable[[], bool],
     *,
-    enough: float = np.inf,
     options: OtherWayOptions = OtherWayOptions(),
 ) -> list[Judged]:
     """Return better poses where strained ones are less so if joints that turned are left alone.
 
     What such joints have in contact counts all the same in what is handed back, and what strained
-    the frame stays told. In large scenes those with least left are tried (see `again`). enough:
-    see `on_other_ways`.
+    the frame stays told. In large scenes those with least left are tried (see `again`).
+    worked_enough: see `on_other_ways`.
     """
     lowered = np.array([found.lowered for found in judged])
-    turning = meshes.turning if lowered.any() else None
+    turning = meshes.turning if lowered.any() and not worked_enough() else None
     if turning is None:
         return judged
     scene, result = turning.scene, list(judged)
@@ -266,7 +265,7 @@ def with_turns(
     met = [own.wrong < frame.wrong for own, frame in zip(known, frames, strict=True)]
     chosen, before = lowered & np.array(met), _left(meshes.scene, frames, judged)
     for run in options.again(chosen, before, len(scene.faces), most=int(chosen.sum())):
-        if work_done() > enough:
+        if worked_enough():
             break
         own, first = known[run], result[run]
         other = judge(turning, own)

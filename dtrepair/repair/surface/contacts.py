@@ -15,6 +15,7 @@ from dtrepair.intersect.queries import Queries
 from dtrepair.intersect.topology.ring_distances import MOST_RINGS, RingDistances
 from dtrepair.numerics.attachments import Attachments
 from dtrepair.numerics.geometry import FloatArray, IntArray, pair_keys
+from dtrepair.numerics.work import uncounted
 from dtrepair.repair.surface.uncertain_pairs import UncertainPairs
 
 BoolArray = NDArray[np.bool_]
@@ -178,7 +179,7 @@ class Contacts:
 
     @cached_property
     def _crossing_at_rest(self) -> NDArray[np.int64]:
-        return pair_keys(self._detector(self._rest))
+        return pair_keys(uncounted(lambda: self._detector(self._rest)))
 
 
 def _united(first: IntArray, second: IntArray) -> IntArray:

@@ -262,7 +262,7 @@ class Surface(Topology):
 
         Bodies that cross at rest cover each other only where the layers of other poses tell.
         """
-        cover = self._covered_bodies()
+        cover = uncounted(self._covered_bodies)
         if self.covering is None:
             return cover
         return np.where(cover >= 0, cover, self.covering.beneath)

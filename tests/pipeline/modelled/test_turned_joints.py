@@ -93,7 +93,7 @@ def test_a_strained_joint_that_turned_is_left_alone_and_told(
         assert "--attach" in frame.message and "--at-any-cost" in frame.message
     # Else the joint gives way.
     monkeypatch.setattr(
-        window_repairer, "with_turns", lambda meshes, frames, judged, judge, **_: judged
+        window_repairer, "with_turns", lambda meshes, frames, judged, *_, options: judged
     )
     frames = repair_stage(path, tmp_path / "c.usda", selection=last).frames
     times = [frame.time for frame in left]

@@ -10,6 +10,7 @@ import pytest
 
 from dtrepair.diagnosis import Status
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.work import add_work
 from dtrepair.repair.clip.clip_options import ClipOptions
 from dtrepair.repair.clip.clip_repairer import ClipRepairer
 from dtrepair.repair.clip.layout import CutOptions
@@ -70,8 +71,13 @@ def test_few_dirty_frames_are_solved_again(
         assert all(result.status is Status.CLEAN for result in results[again])
 
 
-@pytest.mark.parametrize("way", [np.inf, 0.0])
-def test_what_stays_dirty_goes_the_way_that_shares_other_creases(way: float) -> None:
+@pytest.mark.parametrize(
+    ("way", "work", "ways"), [(np.inf, 0.0, 2), (0.0, 0.0, 3), (0.0, 4e6, 2), (0.0, 9e6, 1)]
+)
+def test_what_stays_dirty_goes_the_way_that_shares_other_creases(
+    way: float, work: float, ways: int
+) -> None:
+    """Until solving took as much work as three frames may take."""
     asked: list[tuple[float, int]] = []
 
     def method(mesh: WeldedMesh) -> WindowSolver:
@@ -86,6 +92,7 @@ def test_what_stays_dirty_goes_the_way_that_shares_other_creases(way: float) -> 
             unless: Any = None,
         ) -> FloatArray:
             asked.append((creased, len(original)))
+            add_work(work)
             # On other ways than this one the last frame is not solved.
             last = [solve_alone(mesh.surface, original[-1], rounds=2)]
             return np.concatenate([original[:-1], last if creased == way else original[-1:]])
@@ -93,9 +100,9 @@ def test_what_stays_dirty_goes_the_way_that_shares_other_creases(way: float) -> 
         return solve
 
     results = results_of((0.75, 0.8, 1.3), method, OtherWayOptions())
-    assert all(result.status is Status.CLEAN for frame in results for result in frame)
-    first = [(TieOptions.creased, 3), (np.inf, 1)]
-    assert asked == (first if way else [*first, (0.0, 1)])
+    clean = [all(result.status is Status.CLEAN for result in frame) for frame in results]
+    assert clean == [True, True, 4e6 > work]
+    assert asked == [(TieOptions.creased, 3), (np.inf, 1), (0.0, 1)][:ways]
 
 
 def results_of(

@@ -20,7 +20,7 @@ from dtrepair.repair.parallel.worker_pool import (
     with_workers,
     worthwhile_jobs,
 )
-from dtrepair.repair.surface.surface import Surface
+from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import icosphere
 
 needs_fork = pytest.mark.skipif(not can_fork(), reason="needs processes that can be forked")
@@ -48,6 +48,10 @@ class Work:
 
     def worked(self, surface: Surface, frame: int) -> None:
         add_work(frame)
+
+    def asked(self, surface: Surface, frame: int) -> None:
+        assert surface.cover.max() >= 0 and surface.arap_factor.size == surface.count
+        surface.contacts.pairs((1.0 + 0.1 * frame) * surface.rest)
 
     def shift(self, offset: int) -> None:
         self.offset = offset
@@ -97,6 +101,28 @@ def test_pools_count_what_their_workers_did(make: Callable[[], WorkerPool]) -> N
         begun = work_done()
         pool.map("worked", range(8))
         assert work_done() - begun == sum(range(8))
+
+
+def test_work_does_not_depend_on_the_number_of_workers() -> None:
+    """Neither on what each of them makes for itself, as factors and what covers what."""
+    points, faces = icosphere(2)
+    both = np.concatenate([points, 1.05 * points])
+    bodies = [BodyRange(0, len(points), 99.0), BodyRange(len(points), len(both), 99.0)]
+    spent = []
+    for jobs in (1, 2, 3):
+        faces_of_both = np.concatenate([faces, faces + len(points)])
+        surface = Surface(both, faces_of_both, bodies=bodies, leave_rest=True)
+        state = Work(WorkerPool())
+        state.surface, begun = surface, work_done()
+
+        def work(pool: WorkerPool, state: Work = state) -> None:
+            pool.start(state)
+            pool.map("asked", range(6))
+            pool.map("asked", range(6))
+
+        with_workers(surface, jobs, work)
+        spent.append(work_done() - begun)
+    assert spent == [12.0 * 2 * len(faces)] * 3
 
 
 def test_work_that_a_lost_worker_makes_again_counts_once() -> None:

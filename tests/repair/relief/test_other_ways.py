@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.numerics.work import add_work, work_done
 from dtrepair.repair.relief import other_ways
-from dtrepair.repair.relief.other_ways import OtherWayOptions, on_other_ways
+from dtrepair.repair.relief.other_ways import OtherWayOptions, on_other_ways, with_turns
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
@@ -74,9 +73,8 @@ class Trial:
     def told(self, _: Any, __: OpenedPose, points: FloatArray) -> tuple[int, int]:
         return next(left for own, left in self.known if own is points)
 
-    def run(self, *, enough: float = np.inf, **options: Any) -> list[tuple[int, int]]:
+    def run(self, *, most: float = np.inf, **options: Any) -> list[tuple[int, int]]:
         def judge(way: WeldedMeshes, own: list[OpenedPose]) -> list[Judged]:
-            add_work(1.0)
             name = next(name for name, other in self.ways.items() if other is way)
             places = [self.place(frame) for frame in own]
             self.asked.append((name, places))
@@ -85,7 +83,11 @@ class Trial:
         numbers = OtherWayOptions(large=len(self.meshes.scene.faces), farther=np.inf)
         numbers = replace(numbers, **options)
         window = self.meshes, self.frames, self.judged
-        self.found, taken = on_other_ways(*window, judge, enough=enough, options=numbers)
+
+        def enough() -> bool:
+            return len(self.asked) >= most
+
+        self.found, taken = on_other_ways(*window, judge, enough, options=numbers)
         assert taken is self.meshes
         return [self.told(None, self.frames[0], own.points) for own in self.found]
 
@@ -104,23 +106,45 @@ def test_what_a_strained_way_cleaned_leaves_room_for_others(
     assert trial.asked == [("rigid", [0, 1, 2]), ("none", [3, 4]), ("none", [5])]
 
 
-@pytest.mark.parametrize(("enough", "runs"), [(-1.0, 0), (0.5, 1), (1.5, 2), (9.0, 3)])
-def test_no_other_way_begins_after_so_much_work(
-    enough: float, runs: int, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("most", [0, 1, 2, 3])
+def test_no_other_way_begins_where_enough_was_done(
+    most: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first, rigid = same(5, 5, 5, 9, 9, 9), same(0, 0, 0, 9, 9, 9)
     left = {"first": first, "rigid": rigid, "none": same(*[0] * 6), "all": same(*[0] * 6)}
     trial = Trial(monkeypatch, left, lowered=True)
-    trial.run(enough=work_done() + enough)
-    assert len(trial.asked) == runs
+    trial.run(most=most)
+    assert len(trial.asked) == most
+
+
+def test_no_turned_joint_is_left_alone_where_enough_was_done(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Asked(Exception):
+        """The meshes in which turned joints are left alone were asked for."""
+
+    def asked(_: WeldedMeshes) -> None:
+        raise Asked
+
+    left = dict.fromkeys(("first", "rigid", "none", "all"), same(*[5] * 6))
+    trial = Trial(monkeypatch, left, lowered=True)
+    monkeypatch.setattr(WeldedMeshes, "turning", property(asked))
+
+    def found(enough: bool) -> list[Judged]:
+        return with_turns(trial.meshes, trial.frames, trial.judged, lambda *_: [], lambda: enough)
+
+    assert found(True) is trial.judged
+    with pytest.raises(Asked):
+        found(False)
 
 
 def test_the_work_of_a_window_grows_with_its_frames_triangles_and_effort() -> None:
     scene, numbers = winged(1.3)[0], OtherWayOptions(work=100.0, work_a_triangle=2.0)
     once = 100.0 + 2.0 * len(scene.faces)
-    assert numbers.most(scene, 1) == once and numbers.most(scene, 6) == 6.0 * once
+    assert numbers.enough_work(scene, 1) == once
+    assert numbers.enough_work(scene, 6) == 6.0 * once
     harder = replace(scene, options=replace(scene.options, effort=4.0))
-    assert numbers.most(harder, 1) == 4.0 * once
+    assert numbers.enough_work(harder, 1) == 4.0 * once
 
 
 def test_a_frame_that_a_strained_way_brought_near_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:

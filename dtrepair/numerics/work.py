@@ -14,8 +14,8 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 
-# Sums of whole parts of a unit do not depend on their order.
-_PARTS = 40
+# Sums and differences of whole 64ths are exact, so they do not depend on their order.
+_PARTS = 64
 
 
 class _Counter(threading.local):
@@ -26,7 +26,7 @@ _COUNTER = _Counter()
 
 
 def add_work(amount: float) -> None:
-    """Count work of this thread, in units of a triangle's detection, to a fortieth of it."""
+    """Count work of this thread, in units of a triangle's detection, to a 64th of it."""
     _COUNTER.total += round(_PARTS * amount)
 
 

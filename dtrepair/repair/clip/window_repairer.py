@@ -144,14 +144,15 @@ class WindowRepairer:
             return [Judged(frame.centred) for frame in frames], meshes
         solved, place = without_holds(frames, longest=self.options.longest_hold)
         self._worth = share * len(frames) / len(solved)
-        scene, most = meshes.scene, self._work + ways.enough_work(meshes.scene, len(solved))
+        tied, most = is_tied(meshes.scene), ways.enough_work(meshes.scene, len(solved))
+        most += self._work
 
         def enough() -> bool:
-            return is_tied(scene) and self._work > most
+            return tied and self._work > most
 
         # Attached parts take their garments along from the start: through a coat that is free limbs
         # are pushed, and what that strains is solved twice.
-        first = meshes.dressed if is_tied(meshes.scene) else None
+        first = meshes.dressed if tied else None
         judged, taken = with_props(first or meshes, solved, self._judged, options=ways)
         limits = self._judged, enough
         judged, taken = on_other_ways(taken, solved, judged, *limits, options=ways)

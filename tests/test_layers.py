@@ -174,7 +174,7 @@ WALLS = {
     "usd_io": {
         "__init__": "write read times errors",
         "write": "read layers times polygons normals values paths crate_check diagnostics errors",
-        "read": "layers times frame_grid polygons values paths diagnostics errors",
+        "read": "layers times frame_grid polygons values paths expressions diagnostics errors",
         "layers": "arcs crate_check lease diagnostics errors",
         "arcs": "",
         "lease": "",
@@ -184,6 +184,7 @@ WALLS = {
         "normals": "errors",
         "values": "",
         "paths": "errors",
+        "expressions": "errors",
         "crate_check": "errors",
         "diagnostics": "errors",
         "errors": "",

@@ -31,7 +31,7 @@ class Selection:
             range in which anything selected is animated, and samples between them.
         samples_only: take authored samples only, not the whole frames between them.
         prim: path expression of the meshes to take, such as "/Hero//"; None: all.
-        exclude: path expression of meshes to leave out.
+        exclude: path expression of meshes to leave out, or of groups: all below them.
         include_invisible: take invisible meshes too.
         include_purposes: take proxy and guide meshes too.
         skip_varying: skip meshes whose topology changes.

@@ -44,7 +44,7 @@ def read_meshes(
     Args:
         stage: from `open_stage`.
         prim: `Sdf.PathExpression` such as `//hero//{isa:Mesh}`; None takes every mesh.
-        exclude: expression of prims to leave out.
+        exclude: expression of prims to leave out, with all below them.
         include_invisible: take invisible meshes too.
         include_purposes: take meshes of purpose proxy and guide too.
         skip_varying: skip meshes whose topology changes over time, with a warning.

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 
-from pxr import Sdf, Tf, Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
-from usd_io.errors import SelectionError, StageError, one_line
+from usd_io.errors import SelectionError, StageError
+from usd_io.expressions import EVERYWHERE, matching_paths, meant, union_terms
 
 # What renders as a surface and is no mesh.
 _SHAPES = {
     *("Sphere", "Cube", "Cone", "Cylinder", "Cylinder_1", "Capsule", "Capsule_1", "Plane"),
     *("NurbsPatch", "TetMesh"),
 }
-
-# Lives on the session layer while an expression is evaluated.
-_HELPER = "/__usd_io_selection"
 
 
 @dataclass(frozen=True)
@@ -105,71 +101,37 @@ def select_shapes(
     ]
 
 
-def matching_paths(stage: Usd.Stage, expression: str) -> set[Sdf.Path]:
-    """Return the paths of all prims, instance proxies too, that an expression matches.
-
-    A relative expression starts at the root: `hero//` is `/hero//`.
-
-    Raises:
-        SelectionError: the expression is ill-formed.
-    """
-    if not expression.isascii():
-        raise SelectionError(
-            f"prim expression {expression!r}: takes ASCII characters only; write * for the others, "
-            f"such as {re.sub('[^ -~]+', '*', expression)!r}"
-        )
-    try:
-        parsed = Sdf.PathExpression(expression).MakeAbsolute(Sdf.Path.absoluteRootPath)
-        if parsed.IsEmpty():
-            raise SelectionError("the prim expression is empty; try '//{isa:Mesh}' or a prim path")
-        session = stage.GetSessionLayer()
-        with Usd.EditContext(stage, session):
-            helper = stage.DefinePrim(_HELPER)
-            try:
-                collection = Usd.CollectionAPI.Apply(helper, "selection")
-                collection.CreateMembershipExpressionAttr().Set(parsed)
-                matches = Usd.CollectionAPI.ComputeIncludedObjects(
-                    collection.ComputeMembershipQuery(), stage, _everywhere()
-                )
-                return {item.GetPath() for item in matches if item.GetPath() != Sdf.Path(_HELPER)}
-            finally:
-                stage.RemovePrim(_HELPER)
-    except Tf.ErrorException as error:
-        raise SelectionError(
-            f"prim expression {expression!r}: {one_line(error)}; try '/path/of/prim//' or "
-            "'//{isa:Mesh} - /hero//'"
-        ) from None
-
-
-def union_terms(expression: str) -> list[str]:
-    """Return A, B, ... of "(A) + (B) + ...", what an option that is given several times makes.
-
-    Nothing of any other expression, which is one term.
-    """
-    terms = expression.strip().removeprefix("(").removesuffix(")").split(") + (")
-    whole = all(term.count("(") == term.count(")") for term in terms)
-    return terms if whole and len(terms) > 1 else []
-
-
-def _everywhere() -> Usd._PrimFlagsPredicate:
-    """Return the predicate of a traversal that visits instance proxies too."""
-    return Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
-
-
 def _matching_meshes(stage: Usd.Stage, prim: str | None, exclude: str | None) -> list[Usd.Prim]:
     """Return the mesh prims that an expression matches and another does not exclude."""
-    return _matching(stage, prim, exclude, lambda item: bool(item.IsA(UsdGeom.Mesh)))
+    return _matching(stage, prim, exclude, _is_mesh)
 
 
 def _idle_excludes(stage: Usd.Stage, exclude: str | None, meshes: Sequence[Usd.Prim]) -> list[str]:
-    """Return a warning for each term of an exclusion that matches no prim of the stage."""
-    terms = [] if exclude is None else union_terms(exclude) or [exclude.strip()]
+    """Return a warning for each term of an exclusion that leaves out no mesh of the stage."""
+    if exclude is None:
+        return []
     paths = [str(mesh.GetPath()) for mesh in meshes]
-    return [
-        f"exclude {term}: matches no prim, and leaves nothing out{meant(stage, term, paths)}"
-        for term in terms
-        if not matching_paths(stage, term)
-    ]
+    surfaces = {prim.GetPath() for prim in stage.Traverse(EVERYWHERE) if _is_surface(prim)}
+    warnings = []
+    for term in union_terms(exclude) or [exclude.strip()]:
+        matched = matching_paths(stage, term, below=True)
+        if not matched:
+            reason = "matches no prim, and leaves nothing out" + meant(stage, term, paths)
+        elif matched.isdisjoint(surfaces):
+            first = stage.GetPrimAtPath(min(matched).GetPrimPath())
+            reason = f"matches {_named(first)}, where no mesh is, and leaves nothing out"
+        else:
+            continue
+        warnings.append(f"exclude {term}: {reason}")
+    return warnings
+
+
+def _is_surface(prim: Usd.Prim) -> bool:
+    return _is_mesh(prim) or _is_shape(prim)
+
+
+def _is_mesh(prim: Usd.Prim) -> bool:
+    return bool(prim.IsA(UsdGeom.Mesh))
 
 
 def _is_shape(prim: Usd.Prim) -> bool:
@@ -177,7 +139,7 @@ def _is_shape(prim: Usd.Prim) -> bool:
 
 
 def _named(prim: Usd.Prim) -> str:
-    return f"{prim.GetPath()} ({prim.GetTypeName()})"
+    return f"{prim.GetPath()} ({prim.GetTypeName() or 'untyped'})"
 
 
 def _matching(
@@ -185,11 +147,11 @@ def _matching(
 ) -> list[Usd.Prim]:
     """Return the prims of a kind that an expression matches and another does not exclude."""
     # Of a stage that has none no expression needs to be evaluated.
-    items = [item for item in stage.Traverse(_everywhere()) if kind(item)]
+    items = [item for item in stage.Traverse(EVERYWHERE) if kind(item)]
     if not items:
         return []
     included = None if prim is None else matching_paths(stage, prim)
-    excluded = set() if exclude is None else matching_paths(stage, exclude)
+    excluded = set() if exclude is None else matching_paths(stage, exclude, below=True)
     return [
         item
         for item in items
@@ -226,27 +188,6 @@ def _no_match(stage: Usd.Stage, prim: str | None, exclude: str | None) -> Except
     )
 
 
-def meant(stage: Usd.Stage, expression: str, paths: Sequence[str]) -> str:
-    """Return which of the paths a plain path that is not on the stage may mean, as a question.
-
-    Or "": names differ by a letter or two, as many as parents.
-    """
-    typed = expression.strip().removesuffix("//")
-    path = Sdf.Path(typed) if Sdf.Path.IsValidPathString(typed) else Sdf.Path()
-    if not path.IsAbsolutePath() or stage.GetPrimAtPath(path):
-        return ""
-    depth = path.pathElementCount
-    prefixes = dict.fromkeys(
-        above for own in paths for above in Sdf.Path(own).GetPrefixes()[depth - 1 : depth]
-    )
-    names = str(path).split("/")[1:]
-    for near in prefixes:
-        pairs = zip(names, str(near).split("/")[1:], strict=True)
-        if all(get_close_matches(one.lower(), [own.lower()], cutoff=0.75) for one, own in pairs):
-            return f"; is {near}{'' if str(near) in paths else '//'} meant?"
-    return ""
-
-
 def _examples(meshes: Sequence[Usd.Prim], named: int = 3) -> str:
     """Say which meshes there are, the first of them by name."""
     if not meshes:
@@ -280,7 +221,7 @@ def _expand(stage: Usd.Stage, meshes: Iterable[Usd.Prim]) -> list[str]:
 def _prototype_roots(stage: Usd.Stage) -> list[Sdf.Path]:
     """Return the point instancers and the roots of their prototypes."""
     roots = []
-    for prim in stage.Traverse(_everywhere()):
+    for prim in stage.Traverse(EVERYWHERE):
         if prim.IsA(UsdGeom.PointInstancer):
             roots.append(prim.GetPath())
             roots.extend(UsdGeom.PointInstancer(prim).GetPrototypesRel().GetForwardedTargets())

@@ -22,7 +22,7 @@ _SELECTION: dict[str, dict[str, Any]] = {
         "help": "Take authored samples only, not the whole frames between them.",
     },
     "prim": expression_option("Meshes to take: a path expression, /Hero//."),
-    "exclude": expression_option("Meshes to leave out."),
+    "exclude": expression_option("Meshes to leave out; a group: all below it."),
     "include_invisible": {"help": "Take invisible meshes too."},
     "include_purposes": {"help": "Take proxy and guide meshes too."},
     "skip_varying": {"help": "Skip meshes whose topology changes."},

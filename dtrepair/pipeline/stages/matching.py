@@ -21,7 +21,7 @@ def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
     found = meshes_matched(source, expression, option)
     if not found:
         raise UsageError(f"{option}: {no_match(source, expression)}")
-    from usd_io.read.select import union_terms
+    from usd_io.expressions import union_terms
 
     for term in union_terms(expression):
         if not meshes_matched(source, term, option):
@@ -35,7 +35,7 @@ def no_match(source: Source, expression: str | None = None) -> str:
     expression: None for one whose prims need not be selected.
     """
     if expression is not None and isinstance(source, StageSource):
-        from usd_io.read.select import meant
+        from usd_io.expressions import meant
 
         guess = meant(source.opened.stage, expression, [mesh.path for mesh in source.meshes])
     else:
@@ -53,7 +53,7 @@ def meshes_matched(source: Source, expression: str, option: str) -> list[int]:
     if not isinstance(source, StageSource):
         raise UsageError(f"{option}: only for USD stages; leave it out")
     from usd_io import SelectionError
-    from usd_io.read.select import matching_paths
+    from usd_io.expressions import matching_paths
 
     try:
         paths = matching_paths(source.opened.stage, expression.strip())

@@ -8,7 +8,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tests.usd_stages import cube_file, define_cube, new_stage
 from usd_io import SelectionError, StageError, open_stage, read_meshes
-from usd_io.read.select import matching_paths
+from usd_io.expressions import matching_paths
 
 
 def paths_of(path: Path, **options: Any) -> list[str]:
@@ -84,9 +84,44 @@ def test_bad_expressions_are_usage_errors(crowd: Path, expression: str, reason: 
 def test_an_exclusion_that_matches_nothing_is_told(crowd: Path) -> None:
     opened = Usd.Stage.Open(str(crowd))
     assert not read_meshes(opened, exclude="//hero//").warnings
-    (warning,) = read_meshes(opened, exclude="(/Root/hero/Bdy) + (/Root/hero)").warnings
+    (warning,) = read_meshes(opened, exclude="(/Root/hero/Bdy) + (/Root/other)").warnings
     assert warning.startswith("exclude /Root/hero/Bdy: matches no prim")
     assert warning.endswith("; is /Root/hero/Body meant?")
+
+
+@pytest.mark.parametrize(
+    "expression, left",
+    [
+        ("/Root/hero", OTHER),
+        ("/Root/*er*", []),
+        ("/Root/her*/Co*", [HERO[0], *OTHER]),
+        ("(/Root/hero/Coat) + (/Root/other)", HERO[:1]),
+        ("/Root/hero - /Root/hero/Coat", [HERO[1], *OTHER]),
+        ("~/Root/hero", HERO),
+        ("// - /Root/hero", HERO),
+        ("/Root & (/Root/other + /Root/hero/Coat)", HERO[:1]),
+    ],
+)
+def test_what_lies_below_an_excluded_group_is_excluded(
+    crowd: Path, expression: str, left: list[str]
+) -> None:
+    stage = Usd.Stage.Open(str(crowd))
+    cube = define_cube(stage, "/Kept").GetPath()
+    found = read_meshes(stage, prim="//{isa:Mesh}", exclude=f"({expression}) - {cube}")
+    assert [mesh.path for mesh in found.meshes] == [*left, str(cube)]
+    assert not found.warnings
+
+
+def test_an_exclusion_that_matches_no_mesh_is_told(crowd: Path) -> None:
+    stage = Usd.Stage.Open(str(crowd))
+    UsdGeom.Xform.Define(stage, "/Root/hero/Rig/Arm")
+    UsdGeom.Sphere.Define(stage, "/Root/Ball")
+    found = read_meshes(stage, exclude="(/Root/hero/R*) + (/Root/other) + (/Root/Ball)")
+    assert [mesh.path for mesh in found.meshes] == HERO
+    assert found.warnings == (
+        "exclude /Root/hero/R*: matches /Root/hero/Rig (untyped), where no mesh is, "
+        "and leaves nothing out",
+    )
 
 
 def test_everything_excluded(crowd: Path) -> None:

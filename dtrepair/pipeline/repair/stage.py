@@ -48,6 +48,7 @@ from dtrepair.pipeline.stages.sinks import Sink, open_sink
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.repair.options import RepairOptions
 from dtrepair.report.record import Report
+from dtrepair.wording import frames_named
 
 
 def repair_stage(
@@ -164,9 +165,25 @@ def _prepared(
         stop_if_cancelled(observer)
         chunk = choose_chunk(source, parse_chunk(settings.chunk), alone=run.alone)
         warn(observer, empty_chunk_warnings(chunk, settings.chunk))
+        warn(observer, _only_frames_warnings(source, settings))
         yield Prepared(run, source, controls, rests, chunk, output, sink)
     finally:
         sink.abort()
+
+
+def _only_frames_warnings(source: Source, settings: RepairSettings) -> list[str]:
+    """Say what a layer of the chosen frames alone does to all others, or that there are none."""
+    if not settings.writing.only_frames:
+        return []
+    if len(source.times) < len(source.all_times):
+        nearest = "it" if len(source.times) == 1 else "the nearest of these"
+        return [
+            f"--only-frames: the layer holds {frames_named(source.times.tolist())} alone; in all "
+            f"others, what it changes stays as in {nearest}"
+        ]
+    if settings.selection.frames is None:
+        return ["--only-frames: has no effect, as all frames are chosen; choose some by --frames"]
+    return []
 
 
 def _open_output(

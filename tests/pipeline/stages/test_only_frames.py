@@ -8,8 +8,16 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd
 
-from dtrepair.pipeline import OutputOptions, RepairSettings, Selection, UsageError, repair_stage
+from dtrepair.pipeline import (
+    OutputOptions,
+    RepairSettings,
+    Selection,
+    UsageError,
+    plan_repair,
+    repair_stage,
+)
 from tests.command_line import CLOSED, OPEN, read_samples, run, tube_obj, tube_stage
+from tests.observers import Recorder
 
 ONLY = OutputOptions(only_frames=True)
 
@@ -32,6 +40,29 @@ def test_chosen_frames_alone_are_written(tmp_path: Path) -> None:
     assert outputs["only"].stat().st_size < 0.8 * outputs["all"].stat().st_size
     assert report.settings["only_frames"] is True
     assert RepairSettings.from_report(report.settings).writing == ONLY
+
+
+@pytest.mark.parametrize(
+    "frames, expected",
+    [
+        ("2:4", "the layer holds frames 2:4 alone; in all others, what it changes stays as in"),
+        ("2", "the layer holds frame 2 alone; in all others, what it changes stays as in it"),
+        ("1:6", None),
+        (None, "has no effect, as all frames are chosen; choose some by --frames"),
+    ],
+)
+def test_what_becomes_of_other_frames_is_told(
+    tmp_path: Path, frames: str | None, expected: str | None
+) -> None:
+    stage = tube_stage(tmp_path / "in.usdc", (OPEN, OPEN, CLOSED, OPEN, OPEN, CLOSED))
+    observer = Recorder()
+    chosen = Selection(frames=frames)
+    plan_repair(stage, tmp_path / "a.usdc", selection=chosen, writing=ONLY, observer=observer)
+    told = [text for text in observer.warnings if "only-frames" in text]
+    assert len(told) == (expected is not None)
+    assert all(text.startswith(f"--only-frames: {expected}") for text in told)
+    repair_stage(stage, tmp_path / "b.usdc", selection=chosen, jobs=1, observer=observer)
+    assert [text for text in observer.warnings if "only-frames" in text] == told
 
 
 def test_chunks_of_chosen_frames_join(tmp_path: Path) -> None:

@@ -116,8 +116,8 @@ class RepairOptions:
         self._check_numbers()
         self._check_loop()
         limit = self.maximum_displacement
-        if limit is not None and not limit >= 0:
-            raise OptionError("maximum_displacement", f"should be at least 0, got {limit}")
+        if limit is not None and not limit > 0:
+            raise OptionError("maximum_displacement", f"should be above 0, got {limit}")
         if self.method == "paper" and (limit is not None or self.clearance):
             raise OptionError(
                 "maximum_displacement",

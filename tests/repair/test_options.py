@@ -54,8 +54,6 @@ def test_names_are_checked(name: str) -> None:
         ("clearance", -1.0, 0.0),
         ("regularization", float("nan"), 0.0),
         ("clearance", float("nan"), 0.0),
-        ("maximum_displacement", -0.5, 0.0),
-        ("maximum_displacement", float("nan"), 0.0),
     ],
 )
 def test_numbers_have_a_least_value(name: str, wrong: float, least: float) -> None:
@@ -65,6 +63,13 @@ def test_numbers_have_a_least_value(name: str, wrong: float, least: float) -> No
 
 
 POSITIVE = ["diffusion", "inner_mobility", "kernel_power", "learning_rate", "brake_band"]
+
+
+@pytest.mark.parametrize("wrong", [0.0, -0.5, float("nan")])
+def test_a_largest_displacement_is_above_zero(wrong: float) -> None:
+    """With 0 nothing could move, and nothing be repaired."""
+    with pytest.raises(ValueError, match=r"maximum_displacement should be above 0, got"):
+        made("maximum_displacement", wrong)
 
 
 @pytest.mark.parametrize("name", POSITIVE)

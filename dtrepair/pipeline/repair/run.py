@@ -113,20 +113,8 @@ def repair_here(
     prepared: Prepared, placed: PlacedBodies, observer: Observer, journal: Journal | None
 ) -> Report:
     """Repair all frames into the sink, commit it, and return the report."""
-    from dtrepair.pipeline.modelled.references import untold_contacts
-
     run, source, rests = prepared.run, prepared.source, prepared.rests
-    repairer, rest_counts = make_repairer(run, source, rests, placed.bodies, journal)
-    run.clock.lap("factor")
-    met = list[str]()
-    if run.options.rest_contacts == "auto" and run.options.method == "full":
-        met = untold_contacts(source, rests, ignored=run.ignored, told=run.told)
-    settings = prepared.controls.settings
-    # One of them names --rest, which would help with both.
-    warn(observer, rest_warnings(source, rests, rest_counts, settings, advise=not met))
-    tell_modelled(observer, repairer.modelled, asked=run.told.attached, unclear=placed.met)
-    tell_props(observer, repairer.repairer.scene)
-    warn(observer, met)
+    repairer, rest_counts = _told_repairer(prepared, placed, observer, journal)
     hidden = HiddenMeshes(source)
     among = colliders_of(source, prepared.controls, run.options.mode, rest_counts)
     outcome = _repair_frames(prepared, repairer, hidden, among, observer)
@@ -165,6 +153,33 @@ def repair_here(
         findings=findings,
         alone_from=repairer.alone_from,
     )
+
+
+def tell_before(prepared: Prepared, placed: PlacedBodies, observer: Observer) -> None:
+    """Tell what a repair takes as modelled, as props and as worn, and repair nothing."""
+    repairer, _ = _told_repairer(prepared, placed, observer)
+    tell_worn(observer, worn_records(prepared.source, repairer.repairer.scene))
+
+
+def _told_repairer(
+    prepared: Prepared, placed: PlacedBodies, observer: Observer, journal: Journal | None = None
+) -> tuple[FrameRepairer, list[int | None]]:
+    """Return what `make_repairer` does; tell what it takes as modelled and as props."""
+    from dtrepair.pipeline.modelled.references import untold_contacts
+
+    run, source, rests = prepared.run, prepared.source, prepared.rests
+    repairer, rest_counts = make_repairer(run, source, rests, placed.bodies, journal)
+    run.clock.lap("factor")
+    met = list[str]()
+    if run.options.rest_contacts == "auto" and run.options.method == "full":
+        met = untold_contacts(source, rests, ignored=run.ignored, told=run.told)
+    settings = prepared.controls.settings
+    # One of them names --rest, which would help with both.
+    warn(observer, rest_warnings(source, rests, rest_counts, settings, advise=not met))
+    tell_modelled(observer, repairer.modelled, asked=run.told.attached, unclear=placed.met)
+    tell_props(observer, repairer.repairer.scene)
+    warn(observer, met)
+    return repairer, rest_counts
 
 
 def _findings(run: Run, outcome: _Outcome) -> tuple[MotionFinding, ...]:

@@ -24,7 +24,13 @@ from dtrepair.pipeline.repair.chunks import choose_chunk, empty_chunk_warnings
 from dtrepair.pipeline.repair.cluster import Workers
 from dtrepair.pipeline.repair.corrections import CorrectionSink
 from dtrepair.pipeline.repair.distributed import measured_jitter, repair_distributed
-from dtrepair.pipeline.repair.run import Prepared, Run, open_journal, repair_here
+from dtrepair.pipeline.repair.run import (
+    Prepared,
+    Run,
+    open_journal,
+    repair_here,
+    tell_before,
+)
 from dtrepair.pipeline.repair.settings import (
     OutputOptions,
     RepairChoices,
@@ -115,6 +121,10 @@ def plan_repair(
         _prepared(os.fspath(stage), os.fspath(output), chosen, device, None, observer) as prepared,
     ):
         chunk = prepared.chunk
+        placed = make_bodies(
+            prepared.source, prepared.rests, prepared.controls, mode=chosen.options.mode
+        )
+        tell_before(prepared, placed, observer)
         return make_plan(
             prepared.source,
             prepared.rests,

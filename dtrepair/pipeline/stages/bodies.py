@@ -14,7 +14,7 @@ from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectOptions, ObjectSettings, PrimTable
 from dtrepair.pipeline.stages.frames import stretches
 from dtrepair.pipeline.stages.matching import CalledPairs, called_pairs, ignored_pairs
-from dtrepair.pipeline.stages.object_settings import read_settings
+from dtrepair.pipeline.stages.object_settings import read_settings, rigid_without_effect
 from dtrepair.pipeline.stages.rest import Rest
 from dtrepair.pipeline.stages.shot.props import find_props
 from dtrepair.pipeline.stages.shot.sets import find_sets, pairs_beside, pairs_of_sets
@@ -104,7 +104,7 @@ def read_controls(
         tuple(sorted(among - told - pairs_of_sets(source))),
         told=called,
         layers=tuple(read_layers(source, found.each)),
-        warnings=(*found.warnings, *warnings),
+        warnings=(*found.warnings, *warnings, *rigid_without_effect(source, found)),
     )
 
 

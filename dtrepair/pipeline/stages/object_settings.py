@@ -20,6 +20,7 @@ from dtrepair.pipeline.selection import (
 )
 from dtrepair.pipeline.stages.matching import matching_meshes
 from dtrepair.pipeline.stages.sources import Source, StageSource
+from dtrepair.wording import listed
 
 # Primvars of a stage that speak to this program are in this namespace.
 NAMESPACE = "dtrepair"
@@ -96,6 +97,18 @@ def _of_stage(path: str, handle: Any, keys: Collection[str], warnings: list[str]
                 raise InputError(f"{where}: {wrong}")
             values[name] = plain_value(name, value)
     return values
+
+
+def rigid_without_effect(source: Source, found: SettingsOfMeshes) -> list[str]:
+    """Return a warning for each one who asks colliders to move as a whole, which never move."""
+    asked: dict[str, list[str]] = {}
+    for mesh, own, by in zip(source.meshes, found.each, found.origins, strict=True):
+        if mesh.collider and own.rigid:
+            asked.setdefault(by["rigid"], []).append(mesh.path)
+    return [
+        f"{origin}: rigid has no effect on colliders, which never move: {listed(paths)}"
+        for origin, paths in asked.items()
+    ]
 
 
 def recorded(source: Source, each: Sequence[ObjectSettings]) -> dict[str, dict[str, Any]]:

@@ -166,6 +166,13 @@ def test_the_command_says_it_and_what_changes_it(sleeve: Path, tmp_path: Path) -
     assert run(*arguments, "-q").err == ""
 
 
+def test_a_dry_run_says_what_the_run_says(sleeve: Path, tmp_path: Path) -> None:
+    arguments = ("repair", sleeve, "-o", tmp_path / "b.usda")
+    planned = run(*arguments, "--dry-run").err
+    assert planned.startswith("dtrepair: taken as worn: /Hero/Sleeve over /Hero/Arm;")
+    assert not (tmp_path / "b.usda").exists() and planned == run(*arguments).err
+
+
 def test_two_warnings_do_not_name_the_same_cure(tmp_path: Path) -> None:
     """Parts of one mesh that meet in all of two frames, without a bind pose."""
     path, (points, faces) = tmp_path / "a.usda", joined(ARM, SLEEVE)

@@ -217,6 +217,8 @@ def test_repair_leaves_what_is_attached_and_its_report_says_it_again(
     assert not frame.displacement_max
     (told,) = (remark for remark in host.remarks if isinstance(remark, ModelledFound))
     assert told.attached == report.attached and host.warnings == []
+    plan_repair(apart, tmp_path / "b.usda", settings, observer=(planned := Listener()))
+    assert planned.remarks == [told] and planned.warnings == []
     recorded = report.document()["settings"]
     assert RepairSettings.from_report(recorded) == settings
     assert KeyposeSettings.from_report(recorded).objects == settings.objects

@@ -149,6 +149,16 @@ def test_the_command_line_and_the_config_file(stage: Path, tmp_path: Path) -> No
     assert_fails(run("repair", mesh, "-o", tmp_path / "n.obj", "--layer", "/A=1"), *words)
 
 
+def test_who_asks_a_collider_to_move_as_a_whole_is_warned(stage: Path, tmp_path: Path) -> None:
+    out = ["repair", stage, "-o", tmp_path / "b.usda", "--dry-run", "--collider", "/Hero/Coat"]
+    expected = "rigid has no effect on colliders, which never move: /Hero/Coat\n"
+    assert f"warning: --rigid /Hero: {expected}" in run(*out, "--rigid", "/Hero").err
+    assert expected not in run(*out, "--rigid", "/Hero/Body").err
+    table = tmp_path / "c.toml"
+    table.write_text('[[prim]]\npath = "/Hero/Coat"\nrigid = true')
+    assert f"[[prim]] /Hero/Coat: {expected}" in run(*out, "--config", table).err
+
+
 def test_wrong_primvars_and_methods_are_refused(stage: Path, tmp_path: Path) -> None:
     add_layer(stage, "/Hero/Coat", [1, 2, 3], "uniform")
     assert_fails(

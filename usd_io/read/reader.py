@@ -225,7 +225,7 @@ def _check_fixed_topology(geometry: UsdGeom.Mesh, path: str) -> None:
             if attribute.Get(time) != first:
                 raise StageError(
                     f"{path}: the topology changes ({attribute.GetName()} at "
-                    f"{time_text(time)}); skip varying meshes or exclude it"
+                    f"{time_text(time)}); leave it out with --skip-varying or --exclude"
                 )
 
 

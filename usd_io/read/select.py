@@ -72,10 +72,15 @@ def select_prims(
         raise error(f"no usable mesh: {'; '.join(warnings)}")
     locked = [own.prim for own in candidates if own.prim.IsInstanceProxy()]
     if locked and not instances:
-        raise StageError(f"{_locked(locked[0])}; uninstance or exclude it")
+        raise StageError(
+            f"{_locked(locked[0])}; take it with --uninstance, or leave it out with --exclude"
+        )
     if locked:
-        more = f" (and {len(locked) - 1} more meshes)" if len(locked) > 1 else ""
-        warnings.append(f"{_locked(locked[0])}{more}; it is left as it is, uninstance to change it")
+        others = len(locked) - 1
+        more = f" (and {others} more {'mesh' if others == 1 else 'meshes'})" if others else ""
+        warnings.append(
+            f"{_locked(locked[0])}{more}; it is left as it is; --uninstance lets it change"
+        )
     return candidates, warnings
 
 
@@ -238,10 +243,10 @@ def _skip_reason(
     if any(mesh.GetPath().HasPrefix(root) for root in prototypes):
         return "prototype of a point instancer"
     if not include_invisible and not _ever_visible(mesh):
-        return "invisible (include invisible meshes to take it)"
+        return "invisible (--include-invisible takes it)"
     purpose = UsdGeom.Imageable(mesh).ComputePurpose()
     if not include_purposes and purpose not in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render):
-        return f"purpose {purpose} (include purposes to take it)"
+        return f"purpose {purpose} (--include-purposes takes it)"
     return ""
 
 

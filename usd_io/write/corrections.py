@@ -68,7 +68,7 @@ class _Carrier:
 
 def check_correctable(mesh: AnimatedMesh) -> None:
     """Raise StageError for a mesh that cannot be given blend shapes."""
-    advice = "leave it out, let it not move, or write offsets alone"
+    advice = "leave it out with --exclude, keep it in place with --collider, or write --delta"
     if mesh.skin is not None:
         query = mesh.skin.skeleton_query.GetAnimQuery()
         prim = query.GetPrim() if query else mesh.skin.skeleton

@@ -36,6 +36,7 @@ REMEDIES = {
     Advice.RAISE_MAXIMUM_DISPLACEMENT: "raise --maximum-displacement",
     Advice.TAKE_AT_ANY_COST: "take what is strained with --at-any-cost",
     Advice.RAISE_EFFORT: "raise --effort",
+    Advice.RAISE_DIFFUSION: "raise --diffusion",
     Advice.CALL_ATTACHED: "take where joints turned to as modelled with --attach",
 }
 

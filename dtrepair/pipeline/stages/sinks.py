@@ -52,7 +52,7 @@ def refuse_instances(source: StageSource) -> None:
     if all(mesh.handle.instanced for mesh in source.meshes):
         raise InputError(
             f"{source.name}: nothing may change: all lies in instances, as "
-            f"{source.meshes[0].path} does; uninstance to change it"
+            f"{source.meshes[0].path} does; --uninstance lets it change"
         )
 
 

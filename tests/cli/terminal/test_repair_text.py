@@ -56,7 +56,7 @@ def test_frames_that_differ_by_counts_share_a_line() -> None:
     meaning = Status.IMPROVED.meaning
     assert list(advice_lines(found)) == [
         "advice: in frames 0, 2 /A still intersects itself; /A and /B still intersect: "
-        f"{meaning}: raise the diffusion",
+        f"{meaning}: raise --diffusion",
         f"advice: in frame 1 /A still intersects itself: {meaning}: free pinned vertices",
     ]
 
@@ -166,7 +166,7 @@ def test_a_clip_that_cannot_be_solved_has_one_line_of_advice(tmp_path: Path) -> 
     assert done.code == 1
     advice = [line for line in done.out.splitlines() if line.startswith("advice: ")]
     assert len(advice) == 1 and "in frames 2:5 /Root/Tube still intersects itself: " in advice[0]
-    ways = "raise --maximum-displacement, or raise --effort, or raise the diffusion"
+    ways = "raise --maximum-displacement, or raise --effort, or raise --diffusion"
     assert advice[0].endswith(f": {ways}")
 
 

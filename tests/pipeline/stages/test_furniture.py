@@ -137,7 +137,9 @@ def test_an_instance_is_left_as_it_is_and_what_meets_it_gives_way(tmp_path: Path
     there = ("--collider", "/Shot/Girl/Instance//", "--dry-run")
     assert run("repair", path, "-o", tmp_path / "c.usda", *there).code == 0
     only = run("repair", path, "-o", tmp_path / "c.usda", "--prim", "/Shot/Girl/Instance//")
-    assert only.code == 3 and "nothing may change" in only.err and "uninstance" in only.err
+    assert (
+        only.code == 3 and "nothing may change" in only.err and "--uninstance lets it" in only.err
+    )
     shapes = run("repair", path, "-o", tmp_path / "c.usda", "--prim", "/Shot/G*/I*//", "--delta")
     assert shapes.code == 3 and "nothing may change" in shapes.err
     looked = run("check", path, "--prim", "/Shot/Girl/Instance//")

@@ -163,8 +163,9 @@ def test_invisible_and_purposes_are_skipped_with_a_warning(tmp_path: Path) -> No
         "/Root/render",
     }
     assert len(selection.warnings) == 3
-    assert any("/Root/Group/Hidden: invisible" in text for text in selection.warnings)
-    assert any("/Root/guide: purpose guide" in text for text in selection.warnings)
+    hidden = "/Root/Group/Hidden: invisible (--include-invisible takes it); skipped"
+    guide = "/Root/guide: purpose guide (--include-purposes takes it); skipped"
+    assert {hidden, guide} <= set(selection.warnings)
     assert "/Root/Group/Hidden" in paths_of(path, include_invisible=True)
     assert {"/Root/proxy", "/Root/guide"} <= set(paths_of(path, include_purposes=True))
     with pytest.raises(SelectionError, match="no usable mesh: /Root/Group/Hidden: invisible"):
@@ -206,7 +207,7 @@ def instances(tmp_path: Path) -> Path:
 
 
 def test_instance_proxies_are_an_error_with_a_hint(instances: Path) -> None:
-    with pytest.raises(StageError, match=r"/Root/A/Body: lies in the instance /Root/A, .*uninst"):
+    with pytest.raises(StageError, match=r"/Root/A/Body: lies in the instance /Root/A, .*--uninst"):
         paths_of(instances)
     assert paths_of(instances, prim="/Root/Plain") == ["/Root/Plain"]
 
@@ -221,7 +222,11 @@ def test_instance_proxies_beside_others_may_be_read(instances: Path) -> None:
         ("/Root/B/Leaf/Cube", True),
     ]
     (warning,) = found.warnings
-    assert "/Root/A/Body: lies in the instance /Root/A" in warning and "3 more meshes" in warning
+    assert "/Root/A/Body: lies in the instance /Root/A" in warning and "3 more meshes)" in warning
+    found = read_meshes(open_stage(instances), instances=True, prim="/Root/A//")
+    assert found.warnings[0].endswith(
+        "(and 1 more mesh); it is left as it is; --uninstance lets it change"
+    )
 
 
 def test_uninstance_expands_nested_instances(instances: Path) -> None:

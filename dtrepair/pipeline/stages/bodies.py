@@ -282,9 +282,9 @@ def unclear_sides(source: Source, pairs: Sequence[tuple[int, int]]) -> list[str]
     first, second = (source.meshes[index].path for index in pairs[0])
     more = f" (and {counted(len(pairs) - 1, 'more pair')})" if len(pairs) > 1 else ""
     return [
-        f"{first} and {second}{more} intersect in every frame in which their rest poses were "
-        "placed: if one is worn over the other, which of them is a guess; say it with --layer, or "
-        "name a pose in which they are clear of each other with --rest"
+        f"{first} and {second}{more} intersect in their rest poses, wherever the clip places "
+        "these: name a frame in which they do not with --rest FRAME, or say with --layer which of "
+        "them is worn over the other, if one is"
     ]
 
 

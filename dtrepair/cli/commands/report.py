@@ -13,6 +13,7 @@ from dtrepair.cli.options.verbosity import console_options
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.console_observer import ConsoleObserver
 from dtrepair.cli.terminal.failures import one_line_errors
+from dtrepair.cli.terminal.outputs import PAGES, check_ending
 from dtrepair.pipeline.errors import CLEAN, INPUT, OUTPUT, InputError
 from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting
 
@@ -51,6 +52,7 @@ def command(*, report_path: str, output: str, count: int, console: Console) -> i
 
     refuse_overwriting(output, report_path)
     check_writable(output)
+    check_ending(output, "page", PAGES)
     try:
         report = read_report(report_path)
     except ReportError as error:

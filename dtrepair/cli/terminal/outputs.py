@@ -61,7 +61,16 @@ def check_report_places(
         else:
             refuse_overwriting(path, *inputs, others=others)
             check_writable(path)
+            check_ending(path, "report", (".json", *PAGES))
             others.append(path)
+
+
+def check_ending(path: str, what: str, endings: Sequence[str]) -> None:
+    """Refuse a file with another ending than one of some; it may have none, or be no file."""
+    ending = os.path.splitext(path)[1].lower()
+    new_or_file = os.path.isfile(path) or not os.path.exists(path)
+    if ending and ending not in endings and new_or_file:
+        raise UsageError(f"{path}: name the {what} {' or '.join(endings[:2])}, not {ending}")
 
 
 def check_picture_name(path: str) -> None:

@@ -74,6 +74,9 @@ def test_errors(finished: tuple[Path, Path]) -> None:
     assert_fails(run("report", folder / "no.json", "-o", page), 3, "no.json", "cannot be read")
     assert_fails(run("report", folder / "a.usda", "-o", page), 3, "expected a JSON report")
     assert_fails(run("report", report, "-o", report), 2, "is an input")
+    pdf = run("report", report, "-o", folder / "r.PDF")
+    assert_fails(pdf, 2, "r.PDF: name the page .html or .htm, not .pdf")
+    assert not (folder / "r.PDF").exists()
     assert_fails(run("report", report, "-o", folder / "no" / "r.html"), 5, "cannot be written")
     assert not page.exists()
 

@@ -43,7 +43,7 @@ def test_a_picture_of_each_pose_there_is(tmp_path: Path, command: str, poses: in
     assert red.sum() > 20 and red[:, pixels.shape[1] // poses :].sum() == 0
 
 
-def test_a_report_of_any_other_name_is_json(tmp_path: Path) -> None:
+def test_a_report_without_an_ending_is_json(tmp_path: Path) -> None:
     for name, option in (("r.json", "--report"), ("r", "--report"), ("j.json", "--json")):
         assert ran(tmp_path, "check", option, tmp_path / name).code == 1
         validate(json.loads((tmp_path / name).read_text()))
@@ -63,6 +63,7 @@ def test_places_are_checked_before_anything_is_computed(tmp_path: Path) -> None:
         (("--picture", tmp_path / "no" / "p.png"), 5, "cannot be written"),
         (("--report", tmp_path / "no" / "r.html"), 5, "cannot be written"),
         (("--report", tmp_path / "a.usda"), 2, "is an input"),
+        (("--report", tmp_path / "r.txt"), 2, "r.txt: name the report .json or .html, not .txt"),
     )
     for options, code, words in wrong:
         for command in ("check", "repair"):

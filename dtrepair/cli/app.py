@@ -118,7 +118,11 @@ def _run(arguments: list[str], interrupts: Interrupts) -> object:
         return done.exit_code
     except click.UsageError as error:
         context = error.ctx.command_path if error.ctx else "dtrepair"
-        _complain(f"{error.format_message().rstrip('.')}; see {context} --help")
+        parameter = error.param if isinstance(error, click.BadParameter) else None
+        # What is wrong in a file is told whole.
+        in_file = parameter is not None and parameter.name == "config"
+        hint = "" if in_file else f"; see {context} --help"
+        _complain(f"{error.format_message().rstrip('.')}{hint}")
         return error.exit_code
     except PipelineError as error:
         _complain(str(error))

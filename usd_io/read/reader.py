@@ -125,12 +125,11 @@ def check_points(
         )
     if not np.isfinite(points).all():
         wrong = ~np.isfinite(points).all(axis=1)
-        raise FrameError(
-            mesh.path,
-            time,
-            f"{int(wrong.sum())} points are NaN or infinite, first {int(np.argmax(wrong))}; "
-            "export the frame again",
-        )
+        count, first = int(wrong.sum()), int(np.argmax(wrong))
+        what = f"{count} points are NaN or infinite, first {first}"
+        if count == 1:
+            what = f"point {first} is NaN or infinite"
+        raise FrameError(mesh.path, time, f"{what}; export the frame again")
     return points
 
 

@@ -168,7 +168,7 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
     modelled = totals["modelled_pairs_after"]
     but = " of all but modelled contacts" if modelled else ""
     console.result(
-        f"{totals['clean']} of {totals['frames']} frames clean{but}: "
+        f"{totals['clean']} of {counted(totals['frames'], 'frame')} clean{but}: "
         f"{totals['triangles_before']} -> {totals['triangles_after']} intersecting triangles"
     )
     if modelled:
@@ -204,7 +204,8 @@ def moved_line(records: Sequence[FrameRecord]) -> str:
 def clearance_line(records: Sequence[FrameRecord]) -> str:
     """In how many frames pairs stay closer than the clearance; empty if in none."""
     close = sum(record.left.too_close > 0 for record in records)
-    return f"--clearance is not reached in {close} of {len(records)} frames" if close else ""
+    every = counted(len(records), "frame")
+    return f"--clearance is not reached in {close} of {every}" if close else ""
 
 
 def strained_line(records: Sequence[FrameRecord]) -> str:

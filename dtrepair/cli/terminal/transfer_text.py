@@ -9,6 +9,7 @@ from dtrepair.pipeline.observer import FrameDone
 from dtrepair.pipeline.stages.plan import Plan
 from dtrepair.pipeline.stages.sources import time_label
 from dtrepair.report.record import Report
+from dtrepair.wording import counted
 
 
 def print_plan(console: Console, plan: Plan) -> None:
@@ -61,7 +62,7 @@ def print_report(console: Console, report: Report, *, repaired: bool) -> None:
     clean = sum(not c.pairs and record.status != "strained" for record, c in known)
     left = sum(c.triangles for _, c in known)
     console.result(
-        f"{clean} of {len(report.frames)} frames clean; {left} intersecting triangles"
+        f"{clean} of {counted(len(report.frames), 'frame')} clean; {left} intersecting triangles"
         + ("" if repaired or not left else ": --repair removes them")
     )
     for line in (clearance_line(report.frames), *strain_lines(report.frames)):

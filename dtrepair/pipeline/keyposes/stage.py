@@ -32,8 +32,8 @@ from dtrepair.pipeline.observer import (
 )
 from dtrepair.pipeline.repair.collider_contacts import ColliderContacts, colliders_of
 from dtrepair.pipeline.repair.records import clearance_warnings
-from dtrepair.pipeline.repair.run import Run, make_repairer
-from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
+from dtrepair.pipeline.repair.run import Run, make_repairer, refuse_wide_clearance
+from dtrepair.pipeline.stages.bodies import Controls, PlacedBodies, make_bodies, read_controls
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import mode_warnings, prim_records, refuse_if_none_usable
 from dtrepair.pipeline.stages.object_settings import recorded
@@ -117,6 +117,7 @@ class _Prepared:
     source: StageSource
     controls: Controls
     rests: list[Rest]
+    placed: PlacedBodies
     sink: Sink | None
 
 
@@ -155,8 +156,10 @@ def _prepared(
     try:
         clock.lap("read")
         rests = choose_rests(source, settings.rest, device=there)
-        warn(observer, thin_warnings(source, rests, controls.settings, run.options.clearance))
-        yield _Prepared(run, settings, source, controls, rests, sink)
+        placed = make_bodies(source, rests, controls, mode=options.mode)
+        refuse_wide_clearance(source, options, placed.bodies)
+        warn(observer, thin_warnings(source, rests, controls.settings, options.clearance))
+        yield _Prepared(run, settings, source, controls, rests, placed, sink)
     finally:
         if sink is not None:
             sink.abort()
@@ -179,7 +182,7 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     """Repair the keys, then the in-betweens; write; return the report."""
     run, source, sink = prepared.run, prepared.source, prepared.sink
     controls, mode = prepared.controls, prepared.settings.options.mode
-    placed = make_bodies(source, prepared.rests, controls, mode=mode)
+    placed = prepared.placed
     repairer, rest_counts = make_repairer(run, source, prepared.rests, placed.bodies)
     warn(observer, rest_warnings(source, prepared.rests, rest_counts, controls.settings))
     tell_modelled(observer, repairer.modelled, asked=run.told.attached, unclear=placed.met)

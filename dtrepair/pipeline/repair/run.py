@@ -67,12 +67,13 @@ class Run:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A repair with its inputs read, the frames of its chunk known, and its output opened."""
+    """A repair with its inputs read and placed, its frames known, and its output opened."""
 
     run: Run
     source: Source
     controls: Controls
     rests: list[Rest]
+    placed: PlacedBodies
     chunk: Chunk
     output: str
     sink: Sink
@@ -87,9 +88,7 @@ class _Outcome:
     worn: tuple[WornRecord, ...]
 
 
-def open_journal(
-    prepared: Prepared, bodies: list[Body], observer: Observer, *, resume: bool
-) -> Journal | None:
+def open_journal(prepared: Prepared, observer: Observer, *, resume: bool) -> Journal | None:
     """The journal of a run; None where a run is a single step, solved wholly or not at all."""
     run, times = prepared.run, prepared.chunk.times
     if len(times) <= 1:
@@ -99,7 +98,7 @@ def open_journal(
 
     journal = Journal(
         prepared.output,
-        hash_of_run(run.settings, run.device, bodies, times),
+        hash_of_run(run.settings, run.device, prepared.placed.bodies, times),
         resume=resume,
         on_kept=lambda entries: observer.remark(ProgressKept(entries)),
     )
@@ -109,12 +108,10 @@ def open_journal(
     return None if single else journal
 
 
-def repair_here(
-    prepared: Prepared, placed: PlacedBodies, observer: Observer, journal: Journal | None
-) -> Report:
+def repair_here(prepared: Prepared, observer: Observer, journal: Journal | None) -> Report:
     """Repair all frames into the sink, commit it, and return the report."""
     run, source, rests = prepared.run, prepared.source, prepared.rests
-    repairer, rest_counts = _told_repairer(prepared, placed, observer, journal)
+    repairer, rest_counts = _told_repairer(prepared, observer, journal)
     hidden = HiddenMeshes(source)
     among = colliders_of(source, prepared.controls, run.options.mode, rest_counts)
     outcome = _repair_frames(prepared, repairer, hidden, among, observer)
@@ -155,20 +152,20 @@ def repair_here(
     )
 
 
-def tell_before(prepared: Prepared, placed: PlacedBodies, observer: Observer) -> None:
+def tell_before(prepared: Prepared, observer: Observer) -> None:
     """Tell what a repair takes as modelled, as props and as worn, and repair nothing."""
-    repairer, _ = _told_repairer(prepared, placed, observer)
+    repairer, _ = _told_repairer(prepared, observer)
     tell_worn(observer, worn_records(prepared.source, repairer.repairer.scene))
 
 
 def _told_repairer(
-    prepared: Prepared, placed: PlacedBodies, observer: Observer, journal: Journal | None = None
+    prepared: Prepared, observer: Observer, journal: Journal | None = None
 ) -> tuple[FrameRepairer, list[int | None]]:
     """Return what `make_repairer` does; tell what it takes as modelled and as props."""
     from dtrepair.pipeline.modelled.references import untold_contacts
 
     run, source, rests = prepared.run, prepared.source, prepared.rests
-    repairer, rest_counts = make_repairer(run, source, rests, placed.bodies, journal)
+    repairer, rest_counts = make_repairer(run, source, rests, prepared.placed.bodies, journal)
     run.clock.lap("factor")
     met = list[str]()
     if run.options.rest_contacts == "auto" and run.options.method == "full":
@@ -176,7 +173,7 @@ def _told_repairer(
     settings = prepared.controls.settings
     # One of them names --rest, which would help with both.
     warn(observer, rest_warnings(source, rests, rest_counts, settings, advise=not met))
-    tell_modelled(observer, repairer.modelled, asked=run.told.attached, unclear=placed.met)
+    tell_modelled(observer, repairer.modelled, asked=run.told.attached, unclear=prepared.placed.met)
     tell_props(observer, repairer.repairer.scene)
     warn(observer, met)
     return repairer, rest_counts
@@ -260,7 +257,7 @@ def make_repairer(
     from dtrepair.repair.scene.sub_scene import attachments_of
 
     options = in_units_of_frames(source, run.options)
-    _refuse_wide_clearance(run.options.clearance, options.clearance, bodies)
+    refuse_wide_clearance(source, run.options, bodies)
     references = modelled_references(
         source, rests, ignored=run.ignored, told=run.told, told_by_rest=told_by_rest
     )
@@ -295,10 +292,11 @@ def make_repairer(
     )
 
 
-def _refuse_wide_clearance(told: float, clearance: float, bodies: list[Body]) -> None:
-    """Raise UsageError where a clearance, as it was told and in the space of rests, is too wide."""
+def refuse_wide_clearance(source: Source, options: RepairOptions, bodies: list[Body]) -> None:
+    """Raise UsageError where the clearance is too wide for the rest poses of bodies."""
     from dtrepair.repair.scene.bodies import widest_clearance
 
+    told, clearance = options.clearance, in_units_of_frames(source, options).clearance
     most = widest_clearance(np.concatenate([np.asarray(body.rest) for body in bodies]))
     if clearance > most > 0.0:
         raise UsageError(

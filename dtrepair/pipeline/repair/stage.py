@@ -28,6 +28,7 @@ from dtrepair.pipeline.repair.run import (
     Prepared,
     Run,
     open_journal,
+    refuse_wide_clearance,
     repair_here,
     tell_before,
 )
@@ -39,7 +40,6 @@ from dtrepair.pipeline.repair.settings import (
 )
 from dtrepair.pipeline.stages.bodies import (
     Controls,
-    PlacedBodies,
     make_bodies,
     read_controls,
     unclear_sides,
@@ -92,14 +92,11 @@ def repair_stage(
         plain_errors(),
         _prepared(os.fspath(stage), os.fspath(output), chosen, device, jobs, observer) as prepared,
     ):
-        placed = make_bodies(
-            prepared.source, prepared.rests, prepared.controls, mode=chosen.options.mode
-        )
         if distributed is not None and len(prepared.source.times) > 1:
             workers = Workers(distributed, jobs, device)
-            return _distributed(prepared, placed, chosen, workers, observer)
-        journal = open_journal(prepared, placed.bodies, observer, resume=resume)
-        return repair_here(prepared, placed, observer, journal)
+            return _distributed(prepared, chosen, workers, observer)
+        journal = open_journal(prepared, observer, resume=resume)
+        return repair_here(prepared, observer, journal)
 
 
 def plan_repair(
@@ -121,10 +118,7 @@ def plan_repair(
         _prepared(os.fspath(stage), os.fspath(output), chosen, device, None, observer) as prepared,
     ):
         chunk = prepared.chunk
-        placed = make_bodies(
-            prepared.source, prepared.rests, prepared.controls, mode=chosen.options.mode
-        )
-        tell_before(prepared, placed, observer)
+        tell_before(prepared, observer)
         return make_plan(
             prepared.source,
             prepared.rests,
@@ -171,12 +165,14 @@ def _prepared(
         clock.lap("read")
         stop_if_cancelled(observer)
         rests = choose_rests(source, settings.rest, device=there)
+        placed = make_bodies(source, rests, controls, mode=options.mode)
+        refuse_wide_clearance(source, options, placed.bodies)
         warn(observer, thin_warnings(source, rests, controls.settings, options.clearance))
         stop_if_cancelled(observer)
         chunk = choose_chunk(source, parse_chunk(settings.chunk), alone=run.alone)
         warn(observer, empty_chunk_warnings(chunk, settings.chunk))
         warn(observer, _only_frames_warnings(source, settings))
-        yield Prepared(run, source, controls, rests, chunk, output, sink)
+        yield Prepared(run, source, controls, rests, placed, chunk, output, sink)
     finally:
         sink.abort()
 
@@ -220,7 +216,6 @@ def _refuse_without_effect(options: RepairOptions, controls: Controls) -> None:
 
 def _distributed(
     prepared: Prepared,
-    placed: PlacedBodies,
     settings: RepairSettings,
     workers: Workers,
     observer: Observer,
@@ -234,7 +229,7 @@ def _distributed(
     known = {(found.first.path, found.second.path) for found in report.attached.listed}
     known |= {(second, first) for first, second in known}
     paths = [mesh.path for mesh in source.meshes]
-    left = [(i, j) for i, j in placed.met if (paths[i], paths[j]) not in known]
+    left = [(i, j) for i, j in prepared.placed.met if (paths[i], paths[j]) not in known]
     warn(observer, unclear_sides(source, left))
     tell_sets(observer, source)
     if report.attached:

@@ -11,7 +11,7 @@ from dtrepair.pipeline.clock import Clock
 from dtrepair.pipeline.modelled.parts import tell_modelled
 from dtrepair.pipeline.modelled.references import modelled_parts
 from dtrepair.pipeline.observer import FrameDone, Observer, Progress, Trouble, warn
-from dtrepair.pipeline.repair.run import Run, make_repairer
+from dtrepair.pipeline.repair.run import Run, make_repairer, refuse_wide_clearance
 from dtrepair.pipeline.repair.solve import Repaired, repair_frames
 from dtrepair.pipeline.stages.bodies import make_bodies, read_controls
 from dtrepair.pipeline.stages.frames import make_counter
@@ -115,9 +115,10 @@ def _repaired(
     assert options is not None
     controls = read_controls(target, settings.objects, settings.tables, sets=False)
     rests = list(joined.rests)
-    thin = thin_warnings(target, rests, controls.settings, options.clearance)
-    warn(run.observer, [*controls.warnings, *thin])
+    warn(run.observer, controls.warnings)
     placed = make_bodies(target, rests, controls, mode=options.mode)
+    refuse_wide_clearance(target, options, placed.bodies)
+    warn(run.observer, thin_warnings(target, rests, controls.settings, options.clearance))
     pins = None if moves.pins is None else joined.split(moves.pins.mask(len(joined.points)))
     bodies = [
         body if pins is None or pins[index] is None else replace(body, pin=pins[index])

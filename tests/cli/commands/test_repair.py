@@ -29,7 +29,7 @@ def test_mesh_file_is_repaired_in_place_of_its_points(tmp_path: Path) -> None:
     path = tube_obj(tmp_path / "a.obj")
     done = run("repair", path, "-o", tmp_path / "b.obj", "--report", tmp_path / "r.json")
     assert done.code == 0 and done.err == ""
-    assert "1 of 1 frames clean" in done.out
+    assert "1 of 1 frame clean" in done.out
     before, after = read_mesh(path), read_mesh(tmp_path / "b.obj")
     assert np.array_equal(before.corners, after.corners)
     assert np.array_equal(before.counts, after.counts)

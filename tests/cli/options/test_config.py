@@ -25,4 +25,6 @@ def test_a_config_that_is_none(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "config.toml"
     path.write_text(text)
     mesh = tube_obj(tmp_path / "mesh.obj")
-    assert_fails(run("check", mesh, "--config", path), 2, str(path), words)
+    done = run("check", mesh, "--config", path)
+    assert_fails(done, 2, str(path), words)
+    assert "--help" not in done.err

@@ -187,7 +187,7 @@ def test_pairs_closer_than_the_clearance_are_told(tmp_path: Path) -> None:
     options = ["--clearance", "0.3", "--maximum-displacement", "0.2"]
     report = tmp_path / "r.json"
     done = run("repair", tmp_path / "a.obj", "-o", tmp_path / "b.obj", *options, "--report", report)
-    assert done.code == 0 and "\n--clearance is not reached in 1 of 1 frames\n" in done.out
+    assert done.code == 0 and "\n--clearance is not reached in 1 of 1 frame\n" in done.out
     assert (
         "warning: --clearance 0.3 is not reached: " in done.err
         and "a smaller --clearance" in done.err

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dtrepair import RepairOptions
-from dtrepair.pipeline import ObjectOptions, PrimTable, plan_keyposes, plan_repair
+from dtrepair.pipeline import ObjectOptions, PrimTable, UsageError, plan_keyposes, plan_repair
 from dtrepair.pipeline.selection import ObjectSettings
 from tests.meshes import icosphere, tube
 from tests.observers import Recorder
@@ -55,6 +55,14 @@ def test_a_wide_clearance_is_questioned_with_the_thickness(stage: Path, plan: An
     assert text.endswith(("is 0.19 enough?", "is 0.2 enough?"))
     (text,) = told(stage, 2.5, plan=plan)
     assert f"of {FINGER} (and 1 other mesh), 1.9" in text
+
+
+@pytest.mark.parametrize("plan", [plan_repair, plan_keyposes])
+def test_one_that_is_refused_is_not_questioned_first(stage: Path, plan: Any) -> None:
+    observer, options = Recorder(), RepairOptions(clearance=50.0)
+    with pytest.raises(UsageError, match="--clearance 50: expected at most"):
+        plan(stage, stage.with_name("out.usdc"), options=options, observer=observer)
+    assert not any("thickness" in text for text in observer.warnings)
 
 
 def test_a_narrow_clearance_is_not(stage: Path) -> None:

@@ -124,9 +124,11 @@ def test_bad_frames_are_errors_of_these_frames_only(tmp_path: Path) -> None:
         mesh.GetPointsAttr().Set(vec3f(CUBE[:7]), 3.0)
         mesh.GetPointsAttr().Set(vec3f(CUBE[:0]), 4.0)
         mesh.GetPointsAttr().Set(Sdf.ValueBlock(), 5.0)
+        wrong[5, 2] = 1.0
+        mesh.GetPointsAttr().Set(vec3f(wrong), 5.5)
 
     mesh = selection_of(edited_cube(tmp_path, spoil, times=[1.0, 6.0])).meshes[0]
-    assert mesh.times.tolist() == [1, 2, 3, 4, 5, 6]
+    assert mesh.times.tolist() == [1, 2, 3, 4, 5, 5.5, 6]
     with pytest.raises(
         FrameError, match="at frame 2: 2 points are NaN or infinite, first 3"
     ) as bad:
@@ -134,6 +136,8 @@ def test_bad_frames_are_errors_of_these_frames_only(tmp_path: Path) -> None:
     assert isinstance(bad.value, UsdIoError) and bad.value.exit_code == 4
     with pytest.raises(FrameError, match="expected 8 points as in the topology, got 7"):
         read_frame(mesh, 3.0)
+    with pytest.raises(FrameError, match=r"at frame 5.5: point 3 is NaN or infinite; export"):
+        read_frame(mesh, 5.5)
     with pytest.raises(FrameError, match="got 0"):
         read_frame(mesh, 4.0)
     assert read_frame(mesh, 5.0) is None

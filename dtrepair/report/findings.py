@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
@@ -19,7 +19,7 @@ class FindingKind(StrEnum):
     JUMPS = "jumps"
 
 
-# Before and after the names of the meshes, and their frames.
+# Before and after the names of the meshes, and their frames; of a trial there is one sentence.
 _WORDS = {
     FindingKind.BENT: (
         "bent, though moved as a whole in the input",
@@ -30,12 +30,6 @@ _WORDS = {
         "moved, though it stands still in the input",
         "where that must not be, --collider keeps what it names in its place, and what meets it "
         "gives way instead",
-    ),
-    FindingKind.BREAKS_OFF: (
-        "corrections that break off with --frames",
-        "frames beside these were not chosen and stay as they are, so that it pops, or between "
-        "far keys fades unseen; for what is kept leave --frames out, or choose frames without "
-        "contacts at both ends as well, of keys too",
     ),
     FindingKind.JUMPS: (
         "corrections that jump",
@@ -72,10 +66,25 @@ class MotionFinding:
 def warnings_of(findings: Iterable[MotionFinding]) -> tuple[str, ...]:
     """Return a line for each kind of finding: its meshes, the worst first, and what cures it."""
     every, lines = sorted(findings, key=lambda own: -own.largest), list[str]()
-    for kind, (what, cure) in _WORDS.items():
-        if names := [str(own) for own in every if own.kind is kind]:
-            lines.append(f"{what}: {listed(names)}; {cure}")
+    for kind in FindingKind:
+        if not (found := [own for own in every if own.kind is kind]):
+            continue
+        if kind is FindingKind.BREAKS_OFF:
+            lines.append(_trial(found))
+        else:
+            what, cure = _WORDS[kind]
+            lines.append(f"{what}: {listed(list(map(str, found)))}; {cure}")
     return tuple(lines)
+
+
+def _trial(found: Sequence[MotionFinding]) -> str:
+    """Say that chosen frames at whose ends corrections break off, the worst first, are a trial."""
+    times = {time for own in found for time in own.times}
+    return (
+        "--frames is a trial: leave it out for the final repair, or choose ends without contacts; "
+        f"the correction breaks off at {frames_named(times)} and pops, or fades unseen, there, "
+        f"most at {found[0].path} (by {100.0 * found[0].largest:.2g} % of its size)"
+    )
 
 
 def joined(documents: Iterable[Mapping[str, Any]]) -> tuple[MotionFinding, ...]:

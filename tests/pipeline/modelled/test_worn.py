@@ -162,7 +162,7 @@ def test_the_command_says_it_and_what_changes_it(sleeve: Path, tmp_path: Path) -
     arguments = ("repair", sleeve, "--frames", "3", "-o", tmp_path / "b.usda")
     line, end = run(*arguments).err.splitlines()
     told = "taken as worn: /Hero/Sleeve over /Hero/Arm; another order with --layer"
-    assert line == f"dtrepair: {told}" and "break off with --frames" in end
+    assert line == f"dtrepair: {told}" and "--frames is a trial" in end
     assert run(*arguments, "-q").err == ""
 
 

@@ -117,7 +117,7 @@ def test_a_range_of_frames_breaks_off_where_it_ends(tmp_path: Path) -> None:
         selection = Selection(frames=frames)
         report = repair_stage(stage, out, selection=selection, **choices)
         found = [own for own in report.findings if own.kind == "breaks_off"]
-        assert any("break off" in text for text in report.warnings) == bool(found)
+        assert any("breaks off" in text for text in report.warnings) == bool(found)
         listed = report.document().get("findings", [])
         assert [own for own in listed if own["kind"] == "breaks_off"] == [
             {"kind": own.kind, "path": own.path, "largest": own.largest, "times": list(own.times)}

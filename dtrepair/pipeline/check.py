@@ -19,7 +19,14 @@ from dtrepair.pipeline.modelled.references import (
     modelled_parts,
     untold_in_check,
 )
-from dtrepair.pipeline.observer import SILENT, Observer, PairsFound, Progress, warn
+from dtrepair.pipeline.observer import (
+    SILENT,
+    Observer,
+    PairsFound,
+    Progress,
+    RecordingObserver,
+    warn,
+)
 from dtrepair.pipeline.repair.records import contact_records
 from dtrepair.pipeline.selection import CALLED, ObjectSettings, asking
 from dtrepair.pipeline.stages.devices import use_device
@@ -80,8 +87,10 @@ def check_stage(
         PipelineError: with the exit code that stands for it, see its subclasses.
     """
     chosen = replace(settings or CheckSettings(), **choices)
+    recording = RecordingObserver(observer)
     with plain_errors():
-        return _check(os.fspath(stage), chosen, jobs, use_device(device), observer)
+        report = _check(os.fspath(stage), chosen, jobs, use_device(device), recording)
+    return replace(report, warnings=recording.warnings)
 
 
 def checked_scene(
@@ -141,7 +150,6 @@ def _check(
         seconds=watch.total(),
         prims=prim_records(source),
         frames=tuple(records),
-        warnings=(*source.warnings, *hidden.warnings),
         attached=modelled.attached,
         passing=modelled.passing,
         worn=worn,

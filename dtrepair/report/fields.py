@@ -26,7 +26,7 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "settings": "All choices of the run, by the names of the options; a run can be "
             "repeated from them.",
             "seconds": "Time spent, by stages of the run, and in total.",
-            "warnings": "What was said on stderr.",
+            "warnings": "All that the run has warned of, each once, in the order in which it was.",
             "prims": "The meshes that took part, in their order.",
             "frames": "The frames, in order.",
             "summary": "Sums over all frames.",

@@ -157,7 +157,6 @@ def repair_here(
         seconds=run.clock.total(),
         prims=prim_records(source, rest_counts),
         frames=tuple(records),
-        warnings=(*source.warnings, *warnings),
         jitter=outcome.motion.jitter,
         attached=repairer.modelled.attached,
         passing=repairer.modelled.passing,

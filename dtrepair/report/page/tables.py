@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-from dtrepair.report.modelled import ModelledList, place
+from dtrepair.report.modelled import ModelledList, WornRecord, parts_of, place
 from dtrepair.report.page.advice import Frames, frame_links
 from dtrepair.report.page.content import Contact, pair_name
 from dtrepair.report.page.lengths import largest_move, length_of
@@ -25,6 +25,7 @@ def tables(report: Mapping[str, Any], colours: Colours = ()) -> str:
             _pairs(report),
             _strains(frames),
             _modelled(report["summary"].get("modelled")),
+            _worn(report.get("worn", ())),
             transfer_table(report.get("transfer")),
             keyposes_table(report.get("keyposes")),
             _frames(frames),
@@ -151,6 +152,15 @@ def _modelled(section: Mapping[str, Any] | None) -> str:
         rows.append([*numbers, "", "others"])
     header = ["pairs before", "after", "triangles before", "after", "around", "between"]
     return f"<h2>Modelled contacts, which stay</h2>{html_table(header, rows)}"
+
+
+def _worn(documents: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table of the parts that are taken as worn, each over another."""
+    records = [WornRecord(**parts_of(own)) for own in documents]
+    if not records:
+        return ""
+    rows = [[str(record.over), str(record.under)] for record in records]
+    return f"<h2>Taken as worn</h2>{html_table(['over', 'under'], rows)}"
 
 
 def _frames(frames: Frames) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dtrepair.report.modelled import LISTED, bounded
+from dtrepair.report.modelled import LISTED, WornRecord, bounded
 from dtrepair.report.page.page import make_page
 from dtrepair.report.record import (
     ContactRecord,
@@ -19,7 +19,7 @@ from dtrepair.report.sections import (
     SpanRecord,
     TransferRecord,
 )
-from tests.report.modelled_records import record
+from tests.report.modelled_records import part, record
 from tests.report.page.tags import parsed
 from tests.report.page.test_page import document
 
@@ -110,3 +110,12 @@ def test_poses_between_keys_have_a_table_of_their_own() -> None:
     parsed(page)
     cells = ["8", "3", "1", "20", "2", "3, 4", "2.5", "1 to 5"]
     assert "".join(f"<td>{cell}</td>" for cell in cells) in page
+
+
+def test_what_is_taken_as_worn_is_listed() -> None:
+    worn = WornRecord(over=part(2), under=part(None, "/Hero/Shirt"))
+    page = make_page(document(worn=(worn,)))
+    parsed(page)
+    assert f"<h2>Taken as worn</h2>{'<div class=scroll>'}" in page
+    assert f"<td>{part(2)}</td><td>/Hero/Shirt</td>" in page
+    assert "Taken as worn" not in make_page(document())

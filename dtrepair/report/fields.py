@@ -227,7 +227,8 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
         {
             "pairs_before": "Pairs of triangles before the repair.",
             "pairs_after": "And after it.",
-            "triangles_before": "Triangles before the repair.",
+            "triangles_before": "Triangles in them before the repair; one that is in contacts of "
+            "several pairs of parts counts with each of them.",
             "triangles_after": "And after it.",
         },
     ),

@@ -151,7 +151,11 @@ def _modelled(section: Mapping[str, Any] | None) -> str:
         numbers = [str(number) for number in vars(every.others.counts).values()]
         rows.append([*numbers, "", "others"])
     header = ["pairs before", "after", "triangles before", "after", "around", "between"]
-    return f"<h2>Modelled contacts, which stay</h2>{html_table(header, rows)}"
+    told = (
+        "<p>The parts stay where they meet; the numbers change as their surfaces slide in each "
+        "other. A triangle counts with each pair of parts that it is in.</p>"
+    )
+    return f"<h2>Modelled contacts, which stay</h2>{told}{html_table(header, rows)}"
 
 
 def _worn(documents: Sequence[Mapping[str, Any]]) -> str:

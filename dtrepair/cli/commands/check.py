@@ -81,7 +81,8 @@ def command(
     Exact, in float32 coordinates: pairs of triangles that share no vertex (vertices at one position
     count as one) and have a common point; touching counts. One mesh is counted in its own space,
     several together in world space. What lies wholly inside something closed intersects nothing; it
-    is told, and does not change the exit code.
+    is told, and does not change the exit code. With -v each frame has a row, and each mesh of it
+    that intersects.
 
     \b
     Example:

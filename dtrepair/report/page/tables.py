@@ -35,17 +35,20 @@ def tables(report: Mapping[str, Any], colours: Colours = ()) -> str:
 
 def smaller_contacts(frames: Frames, contacts: Sequence[Contact]) -> str:
     """Return a table of the contacts that have no picture, folded up."""
+    smaller = [contact for contact in contacts if not (contact.png or contact.view)]
+    # Of one pose there is one number.
+    both = any(contact.triangles[1] is not None for contact in smaller)
     rows: list[list[Cell]] = []
-    for contact in contacts:
-        if contact.png or contact.view:
-            continue
+    for contact in smaller:
         first, last, worst = contact.frames
         links = [frame_links(frames, range(first, last + 1)), frame_links(frames, [worst])]
         counts = ["" if count is None else str(count) for count in contact.triangles]
+        counts = counts if both else counts[:1]
         rows.append([*counts, *(Markup(each) for each in links), contact.between])
     if not rows:
         return ""
-    table = html_table(["triangles before", "after", "frames", "worst", "between"], rows)
+    counted = ["triangles before", "after"] if both else ["triangles"]
+    table = html_table([*counted, "frames", "worst", "between"], rows)
     title = f"Smaller contacts ({len(rows)})"
     return f"<details><summary><h2>{title}</h2></summary>{table}</details>"
 

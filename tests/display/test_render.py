@@ -53,10 +53,10 @@ def test_intersecting_triangles_are_red() -> None:
 
 
 def test_modelled_contacts_are_paler_than_faults() -> None:
-    masks = {"intersecting": np.array([True, False]), "modelled": np.array([True, True])}
-    found = kinds(render(SQUARE, FACES, view=straight(SQUARE), size=106, **masks))
-    plain = render(SQUARE, FACES, view=straight(SQUARE), size=106)
-    image = render(SQUARE, FACES, view=straight(SQUARE), size=106, modelled=masks["modelled"])
+    view, one, both = straight(SQUARE), np.array([True, False]), np.array([True, True])
+    found = kinds(render(SQUARE, FACES, view=view, size=106, intersecting=one, modelled=both))
+    plain = render(SQUARE, FACES, view=view, size=106)
+    image = render(SQUARE, FACES, view=view, size=106, modelled=both)
     # What counts is red even so; the rest is bluer than a surface.
     assert found["red"] == pytest.approx(found["surface"], rel=0.05)
     assert image[53, 53, 2] > plain[53, 53, 2] and image[53, 53, 2] > image[53, 53, 0]

@@ -41,7 +41,7 @@ def pale_pixels(path: Path) -> NDArray[np.bool_]:
     with Image.open(path) as picture:
         pixels = np.asarray(picture.convert("RGB")).astype(int)
     # The background is bluish too, by two of 255.
-    return pixels[..., 2] - pixels[..., 0] > 15
+    return np.asarray(pixels[..., 2] - pixels[..., 0] > 15)
 
 
 def test_a_picture_of_before_and_after(tmp_path: Path) -> None:

@@ -193,13 +193,13 @@ def test_contacts_have_a_picture_or_a_row() -> None:
     assert page.count("<figure") == 1
     assert "/A and /B, frame 5: 12 → 3 intersecting triangles" in page
     assert "Smaller contacts (1)" in page and "<td>/A with itself</td>" in page
+    assert '<button class=frame data-go="2">3 to 7</button>' in page
+    assert "background:rgb(255,128,0)" in page
     # Of one pose there is one number of triangles.
     assert "<th>triangles before</th><th>after</th><th>frames</th>" in page
     one = replace(CONTENT.contacts[1], triangles=(12, None))
     page = make_page(document(), replace(CONTENT, contacts=(one,)))
     assert "<th>triangles</th><th>frames</th>" in page
-    assert '<button class=frame data-go="2">3 to 7</button>' in page
-    assert "background:rgb(255,128,0)" in page
 
 
 def test_totals_and_table() -> None:

@@ -130,8 +130,8 @@ def test_a_check_has_no_columns_of_a_repair() -> None:
     )
     clean = FrameRecord(time=2.0, status="clean", before=CountRecord(), after=CountRecord())
     prims = tuple(PrimRecord(path=path, vertices=8, triangles=12) for path in ("/A", "/B"))
-    known = {"prims": prims, "frames": (frame, clean)}
-    page = make_page(document(**known, command="check", output=None))
+    frames = (frame, clean)
+    page = make_page(document(prims=prims, frames=frames, command="check", output=None))
     parsed(page)
     columns = ("after</th>", "before</th>", "<th>largest move", "frames left</th>")
     for word in ("<td>unchanged", *columns):
@@ -139,7 +139,7 @@ def test_a_check_has_no_columns_of_a_repair() -> None:
     assert "<td>4</td><td>0.00</td><td>intersects</td>" in page
     assert "<td>2</td><td>" in page and "<td>7</td><td>14</td>" in page
     assert "<b>4</b>intersecting triangles" in page and "</b>largest move" not in page
-    repaired = make_page(document(**known))
+    repaired = make_page(document(prims=prims, frames=frames))
     for word in ("<td>unchanged", *columns):
         assert word in repaired
 

@@ -17,6 +17,7 @@ class Colours:
     Args:
         surface: Of the outside: a warm grey, beside which the others stand out.
         intersecting: Of intersecting triangles.
+        modelled: Of triangles that intersect as they were modelled: calm, they are no faults.
         back: Of the inside, seen where a surface is open or inside out.
         background: Behind everything.
         objects: Of further objects, the first being `surface`; then again from the start, but
@@ -25,6 +26,7 @@ class Colours:
 
     surface: Colour = (0.78, 0.75, 0.71)
     intersecting: Colour = (0.90, 0.09, 0.07)
+    modelled: Colour = (0.80, 0.88, 0.97)
     back: Colour = (0.30, 0.45, 0.85)
     background: Colour = (250 / 255, 250 / 255, 252 / 255)
     objects: tuple[Colour, ...] = (

@@ -106,14 +106,15 @@ def render(
     *,
     view: View,
     intersecting: NDArray[np.bool_] | None = None,
+    modelled: NDArray[np.bool_] | None = None,
     objects: NDArray[np.integer] | None = None,
     size: int = 640,
     options: RenderOptions = RenderOptions(),
 ) -> Image:
     """Draw a mesh (V, 3), (F, 3); return (size, size, 3) uint8.
 
-    intersecting: which triangles (F,) are red. objects: the number (F,) of the object of each,
-    which gives it a colour.
+    intersecting: which triangles (F,) are red. modelled: which are pale blue, as their contacts
+    were modelled. objects: the number (F,) of the object of each, which gives it a colour.
     """
     positions = np.asarray(points, dtype=np.float64)
     colours, samples = options.colours, options.samples
@@ -127,10 +128,9 @@ def render(
     flat = _facing(view, positions, faces)[chosen]
     surface = np.asarray(colours.surface if objects is None else colours.of(objects[chosen]))
     colour = np.where((flat > 0)[:, None], surface, colours.back)
-    if intersecting is not None:
-        colour = np.where(
-            np.asarray(intersecting, bool)[chosen, None], colours.intersecting, colour
-        )
+    for mask, own in ((modelled, colours.modelled), (intersecting, colours.intersecting)):
+        if mask is not None:
+            colour = np.where(np.asarray(mask, bool)[chosen, None], own, colour)
     picture = np.tile(np.asarray(colours.background, dtype=np.float64), (fine * fine, 1))
     picture[hit] = colour * _light(normal * np.where(flat > 0, 1, -1)[:, None])[:, None]
     blocks = picture.reshape(size, samples, size, samples, 3).mean(axis=(1, 3))

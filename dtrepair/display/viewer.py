@@ -20,14 +20,16 @@ KEPT = 64
 # How opaque the first mesh is where the others are laid over it.
 OVERLAID = 0.4
 
-Frame = tuple[NDArray[np.floating], NDArray[np.bool_]]
+Mask = NDArray[np.bool_]
+Frame = tuple[NDArray[np.floating], Mask, Mask]
 
 
 @dataclass(frozen=True)
 class Viewed:
     """A mesh to look at: its name, triangles (F, 3), and its frames.
 
-    frame: index of a frame -> points (V, 3) and the mask (F,) of triangles drawn red.
+    frame: index of a frame -> points (V, 3), the mask (F,) of triangles drawn red, and that of
+    those in modelled contacts only.
     """
 
     name: str
@@ -116,7 +118,7 @@ class Viewer:
         frames = [frame(self._player.index) for frame in self._frames]
         width = float(np.ptp(frames[0][0][:, 0]))
         for column, (name, faces) in enumerate(zip(self._names, self._faces, strict=True)):
-            points, red = frames[column]
+            points, red, modelled = frames[column]
             aside = 0.0 if self._overlaid else self._spacing * column * width
             placed = points + np.array([aside, 0.0, 0.0])
             if column == len(self._structures):
@@ -124,9 +126,9 @@ class Viewer:
             else:
                 self._structures[column].update_vertex_positions(placed)
             structure = self._structures[column]
-            colours = np.where(
-                np.asarray(red)[:, None], self._colours.intersecting, self._colours.surface
-            )
+            colours = np.tile(np.asarray(self._colours.surface), (len(faces), 1))
+            colours[modelled] = self._colours.modelled
+            colours[red] = self._colours.intersecting
             heat = self._heat and column > 0 and self._comparable
             structure.add_color_quantity(
                 "intersecting", colours, defined_on="faces", enabled=not heat

@@ -11,8 +11,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dtrepair.pipeline.check import CheckSettings as CheckSettings
     from dtrepair.pipeline.check import check_stage as check_stage
+    from dtrepair.pipeline.check_settings import CheckSettings as CheckSettings
     from dtrepair.pipeline.errors import Cancelled as Cancelled
     from dtrepair.pipeline.errors import InputError as InputError
     from dtrepair.pipeline.errors import OutputError as OutputError
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "Cancelled": "errors",
-    "CheckSettings": "check",
+    "CheckSettings": "check_settings",
     "CorrectionWritten": "observer",
     "FrameDone": "observer",
     "InputError": "errors",

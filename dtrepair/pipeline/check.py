@@ -4,33 +4,31 @@ from __future__ import annotations
 
 import os
 import time as clock
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Unpack
 
 from dtrepair import __version__
-from dtrepair.intersect import MODES
+from dtrepair.pipeline.check_settings import CheckChoices, CheckSettings
 from dtrepair.pipeline.clock import Clock
-from dtrepair.pipeline.errors import UsageError, plain_errors
+from dtrepair.pipeline.errors import plain_errors
 from dtrepair.pipeline.modelled.parts import ModelledParts, tell_modelled
 from dtrepair.pipeline.modelled.references import (
     frames_tell,
     modelled_parts,
     untold_in_check,
 )
-from dtrepair.pipeline.observer import SILENT, Observer, PairsFound, Progress, warn
-from dtrepair.pipeline.repair.records import contact_records
-from dtrepair.pipeline.selection import (
-    CALLED,
-    ObjectSettings,
-    PrimTable,
-    Selection,
-    asking,
-    object_of,
-    recorded_tables,
-    refuse_unknown,
+from dtrepair.pipeline.observer import (
+    SILENT,
+    Observer,
+    PairsFound,
+    Progress,
+    RecordingObserver,
+    warn,
 )
+from dtrepair.pipeline.repair.records import contact_records
+from dtrepair.pipeline.selection import CALLED, ObjectSettings, asking
 from dtrepair.pipeline.stages.devices import use_device
 from dtrepair.pipeline.stages.enclosed_parts import EnclosedParts
 from dtrepair.pipeline.stages.frames import (
@@ -57,86 +55,13 @@ from dtrepair.pipeline.stages.object_settings import read_settings, recorded
 from dtrepair.pipeline.stages.outputs import FilePath
 from dtrepair.pipeline.stages.shot.sets import find_sets, pairs_of_sets
 from dtrepair.pipeline.stages.sources import Source, open_source
+from dtrepair.pipeline.stages.world_mesh import WorldScene
 from dtrepair.report.modelled import WornRecord
 from dtrepair.report.record import FramePrimRecord, FrameRecord, Report
 
 if TYPE_CHECKING:
     from dtrepair.intersect.scene_counts import SceneCounter
     from dtrepair.numerics.geometry import IntArray
-
-# What a check may do with contacts that were modelled: count them apart, or like all others.
-COUNTED_APART = ("auto", "repair")
-
-
-@dataclass(frozen=True, kw_only=True)
-class CheckSettings:
-    """What the result of a check depends on, besides its input.
-
-    Args:
-        selection: which meshes and frames take part.
-        mode: pairs within a mesh ("self"), between meshes ("inter") or both.
-        ignore: pairs "A,B" of path expressions whose contacts do not count.
-        attach, detach: pairs "A,B" of path expressions whose parts are attached or are not, as
-            `ObjectOptions` has them.
-        tables: settings of single meshes, of which a check takes what they are attached to.
-        rest_contacts: "auto" counts contacts that were modelled apart, "repair" all as one; None:
-            "repair" where the selection is strict, else "auto".
-        find_worn: look for what a repair would take as worn, too: seconds for many parts.
-
-    Raises:
-        UsageError: an unknown mode or way to count.
-    """
-
-    selection: Selection = field(default_factory=Selection)
-    mode: str = "both"
-    ignore: tuple[str, ...] = ()
-    attach: tuple[str, ...] = ()
-    detach: tuple[str, ...] = ()
-    tables: tuple[PrimTable, ...] = ()
-    rest_contacts: str | None = None
-    find_worn: bool = False
-
-    def __post_init__(self) -> None:
-        """Refuse an unknown mode or way to count."""
-        if self.rest_contacts not in (None, *COUNTED_APART):
-            raise UsageError(
-                f"--rest-contacts: expected one of {', '.join(COUNTED_APART)}, got "
-                f"{self.rest_contacts!r}"
-            )
-        if self.mode not in MODES:
-            raise UsageError(f"--mode: expected one of {', '.join(MODES)}, got {self.mode!r}")
-
-    @property
-    def counting(self) -> str:
-        """Return one of `COUNTED_APART`: what was chosen, else what the selection asks for."""
-        return self.rest_contacts or ("repair" if self.selection.strict else "auto")
-
-    @classmethod
-    def from_report(cls, settings: Mapping[str, Any]) -> CheckSettings:
-        """Return the settings of a run whose report has these `settings`.
-
-        Raises UsageError for a name that no setting has.
-        """
-        refuse_unknown(settings, (Selection, CheckSettings), ("objects",))
-        own = {name: value for name, value in settings.items() if name != "selection"}
-        return replace(
-            object_of(cls, own),
-            selection=object_of(Selection, settings),
-            tables=recorded_tables(settings),
-        )
-
-
-class CheckChoices(TypedDict, total=False):
-    """The fields of `CheckSettings`, each of which may be given by name."""
-
-    selection: Selection
-    mode: str
-    ignore: tuple[str, ...]
-    attach: tuple[str, ...]
-    detach: tuple[str, ...]
-    tables: tuple[PrimTable, ...]
-    rest_contacts: str | None
-    find_worn: bool
 
 
 def check_stage(
@@ -162,8 +87,23 @@ def check_stage(
         PipelineError: with the exit code that stands for it, see its subclasses.
     """
     chosen = replace(settings or CheckSettings(), **choices)
+    recording = RecordingObserver(observer)
     with plain_errors():
-        return _check(os.fspath(stage), chosen, jobs, use_device(device), observer)
+        report = _check(os.fspath(stage), chosen, jobs, use_device(device), recording)
+    return replace(report, warnings=recording.warnings)
+
+
+def checked_scene(
+    source: Source, settings: CheckSettings | None = None, *, observer: Observer = SILENT
+) -> WorldScene:
+    """Return the meshes of an input as one, counted as a check counts them: for pictures.
+
+    observer: hears what is taken as modelled.
+    """
+    chosen = settings or CheckSettings()
+    ignored = _ignored(source, chosen)
+    _, _, modelled = _modelled(source, chosen, ignored, observer)
+    return WorldScene(source, mode=chosen.mode, ignored=ignored, attachments=modelled.attachments)
 
 
 def _check(
@@ -210,7 +150,6 @@ def _check(
         seconds=watch.total(),
         prims=prim_records(source),
         frames=tuple(records),
-        warnings=(*source.warnings, *hidden.warnings),
         attached=modelled.attached,
         passing=modelled.passing,
         worn=worn,

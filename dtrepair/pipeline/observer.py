@@ -161,6 +161,45 @@ class Observer:
 SILENT = Observer()
 
 
+class RecordingObserver(Observer):
+    """Passes all that it hears on to another observer, and records the warnings for a report."""
+
+    def __init__(self, observer: Observer) -> None:
+        """Name the observer that hears of the run."""
+        self._observer = observer
+        self._warnings: dict[str, None] = {}
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All warnings so far, each once, in the order in which they were given."""
+        return tuple(self._warnings)
+
+    def start(self, phase: str, total: int) -> None:
+        """Pass on that a phase begins."""
+        self._observer.start(phase, total)
+
+    def advance(self, done: float) -> None:
+        """Pass on how far it is."""
+        self._observer.advance(done)
+
+    def end(self) -> None:
+        """Pass on that it is over."""
+        self._observer.end()
+
+    def warning(self, text: str) -> None:
+        """Record a warning, and pass it on."""
+        self._warnings[text] = None
+        self._observer.warning(text)
+
+    def remark(self, remark: Remark) -> None:
+        """Pass on a remark."""
+        self._observer.remark(remark)
+
+    def cancelled(self) -> bool:
+        """Return whether the other observer wants the run to end."""
+        return self._observer.cancelled()
+
+
 class Progress:
     """The frames of one phase: tells the observer how far they are, and ends a cancelled run."""
 

@@ -26,7 +26,7 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "settings": "All choices of the run, by the names of the options; a run can be "
             "repeated from them.",
             "seconds": "Time spent, by stages of the run, and in total.",
-            "warnings": "What was said on stderr.",
+            "warnings": "All that the run has warned of, each once, in the order in which it was.",
             "prims": "The meshes that took part, in their order.",
             "frames": "The frames, in order.",
             "summary": "Sums over all frames.",
@@ -227,7 +227,8 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
         {
             "pairs_before": "Pairs of triangles before the repair.",
             "pairs_after": "And after it.",
-            "triangles_before": "Triangles before the repair.",
+            "triangles_before": "Triangles in them before the repair; one that is in contacts of "
+            "several pairs of parts counts with each of them.",
             "triangles_after": "And after it.",
         },
     ),

@@ -51,8 +51,8 @@ class PartRecord:
 class ModelledCounts:
     """Pairs of triangles that were modelled, in the input and in the result, and triangles.
 
-    Triangles are those in modelled pairs only; one that touches several parts is counted once, with
-    the pair of parts that comes first in its list.
+    Triangles are all that are in these pairs: one that is in contacts of several pairs of parts
+    counts with each of them, and is in the sum of the others several times.
     """
 
     pairs_before: int = 0

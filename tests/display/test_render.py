@@ -52,6 +52,16 @@ def test_intersecting_triangles_are_red() -> None:
     assert kinds(image[15:16, 15:16])["red"] == 0
 
 
+def test_modelled_contacts_are_paler_than_faults() -> None:
+    view, one, both = straight(SQUARE), np.array([True, False]), np.array([True, True])
+    found = kinds(render(SQUARE, FACES, view=view, size=106, intersecting=one, modelled=both))
+    plain = render(SQUARE, FACES, view=view, size=106)
+    image = render(SQUARE, FACES, view=view, size=106, modelled=both)
+    # What counts is red even so; the rest is bluer than a surface.
+    assert found["red"] == pytest.approx(found["surface"], rel=0.05)
+    assert image[53, 53, 2] > plain[53, 53, 2] and image[53, 53, 2] > image[53, 53, 0]
+
+
 def test_back_faces_are_blue() -> None:
     image = render(SQUARE, FACES[:, ::-1], view=straight(SQUARE), size=64)
     assert kinds(image)["blue"] > 0.8 and kinds(image)["surface"] < 0.05

@@ -12,17 +12,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dtrepair.display.colours import Colours
 from dtrepair.display.viewer import Viewed, Viewer, has_display
 from tests.meshes import bent_tube
 
 ANGLES = (5.0, 6.5)
 
 
+Shown = tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
+
+
 def viewed(name: str) -> Viewed:
     faces = bent_tube(1.0)[1]
 
-    def frame(index: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        return bent_tube(ANGLES[index])[0], np.arange(len(faces)) < 640 * index
+    def frame(index: int) -> Shown:
+        red = np.arange(len(faces)) < 640 * index
+        return bent_tube(ANGLES[index])[0], red, np.arange(len(faces)) < 10
 
     return Viewed(name, faces, frame)
 
@@ -85,13 +90,14 @@ class Recorded:
     def __init__(self, points: NDArray[np.float64]) -> None:
         self.points, self.enabled, self.smooth, self.opaque = points, "", False, 1.0
         self.moved: NDArray[np.float64] | None = None
+        self.colours: NDArray[np.float64] | None = None
 
     def update_vertex_positions(self, points: NDArray[np.float64]) -> None:
         self.points = points
 
     def add_color_quantity(self, name: str, values: Any, *, defined_on: str, enabled: bool) -> None:
         assert defined_on == "faces"
-        self.enabled = name if enabled else self.enabled
+        self.enabled, self.colours = name if enabled else self.enabled, values
 
     def add_scalar_quantity(self, name: str, values: Any, *, enabled: bool) -> None:
         self.enabled, self.moved = name, values
@@ -133,9 +139,9 @@ def scripted(monkeypatch: pytest.MonkeyPatch) -> tuple[Viewer, Scripted]:
     return window, fake.imgui
 
 
-def moved_aside(index: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    points, red = viewed("before").frame(index)
-    return points + np.array([0.0, 0.25, 0.0]), np.zeros_like(red)
+def moved_aside(index: int) -> Shown:
+    points, red, modelled = viewed("before").frame(index)
+    return points + np.array([0.0, 0.25, 0.0]), np.zeros_like(red), modelled
 
 
 def pressed(window: Viewer, imgui: Scripted, **answers: Any) -> list[str]:
@@ -157,6 +163,15 @@ def test_the_slider_shows_time_codes_and_chooses_a_frame(
     assert "time 50 %%" in seen and "what intersects:" in seen and "  /A: 3 pairs" in seen
     pressed(window, imgui, time=0)
     assert "nothing intersects" in pressed(window, imgui)
+
+
+def test_modelled_contacts_have_a_colour_of_their_own(scripted: tuple[Viewer, Scripted]) -> None:
+    window, imgui = scripted
+    shown, colours = window._structures[0], Colours()
+    assert (shown.colours[:10] == colours.modelled).all()
+    assert (shown.colours[10:] == colours.surface).all()
+    pressed(window, imgui, time=1)
+    assert (shown.colours[:640] == colours.intersecting).all()
 
 
 def test_buttons_play_and_go_to_the_worst_frame(scripted: tuple[Viewer, Scripted]) -> None:

@@ -19,7 +19,7 @@ from dtrepair.pipeline import (
     UsageError,
     check_stage,
 )
-from dtrepair.pipeline.check import CheckChoices
+from dtrepair.pipeline.check_settings import CheckChoices
 from dtrepair.pipeline.stages.sources import StageSource
 from dtrepair.repair.surface.containment import Enclosures
 from tests.command_line import CLOSED, OPEN, run, tube_stage

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
-from dtrepair.pipeline import Cancelled, Observer
-from dtrepair.pipeline.observer import Progress, warn
+from dtrepair.pipeline import (
+    Cancelled,
+    Observer,
+    check_stage,
+    repair_keyposes,
+    repair_stage,
+    transfer_stage,
+)
+from dtrepair.pipeline.observer import Progress, RecordingObserver, SpansDone, warn
+from dtrepair.report.record import Report
+from tests.command_line import CLOSED, OPEN, tube_stage
 from tests.pipeline.hosts import Listener
 
 
@@ -72,3 +82,35 @@ def test_the_default_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
         assert list(progress.over("ab")) == ["a", "b"]
     warn(host, ["beware"])
     assert capsys.readouterr() == ("", "")
+
+
+def test_warnings_are_recorded_once_and_all_is_passed_on() -> None:
+    host = Listener(frames=0)
+    recording = RecordingObserver(host)
+    warn(recording, ["first", "second", "first"])
+    assert recording.warnings == ("first", "second")
+    assert host.warnings == ["first", "second", "first"]
+    recording.start("working", 2)
+    recording.advance(1.5)
+    recording.end()
+    recording.remark(SpansDone(1, 2))
+    assert (host.phases, host.done, host.ended) == ([("working", 2)], [1.5], 1)
+    assert host.remarks == [SpansDone(1, 2)] and recording.cancelled()
+
+
+RUNS: dict[str, Callable[[Path, Path, Observer], Report]] = {
+    "check": lambda stage, out, host: check_stage(
+        stage, mode="inter", attach=("/Root/Tube,/Root/Tube",), observer=host
+    ),
+    "repair": lambda stage, out, host: repair_stage(stage, out, rest="2", observer=host),
+    "keyposes": lambda stage, out, host: repair_keyposes(stage, out, rest="2", observer=host),
+    "transfer": lambda stage, out, host: transfer_stage(stage, stage, out, observer=host),
+}
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_report_has_all_warnings_of_its_run(name: str, tmp_path: Path) -> None:
+    stage = tube_stage(tmp_path / "a.usda", (OPEN, CLOSED))
+    host = Listener()
+    report = RUNS[name](stage, tmp_path / "b.usda", host)
+    assert host.warnings and list(report.warnings) == list(dict.fromkeys(host.warnings))

@@ -14,6 +14,7 @@ from dtrepair.cli.options.shared import (
     ATTACH,
     DETACH,
     IGNORE,
+    REST_CONTACTS,
     check_selection_options,
     jobs_option,
     run_options,
@@ -26,7 +27,8 @@ from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.modelled_text import print_modelled, print_worn
 from dtrepair.cli.terminal.outputs import STDOUT, Reports, check_report_places, put_reports
 from dtrepair.intersect import MODES
-from dtrepair.pipeline.check import COUNTED_APART, CheckSettings, check_stage
+from dtrepair.pipeline.check import check_stage
+from dtrepair.pipeline.check_settings import CheckSettings
 from dtrepair.pipeline.errors import INPUT, OUTPUT, exit_code
 
 
@@ -52,14 +54,7 @@ from dtrepair.pipeline.errors import INPUT, OUTPUT, exit_code
     type=click.Choice(MODES),
     help="Pairs within a mesh, between meshes, or both.",
 )
-@click.option(
-    "--rest-contacts",
-    type=click.Choice(COUNTED_APART),
-    default=CheckSettings.rest_contacts,
-    show_default="auto, with --strict repair",
-    help="Contacts of different parts that the rest pose has as well were modelled: auto counts "
-    "them apart, repair like all others. Wins over --strict.",
-)
+@REST_CONTACTS
 @field_option(
     CheckSettings,
     "find_worn",
@@ -86,7 +81,8 @@ def command(
     Exact, in float32 coordinates: pairs of triangles that share no vertex (vertices at one position
     count as one) and have a common point; touching counts. One mesh is counted in its own space,
     several together in world space. What lies wholly inside something closed intersects nothing; it
-    is told, and does not change the exit code.
+    is told, and does not change the exit code. With -v each frame has a row, and each mesh of it
+    that intersects.
 
     \b
     Example:

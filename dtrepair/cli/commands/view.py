@@ -9,13 +9,21 @@ import click
 from dtrepair.cli.exit_codes import exit_codes
 from dtrepair.cli.options.file_names import FILE
 from dtrepair.cli.options.sections import Command
-from dtrepair.cli.options.shared import selection_options
+from dtrepair.cli.options.settings import as_settings
+from dtrepair.cli.options.shared import (
+    ATTACH,
+    DETACH,
+    IGNORE,
+    REST_CONTACTS,
+    check_selection_options,
+)
 from dtrepair.cli.options.verbosity import console_options
 from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.failures import one_line_errors
 from dtrepair.cli.terminal.outputs import check_picture_name
+from dtrepair.pipeline.check import checked_scene
+from dtrepair.pipeline.check_settings import CheckSettings
 from dtrepair.pipeline.errors import CLEAN, INPUT, OUTPUT, UsageError
-from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.outputs import check_writable, refuse_overwriting, writing
 from dtrepair.pipeline.stages.sources import is_stage, open_source, time_label
 from dtrepair.pipeline.stages.world_mesh import WorldScene
@@ -30,7 +38,11 @@ from dtrepair.wording import counted, listed
 @click.option(
     "--screenshot", type=FILE, metavar="F.png", help="Write a picture and open no window."
 )
-@selection_options
+@IGNORE
+@ATTACH
+@DETACH
+@REST_CONTACTS
+@as_settings(CheckSettings, check_selection_options)
 @console_options
 @one_line_errors
 def command(
@@ -38,10 +50,12 @@ def command(
     source_path: str,
     before: str | None,
     screenshot: str | None,
-    selection: Selection,
+    settings: CheckSettings,
     console: Console,
 ) -> int:
-    """Look at a stage or mesh, its intersecting triangles in red.
+    """Look at a stage or mesh, its intersecting triangles in red, modelled contacts pale blue.
+
+    It counts as check does: what was modelled as overlapping is told apart.
 
     The window needs polyscope (pip install 'dtrepair[view]'). It has a slider over the time codes,
     plays, goes to the next worst frame, lists what intersects, lays before and after over one
@@ -68,8 +82,9 @@ def command(
     scenes = []
     for path in (before, source_path):
         if path is not None:
-            scenes.append(WorldScene(open_source(path, selection)))
-            console.warn(scenes[-1].source.warnings)
+            source = open_source(path, settings.selection)
+            console.warn(source.warnings)
+            scenes.append(checked_scene(source, settings))
     if before is not None:
         _refuse_strangers(before, source_path, *scenes)
     names = ["before", "after"] if before is not None else [source_path]
@@ -104,7 +119,7 @@ def _show(scenes: Sequence[WorldScene], names: Sequence[str], screenshot: str | 
     def viewed(name: str, scene: WorldScene) -> Viewed:
         def frame(index: int) -> Frame:
             found = scene(times[index])
-            return found.points, found.intersecting
+            return found.points, found.intersecting, found.modelled
 
         return Viewed(name, scene.faces, frame)
 
@@ -143,14 +158,25 @@ def _draw(scenes: Sequence[WorldScene], names: Sequence[str], screenshot: str) -
     view = best_view(first.points, faces, first.intersecting, up=up, others=others)
     images, captions = [], []
     for name, scene, frame in zip(names, scenes, frames, strict=True):
-        mask, objects = frame.intersecting, scene.objects
-        images.append(
-            render(frame.points, scene.faces, view=view, intersecting=mask, objects=objects)
+        image = render(
+            frame.points,
+            scene.faces,
+            view=view,
+            intersecting=frame.intersecting,
+            modelled=frame.modelled,
+            objects=scene.objects,
         )
+        images.append(image)
         title = f"{name}, " if len(names) > 1 else ""
-        captions.append(f"{title}frame {time_label(time)}: {frame.triangles} intersecting")
+        captions.append(f"{title}frame {time_label(time)}: {_told(*frame.counts)}")
     try:
         with writing(screenshot):
             save_pictures(screenshot, images, captions=captions)
     except ImportError as error:
         raise UsageError(f"{screenshot}: {error}") from None
+
+
+def _told(intersecting: int, modelled: int) -> str:
+    """Return how many triangles intersect, and how many only as they were modelled, in words."""
+    apart = f", {modelled} modelled" if modelled else ""
+    return f"{intersecting or 'none'} intersecting{apart}"

@@ -9,6 +9,7 @@ import click
 from dtrepair.cli.options.config import read_config
 from dtrepair.cli.options.fields import Function, as_object, expression_option, field_option
 from dtrepair.cli.options.file_names import FILE
+from dtrepair.pipeline.check_settings import COUNTED_APART, CheckSettings
 from dtrepair.pipeline.selection import KEYS, ObjectOptions, Selection
 
 _SELECTION: dict[str, dict[str, Any]] = {
@@ -75,6 +76,15 @@ _DETACH = {
 IGNORE = field_option(ObjectOptions, "ignore", **_IGNORE)
 ATTACH = field_option(ObjectOptions, "attach", **_ATTACH)
 DETACH = field_option(ObjectOptions, "detach", **_DETACH)
+# Whether contacts that were modelled are told from others, of what counts and repairs nothing.
+REST_CONTACTS = click.option(
+    "--rest-contacts",
+    type=click.Choice(COUNTED_APART),
+    default=CheckSettings.rest_contacts,
+    show_default="auto, with --strict repair",
+    help="Contacts of different parts that the rest pose has as well were modelled: auto counts "
+    "them apart, repair like all others. Wins over --strict.",
+)
 _OBJECTS: dict[str, dict[str, Any]] = {
     "collider": expression_option("Meshes that take part but never move."),
     "rigid": expression_option("Meshes that move as a whole only."),

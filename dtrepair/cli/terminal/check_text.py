@@ -1,13 +1,14 @@
-"""What `dtrepair check` says: a row for each frame and mesh, what lies inside what, the sum."""
+"""What `dtrepair check` says: a row for each frame, what met what, what lies inside, the sum."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.console import Console, folded
+from dtrepair.cli.terminal.repair_text import print_contacts
 from dtrepair.cli.terminal.strain_text import frames_of
 from dtrepair.pipeline.stages.sources import time_label
-from dtrepair.report.record import FrameRecord, Report
+from dtrepair.report.record import FrameRecord, Report, summarize
 from dtrepair.wording import counted
 
 # So many pairs of meshes are named that lie inside each other.
@@ -15,24 +16,32 @@ NAMED = 5
 
 
 def print_check(console: Console, report: Report) -> None:
-    """Print one row for each frame, and one for each mesh of it that intersects."""
+    """Print the frames, those in a row that have the same in one row, and what met what.
+
+    With -v each frame has a row, and each mesh of it that intersects.
+    """
     several, records = len(report.prims) > 1, report.frames
-    header = ["frame", "triangles", "pairs", *(["between meshes", "mesh"] if several else [])]
+    each, fold = several and console.verbosity > 0, console.verbosity == 0
+    header = ["frame", "triangles", "pairs", *(["between meshes"] if several else [])]
     rows = []
     for record in records:
         label = time_label(record.time)
+        blank = ("",) * (len(header) - 2)
         if record.before is None:
-            rows.append([label, record.status, "", *(["", ""] if several else [])])
+            rows.append((label, label, (record.status, *blank, *([""] if each else []))))
             continue
-        parts = [("all", record.before), *((p.path, p.before) for p in record.prims if p.before)]
-        for path, count in parts if several else parts[:1]:
+        every = [("all", record.before), *((p.path, p.before) for p in record.prims if p.before)]
+        for path, count in every if each else every[:1]:
             if path == "all" or count.pairs:
-                numbers = [str(count.triangles), str(count.pairs), str(count.inter_pairs)]
-                rows.append([label, *numbers, path] if several else [label, *numbers[:2]])
+                numbers = (str(count.triangles), str(count.pairs), str(count.inter_pairs))
+                cells = (*numbers[: len(header) - 1], *([path] if each else []))
+                rows.append((label, label, cells))
     console.warn(_unusable_lines(records))
-    console.table(header, rows)
-    if any(record.before and record.before.inter_pairs for record in records):
+    console.table([*header, *(["mesh"] if each else [])], folded(rows, each=", each", fold=fold))
+    if each and any(record.before and record.before.inter_pairs for record in records):
         console.result("a pair between two meshes is counted in the row of either, and once in all")
+    if several:
+        print_contacts(console, summarize(records)["contacts"], checked=True)
     for line in enclosed_lines(records):
         console.result(line)
     console.result(_conclusion(records, every=report.settings.get("rest_contacts") == "repair"))

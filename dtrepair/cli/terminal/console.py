@@ -3,9 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import groupby
 
 from dtrepair.cli.terminal.streams import say, shown_line
 from dtrepair.pipeline.errors import OutputError
+
+# So many rows in a row that say the same become one.
+FOLDED = 3
+
+
+def folded(
+    rows: Sequence[tuple[str, str, tuple[str, ...]]], *, each: str = "", fold: bool = True
+) -> list[list[str]]:
+    """Return rows of which runs that say the same are one row: from its first to its last.
+
+    rows: what a row begins and ends with, such as a frame, and its other cells. each: what the name
+    of such a run ends with. fold: without it every row stays.
+    """
+    found: list[list[str]] = []
+    for cells, run in groupby(rows, key=lambda row: row[2]):
+        same = list(run)
+        if fold and len(same) >= FOLDED:
+            same = [(same[0][0], f"{same[-1][1]}{each}", cells)]
+        found += [
+            [start if start == end else f"{start} to {end}", *cells] for start, end, _ in same
+        ]
+    return found
 
 
 class Console:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dtrepair.cli.terminal.console import Console
+from collections.abc import Sequence
+from itertools import groupby
+
+from dtrepair.cli.terminal.console import Console, folded
 from dtrepair.pipeline.stages.sources import time_label
 from dtrepair.report.record import FrameRecord, Report
 from dtrepair.wording import counted
@@ -23,25 +26,37 @@ def print_keys(console: Console, records: tuple[FrameRecord, ...]) -> None:
     console.result(f"{clean} of {counted(len(records), 'key')} clean")
 
 
+def _rows_of_dirty(rows: Sequence[tuple[str, str, tuple[str, ...], int]]) -> list[list[str]]:
+    """Return the rows of spans that were not clean: start, end, cells, and how many are dirty."""
+    found: list[list[str]] = []
+    for dirty, run in groupby(rows, key=lambda row: bool(row[3])):
+        found += folded([row[:3] for row in run], each=", each") if dirty else []
+    return found
+
+
 def print_spans(console: Console, report: Report) -> None:
-    """Print the spans that were not clean, and what is left."""
+    """Print the spans that were not clean, those that say the same in one row, and what is left."""
     assert report.keyposes is not None
     spans, mended = report.keyposes.spans, report.output is not None
     rows = []
     for span in spans:
-        if span.before.dirty:
-            label = f"{time_label(span.start)} to {time_label(span.end)}"
-            looks = (span.before, span.after) if mended else (span.before,)
-            row = [label, *(f"{found.dirty}/{found.samples}" for found in looks)]
-            added = ", ".join(time_label(time) for time in span.added) or "-"
-            rows.append([*row, added] if mended else row)
-    if rows:
-        after = ["dirty before", "dirty after", "added keys"] if mended else ["dirty"]
-        console.table(["in-betweens", *after], rows)
+        looks = (span.before, span.after) if mended else (span.before,)
+        cells = [f"{found.dirty} of {found.samples}" for found in looks]
+        cells += [", ".join(time_label(time) for time in span.added) or "-"] if mended else []
+        rows.append((time_label(span.start), time_label(span.end), tuple(cells), span.before.dirty))
+    if any(dirty for *_, dirty in rows):
+        # The input may have had more: its keys are repaired first.
+        looked = ["dirty with repaired keys", "dirty in the output", "added keys"]
+        header = ["in-betweens", *(looked if mended else ["dirty"])]
+        console.table(header, _rows_of_dirty(rows))
     left = [time for span in spans for time in span.left]
     total = sum(span.after.samples for span in spans)
     if total:
-        console.result(f"{total - len(left)} of {total} in-betweens clean")
+        dirty, looked_at = (
+            sum(getattr(span.before, name) for span in spans) for name in ("dirty", "samples")
+        )
+        alone = f"; with repaired keys alone {looked_at - dirty} of {looked_at}"
+        console.result(f"{total - len(left)} of {total} in-betweens clean{alone if mended else ''}")
     else:
         console.result("no in-betweens: no two neighbouring keys are looked at")
     if skipped := report.keyposes.skipped:

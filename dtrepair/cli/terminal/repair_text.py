@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from dtrepair.cli.terminal.console import Console
@@ -94,17 +94,28 @@ def described(own: ObjectSettings, *, collider: bool) -> str:
     return ", ".join([role, *told])
 
 
-def _print_contacts(
-    console: Console, records: tuple[FrameRecord, ...], contacts: list[dict[str, Any]]
+def print_contacts(
+    console: Console, contacts: Sequence[Mapping[str, Any]], *, checked: bool = False
 ) -> None:
-    """Of several objects: what met what, and who was moved."""
-    if contacts:
-        rows = [
-            [str(found["before"]), str(found["after"]), found["first"], found["second"]]
-            for found in sorted(contacts, key=lambda own: (-own["after"], -own["before"]))
-        ]
-        console.result("what met what, in all frames together:")
-        console.table(["pairs before", "after", "of", "and"], rows)
+    """Print what met what, with most first; checked: whether nothing was repaired.
+
+    What meets more than before is marked.
+    """
+    if not contacts:
+        return
+    rows = []
+    for found in sorted(contacts, key=lambda own: (-own["after"], -own["before"])):
+        more = " (more)" if found["after"] > found["before"] else ""
+        after = f"{found['after']}{more}"
+        counts = [str(found["before"])] if checked else [str(found["before"]), after]
+        rows.append([*counts, found["first"], found["second"]])
+    console.result("what met what, in all frames together:")
+    header = ["pairs"] if checked else ["pairs before", "after"]
+    console.table([*header, "of", "and"], rows)
+
+
+def _print_moves(console: Console, records: tuple[FrameRecord, ...]) -> None:
+    """Print who of several objects was moved, the farthest first."""
     moves = []
     for path, motions in motions_of(records).items():
         largest = max(((own.displacement_max, size) for own, size in motions), key=_span)
@@ -164,7 +175,8 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
     if moved := moved_line(records):
         console.result(moved)
     totals = summarize(records)
-    _print_contacts(console, records, totals["contacts"])
+    print_contacts(console, totals["contacts"])
+    _print_moves(console, records)
     modelled = totals["modelled_pairs_after"]
     but = " of all but modelled contacts" if modelled else ""
     console.result(

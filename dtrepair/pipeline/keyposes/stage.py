@@ -26,6 +26,7 @@ from dtrepair.pipeline.observer import (
     FrameDone,
     Observer,
     Progress,
+    RecordingObserver,
     SpansDone,
     stop_if_cancelled,
     warn,
@@ -78,11 +79,13 @@ def repair_keyposes(
             the observer wants the run to end. An older output is intact then.
     """
     chosen, path = replace(settings or KeyposeSettings(), **choices), _path_of(output)
+    heard = RecordingObserver(observer)
     with (
         plain_errors(),
-        _prepared(os.fspath(stage), path, chosen, device, jobs, observer) as prepared,
+        _prepared(os.fspath(stage), path, chosen, device, jobs, heard) as prepared,
     ):
-        return _solved(prepared, observer)
+        report = _solved(prepared, heard)
+    return replace(report, warnings=heard.warnings)
 
 
 def plan_keyposes(
@@ -192,9 +195,7 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
     keys = StageKeys(source, repairer, rigid, lambda: stop_if_cancelled(observer))
     records = _repair_keys(keys, observer, only_count=sink is None)
     among = colliders_of(source, controls, mode, rest_counts)
-    still = _collider_warnings(among, keys)
-    lacking = _lacking_warnings(keys)
-    warn(observer, [*still, *lacking])
+    warn(observer, [*_collider_warnings(among, keys), *_lacking_warnings(keys)])
     repaired = sink is not None and any(r.before and r.before.pairs for r in records.values())
     worn = worn_records(source, repairer.repairer.scene) if repaired else ()
     tell_worn(observer, worn)
@@ -208,13 +209,10 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         for time, record in sorted({**records, **added}.items())
     )
     findings = key_findings(source, keys, found, prepared.settings.keys.interpolation)
-    warnings = clearance_warnings(frames, run.options.clearance) + warnings_of(findings)
-    warn(observer, warnings)
+    warn(observer, clearance_warnings(frames, run.options.clearance) + warnings_of(findings))
     if sink is not None:
         keys.write(found.tracks, sink)
-        told = sink.commit({"counts": summarize(frames)})
-        warn(observer, told)
-        warnings += told
+        warn(observer, sink.commit({"counts": summarize(frames)}))
         run.clock.lap("write")
     return Report(
         command="keyposes",
@@ -226,7 +224,6 @@ def _solved(prepared: _Prepared, observer: Observer) -> Report:
         seconds=run.clock.total(),
         prims=prim_records(source, rest_counts),
         frames=frames,
-        warnings=(*source.warnings, *still, *lacking, *warnings),
         attached=repairer.modelled.attached,
         passing=repairer.modelled.passing,
         worn=worn,

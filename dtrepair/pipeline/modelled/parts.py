@@ -122,21 +122,20 @@ class ModelledParts:
     ) -> ModelledList:
         """List what of a frame is modelled, with most pairs first.
 
-        Its pairs sum to those of the counts, and so do its triangles. old, new: points of each mesh
-        in the space of the frames, before and after.
+        Its pairs sum to those of the counts; a triangle counts with each pair of parts that it is
+        in. old, new: points of each mesh in the space of the frames, before and after.
         """
         if self.attachments is None or not (len(before.modelled) or len(after.modelled)):
             return ModelledList()
         met = self._met(np.concatenate([before.modelled, after.modelled]))
         numbers = np.split(met.number, [len(before.modelled)])
         pairs = [np.bincount(each, minlength=len(met.pairs)) for each in numbers]
-        order = np.argsort(-np.maximum(*pairs), kind="stable")
-        rank = np.argsort(order)
         both = zip((before, after), numbers, strict=True)
-        triangles = [_triangles(count, rank[each], len(order)) for count, each in both]
+        triangles = [_triangles(count.modelled, own, len(met.pairs)) for count, own in both]
+        order = np.argsort(-np.maximum(*pairs), kind="stable")
         sides = (before, np.concatenate(old)), (after, np.concatenate(new))
         records = []
-        for place, index in enumerate(order.tolist()):
+        for index in order.tolist():
             side = 0 if pairs[0][index] else 1
             count, points = sides[side]
             a, b = met.parts[index].tolist()
@@ -146,7 +145,7 @@ class ModelledParts:
                     second=self.records[b],
                     counts=ModelledCounts(
                         *(int(each[index]) for each in pairs),
-                        *(int(each[place]) for each in triangles),
+                        *(int(each[index]) for each in triangles),
                     ),
                     centre=self._where(points, count.modelled[numbers[side] == index], time),
                 )
@@ -310,10 +309,9 @@ def tell_modelled(
         observer.remark(PassingFound(parts.passing))
 
 
-def _triangles(count: SceneCount, rank: NDArray[np.integer], ranks: int) -> NDArray[np.int64]:
-    """Triangles in modelled pairs only, each for the lowest rank (K,) of its pairs, (ranks,)."""
-    hit = np.concatenate(count.intersecting)
-    lowest = np.full(len(hit), ranks)
-    for side in range(2):
-        np.minimum.at(lowest, count.modelled[:, side], rank)
-    return np.bincount(lowest[~hit & (lowest < ranks)], minlength=ranks)
+def _triangles(
+    contacts: NDArray[np.integer], number: NDArray[np.integer], count: int
+) -> NDArray[np.int64]:
+    """Return how many triangles the contacts (K, 2) of each number (K,) have, (count,)."""
+    each = np.unique(np.column_stack([np.repeat(number, 2), contacts.reshape(-1)]), axis=0)
+    return np.bincount(each[:, 0], minlength=count)

@@ -142,7 +142,6 @@ def repair_here(prepared: Prepared, observer: Observer, journal: Journal | None)
         seconds=run.clock.total(),
         prims=prim_records(source, rest_counts),
         frames=tuple(records),
-        warnings=(*source.warnings, *warnings),
         jitter=outcome.motion.jitter,
         attached=repairer.modelled.attached,
         passing=repairer.modelled.passing,

@@ -17,6 +17,7 @@ from dtrepair.pipeline.observer import (
     ModelledFound,
     Observer,
     PassingFound,
+    RecordingObserver,
     stop_if_cancelled,
     warn,
 )
@@ -38,12 +39,7 @@ from dtrepair.pipeline.repair.settings import (
     RepairSettings,
     parse_chunk,
 )
-from dtrepair.pipeline.stages.bodies import (
-    Controls,
-    make_bodies,
-    read_controls,
-    unclear_sides,
-)
+from dtrepair.pipeline.stages.bodies import Controls, make_bodies, read_controls
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import mode_warnings
 from dtrepair.pipeline.stages.object_settings import recorded
@@ -88,15 +84,18 @@ def repair_stage(
     """
     chosen = replace(settings or RepairSettings(), **choices)
     _refuse_together(chosen, resume=resume, distributed=distributed)
+    heard = RecordingObserver(observer)
     with (
         plain_errors(),
-        _prepared(os.fspath(stage), os.fspath(output), chosen, device, jobs, observer) as prepared,
+        _prepared(os.fspath(stage), os.fspath(output), chosen, device, jobs, heard) as prepared,
     ):
         if distributed is not None and len(prepared.source.times) > 1:
             workers = Workers(distributed, jobs, device)
-            return _distributed(prepared, chosen, workers, observer)
-        journal = open_journal(prepared, observer, resume=resume)
-        return repair_here(prepared, observer, journal)
+            report = _distributed(prepared, chosen, workers, heard)
+        else:
+            journal = open_journal(prepared, heard, resume=resume)
+            report = repair_here(prepared, heard, journal)
+    return replace(report, warnings=heard.warnings)
 
 
 def plan_repair(
@@ -215,10 +214,7 @@ def _refuse_without_effect(options: RepairOptions, controls: Controls) -> None:
 
 
 def _distributed(
-    prepared: Prepared,
-    settings: RepairSettings,
-    workers: Workers,
-    observer: Observer,
+    prepared: Prepared, settings: RepairSettings, workers: Workers, observer: RecordingObserver
 ) -> Report:
     """Repair on several workers; the report is of the whole run."""
     source, output, clock = prepared.source, prepared.output, prepared.run.clock
@@ -226,18 +222,13 @@ def _distributed(
     report = repair_distributed(repair_stage, source, output, settings, workers, observer)
     result = open_source(output, settings.selection, collider=settings.objects.collider)
     jitter = measured_jitter(source, result)
-    known = {(found.first.path, found.second.path) for found in report.attached.listed}
-    known |= {(second, first) for first, second in known}
-    paths = [mesh.path for mesh in source.meshes]
-    left = [(i, j) for i, j in prepared.placed.met if (paths[i], paths[j]) not in known]
-    warn(observer, unclear_sides(source, left))
     tell_sets(observer, source)
     if report.attached:
         observer.remark(ModelledFound(report.attached))
     if report.passing:
         observer.remark(PassingFound(report.passing))
     tell_worn(observer, report.worn)
-    # The workers told nobody else.
-    warn(observer, [text for text in report.warnings if text not in source.warnings])
+    # What the workers told nobody else.
+    warn(observer, [text for text in report.warnings if text not in observer.warnings])
     seconds = {**report.seconds, "total": clock.total()["total"]}
     return replace(report, output=output, seconds=seconds, jitter=jitter)

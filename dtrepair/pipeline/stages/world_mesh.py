@@ -19,12 +19,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SceneFrame:
-    """World points (V, 3), the mask (F,) of intersecting triangles, their number, pairs (P, 2)."""
+    """World points of a frame, and what of it intersects.
+
+    Args:
+        points: Of all meshes (V, 3).
+        intersecting: Mask (F,) of the triangles in pairs that count.
+        modelled: Mask (F,) of those that are in modelled pairs only.
+        pairs: The pairs (P, 2) that count.
+    """
 
     points: NDArray[np.float64]
     intersecting: NDArray[np.bool_]
-    triangles: int
+    modelled: NDArray[np.bool_]
     pairs: NDArray[np.int32]
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """How many triangles intersect, and how many are in modelled pairs only."""
+        return int(self.intersecting.sum()), int(self.modelled.sum())
 
 
 class WorldScene:
@@ -58,7 +70,9 @@ class WorldScene:
         if found is None:
             raise self._refused(frame)
         mask = np.concatenate(found.intersecting)
-        return SceneFrame(self._placed(frame), mask, found.total.triangles, found.pairs)
+        modelled = np.zeros(len(mask), dtype=bool)
+        modelled[found.modelled.reshape(-1)] = True
+        return SceneFrame(self._placed(frame), mask, modelled & ~mask, found.pairs)
 
     def points(self, time: float) -> NDArray[np.float64]:
         """Read a frame only: world points (V, 3)."""
@@ -92,11 +106,14 @@ class WorldScene:
         return sorted(listed, key=lambda own: -own[2])
 
     def worst(self) -> int:
-        """Index of the frame with most intersecting triangles; of several the first."""
+        """Index of the frame with most intersecting triangles; of several the first.
+
+        Where nothing intersects, that with most modelled contacts.
+        """
         times = self.source.times.tolist()
         usable = [k for k, time in enumerate(times) if read_frame(self.source, time).usable]
         if not usable:
             raise InputError(f"{self.source.name}: no frame is usable")
         if len(usable) == 1:
             return usable[0]
-        return max(usable, key=lambda index: self(times[index]).triangles)
+        return max(usable, key=lambda index: self(times[index]).counts)

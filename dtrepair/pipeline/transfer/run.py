@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dtrepair import __version__
 from dtrepair.pipeline.clock import Clock
 from dtrepair.pipeline.errors import plain_errors
-from dtrepair.pipeline.observer import SILENT, Observer, stop_if_cancelled, warn
+from dtrepair.pipeline.observer import SILENT, Observer, RecordingObserver, stop_if_cancelled, warn
 from dtrepair.pipeline.repair.records import clearance_warnings
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import prim_records, refuse_if_none_usable
@@ -66,8 +66,10 @@ def transfer_stage(
     """
     chosen = replace(settings or TransferSettings(), **choices)
     source, target, output = os.fspath(source), os.fspath(target), os.fspath(output)
-    with plain_errors(), _prepared(source, target, output, chosen, device, jobs, observer) as run:
-        return _transferred(run)
+    heard = RecordingObserver(observer)
+    with plain_errors(), _prepared(source, target, output, chosen, device, jobs, heard) as run:
+        report = _transferred(run)
+    return replace(report, warnings=heard.warnings)
 
 
 def plan_transfer(
@@ -180,7 +182,6 @@ def _transferred(run: TransferRun) -> Report:
         seconds=run.clock.total(),
         prims=prim_records(pair.target, rest_counts),
         frames=tuple(records),
-        warnings=(*pair.warnings, *late),
         jitter=jitter,
         attached=run.attached,
         alone_from=run.alone_from,

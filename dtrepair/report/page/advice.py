@@ -29,6 +29,11 @@ def label(frame: Mapping[str, Any]) -> str:
     return "default" if frame["time"] is None else f"{frame['time']:.10g}"
 
 
+def only_counts(report: Mapping[str, Any]) -> bool:
+    """Return whether a report is of a run that repairs nothing: what was and what is are one."""
+    return report["output"] is None
+
+
 def frame_links(frames: Frames, numbers: Iterable[int]) -> str:
     """Return buttons that lead to runs of frames, such as 3 to 7, and 9."""
     every = sorted(set(numbers))
@@ -56,7 +61,7 @@ def advice_box(
     """
     frames = report["frames"]
     lines = [*_unusable(frames), *_left(frames, remedies), *_strained(frames, remedies)]
-    if report["command"] == "check":
+    if only_counts(report):
         lines += _found(frames)
     texts = [*report["warnings"], *notes]
     told = lines + [f"Warning: {escape(text)}" for text in texts]

@@ -11,7 +11,7 @@ from importlib.resources import files
 from typing import Any
 
 from dtrepair.diagnosis import REMEDIES
-from dtrepair.report.page.advice import Remedies, advice_box, frame_links, label
+from dtrepair.report.page.advice import Remedies, advice_box, frame_links, label, only_counts
 from dtrepair.report.page.content import Contact, PageContent
 from dtrepair.report.page.lengths import farthest, largest_move
 from dtrepair.report.page.libraries import Library, LibraryError, chart_library, space_library
@@ -132,12 +132,15 @@ def _origin(report: Mapping[str, Any]) -> str:
 def _totals(report: Mapping[str, Any]) -> str:
     summary = report["summary"]
     most = max(report["frames"], key=farthest, default=None)
-    values = [
-        ("frames clean", f"{summary['clean']} of {summary['frames']}"),
-        ("triangles before", f"{summary['triangles_before']}"),
-        ("triangles after", f"{summary['triangles_after']}"),
-        ("largest move", "0" if most is None else largest_move(most)),
-    ]
+    values = [("frames clean", f"{summary['clean']} of {summary['frames']}")]
+    if only_counts(report):
+        values.append(("intersecting triangles", f"{summary['triangles_before']}"))
+    else:
+        values += [
+            ("triangles before", f"{summary['triangles_before']}"),
+            ("triangles after", f"{summary['triangles_after']}"),
+            ("largest move", "0" if most is None else largest_move(most)),
+        ]
     if summary.get("strained"):
         values.append(("frames strained", str(summary["strained"])))
     if summary.get("too_close"):

@@ -38,8 +38,11 @@ def transfer_table(section: Mapping[str, Any] | None) -> str:
     return "<h2>Transfer</h2>" + html_table(["", "of the transfer"], rows)
 
 
-def keyposes_table(section: Mapping[str, Any] | None) -> str:
-    """Each span between keys: its samples, those that intersect, keys that were added."""
+def keyposes_table(section: Mapping[str, Any] | None, *, checked: bool = False) -> str:
+    """Each span between keys: its samples, those that intersect, keys that were added.
+
+    checked: whether nothing was repaired.
+    """
     if section is None:
         return ""
     rows = []
@@ -50,7 +53,13 @@ def keyposes_table(section: Mapping[str, Any] | None) -> str:
         )
         counts = [before["samples"], before["dirty"], after["dirty"], before["pairs"]]
         numbers = [str(number) for number in (*counts, after["pairs"])]
-        rows.append([*numbers, added, left, f"{span['start']:.10g} to {span['end']:.10g}"])
-    header = ["samples", "intersect before", "after", "pairs before", "after", "keys added"]
-    table = html_table([*header, "left", "span"], rows)
+        label = f"{span['start']:.10g} to {span['end']:.10g}"
+        rows.append([*numbers, added, left, label])
+    # Keys are repaired first: of the input more may intersect.
+    header = ["samples", "intersect with repaired keys", "in the output"]
+    header += ["pairs with repaired keys", "in the output", "keys added", "left", "span"]
+    if checked:
+        header = ["samples", "intersect", "pairs", "where", "span"]
+        rows = [[row[k] for k in (0, 1, 3, 6, 7)] for row in rows]
+    table = html_table(header, rows)
     return f"<h2>Between the keys</h2><p>As USD interpolates: {section['interpolation']}</p>{table}"

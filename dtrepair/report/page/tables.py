@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-from dtrepair.report.modelled import ModelledList, place
-from dtrepair.report.page.advice import Frames, frame_links
+from dtrepair.report.modelled import ModelledCounts, ModelledList, WornRecord, parts_of, place
+from dtrepair.report.page.advice import Frames, frame_links, only_counts
 from dtrepair.report.page.content import Contact, pair_name
 from dtrepair.report.page.lengths import largest_move, length_of
 from dtrepair.report.page.sections import keyposes_table, transfer_table
@@ -18,33 +18,37 @@ Colours = Sequence[tuple[float, float, float]]
 
 def tables(report: Mapping[str, Any], colours: Colours = ()) -> str:
     """Return all tables of a report; colours: of the objects, as pictures have them."""
-    frames = report["frames"]
+    frames, checked = report["frames"], only_counts(report)
     return "\n".join(
         (
             _objects(report, colours),
             _pairs(report),
             _strains(frames),
-            _modelled(report["summary"].get("modelled")),
+            _modelled(report["summary"].get("modelled"), checked=checked),
+            _worn(report.get("worn", ())),
             transfer_table(report.get("transfer")),
-            keyposes_table(report.get("keyposes")),
-            _frames(frames),
+            keyposes_table(report.get("keyposes"), checked=checked),
+            _frames(frames, checked=checked),
         )
     )
 
 
 def smaller_contacts(frames: Frames, contacts: Sequence[Contact]) -> str:
     """Return a table of the contacts that have no picture, folded up."""
+    smaller = [contact for contact in contacts if not (contact.png or contact.view)]
+    # Of one pose there is one number.
+    both = any(contact.triangles[1] is not None for contact in smaller)
     rows: list[list[Cell]] = []
-    for contact in contacts:
-        if contact.png or contact.view:
-            continue
+    for contact in smaller:
         first, last, worst = contact.frames
         links = [frame_links(frames, range(first, last + 1)), frame_links(frames, [worst])]
         counts = ["" if count is None else str(count) for count in contact.triangles]
+        counts = counts if both else counts[:1]
         rows.append([*counts, *(Markup(each) for each in links), contact.between])
     if not rows:
         return ""
-    table = html_table(["triangles before", "after", "frames", "worst", "between"], rows)
+    counted = ["triangles before", "after"] if both else ["triangles"]
+    table = html_table([*counted, "frames", "worst", "between"], rows)
     title = f"Smaller contacts ({len(rows)})"
     return f"<details><summary><h2>{title}</h2></summary>{table}</details>"
 
@@ -54,13 +58,15 @@ def _objects(report: Mapping[str, Any], colours: Colours) -> str:
     frames = report["frames"]
     moved = any(prim.get("motion") for frame in frames for prim in frame["prims"])
     lengths, changes = ("displacement_max", "rigid_rms"), ("edge_change", "edge_distortion")
-    header = ["vertices", "triangles", "intersecting at rest", "in all frames before", "after"]
+    looks = _looks(report)
+    header = ["vertices", "triangles", "intersecting at rest"]
+    header += ["in all frames"] if len(looks) == 1 else ["in all frames before", "after"]
     if moved:
         header += ["largest move", "as a whole (rms)", "edges against input", "against rest"]
     rows: list[list[Cell]] = []
     for number, prim in enumerate(report["prims"]):
         own = [p for frame in frames for p in frame["prims"] if p["path"] == prim["path"]]
-        counts = [sum(p[w]["triangles"] for p in own if p[w]) for w in ("before", "after")]
+        counts = [sum(p[w]["triangles"] for p in own if p[w]) for w in looks]
         rest = "" if prim["rest_intersections"] is None else str(prim["rest_intersections"])
         row: list[Cell] = [str(prim["vertices"]), str(prim["triangles"]), rest]
         row += [str(count) if own else "" for count in counts]
@@ -70,6 +76,11 @@ def _objects(report: Mapping[str, Any], colours: Colours) -> str:
             row += [f"{max(m[n] for m in motions):.2%}" if motions else "" for n in changes]
         rows.append([*row, Markup(_key(colours, number) + escape(prim["path"]))])
     return "<h2>Objects</h2>" + html_table([*header, "object"], rows)
+
+
+def _looks(report: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return what a report has counts of: before and after, or of a check the first alone."""
+    return ("before",) if only_counts(report) else ("before", "after")
 
 
 def _key(colours: Colours, number: int) -> str:
@@ -84,7 +95,7 @@ def _pairs(report: Mapping[str, Any]) -> str:
     """Each pair of objects that met: pairs of triangles over all frames, the frames, the worst."""
     if len(report["prims"]) < 2:
         return ""
-    frames = report["frames"]
+    frames, checked = report["frames"], only_counts(report)
     rows: list[list[Cell]] = []
     for met in report["summary"].get("contacts", ()):
         both = (met["first"], met["second"])
@@ -96,18 +107,15 @@ def _pairs(report: Mapping[str, Any]) -> str:
         }
         worst = max(found, key=lambda k: (found[k]["after"], found[k]["before"]))
         left = [number for number, contact in found.items() if contact["after"]]
-        links = [frame_links(frames, numbers) for numbers in (found, left, [worst])]
-        rows.append(
-            [
-                str(met["before"]),
-                str(met["after"]),
-                *(Markup(each) for each in links),
-                pair_name(*both),
-            ]
-        )
+        more = ", more than before" if met["after"] > met["before"] else ""
+        counts = [str(met["before"])] if checked else [str(met["before"]), f"{met['after']}{more}"]
+        where = (found, [worst]) if checked else (found, left, [worst])
+        links = [Markup(frame_links(frames, numbers)) for numbers in where]
+        rows.append([*counts, *links, pair_name(*both)])
     ignored = report["settings"].get("ignore") or ()
     note = f"<p>Not counted: contacts of {escape('; '.join(ignored))}</p>" if ignored else ""
     header = ["pairs of triangles before", "after", "frames", "frames left", "worst", "between"]
+    header = ["pairs of triangles", "frames", "worst", "between"] if checked else header
     # Captions of contacts count the triangles themselves.
     told = (
         "<p>Each triangle counts once for each triangle that it meets, summed over all frames.</p>"
@@ -133,33 +141,58 @@ def _strains(frames: Frames) -> str:
     return "<h2>Strained beyond the bounds</h2>" + html_table(header, rows)
 
 
-def _modelled(section: Mapping[str, Any] | None) -> str:
+def _modelled(section: Mapping[str, Any] | None, *, checked: bool) -> str:
     """Return a table of the contacts that were modelled, by pairs of parts, over all frames."""
     if section is None:
         return ""
     every = ModelledList.from_document(section)
+
+    def numbers(counts: ModelledCounts) -> list[Cell]:
+        both = vars(counts).items()
+        return [str(n) for name, n in both if not (checked and name.endswith("_after"))]
+
     rows: list[list[Cell]] = [
         [
-            *(str(number) for number in vars(record.counts).values()),
+            *numbers(record.counts),
             place(record.centre),
             f"{record.first} and {record.second}",
         ]
         for record in every.listed
     ]
     if every.others.counts.pairs_before or every.others.counts.pairs_after:
-        numbers = [str(number) for number in vars(every.others.counts).values()]
-        rows.append([*numbers, "", "others"])
-    header = ["pairs before", "after", "triangles before", "after", "around", "between"]
-    return f"<h2>Modelled contacts, which stay</h2>{html_table(header, rows)}"
+        rows.append([*numbers(every.others.counts), "", "others"])
+    header = ["pairs before", "after", "triangles before", "after"]
+    header = [*(["pairs", "triangles"] if checked else header), "around", "between"]
+    told = (
+        "<p>The parts stay where they meet; the numbers change as their surfaces slide in each "
+        "other. A triangle counts with each pair of parts that it is in.</p>"
+    )
+    return f"<h2>Modelled contacts, which stay</h2>{told}{html_table(header, rows)}"
 
 
-def _frames(frames: Frames) -> str:
-    header = ["frame", "triangles before", "after", "largest move", "seconds", "status"]
+def _worn(documents: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table of the parts that are taken as worn, each over another."""
+    records = [WornRecord(**parts_of(own)) for own in documents]
+    if not records:
+        return ""
+    rows = [[str(record.over), str(record.under)] for record in records]
+    return f"<h2>Taken as worn</h2>{html_table(['over', 'under'], rows)}"
+
+
+def _frames(frames: Frames, *, checked: bool) -> str:
+    """Return a table of the frames; of those of a check what it found alone."""
+    moved = [] if checked else ["largest move"]
+    counted = ["triangles"] if checked else ["triangles before", "after"]
+    header = ["frame", *counted, *moved, "seconds", "status"]
     rows: list[list[Cell]] = []
     for number, frame in enumerate(frames):
-        counts = [str(frame[k]["triangles"]) if frame[k] else "" for k in ("before", "after")]
-        state = frame["status"] + (f": {frame['message']}" if frame["message"] else "")
+        looks = ("before", "after")[: len(counted)]
+        counts = [str(frame[k]["triangles"]) if frame[k] else "" for k in looks]
+        status = frame["status"]
+        status = "intersects" if checked and status == "unchanged" else status
+        state = status + (f": {frame['message']}" if frame["message"] else "")
         link = Markup(frame_links(frames, [number]))
-        rows.append([link, *counts, largest_move(frame), f"{frame['seconds']:.2f}", state])
+        moves = [] if checked else [largest_move(frame)]
+        rows.append([link, *counts, *moves, f"{frame['seconds']:.2f}", state])
     table = html_table(header, rows, numbered=True)
     return f"<details open><summary><h2>Frames</h2></summary>{table}</details>"

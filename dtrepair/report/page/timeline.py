@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
-from dtrepair.report.page.advice import label
+from dtrepair.report.page.advice import label, only_counts
 from dtrepair.report.page.lengths import largest_move
 
 Frame = Mapping[str, Any]
@@ -28,17 +28,17 @@ def chart_data(
         "numbered": numbered,
         "labels": [label(frame) for frame in frames],
         "series": [line for line in _lines(report, measures) if _says(line["values"])],
-        "told": [told(frame, report["command"]) for frame in frames],
+        "told": [told(frame, checked=only_counts(report)) for frame in frames],
     }
 
 
-def told(frame: Frame, command: str) -> str:
-    """Return a frame in a sentence."""
+def told(frame: Frame, *, checked: bool) -> str:
+    """Return a frame in a sentence; checked: whether nothing was repaired."""
     start = f"Frame {label(frame)}: "
     if frame["before"] is None or frame["after"] is None:
         return f"{start}{frame['status']}: {frame['message']}"
     before, after = frame["before"]["triangles"], frame["after"]["triangles"]
-    if command == "check":
+    if checked:
         return f"{start}{before} intersecting triangles"
     moved = f"moved by {largest_move(frame)} at most"
     return f"{start}{before} → {after} intersecting triangles, {moved}, {frame['status']}"
@@ -58,7 +58,7 @@ def _lines(
     def percent(values: Sequence[float | None]) -> Values:
         return [None if value is None else 100 * value for value in values]
 
-    checked = report["command"] == "check"
+    checked = only_counts(report)
     strained = marks(lambda frame: frame["status"] == "strained", 0.97)
     moved = [frame["displacement_max"] if frame["after"] else None for frame in frames]
     lines = [

@@ -96,7 +96,7 @@ def test_frames_and_quiet(tmp_path: Path) -> None:
 
 def test_jobs_give_the_same_result_in_the_same_order(tmp_path: Path) -> None:
     path = tube_stage(tmp_path / "a.usda", np.linspace(OPEN, CLOSED, 9).tolist())
-    one, four = (run("check", path, "--jobs", jobs).out for jobs in (1, 4))
+    one, four = (run("check", path, "-v", "--jobs", jobs).out for jobs in (1, 4))
     assert one == four and one.count("\n") == 11
 
 
@@ -138,8 +138,29 @@ def test_several_meshes_meet_in_world_space(two_cubes: Path) -> None:
         "/Still/Cube": pairs[1],
         "/Moving/Cube": pairs[1],
     }
-    table = run("check", two_cubes, "--frames", 2).out
-    assert "between meshes" in table and "/Moving/Cube" in table
+
+
+def test_meshes_have_rows_with_v_and_a_table_of_what_met_what_at_the_end(two_cubes: Path) -> None:
+    def lines(*options: str) -> list[list[str]]:
+        return [line.split() for line in run("check", two_cubes, *options).out.splitlines()]
+
+    header = "frame triangles pairs between meshes".split()
+    head, *rows, met, columns, both, _inside, _total = lines()
+    assert head == header and [row[0] for row in rows] == ["1", "2", "3", "4"]
+    assert {len(row) for row in rows} == {4}
+    assert met == "what met what, in all frames together:".split()
+    assert columns == ["pairs", "of", "and"]
+    assert both == [rows[1][2], "/Still/Cube", "/Moving/Cube"]
+    head, *rows, told, _met, _columns, same, _total = lines("-v", "--frames", "1:2")
+    assert head == [*header, "mesh"] and told[:4] == "a pair between two".split()
+    of = [(row[0], row[-1]) for row in rows]
+    assert of == [("1", "all"), ("2", "all"), ("2", "/Still/Cube"), ("2", "/Moving/Cube")]
+    assert same == both
+    # Frames in a row that say the same are one row.
+    (_, row, total) = lines("--mode", "self")
+    assert row == ["1", "to", "4,", "each", "0", "0", "0"]
+    assert total == "no intersections in 4 frames".split()
+    assert len(lines("--mode", "self", "-v")) == 6
 
 
 def test_what_lies_wholly_inside_is_told(two_cubes: Path) -> None:

@@ -63,6 +63,10 @@ def test_all_in_betweens_are_clean_as_usd_interpolates_them(swing: tuple[Path, O
     assert not any(len(find_intersections(points, faces)) for points in after)
     assert run("check", folder / "b.usdc").code == 0
     assert "in-betweens clean" in done.out and "added keys" in done.out
+    # What the input had is another number: its keys are repaired first.
+    assert "dirty with repaired keys" in done.out and "dirty in the output" in done.out
+    (span, *_) = read_report(folder / "r.json")["keyposes"]["spans"]
+    assert f"; with repaired keys alone {16 - span['before']['dirty']} of 16\n" in done.out
 
 
 def test_given_keys_move_little_and_few_are_added(swing: tuple[Path, Outcome]) -> None:
@@ -102,7 +106,7 @@ def test_verify_only_counts_and_writes_nothing(swing: tuple[Path, Outcome], tmp_
     dirty = run("keyposes", folder / "arm.usda", "--verify-only", "--report", tmp_path / "r.json")
     assert dirty.code == 1 and "\nintersecting at" in dirty.out
     # Nothing was tried.
-    assert "may do better" not in dirty.out and "after" not in dirty.out
+    assert "may do better" not in dirty.out and "repaired" not in dirty.out
     report = read_report(tmp_path / "r.json")
     assert report["output"] is None and report["keyposes"]["spans"][0]["before"]["dirty"] == 2
     clean = run("keyposes", folder / "b.usdc", "--verify-only", "--samples", 8)

@@ -13,9 +13,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from dtrepair.cli.commands import view
-from dtrepair.display import viewer
+from dtrepair.display import render, viewer
 from dtrepair.display.viewer import Viewed
+from dtrepair.pipeline.check import checked_scene
+from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.stages.sources import open_source
+from dtrepair.report.record import read_report
 from tests.command_line import CLOSED, OPEN, assert_fails, run, tube_obj, tube_stage
+from tests.pipeline.repair.test_attached import BOTH, two_meshes
 from tests.present import present
 
 
@@ -30,6 +35,13 @@ def red_pixels(path: Path) -> NDArray[np.bool_]:
     with Image.open(path) as picture:
         pixels = np.asarray(picture.convert("RGB")).astype(int)
     return (pixels[..., 0] > 100) & (pixels[..., 1] < 60) & (pixels[..., 2] < 60)
+
+
+def pale_pixels(path: Path) -> NDArray[np.bool_]:
+    with Image.open(path) as picture:
+        pixels = np.asarray(picture.convert("RGB")).astype(int)
+    # The background is bluish too, by two of 255.
+    return np.asarray(pixels[..., 2] - pixels[..., 0] > 15)
 
 
 def test_a_picture_of_before_and_after(tmp_path: Path) -> None:
@@ -82,6 +94,36 @@ def test_a_mesh_file(tmp_path: Path) -> None:
     mesh = tube_obj(tmp_path / "a.obj", CLOSED)
     assert run("view", mesh, "--screenshot", tmp_path / "p.png").code == 0
     assert red_pixels(tmp_path / "p.png").any()
+
+
+@pytest.mark.parametrize("options", [(), ("--attach", BOTH), ("--rest-contacts", "repair")])
+def test_it_counts_as_check_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...]
+) -> None:
+    told: list[str] = []
+    monkeypatch.setattr(
+        render, "save_pictures", lambda path, images, *, captions: told.extend(captions)
+    )
+    rest = None if "--attach" in options else 1.9
+    stage = two_meshes(tmp_path / "a.usda", rest=rest)
+    report, screenshot = tmp_path / "r.json", tmp_path / "p.png"
+    run("check", stage, *options, "--frames", "7", "--report", report)
+    (frame,) = read_report(report)["frames"]
+    counts = frame["before"]["triangles"], frame["before"]["modelled_triangles"]
+    assert (counts[1] == 0) == ("repair" in options)
+    done = run("view", stage, *options, "--frames", "7", "--screenshot", screenshot)
+    assert done.code == 0
+    modelled = f", {counts[1]} modelled" if counts[1] else ""
+    assert told == [f"frame 7: {counts[0] or 'none'} intersecting{modelled}"]
+
+
+def test_modelled_contacts_are_not_red(tmp_path: Path) -> None:
+    stage, picture = two_meshes(tmp_path / "a.usda", rest=1.8), tmp_path / "p.png"
+    assert run("view", stage, "--screenshot", picture).code == 0
+    assert not red_pixels(picture).any() and pale_pixels(picture).any()
+    # Where nothing intersects, the frame with most modelled contacts is taken.
+    scene = checked_scene(open_source(str(stage), Selection()))
+    assert scene.worst() == 6 and scene(7.0).counts[0] == 0 < scene(7.0).counts[1]
 
 
 def test_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -159,8 +201,8 @@ def test_the_window_gets_both_meshes_and_all_frames(
     made = present(FakeViewer.made)
     assert made.shown and made.labels == ["1", "2", "3"] and made.first == 0
     assert [mesh.name for mesh in made.meshes] == ["before", "after"]
-    points, red = made.meshes[0].frame(1)
-    assert len(points) == 200 and red.sum() > 0
+    points, red, modelled = made.meshes[0].frame(1)
+    assert len(points) == 200 and red.sum() > 0 and not modelled.any()
     assert not made.meshes[0].frame(0)[1].any()
     (line,) = made.contacts(1)
     assert line.startswith("/Root/Tube with itself: ") and line.endswith(" pairs")

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from dtrepair.cli.app import COMMANDS, group
 from dtrepair.cli.options.fields import as_object, default_of, expression_option
 from dtrepair.keyposes.options import KeyOptions
-from dtrepair.pipeline.check import CheckSettings
+from dtrepair.pipeline.check_settings import CheckSettings
 from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.selection import ObjectOptions, Selection
 from dtrepair.pipeline.transfer.options import TransferOptions
@@ -68,7 +68,7 @@ def test_defaults_are_those_of_the_dataclasses(name: str) -> None:
     made = group.get_command(click.Context(group), name)
     assert made is not None
     kinds: tuple[type, ...] = (Selection, ObjectOptions, TransferOptions, KeyOptions, RepairOptions)
-    if name == "check":  # chooses how contacts are counted, not what is done with them
+    if name in ("check", "view"):  # choose how contacts are counted, not what is done with them
         kinds = (CheckSettings, *kinds)
     homes = {field.name: kind for kind in reversed(kinds) for field in fields(kind)}
     for option in made.params:

@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 import trimesh
 
+from dtrepair.cli.terminal.console import Console
 from dtrepair.cli.terminal.repair_text import (
     advice_lines,
     largest_move,
     moved_line,
+    print_contacts,
     strained_line,
 )
 from dtrepair.diagnosis import (
@@ -198,3 +200,13 @@ def test_pairs_closer_than_the_clearance_are_told(tmp_path: Path) -> None:
     kept = run("repair", tmp_path / "a.obj", "-o", tmp_path / "b.obj", "--report", report)
     assert "not reached" not in kept.out + kept.err
     assert "too_close" not in read_report(report)["summary"]
+
+
+def test_what_meets_more_than_before_is_marked(capsys: pytest.CaptureFixture[str]) -> None:
+    contacts = [
+        {"first": "/A", "second": "/B", "before": 94, "after": 121},
+        {"first": "/A", "second": "/C", "before": 7, "after": 7},
+    ]
+    print_contacts(Console(), contacts)
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()[2:]]
+    assert rows == [["94", "121", "(more)", "/A", "/B"], ["7", "7", "/A", "/C"]]

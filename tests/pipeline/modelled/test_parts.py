@@ -1,4 +1,4 @@
-"""Parts have names by which they are found; lists of what was modelled sum to the exact counts."""
+"""Parts have names by which they are found; lists of modelled contacts sum to the counted pairs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dtrepair.pipeline import check_stage, repair_keyposes, repair_stage
+from dtrepair.pipeline import PairsFound, check_stage, repair_keyposes, repair_stage
 from dtrepair.pipeline.modelled.references import modelled_parts
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.sources import open_source
@@ -16,6 +16,7 @@ from dtrepair.report.modelled import LISTED
 from dtrepair.report.record import Report
 from tests.jointed_arm import FRAMES, arm, arm_mesh, arm_stage
 from tests.meshes import icosphere, joined
+from tests.pipeline.hosts import Listener
 
 # More balls than are listed, each sunk into a plate.
 BALLS = LISTED + 4
@@ -44,22 +45,18 @@ def studded_stage(path: Path) -> Path:
 
 
 def assert_lists_sum(report: Report) -> None:
-    """The lists of each frame and of the run have exactly what was counted."""
+    """The lists of each frame and of the run have exactly the pairs that were counted."""
     document = report.document()
     items = [
         (frame["before"], frame["after"], frame.get("modelled")) for frame in document["frames"]
     ]
     summary: dict[str, Any] = document["summary"]
-    whole = [
-        {name: summary[f"{name}_{when}"] for name in ("modelled_pairs", "modelled_triangles")}
-        for when in ("before", "after")
-    ]
+    whole = [{"modelled_pairs": summary[f"modelled_pairs_{when}"]} for when in ("before", "after")]
     for before, after, listed in [*items, (*whole, summary.get("modelled"))]:
         rows = [] if listed is None else [*listed["listed"], listed["others"]]
         for when, count in (("before", before), ("after", after)):
-            for name in ("pairs", "triangles"):
-                total = sum(row["counts"][f"{name}_{when}"] for row in rows)
-                assert total == count[f"modelled_{name}"]
+            total = sum(row["counts"][f"pairs_{when}"] for row in rows)
+            assert total == count["modelled_pairs"]
 
 
 def test_a_report_lists_what_was_modelled_by_parts(bending: Path, tmp_path: Path) -> None:
@@ -106,6 +103,38 @@ def test_a_long_list_is_cut_and_its_rest_summed(tmp_path: Path) -> None:
     names = {record.first.number for record in report.attached.listed}
     names |= {record.second.number for record in report.attached.listed}
     assert names == set(range(1, BALLS + 2))
+
+
+def test_a_triangle_counts_with_each_pair_of_parts_it_is_in(tmp_path: Path) -> None:
+    """Two balls sit in one place of a body: some of its triangles meet both."""
+    from usd_io import AuthoredMesh, write_animation
+
+    (ball, ball_faces), (body, body_faces) = icosphere(2, 0.4), icosphere(2, 1.0)
+    places = [np.array((1.0, 0.0, 0.0)), np.array((1.0, 0.2, 0.1))]
+    points, faces = joined((body, body_faces), *((ball + place, ball_faces) for place in places))
+    mesh = AuthoredMesh(path="/Root/Balls", faces=faces, points=[points] * 5, rest=points)
+    path = tmp_path / "a.usda"
+    write_animation(path, mesh, times=np.arange(1.0, 6.0))
+    host = Listener()
+    check_stage(path, rest_contacts="repair", observer=host)
+    contacts = next(remark.pairs for remark in host.remarks if isinstance(remark, PairsFound))
+    parts = modelled_parts(open_source(str(path), Selection()))
+    assert parts.attachments is not None
+    between = np.sort(parts.attachments.part_of[contacts], axis=1)
+    expected = {
+        (parts.records[a].name, parts.records[b].name): (
+            len(own := contacts[(between == (a, b)).all(axis=1)]),
+            len(np.unique(own)),
+        )
+        for a, b in np.unique(between, axis=0).tolist()
+    }
+    frame = check_stage(path).frames[0]
+    assert frame.before is not None and frame.before.pairs == 0 and len(expected) == 3
+    assert expected == {
+        (own.first.name, own.second.name): (own.counts.pairs_before, own.counts.triangles_before)
+        for own in frame.modelled.listed
+    }
+    assert sum(triangles for _, triangles in expected.values()) > frame.before.modelled_triangles
 
 
 def test_a_place_is_told_in_the_world(tmp_path: Path) -> None:

@@ -195,6 +195,11 @@ def test_contacts_have_a_picture_or_a_row() -> None:
     assert "Smaller contacts (1)" in page and "<td>/A with itself</td>" in page
     assert '<button class=frame data-go="2">3 to 7</button>' in page
     assert "background:rgb(255,128,0)" in page
+    # Of one pose there is one number of triangles.
+    assert "<th>triangles before</th><th>after</th><th>frames</th>" in page
+    one = replace(CONTENT.contacts[1], triangles=(12, None))
+    page = make_page(document(), replace(CONTENT, contacts=(one,)))
+    assert "<th>triangles</th><th>frames</th>" in page
 
 
 def test_totals_and_table() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dtrepair.report.modelled import LISTED, bounded
+from dtrepair.report.modelled import LISTED, WornRecord, bounded
 from dtrepair.report.page.page import make_page
 from dtrepair.report.record import (
     ContactRecord,
@@ -19,7 +19,7 @@ from dtrepair.report.sections import (
     SpanRecord,
     TransferRecord,
 )
-from tests.report.modelled_records import record
+from tests.report.modelled_records import part, record
 from tests.report.page.tags import parsed
 from tests.report.page.test_page import document
 
@@ -110,3 +110,54 @@ def test_poses_between_keys_have_a_table_of_their_own() -> None:
     parsed(page)
     cells = ["8", "3", "1", "20", "2", "3, 4", "2.5", "1 to 5"]
     assert "".join(f"<td>{cell}</td>" for cell in cells) in page
+    assert "<th>intersect with repaired keys</th><th>in the output</th>" in page
+    # Where nothing is repaired there is one number of each.
+    page = make_page(document(keyposes=section, output=None))
+    cells = ["8", "3", "20", "2.5", "1 to 5"]
+    assert f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>" in page
+
+
+def test_a_check_has_no_columns_of_a_repair() -> None:
+    count = CountRecord(triangles=4, pairs=2, inter_pairs=2)
+    frame = FrameRecord(
+        time=1.0,
+        status="unchanged",
+        before=count,
+        after=count,
+        prims=(FramePrimRecord("/A", count, count),),
+        contacts=(ContactRecord("/A", "/B", 2, 2),),
+        modelled=bounded([record(1, 7, 7)]),
+    )
+    clean = FrameRecord(time=2.0, status="clean", before=CountRecord(), after=CountRecord())
+    prims = tuple(PrimRecord(path=path, vertices=8, triangles=12) for path in ("/A", "/B"))
+    frames = (frame, clean)
+    page = make_page(document(prims=prims, frames=frames, command="check", output=None))
+    parsed(page)
+    columns = ("after</th>", "before</th>", "<th>largest move", "frames left</th>")
+    for word in ("<td>unchanged", *columns):
+        assert word not in page
+    assert "<td>4</td><td>0.00</td><td>intersects</td>" in page
+    assert "<td>2</td><td>" in page and "<td>7</td><td>14</td>" in page
+    assert "<b>4</b>intersecting triangles" in page and "</b>largest move" not in page
+    repaired = make_page(document(prims=prims, frames=frames))
+    for word in ("<td>unchanged", *columns):
+        assert word in repaired
+
+
+def test_pairs_that_met_more_than_before_are_marked() -> None:
+    contacts = (ContactRecord("/A", "/B", 2, 5), ContactRecord("/A", "/C", 3, 3))
+    frame = FrameRecord(
+        time=1.0, status="improved", before=CountRecord(), after=CountRecord(), contacts=contacts
+    )
+    prims = tuple(PrimRecord(path=path, vertices=8, triangles=12) for path in ("/A", "/B"))
+    page = make_page(document(prims=prims, frames=(frame,)))
+    assert "<td>2</td><td>5, more than before</td>" in page and "<td>3</td><td>3</td>" in page
+
+
+def test_what_is_taken_as_worn_is_listed() -> None:
+    worn = WornRecord(over=part(2), under=part(None, "/Hero/Shirt"))
+    page = make_page(document(worn=(worn,)))
+    parsed(page)
+    assert f"<h2>Taken as worn</h2>{'<div class=scroll>'}" in page
+    assert f"<td>{part(2)}</td><td>/Hero/Shirt</td>" in page
+    assert "Taken as worn" not in make_page(document())

@@ -157,7 +157,7 @@ WALLS = {
         "__init__": "",
         "attached": "attachments worn closest_point enclosure geometry",
         "attachments": "closest_point geometry",
-        "worn": "enclosure recent geometry",
+        "worn": "closest_point enclosure operators recent geometry",
         "closest_point": "geometry",
         "enclosure": "geometry",
         "geodesics": "geometry",

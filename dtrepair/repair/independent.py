@@ -15,6 +15,7 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.relief.bodies_first import with_bodies_first
 from dtrepair.repair.relief.followers import with_followers
+from dtrepair.repair.relief.inside_out import from_outer_sides
 from dtrepair.repair.relief.opening import opened_frames, own_rest, too_close
 from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.bounds import Judged, came_off, wrong_of
@@ -136,6 +137,11 @@ def _found_so(
     scene: Scene, meshes: WeldedMeshes, opened: Sequence[OpenedPose], options: IndependentOptions
 ) -> list[Found]:
     """Return what is found for poses; attached parts take their garments along first."""
+
+    def judge(own: WeldedMeshes, poses: list[OpenedPose]) -> list[Judged]:
+        return [found.judged for found in _found_so(own.scene, own, poses, options)]
+
+    opened = from_outer_sides(meshes, list(opened), judge)
     if meshes.dressed is None:
         return bounded_poses(scene, meshes, opened, options)
     tied = is_tied(scene)

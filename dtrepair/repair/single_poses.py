@@ -69,6 +69,7 @@ def solved_poses(
     scene: Scene, meshes: WeldedMeshes, opened: list[OpenedPose], options: IndependentOptions
 ) -> list[tuple[FloatArray, Solved]]:
     """Return a pose (V, 3) and how it was found; those of one welded mesh are solved at once."""
+    opened = [pose.begun or pose for pose in opened]
     starts = [_start(scene, pose, options) for pose in opened]
     of_pose = [meshes([pose.sewn]) for pose in opened]
     found: dict[int, tuple[FloatArray, Solved]] = {}

@@ -77,13 +77,16 @@ def learnt_layers(layers: Layers) -> list[WornLayer]:
 
 def _over_something(layers: Layers) -> list[WornLayer]:
     """Return which open parts lie over which others; a head is no garment of its eyes."""
-    found = (layers.between(*both) for both in near_sheets(layers.parts, layers.options))
+    near = near_sheets(layers.parts, layers.options, ~layers.parts.closed)
+    found = (layers.between(*both) for both in near)
     known = [own for own in found if own is not None and not own.around]
     return [own for own in known if not layers.parts.closed[own.top]]
 
 
-def near_sheets(parts: Parts, options: LayerOptions) -> list[tuple[int, int]]:
-    """Return pairs of parts, one of them open, whose boxes meet at rest.
+def near_sheets(
+    parts: Parts, options: LayerOptions, sheets: NDArray[np.bool_]
+) -> list[tuple[int, int]]:
+    """Return pairs of parts, one of them a sheet (P,), whose boxes meet at rest.
 
     The largest of them: cards of hair are many, and no garment.
     """
@@ -93,7 +96,7 @@ def near_sheets(parts: Parts, options: LayerOptions) -> list[tuple[int, int]]:
     low = np.stack([rest[own].min(axis=0) for own in parts.vertices])
     high = np.stack([rest[own].max(axis=0) for own in parts.vertices])
     pairs: set[tuple[int, int]] = set()
-    for part in by_size[~parts.closed[by_size]][: options.garments].tolist():
+    for part in by_size[sheets[by_size]][: options.garments].tolist():
         meets = ((low[part] <= high) & (high[part] >= low)).all(axis=1)
         meets[part] = False
         others = by_size[meets[by_size]][: options.beneath].tolist()

@@ -19,7 +19,7 @@ def linings(parts: Parts, *, options: LayerOptions = LayerOptions()) -> list[int
     out (`find_layer`).
     """
     near: dict[int, set[int]] = {}
-    for first, second in near_sheets(parts, options):
+    for first, second in near_sheets(parts, options, ~parts.closed):
         near.setdefault(first, set()).add(second)
         near.setdefault(second, set()).add(first)
     solid = _solids(parts, options)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 
@@ -19,12 +17,12 @@ from dtrepair.repair.clip.steady_frames import agreed
 from dtrepair.repair.clip.window_method import MakeMethod
 from dtrepair.repair.parallel.worker_pool import (
     WorkerPool,
-    available_processors,
+    side_by_side,
     with_workers,
     worthwhile_jobs,
 )
 from dtrepair.repair.relief.followers import with_followers
-from dtrepair.repair.relief.inside_out import inside_out
+from dtrepair.repair.relief.inside_out import from_outer_sides, inside_out
 from dtrepair.repair.relief.opening import opened_frames
 from dtrepair.repair.relief.other_ways import (
     frames_off,
@@ -44,19 +42,7 @@ from dtrepair.repair.separation.groups import faulty_bodies, groups_meet, groups
 from dtrepair.repair.separation.starts import Starts
 from dtrepair.repair.single_poses import solved_pose
 
-Item = TypeVar("Item")
-Answer = TypeVar("Answer")
 Progress = Callable[[float], None]
-
-
-def side_by_side(
-    function: Callable[[Item], Answer], items: list[Item], *, jobs: int | None
-) -> list[Answer]:
-    """Return the answers in order, on threads: detection releases the interpreter."""
-    if (jobs := jobs or available_processors()) == 1:
-        return [function(item) for item in items]
-    with ThreadPoolExecutor(jobs) as pool:
-        return list(pool.map(function, items))
 
 
 class WindowRepairer:
@@ -136,20 +122,32 @@ class WindowRepairer:
         return judged, taken
 
     def _on_all_ways(
-        self, meshes: WeldedMeshes, frames: list[Frame], share: float
+        self, meshes: WeldedMeshes, frames: list[Frame], share: float, effort: float = 1.0
     ) -> tuple[list[Judged], WeldedMeshes]:
-        """Return the same, without a clearance."""
+        """Return the same, without a clearance.
+
+        effort: how much work on other ways is enough, next to what usually is.
+        """
         ways = self.options.ways
         if not any(frame.wrong for frame in frames):
             return [Judged(frame.centred) for frame in frames], meshes
         solved, place = without_holds(frames, longest=self.options.longest_hold)
-        self._worth = share * len(frames) / len(solved)
-        tied, most = is_tied(meshes.scene), ways.enough_work(meshes.scene, len(solved))
-        most += self._work
+        tied, most = is_tied(meshes.scene), self._work
+        most += effort * ways.enough_work(meshes.scene, len(solved))
 
         def enough() -> bool:
             return tied and self._work > most
 
+        def judge(meshes: WeldedMeshes, frames: list[Frame]) -> list[Judged]:
+            nonlocal share
+            share /= 2.0
+            found, _ = self._on_all_ways(meshes, frames, share, effort / 2.0)
+            self._done += share * len(frames)
+            return found
+
+        spread = partial(side_by_side, jobs=self.jobs)
+        solved = from_outer_sides(meshes, solved, judge, spread)
+        self._worth = share * len(frames) / len(solved)
         # Attached parts take their garments along from the start: through a coat that is free limbs
         # are pushed, and what that strains is solved twice.
         first = meshes.dressed if tied else None
@@ -174,7 +172,8 @@ class WindowRepairer:
         """
         scene, ways, dressed = meshes.scene, self.options.inside_out, None
         spread = partial(side_by_side, jobs=self.jobs)
-        own, opened = inside_out(meshes, frames, self._solve, spread, options=ways)
+        starts = [frame.begun or frame for frame in frames]
+        own, opened = inside_out(meshes, starts, self._solve, spread, options=ways)
         parts = own.scene, own([frame.sewn for frame in frames]), opened
         tied = None if is_tied(scene) else meshes.dressed
         poses = self._solved(*parts, unless_stuck=tied is not None)

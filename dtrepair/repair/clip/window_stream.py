@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.threads import one_thread
 from dtrepair.repair.clip.frames import Frame, faded, read_frames
-from dtrepair.repair.clip.window_repairer import WindowRepairer, side_by_side
+from dtrepair.repair.clip.window_repairer import WindowRepairer
 from dtrepair.repair.full.method import solve_alone
+from dtrepair.repair.parallel.worker_pool import side_by_side
 from dtrepair.repair.relief.opening import too_close
 from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.bounds import Judged, bounded_pose, strain_of

@@ -29,6 +29,7 @@ from dtrepair.repair.parallel.process_pool import (
 )
 from dtrepair.repair.surface.surface import Surface
 
+Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 # Called here, not in workers, with the share of some work that is done, 0 to 1.
 Told = Callable[[float], None]
@@ -290,3 +291,13 @@ def available_processors() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def side_by_side(
+    function: Callable[[Item], Answer], items: list[Item], *, jobs: int | None
+) -> list[Answer]:
+    """Return the answers in order, on threads: detection releases the interpreter."""
+    if (jobs := jobs or available_processors()) == 1:
+        return [function(item) for item in items]
+    with ThreadPoolExecutor(jobs) as pool:
+        return list(pool.map(function, items))

@@ -7,20 +7,29 @@ clean; its clothes then give way to it, and it to them a little.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.scene.bounds import Judged
+from dtrepair.repair.scene.holding import is_tied
 from dtrepair.repair.scene.opened_pose import Pose
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 
 # Returns repaired poses (V, 3) of the frames of a scene.
 Solve = Callable[[Scene, WeldedMesh, list[Pose]], list[FloatArray]]
+# Solves frames by the meshes of a way, within the bounds.
+Judge = Callable[[WeldedMeshes, list[Pose]], list[Judged]]
 # Returns the answers of a function for some items, in order.
 SideBySide = Callable[[Callable[[Any], Any], list[Any]], list[Any]]
+
+
+def one_by_one(function: Callable[[Any], Any], items: list[Any]) -> list[Any]:
+    """Return the answers of a function for some items, in order."""
+    return [function(item) for item in items]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,3 +70,29 @@ def inside_out(
     both = list(zip(frames, poses, strict=True))
     closed = side_by_side(lambda own: inner.parts.closed(*own), both)
     return meshes.with_inner_mobility(options.mobility), closed
+
+
+def from_outer_sides(
+    meshes: WeldedMeshes,
+    frames: list[Pose],
+    judge: Judge[Pose],
+    side_by_side: SideBySide = one_by_one,
+) -> list[Pose]:
+    """Return the frames, solved from where the outer sides of thin shells alone come clean.
+
+    Where something of attached parts comes out of such a shell, as a knee of a skirt with a
+    thickness, both sides of it hold each other there. Where nothing does, or the outer sides keep
+    all they meet, what is given. Loose shells are led off as wholes.
+    """
+    known = meshes.outer_sides if is_tied(meshes.scene) else None
+    if known is None or not any(known[0].come_through(frame.pairs) for frame in frames):
+        return frames
+    parts, own = known
+    opened = side_by_side(parts.opened, frames)
+    result = []
+    for frame, before, found in zip(frames, opened, judge(own, opened), strict=True):
+        left = len(own.scene.pairs(found.points, before.weld))
+        gains = left == 0 or left < len(before.pairs)
+        begun = parts.closed(frame, found.points) if gains else None
+        result.append(replace(frame, begun=begun))
+    return result

@@ -196,17 +196,18 @@ def _each_on_its_way(
         *,
         farther: bool = False,
         most: int | None = None,
+        given: Sequence[Pose] = frames,
     ) -> NDArray[np.bool_]:
         """Solve the chosen frames (T,) that are not clean, as many as may be; return which.
 
         farther: whether they may go much farther: the first way may have left what is as mobile.
-        most: see `OtherWayOptions.again`.
+        most: see `OtherWayOptions.again`. given: the frames, perhaps begun otherwise.
         """
         count, tried = len(scene.faces), np.zeros(len(frames), dtype=bool)
         for run in options.again(chosen & (wrong > 0), wrong.tolist(), count, most=most):
             if worked_enough():
                 break
-            own, tried[run] = frames[run], True
+            own, tried[run] = given[run], True
             other = judge(way, list(own))
             left = _wrong(scene, own, other)
             for place, pose, less in zip(range(run.start, run.stop), other, left, strict=True):
@@ -224,9 +225,12 @@ def _each_on_its_way(
         if wrong[tried].sum() <= options.helped * before[tried].sum():
             take(way, chosen & ~tried, farther=True, most=most)
 
-    lowered = np.array([found.lowered for found in judged])
+    begun = np.array([frame.begun is not None for frame in frames])
+    if (begun & (wrong > 0)).any():
+        take(meshes, begun, given=[replace(frame, begun=None) for frame in frames])
+    lowered = np.array([found.lowered for found in result])
     if (lowered & (wrong > 0)).any():
-        bent = [bent_bodies(scene, found) for found in judged]
+        bent = [bent_bodies(scene, found) for found in result]
         for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
             take(way, lowered)
         if not scene.dressed and meshes.dressed is not None:

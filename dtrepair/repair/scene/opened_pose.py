@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,7 @@ class OpenedPose:
         enclosed: Parts (K, 2) wholly inside others.
         seconds: What it took to find them.
         absent: Vertices (V,) of bodies that are not there; None: all are.
+        begun: The pose from which it is solved; None: itself.
     """
 
     given: Sequence[Any]
@@ -57,6 +58,7 @@ class OpenedPose:
     enclosed: IntArray = field(default_factory=_none)
     seconds: float = 0.0
     absent: BoolArray | None = None
+    begun: Self | None = None
 
     @property
     def wrong(self) -> int:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.numerics.worn.shells import Backing, Shell, thin_shells
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import Pose, detected
@@ -51,6 +52,7 @@ class SubScene:
             weld=weld,
             sewn=self.scene.sewn(centred, weld),
             detected=False,
+            begun=None,
         )
         return detected(self.scene, own)
 
@@ -134,6 +136,51 @@ class SubScene:
             pairs=self._new_triangle[reference.pairs[self.own(reference.pairs)]],
             bound=None if bound is None else bound[self._triangles],
         )
+
+
+class OuterSides(SubScene):
+    """A scene without the inner sides of thin shells, which go along with the outer ones.
+
+    Args:
+        outer: The whole scene.
+        shells: The shells, their vertices as those that stand for others at one place of the rest.
+    """
+
+    def __init__(self, outer: Scene, shells: Sequence[Shell]) -> None:
+        self.shells, self._stand = shells, outer.rest_weld
+        inner = [shell.inner for shell in shells]
+        self._inner = np.isin(outer.rest_weld, np.concatenate(inner))
+        super().__init__(outer, np.flatnonzero(~self._inner).astype(np.int32))
+        faces, rest = outer.enclosures.faces, outer.layers.parts.poses[0]
+        sides = [faces[np.isin(faces, shell.outer).all(axis=1)] for shell in shells]
+        self._backings = [Backing(rest, *both) for both in zip(sides, inner, strict=True)]
+
+    def placed(self, whole: FloatArray, points: FloatArray) -> FloatArray:
+        """Return a pose (V, 3) of the whole in which these parts are at points (N, 3)."""
+        result = super().placed(whole, points)
+        shift = np.zeros_like(whole)
+        for backing in self._backings:
+            shift[backing.vertices] = backing.followed(whole, result)
+        result[self._inner] += shift[self._stand[self._inner]]
+        return result
+
+    def come_through(self, pairs: IntArray) -> bool:
+        """Return whether pairs (K, 2) of the whole are of what comes out of a shell."""
+        faces, part_of = self.outer.enclosures.faces, self.outer.enclosures.part_of_face
+        for shell in self.shells:
+            outside = np.isin(faces[pairs], shell.outer).all(axis=2)
+            beneath = np.isin(part_of[pairs], shell.under)
+            if (outside & beneath[:, ::-1]).any():
+                return True
+        return False
+
+
+def outer_sides(scene: Scene) -> OuterSides | None:
+    """Return a scene without the inner sides of thin shells; None where there are none."""
+    if scene.options.maximum_displacement is not None or scene.enclosures.count < 2:
+        return None
+    shells = thin_shells(scene.layers)
+    return OuterSides(scene, shells) if shells else None
 
 
 def sub_scene(scene: Scene, bodies: Sequence[int]) -> SubScene:

@@ -20,7 +20,13 @@ from dtrepair.repair.result import Solved
 from dtrepair.repair.scene.bodies import widest_clearance
 from dtrepair.repair.scene.props import props_among, with_rigid
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.scene.sub_scene import SubScene, inner_parts, sub_scene
+from dtrepair.repair.scene.sub_scene import (
+    OuterSides,
+    SubScene,
+    inner_parts,
+    outer_sides,
+    sub_scene,
+)
 from dtrepair.repair.surface.surface import BodyRange, Surface, SurfaceOptions
 
 if TYPE_CHECKING:
@@ -251,6 +257,12 @@ class WeldedMeshes:
         if parts is None:
             return None
         return PartMeshes(parts, self._of(parts.scene, "inner"))
+
+    @cached_property
+    def outer_sides(self) -> tuple[OuterSides, WeldedMeshes] | None:
+        """The scene without the inner sides of thin shells, and its meshes; None: has none."""
+        parts = None if self.scene.options.method == "paper" else outer_sides(self.scene)
+        return None if parts is None else (parts, self._of(parts.scene, "outer sides"))
 
     @cached_property
     def inner_with_room(self) -> WeldedMeshes | None:

@@ -1,0 +1,93 @@
+"""A limb that comes out through both sides of a thin sleeve: the outer side is solved first."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dtrepair import RepairOptions, Status
+from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair import independent
+from dtrepair.repair.clip import window_repairer
+from dtrepair.repair.relief.inside_out import from_outer_sides
+from dtrepair.repair.repairer import SceneRepairer
+from dtrepair.repair.scene.bounds import Judged
+from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
+from dtrepair.repair.scene.sub_scene import OuterSides
+from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from tests.shelled_limb import bent_through, limb, shelled_limb, sleeve
+
+HALF = len(sleeve(0.0)[0]) // 2
+BENDS = (0.9, 1.0, 1.1)
+
+
+def repairer(**choices: object) -> SceneRepairer:
+    bodies, shown = shelled_limb()
+    options = replace(RepairOptions(), **choices)
+    return SceneRepairer(bodies, options=options, references=[shown], layer_poses=[shown])
+
+
+def sides_of(own: SceneRepairer) -> OuterSides:
+    known = own.meshes.outer_sides
+    assert known is not None
+    return known[0]
+
+
+def opened(own: SceneRepairer, points: list[FloatArray]) -> OpenedPose:
+    return detected(own.scene, gathered(own.scene, points))
+
+
+def as_it_is(meshes: WeldedMeshes, frames: list[OpenedPose]) -> list[Judged]:
+    return [Judged(frame.centred) for frame in frames]
+
+
+def test_the_inner_side_is_left_out_and_goes_along() -> None:
+    own = repairer()
+    sides, pose = sides_of(own), opened(own, bent_through(1.0))
+    assert len(sides.scene.rest) == len(own.scene.rest) - HALF
+    assert len(sides.scene.faces) < len(own.scene.faces) - HALF
+    part = sides.opened(pose)
+    np.testing.assert_array_equal(sides.placed(pose.centred, part.centred), pose.centred)
+    lifted = part.centred + np.array([0.0, 0.0, 0.3])
+    whole = sides.placed(pose.centred, lifted)
+    inner = np.arange(HALF, 2 * HALF)
+    assert np.linalg.norm(whole[inner] - whole[:HALF], axis=1).max() < 0.03
+
+
+def test_only_what_comes_out_counts() -> None:
+    own = repairer()
+    sides = sides_of(own)
+    assert sides.come_through(opened(own, bent_through(1.0)).pairs)
+    # Against the inner side alone.
+    assert not sides.come_through(opened(own, [sleeve(0.3, radius=0.197)[0], limb(0.3)[0]]).pairs)
+
+
+def test_where_nothing_is_gained_frames_stay_as_they_are() -> None:
+    own = repairer()
+    frames = [opened(own, bent_through(1.0))]
+    (kept,) = from_outer_sides(own.meshes, frames, as_it_is)
+    assert kept.begun is None
+    loose = SceneRepairer(own.bodies)
+    assert from_outer_sides(loose.meshes, frames, as_it_is) is frames
+    limited = repairer(maximum_displacement=0.1)
+    assert limited.meshes.outer_sides is None
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_clip_comes_clean_by_it(first: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not first:
+        monkeypatch.setattr(window_repairer, "from_outer_sides", lambda meshes, frames, *_: frames)
+    own = repairer()
+    frames = [(float(k), bent_through(bend)) for k, bend in enumerate(BENDS)]
+    found = [results for _, results in own.animator.stream(frames, jobs=1)]
+    clean = [all(own.status == Status.CLEAN for own in results) for results in found]
+    assert all(clean) == first
+
+
+def test_a_single_pose_comes_clean_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    own, pose = repairer(), bent_through(1.0)
+    assert {result.status for result in own(pose)} == {Status.CLEAN}
+    monkeypatch.setattr(independent, "from_outer_sides", lambda meshes, frames, *_: frames)
+    assert {result.status for result in repairer()(pose)} != {Status.CLEAN}

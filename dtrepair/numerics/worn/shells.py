@@ -155,4 +155,4 @@ class Backing:
         """Return the unit normals (N, 3) of the leading side where the vertices lie on it."""
         every = vertex_normals(points, self._faces, self._own)
         normals = np.einsum("nk,nkj->nj", self._weights, every[self._local])
-        return normals / np.maximum(lengths(normals), _LEAST)[:, None]
+        return np.asarray(normals / np.maximum(lengths(normals), _LEAST)[:, None])

@@ -35,7 +35,7 @@ class BendOptions:
     """
 
     rounding: float = 1e-3
-    farther: float = 0.03
+    farther: float = 0.02
     slender: float = 5.0
     little: float = 0.01
 

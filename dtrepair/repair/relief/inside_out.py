@@ -46,6 +46,18 @@ class InsideOutOptions:
     mobility: float = 0.01
 
 
+@dataclass(frozen=True, kw_only=True)
+class OuterSideOptions:
+    """When the outer sides of thin shells are solved first.
+
+    Args:
+        share: In windows of which at least so many of the pairs are of shells that something came
+            out of: elsewhere it costs more than it gains.
+    """
+
+    share: float = 0.05
+
+
 def inside_out(
     meshes: WeldedMeshes,
     frames: list[Pose],
@@ -77,6 +89,8 @@ def from_outer_sides(
     frames: list[Pose],
     judge: Judge[Pose],
     side_by_side: SideBySide = one_by_one,
+    *,
+    options: OuterSideOptions = OuterSideOptions(),
 ) -> list[Pose]:
     """Return the frames, solved from where the outer sides of thin shells alone come clean.
 
@@ -85,11 +99,13 @@ def from_outer_sides(
     all they meet, what is given. Loose shells are led off as wholes.
     """
     known = meshes.outer_sides if is_tied(meshes.scene) else None
-    if known is None or not any(known[0].come_through(frame.pairs) for frame in frames):
+    if known is None:
         return frames
     parts, own = known
-    opened = side_by_side(parts.opened, frames)
-    result = []
+    through = sum(parts.through(frame.pairs) for frame in frames)
+    if through == 0 or through < options.share * sum(len(frame.pairs) for frame in frames):
+        return frames
+    opened, result = side_by_side(parts.opened, frames), list[Pose]()
     for frame, before, found in zip(frames, opened, judge(own, opened), strict=True):
         left = len(own.scene.pairs(found.points, before.weld))
         gains = left == 0 or left < len(before.pairs)

@@ -164,15 +164,16 @@ class OuterSides(SubScene):
         result[self._inner] += shift[self._stand[self._inner]]
         return result
 
-    def come_through(self, pairs: IntArray) -> bool:
-        """Return whether pairs (K, 2) of the whole are of what comes out of a shell."""
+    def through(self, pairs: IntArray) -> int:
+        """Return how many of the pairs (K, 2) of the whole are of shells that something left."""
         faces, part_of = self.outer.enclosures.faces, self.outer.enclosures.part_of_face
+        count = 0
         for shell in self.shells:
-            outside = np.isin(faces[pairs], shell.outer).all(axis=2)
             beneath = np.isin(part_of[pairs], shell.under)
-            if (outside & beneath[:, ::-1]).any():
-                return True
-        return False
+            met = (beneath[:, ::-1] & (part_of[pairs] == shell.part)).any(axis=1)
+            outside = np.isin(faces[pairs[met]], shell.outer).all(axis=2)
+            count += int(met.sum()) if outside.any() else 0
+        return count
 
 
 def outer_sides(scene: Scene) -> OuterSides | None:

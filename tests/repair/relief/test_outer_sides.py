@@ -11,7 +11,7 @@ from dtrepair import RepairOptions, Status
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair import independent
 from dtrepair.repair.clip import window_repairer
-from dtrepair.repair.relief.inside_out import from_outer_sides
+from dtrepair.repair.relief.inside_out import OuterSideOptions, from_outer_sides
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
@@ -59,9 +59,10 @@ def test_the_inner_side_is_left_out_and_goes_along() -> None:
 def test_only_what_comes_out_counts() -> None:
     own = repairer()
     sides = sides_of(own)
-    assert sides.come_through(opened(own, bent_through(1.0)).pairs)
-    # Against the inner side alone.
-    assert not sides.come_through(opened(own, [sleeve(0.3, radius=0.197)[0], limb(0.3)[0]]).pairs)
+    pose = opened(own, bent_through(1.0))
+    assert sides.through(pose.pairs) == len(pose.pairs) > 0
+    inwards = opened(own, [sleeve(0.3, radius=0.197)[0], limb(0.3)[0]])
+    assert len(inwards.pairs) > 0 and sides.through(inwards.pairs) == 0
 
 
 def test_where_nothing_is_gained_frames_stay_as_they_are() -> None:
@@ -73,6 +74,20 @@ def test_where_nothing_is_gained_frames_stay_as_they_are() -> None:
     assert from_outer_sides(loose.meshes, frames, as_it_is) is frames
     limited = repairer(maximum_displacement=0.1)
     assert limited.meshes.outer_sides is None
+
+
+def test_little_that_comes_out_among_much_else_is_left_at_that() -> None:
+    own = repairer()
+    frames = [opened(own, bent_through(bend)) for bend in BENDS]
+
+    def judge(meshes: WeldedMeshes, given: list[OpenedPose]) -> list[Judged]:
+        # The outer sides as they were modelled.
+        return [Judged(meshes.scene.centred_rest) for _ in given]
+
+    found = from_outer_sides(own.meshes, frames, judge)
+    assert all(frame.begun is not None and not frame.begun.wrong for frame in found)
+    rare = OuterSideOptions(share=1.1)
+    assert from_outer_sides(own.meshes, frames, judge, options=rare) is frames
 
 
 @pytest.mark.parametrize("first", [True, False])

@@ -1,7 +1,8 @@
 """Bodies that intersect themselves are repaired before the clothes over them.
 
 Pushed at once, body and clothes hold each other, and many frames stay dirty. The body alone comes
-clean; its clothes then give way to it, and it to them a little.
+clean; its clothes then give way to it, and it to them a little. The two sides of a garment with a
+thickness hold what came out of it: the outer one is repaired first.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -23,9 +21,9 @@ HALF = len(sleeve(0.0)[0]) // 2
 BENDS = (0.9, 1.0, 1.1)
 
 
-def repairer(**choices: object) -> SceneRepairer:
+def repairer(*, farthest: float | None = None) -> SceneRepairer:
+    options = RepairOptions(maximum_displacement=farthest)
     bodies, shown = shelled_limb()
-    options = replace(RepairOptions(), **choices)
     return SceneRepairer(bodies, options=options, references=[shown], layer_poses=[shown])
 
 
@@ -72,7 +70,7 @@ def test_where_nothing_is_gained_frames_stay_as_they_are() -> None:
     assert kept.begun is None
     loose = SceneRepairer(own.bodies)
     assert from_outer_sides(loose.meshes, frames, as_it_is) is frames
-    limited = repairer(maximum_displacement=0.1)
+    limited = repairer(farthest=0.1)
     assert limited.meshes.outer_sides is None
 
 

@@ -15,7 +15,7 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.relief.bodies_first import with_bodies_first
 from dtrepair.repair.relief.followers import with_followers
-from dtrepair.repair.relief.inside_out import from_outer_sides
+from dtrepair.repair.relief.inside_out import outer_sides_first
 from dtrepair.repair.relief.opening import opened_frames, own_rest, too_close
 from dtrepair.repair.result import RepairResult, Solved, Stage
 from dtrepair.repair.scene.bounds import Judged, came_off, wrong_of
@@ -136,12 +136,33 @@ def _opened(
 def _found_so(
     scene: Scene, meshes: WeldedMeshes, opened: Sequence[OpenedPose], options: IndependentOptions
 ) -> list[Found]:
+    """Return what is found for poses, and from the outer sides of thin shells what is left then."""
+    found = _on_ways(scene, meshes, opened, options)
+    for k, pose in enumerate(opened):
+        rank = partial(_left, scene, pose)
+        if any(rank(found[k])):
+            ways = _from_outer_sides(scene, meshes, pose, options)
+            found[k] = _best(found[k], ways, rank, lambda left: not any(left))
+    return found
+
+
+def _from_outer_sides(
+    scene: Scene, meshes: WeldedMeshes, pose: OpenedPose, options: IndependentOptions
+) -> Iterator[Found]:
+    """Yield what is found from where the outer sides of thin shells come clean, if they do."""
+
+    def judge(sides: WeldedMeshes, poses: list[OpenedPose]) -> list[Judged]:
+        return [found.judged for found in _on_ways(sides.scene, sides, poses, options)]
+
+    (begun,) = outer_sides_first(meshes, [pose], judge)
+    if begun.begun is not None:
+        yield from _on_ways(scene, meshes, [begun], options)
+
+
+def _on_ways(
+    scene: Scene, meshes: WeldedMeshes, opened: Sequence[OpenedPose], options: IndependentOptions
+) -> list[Found]:
     """Return what is found for poses; attached parts take their garments along first."""
-
-    def judge(own: WeldedMeshes, poses: list[OpenedPose]) -> list[Judged]:
-        return [found.judged for found in _found_so(own.scene, own, poses, options)]
-
-    opened = from_outer_sides(meshes, list(opened), judge)
     if meshes.dressed is None:
         return bounded_poses(scene, meshes, opened, options)
     tied = is_tied(scene)

@@ -26,7 +26,8 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "settings": "All choices of the run, by the names of the options; a run can be "
             "repeated from them.",
             "seconds": "Time spent, by stages of the run, and in total.",
-            "warnings": "All that the run has warned of, each once, in the order in which it was.",
+            "warnings": "What the run has warned of, each once, in the order in which it was; "
+            "frames that cannot be used have a message of their own.",
             "prims": "The meshes that took part, in their order.",
             "frames": "The frames, in order.",
             "summary": "Sums over all frames.",

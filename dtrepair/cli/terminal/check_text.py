@@ -37,7 +37,9 @@ def print_check(console: Console, report: Report) -> None:
                 cells = (*numbers[: len(header) - 1], *([path] if each else []))
                 rows.append((label, label, cells))
     console.warn(_unusable_lines(records))
-    console.table([*header, *(["mesh"] if each else [])], folded(rows, each=", each", fold=fold))
+    console.table(
+        [*header, *(["mesh"] if each else [])], folded(rows, each=", each of {}", fold=fold)
+    )
     if each and any(record.before and record.before.inter_pairs for record in records):
         console.result("a pair between two meshes is counted in the row of either, and once in all")
     if several:

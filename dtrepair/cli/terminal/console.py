@@ -18,13 +18,13 @@ def folded(
     """Return rows of which runs that say the same are one row: from its first to its last.
 
     rows: what a row begins and ends with, such as a frame, and its other cells. each: what the name
-    of such a run ends with. fold: without it every row stays.
+    of such a run ends with, {} its number of rows. fold: without it every row stays.
     """
     found: list[list[str]] = []
     for cells, run in groupby(rows, key=lambda row: row[2]):
         same = list(run)
         if fold and len(same) >= FOLDED:
-            same = [(same[0][0], f"{same[-1][1]}{each}", cells)]
+            same = [(same[0][0], f"{same[-1][1]}{each.format(len(same))}", cells)]
         found += [
             [start if start == end else f"{start} to {end}", *cells] for start, end, _ in same
         ]

@@ -182,11 +182,12 @@ def _only_frames_warnings(source: Source, settings: RepairSettings) -> list[str]
         return []
     if len(source.times) < len(source.all_times):
         nearest = "it" if len(source.times) == 1 else "the nearest of these"
+        layer = "the layer" if settings.chunk is None else "the joined layer"
         return [
-            f"--only-frames: the layer holds {frames_named(source.times.tolist())} alone; in all "
+            f"--only-frames: {layer} holds {frames_named(source.times.tolist())} alone; in all "
             f"others, what it changes stays as in {nearest}"
         ]
-    if settings.selection.frames is None:
+    if settings.selection.frames is None and settings.chunk is None:
         return ["--only-frames: has no effect, as all frames are chosen; choose some by --frames"]
     return []
 

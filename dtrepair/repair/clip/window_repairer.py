@@ -22,7 +22,7 @@ from dtrepair.repair.parallel.worker_pool import (
     worthwhile_jobs,
 )
 from dtrepair.repair.relief.followers import with_followers
-from dtrepair.repair.relief.inside_out import from_outer_sides, inside_out
+from dtrepair.repair.relief.inside_out import from_outer_sides, inside_out, outer_sides_first
 from dtrepair.repair.relief.opening import opened_frames
 from dtrepair.repair.relief.other_ways import (
     frames_off,
@@ -126,7 +126,8 @@ class WindowRepairer:
     ) -> tuple[list[Judged], WeldedMeshes]:
         """Return the same, without a clearance.
 
-        effort: how much work on other ways is enough, next to what usually is.
+        effort: how much work is enough for other ways to end, next to what usually is. That on the
+            outer sides of shells counts.
         """
         ways = self.options.ways
         if not any(frame.wrong for frame in frames):
@@ -138,20 +139,19 @@ class WindowRepairer:
         def enough() -> bool:
             return tied and self._work > most
 
-        def judge(meshes: WeldedMeshes, frames: list[Frame]) -> list[Judged]:
-            nonlocal share
-            share /= 2.0
-            found, _ = self._on_all_ways(meshes, frames, share, effort / 2.0)
-            self._done += share * len(frames)
-            return found
+        def begin(dirty: list[Frame]) -> list[Frame]:
+            return dirty if enough() else outer_sides_first(meshes, dirty, on_all_ways, spread)
+
+        def on_all_ways(sides: WeldedMeshes, opened: list[Frame]) -> list[Judged]:
+            return self._on_all_ways(sides, opened, share, effort / 2.0)[0]
 
         spread = partial(side_by_side, jobs=self.jobs)
-        solved = from_outer_sides(meshes, solved, judge, spread)
         self._worth = share * len(frames) / len(solved)
         # Attached parts take their garments along from the start: through a coat that is free limbs
         # are pushed, and what that strains is solved twice.
         first = meshes.dressed if tied else None
         judged, taken = with_props(first or meshes, solved, self._judged, options=ways)
+        judged = from_outer_sides(taken, solved, judged, self._judged, begin)
         limits = self._judged, enough
         judged, taken = on_other_ways(taken, solved, judged, *limits, options=ways)
         judged = with_turns(taken, solved, judged, *limits, options=ways)

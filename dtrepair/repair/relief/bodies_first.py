@@ -18,6 +18,7 @@ from dtrepair.repair.relief.opening import OpeningOptions, opened_frames
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.sub_scene import room_over
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 
 # Returns the repaired pose (V, 3) of a pose of a scene.
@@ -52,9 +53,10 @@ def with_bodies_first(
     scene = meshes.scene
     if (scene.mobility[scene.garments.vertices] < 1.0).any():
         return None
-    inner, roomy, dressed = meshes.inner, meshes.inner_with_room, meshes.dressed
-    if inner is None or roomy is None or dressed is None:
+    inner, dressed = meshes.inner, meshes.dressed
+    if inner is None or dressed is None or (room := room_over(inner.parts)) is None:
         return None
+    roomy = inner.meshes.with_options(f"room {room}", clearance=room)
     opened = inner.parts.opened(pose)
     if not opened.wrong:
         return None

@@ -7,14 +7,14 @@ thickness hold what came out of it: the outer one is repaired first.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.scene.bounds import Judged
+from dtrepair.repair.scene.bounds import Judged, pairs_and_enclosed
 from dtrepair.repair.scene.holding import is_tied
 from dtrepair.repair.scene.opened_pose import Pose
 from dtrepair.repair.scene.scene import Scene
@@ -52,8 +52,8 @@ class OuterSideOptions:
     """When the outer sides of thin shells are solved first.
 
     Args:
-        share: In windows of which at least so many of the pairs are of shells that something came
-            out of: elsewhere it costs more than it gains.
+        share: Where at least so many of the pairs are of shells that something came out of:
+            elsewhere it costs more than it gains.
     """
 
     share: float = 0.05
@@ -85,7 +85,7 @@ def inside_out(
     return meshes.with_inner_mobility(options.mobility), closed
 
 
-def from_outer_sides(
+def outer_sides_first(
     meshes: WeldedMeshes,
     frames: list[Pose],
     judge: Judge[Pose],
@@ -99,11 +99,11 @@ def from_outer_sides(
     thickness, both sides of it hold each other there. Where nothing does, or the outer sides keep
     all they meet, what is given. Loose shells are led off as wholes.
     """
-    known = meshes.outer_sides if is_tied(meshes.scene) else None
+    known = meshes.outer_sides if frames and is_tied(meshes.scene) else None
     if known is None:
         return frames
     parts, own = known
-    through = sum(parts.through(frame.pairs) for frame in frames)
+    through = sum(parts.pairs_through(frame.pairs) for frame in frames)
     if through == 0 or through < options.share * sum(len(frame.pairs) for frame in frames):
         return frames
     opened, result = side_by_side(parts.opened, frames), list[Pose]()
@@ -113,3 +113,34 @@ def from_outer_sides(
         begun = parts.closed(frame, found.points) if gains else None
         result.append(replace(frame, begun=begun))
     return result
+
+
+def from_outer_sides(
+    meshes: WeldedMeshes,
+    frames: Sequence[Pose],
+    judged: list[Judged],
+    judge: Judge[Pose],
+    begin: Callable[[list[Pose]], list[Pose]],
+) -> list[Judged]:
+    """Return better poses of frames of attached parts that are not clean, if there are any.
+
+    begin: returns frames with where they are solved from, see `outer_sides_first`.
+    """
+    if not is_tied(meshes.scene):
+        return judged
+    scene, result = meshes.scene, list(judged)
+    wrong = [sum(pairs_and_enclosed(scene, *both)) for both in _poses(frames, judged)]
+    dirty = np.flatnonzero(wrong).tolist()
+    begun = zip(dirty, begin([frames[k] for k in dirty]), strict=True)
+    chosen = {k: frame for k, frame in begun if frame.begun is not None}
+    own = list(chosen.values())
+    other = judge(meshes, own) if own else []
+    for k, found, both in zip(chosen, other, _poses(own, other), strict=True):
+        if sum(pairs_and_enclosed(scene, *both)) < wrong[k]:
+            result[k] = found
+    return result
+
+
+def _poses(frames: Sequence[Pose], judged: Sequence[Judged]) -> Iterator[tuple[Pose, FloatArray]]:
+    for frame, found in zip(frames, judged, strict=True):
+        yield frame, found.points

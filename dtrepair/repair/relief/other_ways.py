@@ -196,18 +196,17 @@ def _each_on_its_way(
         *,
         farther: bool = False,
         most: int | None = None,
-        given: Sequence[Pose] = frames,
     ) -> NDArray[np.bool_]:
         """Solve the chosen frames (T,) that are not clean, as many as may be; return which.
 
         farther: whether they may go much farther: the first way may have left what is as mobile.
-        most: see `OtherWayOptions.again`. given: the frames, perhaps begun otherwise.
+        most: see `OtherWayOptions.again`.
         """
         count, tried = len(scene.faces), np.zeros(len(frames), dtype=bool)
         for run in options.again(chosen & (wrong > 0), wrong.tolist(), count, most=most):
             if worked_enough():
                 break
-            own, tried[run] = given[run], True
+            own, tried[run] = frames[run], True
             other = judge(way, list(own))
             left = _wrong(scene, own, other)
             for place, pose, less in zip(range(run.start, run.stop), other, left, strict=True):
@@ -225,12 +224,9 @@ def _each_on_its_way(
         if wrong[tried].sum() <= options.helped * before[tried].sum():
             take(way, chosen & ~tried, farther=True, most=most)
 
-    begun = np.array([frame.begun is not None for frame in frames])
-    if (begun & (wrong > 0)).any():
-        take(meshes, begun, given=[replace(frame, begun=None) for frame in frames])
-    lowered = np.array([found.lowered for found in result])
+    lowered = np.array([found.lowered for found in judged])
     if (lowered & (wrong > 0)).any():
-        bent = [bent_bodies(scene, found) for found in result]
+        bent = [bent_bodies(scene, found) for found in judged]
         for way in meshes.otherwise(bent, [frame.centred for frame in frames]):
             take(way, lowered)
         if not scene.dressed and meshes.dressed is not None:

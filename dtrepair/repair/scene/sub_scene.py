@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dtrepair.numerics.attached.garments import room_between
 from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.numerics.worn.shells import Backing, Shell, thin_shells
-from dtrepair.repair.scene.bodies import Body
+from dtrepair.repair.scene.bodies import Body, widest_clearance
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import Pose, detected
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.strain.meter import Excess
+
+Part = TypeVar("Part", bound="SubScene")
 
 
 class SubScene:
@@ -52,6 +56,7 @@ class SubScene:
             weld=weld,
             sewn=self.scene.sewn(centred, weld),
             detected=False,
+            absent=None if frame.absent is None else frame.absent[self.vertices],
             begun=None,
         )
         return detected(self.scene, own)
@@ -138,6 +143,16 @@ class SubScene:
         )
 
 
+def room_over(inner: SubScene) -> float | None:
+    """Return the clearance that what lies over some parts needs; None where nothing does."""
+    scene, ties = inner.outer, inner.outer.garments
+    if scene.covering is None or len(ties.vertices) == 0:
+        return None
+    layers = int(scene.covering.depth.max())
+    room = room_between(ties, scene.centred_rest, scene.enclosures.faces, layers)
+    return min(room, widest_clearance(inner.scene.rest))
+
+
 class OuterSides(SubScene):
     """A scene without the inner sides of thin shells, which go along with the outer ones.
 
@@ -164,8 +179,8 @@ class OuterSides(SubScene):
         result[self._inner] += shift[self._stand[self._inner]]
         return result
 
-    def through(self, pairs: IntArray) -> int:
-        """Return how many of the pairs (K, 2) of the whole are of shells that something left."""
+    def pairs_through(self, pairs: IntArray) -> int:
+        """Return how many pairs (K, 2) of the whole shells have with what comes out of them."""
         faces, part_of = self.outer.enclosures.faces, self.outer.enclosures.part_of_face
         count = 0
         for shell in self.shells:
@@ -177,10 +192,15 @@ class OuterSides(SubScene):
 
 
 def outer_sides(scene: Scene) -> OuterSides | None:
-    """Return a scene without the inner sides of thin shells; None where there are none."""
+    """Return a scene without the inner sides of thin shells; None where there are none.
+
+    What is pinned follows nothing.
+    """
     if scene.options.maximum_displacement is not None or scene.enclosures.count < 2:
         return None
-    shells = thin_shells(scene.layers)
+    mobility = np.ones(len(scene.rest))
+    np.minimum.at(mobility, scene.rest_weld, scene.mobility)
+    shells = [own for own in thin_shells(scene.layers) if (mobility[own.inner] == 1.0).all()]
     return OuterSides(scene, shells) if shells else None
 
 

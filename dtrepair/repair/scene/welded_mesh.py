@@ -6,22 +6,21 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.device import DeviceQueue
-from dtrepair.numerics.attached.garments import room_between
 from dtrepair.numerics.geometry import FloatArray, IntArray, differing
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import Solved
-from dtrepair.repair.scene.bodies import widest_clearance
 from dtrepair.repair.scene.props import props_among, with_rigid
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.sub_scene import (
     OuterSides,
+    Part,
     SubScene,
     inner_parts,
     outer_sides,
@@ -158,10 +157,10 @@ def _surface(
     )
 
 
-class PartMeshes(NamedTuple):
+class PartMeshes(NamedTuple, Generic[Part]):
     """Parts of a scene, and the welded meshes of them."""
 
-    parts: SubScene
+    parts: Part
     meshes: WeldedMeshes
 
 
@@ -191,9 +190,9 @@ class WeldedMeshes:
         self.scene, self.way, self._queue = scene, way, queue
         self._full, self._paper, self._surface = full, paper, surface
         self._known: dict[bytes, WeldedMesh] = {}
-        self._less_mobile: dict[float, WeldedMeshes] = {}
+        self._with_options: dict[str, WeldedMeshes] = {}
         self._stiffer: dict[tuple[int, ...], WeldedMeshes] = {}
-        self._groups: dict[tuple[int, ...], PartMeshes] = {}
+        self._groups: dict[tuple[int, ...], PartMeshes[SubScene]] = {}
 
     def _of(self, scene: Scene, way: str, surface: SurfaceOptions | None = None) -> WeldedMeshes:
         """Return the meshes of another scene, by the full method on the CPU."""
@@ -202,7 +201,10 @@ class WeldedMeshes:
 
     def with_options(self, way: str, **changes: Any) -> WeldedMeshes:
         """Return the meshes with options that no attachment depends on, by the full method."""
-        return self._of(self.scene.changed(options=replace(self.scene.options, **changes)), way)
+        if way not in self._with_options:
+            options = replace(self.scene.options, **changes)
+            self._with_options[way] = self._of(self.scene.changed(options=options), way)
+        return self._with_options[way]
 
     @cached_property
     def without_clearance(self) -> WeldedMeshes:
@@ -251,32 +253,21 @@ class WeldedMeshes:
         return self._of(self.scene.changed("held", dressed=False), "undressed")
 
     @cached_property
-    def inner(self) -> PartMeshes | None:
+    def inner(self) -> PartMeshes[SubScene] | None:
         """The meshes of what open layers lie over; None where there are none."""
-        parts = None if self.scene.options.method == "paper" else inner_parts(self.scene)
-        if parts is None:
-            return None
-        return PartMeshes(parts, self._of(parts.scene, "inner"))
+        return self._parts("inner", inner_parts)
 
     @cached_property
-    def outer_sides(self) -> tuple[OuterSides, WeldedMeshes] | None:
-        """The scene without the inner sides of thin shells, and its meshes; None: has none."""
-        parts = None if self.scene.options.method == "paper" else outer_sides(self.scene)
-        return None if parts is None else (parts, self._of(parts.scene, "outer sides"))
+    def outer_sides(self) -> PartMeshes[OuterSides] | None:
+        """The meshes of all but the inner sides of thin shells; None where there are none."""
+        return self._parts("outer sides", outer_sides)
 
-    @cached_property
-    def inner_with_room(self) -> WeldedMeshes | None:
-        """The meshes of `inner` with a clearance for what lies over it; None where nothing does."""
-        ties, covering = self.scene.garments, self.scene.covering
-        if self.inner is None or covering is None or len(ties.vertices) == 0:
-            return None
-        scene, layers = self.inner.parts.scene, int(covering.depth.max())
-        faces, rest = self.scene.enclosures.faces, self.scene.centred_rest
-        room = min(room_between(ties, rest, faces, layers), widest_clearance(scene.rest))
-        options = replace(scene.options, clearance=room)
-        return self._of(scene.changed(options=options), "inner with room")
+    def _parts(self, way: str, make: Callable[[Scene], Part | None]) -> PartMeshes[Part] | None:
+        """Return some parts of the scene, and their meshes; the published method knows none."""
+        parts = None if self.scene.options.method == "paper" else make(self.scene)
+        return None if parts is None else PartMeshes(parts, self._of(parts.scene, way))
 
-    def of_bodies(self, bodies: tuple[int, ...]) -> PartMeshes:
+    def of_bodies(self, bodies: tuple[int, ...]) -> PartMeshes[SubScene]:
         """Return the meshes of some of the bodies, as if there were no others."""
         if bodies not in self._groups:
             parts = sub_scene(self.scene, bodies)
@@ -287,10 +278,7 @@ class WeldedMeshes:
         """Return the meshes in which open layers lie over what moves at most so freely."""
         if self.scene.options.inner_mobility <= mobility:
             return self
-        if mobility not in self._less_mobile:
-            own = self.with_options(f"mobility {mobility}", inner_mobility=mobility)
-            self._less_mobile[mobility] = own
-        return self._less_mobile[mobility]
+        return self.with_options(f"mobility {mobility}", inner_mobility=mobility)
 
     def otherwise(
         self, bent: Sequence[Collection[int]], poses: Sequence[FloatArray]

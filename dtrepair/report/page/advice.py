@@ -31,7 +31,7 @@ def label(frame: Mapping[str, Any]) -> str:
 
 def only_counts(report: Mapping[str, Any]) -> bool:
     """Return whether a report is of a run that repairs nothing: what was and what is are one."""
-    return report["output"] is None
+    return report["output"] is None and report["command"] != "repair"
 
 
 def frame_links(frames: Frames, numbers: Iterable[int]) -> str:

@@ -19,7 +19,9 @@ def test_long_runs_are_folded_and_short_ones_are_not() -> None:
     other = ("9", "9", ("4",))
     rows = [*same, other, *same[:2]]
     assert folded(rows) == [["0 to 2", "0"], ["9", "4"], ["0", "0"], ["1", "0"]]
-    assert folded([("1", "5", ("x",))] * FOLDED, each=", each") == [["1 to 5, each", "x"]]
+    assert folded([("1", "5", ("x",))] * FOLDED, each=", each of {}") == [
+        ["1 to 5, each of 3", "x"]
+    ]
 
 
 def test_spans_that_say_the_same_are_one_row(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,7 +8,7 @@ import pytest
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths
 from dtrepair.numerics.worn.layers import Layers
 from dtrepair.numerics.worn.parts import Parts
-from dtrepair.numerics.worn.shells import Backing, Shell, thin_shells
+from dtrepair.numerics.worn.shells import Backing, Shell, ShellOptions, thin_shells
 from tests.meshes import Mesh, joined, tube
 from tests.shelled_limb import THICK, limb, sleeve
 
@@ -44,6 +44,22 @@ def test_other_parts_are_no_shells() -> None:
     assert thin_shells(layers_of(opened, limb(0.0), False, True)) == []
     beside = limb(0.0)[0] + (0.6, 0.0, 0.0)
     assert thin_shells(layers_of(sleeve(0.0), (beside, limb(0.0)[1]), True, True)) == []
+
+
+def test_what_lies_behind_a_limb_is_no_shell_of_it() -> None:
+    """A thin closed bag that is open nowhere lies over the limb, but goes round nothing."""
+    points, faces = sleeve(0.0)
+    front = points.copy()
+    front[:, 0] = np.abs(front[:, 0]) + 0.01
+    assert thin_shells(layers_of((front, faces), limb(0.0), True, True)) == []
+
+
+def test_sides_that_are_far_apart_are_none() -> None:
+    strict = ShellOptions(thick=0.5)
+    layers = layers_of(sleeve(0.0), limb(0.0), True, True)
+    assert len(thin_shells(layers)) == 1
+    assert thin_shells(layers, options=strict) == []
+    assert thin_shells(layers, options=ShellOptions(even=0.51)) == []
 
 
 def test_what_follows_goes_along_as_a_whole() -> None:

@@ -65,6 +65,19 @@ def test_what_becomes_of_other_frames_is_told(
     assert [text for text in observer.warnings if "only-frames" in text] == told
 
 
+@pytest.mark.parametrize("frames", ["2:5", None])
+def test_of_a_chunk_the_joined_layer_is_told(tmp_path: Path, frames: str | None) -> None:
+    stage = tube_stage(tmp_path / "in.usdc", (OPEN, CLOSED, OPEN, CLOSED, OPEN, CLOSED))
+    observer, chosen = Recorder(), Selection(frames=frames)
+    output = tmp_path / "a.usdc"
+    plan_repair(
+        stage, output, selection=chosen, writing=ONLY, chunk="1/2", alone=True, observer=observer
+    )
+    told = [text for text in observer.warnings if "only-frames" in text]
+    start = "--only-frames: the joined layer holds frames 2:5 alone"
+    assert [text.startswith(start) for text in told] == ([] if frames is None else [True])
+
+
 def test_chunks_of_chosen_frames_join(tmp_path: Path) -> None:
     stage = tube_stage(tmp_path / "in.usdc", (OPEN, CLOSED, OPEN, CLOSED, OPEN, CLOSED))
     options = ("--alone", "--only-frames", "--frames", "2:5", "--jobs", 1)

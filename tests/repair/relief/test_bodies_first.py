@@ -15,12 +15,13 @@ from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.relief import bodies_first
 from dtrepair.repair.relief.bodies_first import with_bodies_first
 from dtrepair.repair.relief.opening import opened_frames
-from dtrepair.repair.scene import welded_mesh
+from dtrepair.repair.scene import sub_scene
 from dtrepair.repair.scene.bodies import widest_clearance
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.scene import Scene
+from dtrepair.repair.scene.sub_scene import inner_parts, room_over
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from tests.meshes import icosphere
 from tests.repair.clip.test_dressed_clips import Dressed, clean
@@ -125,10 +126,10 @@ def test_the_room_is_that_of_most_of_the_cloth_and_of_all_layers() -> None:
 
 
 def test_the_room_is_no_wider_than_a_clearance_may_be(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(welded_mesh, "room_between", lambda *_: 1e6)
-    roomy = WeldedMeshes(make_scene(SHIRT.bodies, RepairOptions())).inner_with_room
-    assert roomy is not None
-    assert roomy.scene.options.clearance == widest_clearance(roomy.scene.rest) < 1.0
+    monkeypatch.setattr(sub_scene, "room_between", lambda *_: 1e6)
+    inner = inner_parts(make_scene(SHIRT.bodies, RepairOptions()))
+    assert inner is not None
+    assert room_over(inner) == widest_clearance(inner.scene.rest) < 1.0
 
 
 def test_a_coat_over_the_shirt_goes_along_too(taken: Taken) -> None:
@@ -140,7 +141,6 @@ def test_a_coat_over_the_shirt_goes_along_too(taken: Taken) -> None:
     led = taken(meshes, pose, SHIFT) - taken(meshes, pose, 0.0 * SHIFT)
     assert np.allclose(led[scene.vertices_of(2)], SHIFT)
     # Two layers on either side need twice the room.
-    shirt = WeldedMeshes(make_scene(SHIRT.bodies, RepairOptions()))
-    rooms = [made.inner_with_room for made in (shirt, meshes)]
-    one, two = (room.scene.options.clearance for room in rooms if room is not None)
-    assert two > 1.5 * one
+    inner = map(inner_parts, (make_scene(SHIRT.bodies, RepairOptions()), scene))
+    one, two = (room_over(parts) for parts in inner if parts is not None)
+    assert one is not None and two is not None and two > 1.5 * one

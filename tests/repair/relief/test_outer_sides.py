@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from dtrepair import RepairOptions, Status
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair import independent
 from dtrepair.repair.clip import window_repairer
-from dtrepair.repair.relief.inside_out import OuterSideOptions, from_outer_sides
+from dtrepair.repair.relief.inside_out import OuterSideOptions, outer_sides_first
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
@@ -17,6 +19,7 @@ from dtrepair.repair.scene.sub_scene import OuterSides
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from tests.shelled_limb import bent_through, limb, shelled_limb, sleeve
 
+AUTO = RepairOptions()
 HALF = len(sleeve(0.0)[0]) // 2
 BENDS = (0.9, 1.0, 1.1)
 
@@ -41,6 +44,10 @@ def as_it_is(meshes: WeldedMeshes, frames: list[OpenedPose]) -> list[Judged]:
     return [Judged(frame.centred) for frame in frames]
 
 
+def as_given(meshes: WeldedMeshes, frames: list[OpenedPose], *_: object) -> list[OpenedPose]:
+    return frames
+
+
 def test_the_inner_side_is_left_out_and_goes_along() -> None:
     own = repairer()
     sides, pose = sides_of(own), opened(own, bent_through(1.0))
@@ -54,22 +61,37 @@ def test_the_inner_side_is_left_out_and_goes_along() -> None:
     assert np.linalg.norm(whole[inner] - whole[:HALF], axis=1).max() < 0.03
 
 
+@pytest.mark.parametrize("clip", [True, False])
+def test_what_is_pinned_follows_nothing(clip: bool) -> None:
+    (cloth, arm), shown = shelled_limb()
+    pin = np.zeros(2 * HALF)
+    pin[HALF : HALF + 48] = 1.0
+    own = SceneRepairer(
+        [replace(cloth, pin=pin), arm], references=[shown], layer_poses=[shown], options=AUTO
+    )
+    pose = bent_through(1.0)
+    frames = own.animator.stream([(0.0, pose), (1.0, pose)], jobs=1)
+    found = next(frames)[1] if clip else own(pose)
+    held = np.flatnonzero(pin)
+    np.testing.assert_array_equal(np.asarray(found[0].points)[held], pose[0][held])
+
+
 def test_only_what_comes_out_counts() -> None:
     own = repairer()
     sides = sides_of(own)
     pose = opened(own, bent_through(1.0))
-    assert sides.through(pose.pairs) == len(pose.pairs) > 0
+    assert sides.pairs_through(pose.pairs) == len(pose.pairs) > 0
     inwards = opened(own, [sleeve(0.3, radius=0.197)[0], limb(0.3)[0]])
-    assert len(inwards.pairs) > 0 and sides.through(inwards.pairs) == 0
+    assert len(inwards.pairs) > 0 and sides.pairs_through(inwards.pairs) == 0
 
 
 def test_where_nothing_is_gained_frames_stay_as_they_are() -> None:
     own = repairer()
     frames = [opened(own, bent_through(1.0))]
-    (kept,) = from_outer_sides(own.meshes, frames, as_it_is)
+    (kept,) = outer_sides_first(own.meshes, frames, as_it_is)
     assert kept.begun is None
     loose = SceneRepairer(own.bodies)
-    assert from_outer_sides(loose.meshes, frames, as_it_is) is frames
+    assert outer_sides_first(loose.meshes, frames, as_it_is) is frames
     limited = repairer(farthest=0.1)
     assert limited.meshes.outer_sides is None
 
@@ -82,16 +104,16 @@ def test_little_that_comes_out_among_much_else_is_left_at_that() -> None:
         # The outer sides as they were modelled.
         return [Judged(meshes.scene.centred_rest) for _ in given]
 
-    found = from_outer_sides(own.meshes, frames, judge)
+    found = outer_sides_first(own.meshes, frames, judge)
     assert all(frame.begun is not None and not frame.begun.wrong for frame in found)
     rare = OuterSideOptions(share=1.1)
-    assert from_outer_sides(own.meshes, frames, judge, options=rare) is frames
+    assert outer_sides_first(own.meshes, frames, judge, options=rare) is frames
 
 
 @pytest.mark.parametrize("first", [True, False])
 def test_a_clip_comes_clean_by_it(first: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     if not first:
-        monkeypatch.setattr(window_repairer, "from_outer_sides", lambda meshes, frames, *_: frames)
+        monkeypatch.setattr(window_repairer, "outer_sides_first", as_given)
     own = repairer()
     frames = [(float(k), bent_through(bend)) for k, bend in enumerate(BENDS)]
     found = [results for _, results in own.animator.stream(frames, jobs=1)]
@@ -102,5 +124,5 @@ def test_a_clip_comes_clean_by_it(first: bool, monkeypatch: pytest.MonkeyPatch) 
 def test_a_single_pose_comes_clean_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
     own, pose = repairer(), bent_through(1.0)
     assert {result.status for result in own(pose)} == {Status.CLEAN}
-    monkeypatch.setattr(independent, "from_outer_sides", lambda meshes, frames, *_: frames)
+    monkeypatch.setattr(independent, "outer_sides_first", as_given)
     assert {result.status for result in repairer()(pose)} != {Status.CLEAN}

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from dtrepair.diagnosis import Diagnosis, RemainingContact, Strain, StrainKind
+from dtrepair.report.page.advice import only_counts
 from dtrepair.report.page.content import Contact, PageContent
 from dtrepair.report.page.page import make_page
 from dtrepair.report.record import (
@@ -226,3 +227,10 @@ def test_frames_that_miss_the_clearance_are_a_total() -> None:
     told = "<b>1</b>frames closer than --clearance"
     assert told in make_page(document(frames=(missed, kept)))
     assert "closer than --clearance" not in make_page(document(frames=(kept,)))
+
+
+def test_a_page_of_joined_reports_is_that_of_a_repair() -> None:
+    assert not only_counts({"command": "repair", "output": None})
+    assert only_counts({"command": "check", "output": None})
+    assert only_counts({"command": "keyposes", "output": None})
+    assert not only_counts({"command": "keyposes", "output": "shot.usda"})

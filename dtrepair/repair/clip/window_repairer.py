@@ -22,7 +22,7 @@ from dtrepair.repair.parallel.worker_pool import (
     worthwhile_jobs,
 )
 from dtrepair.repair.relief.followers import with_followers
-from dtrepair.repair.relief.inside_out import from_outer_sides, inside_out, outer_sides_first
+from dtrepair.repair.relief.inside_out import from_themselves, inside_out, outer_sides_first
 from dtrepair.repair.relief.opening import opened_frames
 from dtrepair.repair.relief.other_ways import (
     frames_off,
@@ -139,19 +139,21 @@ class WindowRepairer:
         def enough() -> bool:
             return tied and self._work > most
 
-        def begin(dirty: list[Frame]) -> list[Frame]:
-            return dirty if enough() else outer_sides_first(meshes, dirty, on_all_ways, spread)
-
         def on_all_ways(sides: WeldedMeshes, opened: list[Frame]) -> list[Judged]:
             return self._on_all_ways(sides, opened, share, effort / 2.0)[0]
 
-        spread = partial(side_by_side, jobs=self.jobs)
-        self._worth = share * len(frames) / len(solved)
+        def stays_dirty(frame: Frame) -> bool:
+            return any(left_over(meshes.scene, [frame], self._judged(first or meshes, [frame])))
+
         # Attached parts take their garments along from the start: through a coat that is free limbs
         # are pushed, and what that strains is solved twice.
         first = meshes.dressed if tied else None
+        spread = partial(side_by_side, jobs=self.jobs)
+        solved = outer_sides_first(meshes, solved, on_all_ways, stays_dirty, spread)
+        self._worth = share * len(frames) / len(solved)
         judged, taken = with_props(first or meshes, solved, self._judged, options=ways)
-        judged = from_outer_sides(taken, solved, judged, self._judged, begin)
+        if tied and not enough():
+            judged = from_themselves(meshes.scene, solved, judged, partial(self._judged, taken))
         limits = self._judged, enough
         judged, taken = on_other_ways(taken, solved, judged, *limits, options=ways)
         judged = with_turns(taken, solved, judged, *limits, options=ways)

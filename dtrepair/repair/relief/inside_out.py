@@ -7,7 +7,7 @@ thickness hold what came out of it: the outer one is repaired first.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -89,6 +89,7 @@ def outer_sides_first(
     meshes: WeldedMeshes,
     frames: list[Pose],
     judge: Judge[Pose],
+    stays_dirty: Callable[[Pose], bool] = lambda frame: True,
     side_by_side: SideBySide = one_by_one,
     *,
     options: OuterSideOptions = OuterSideOptions(),
@@ -96,15 +97,20 @@ def outer_sides_first(
     """Return the frames, solved from where the outer sides of thin shells alone come clean.
 
     Where something of attached parts comes out of such a shell, as a knee of a skirt with a
-    thickness, both sides of it hold each other there. Where nothing does, or the outer sides keep
-    all they meet, what is given. Loose shells are led off as wholes.
+    thickness, both sides of it may hold each other there. Where nothing does, or the frame in which
+    most does comes clean all the same, what is given; so, too, where the outer sides keep all they
+    meet. Loose shells are led off as wholes.
+
+    stays_dirty: whether a frame solved from itself is not clean.
     """
-    known = meshes.outer_sides if frames and is_tied(meshes.scene) else None
+    known = meshes.outer_sides if is_tied(meshes.scene) else None
     if known is None:
         return frames
     parts, own = known
-    through = sum(parts.pairs_through(frame.pairs) for frame in frames)
-    if through == 0 or through < options.share * sum(len(frame.pairs) for frame in frames):
+    through = [parts.pairs_through(frame.pairs) for frame in frames]
+    most = int(np.argmax(through))
+    share = sum(through) / max(sum(len(frame.pairs) for frame in frames), 1)
+    if through[most] == 0 or share < options.share or not stays_dirty(frames[most]):
         return frames
     opened, result = side_by_side(parts.opened, frames), list[Pose]()
     for frame, before, found in zip(frames, opened, judge(own, opened), strict=True):
@@ -115,32 +121,27 @@ def outer_sides_first(
     return result
 
 
-def from_outer_sides(
-    meshes: WeldedMeshes,
+def from_themselves(
+    scene: Scene,
     frames: Sequence[Pose],
     judged: list[Judged],
-    judge: Judge[Pose],
-    begin: Callable[[list[Pose]], list[Pose]],
+    judge: Callable[[list[Pose]], list[Judged]],
 ) -> list[Judged]:
-    """Return better poses of frames of attached parts that are not clean, if there are any.
-
-    begin: returns frames with where they are solved from, see `outer_sides_first`.
-    """
-    if not is_tied(meshes.scene):
-        return judged
-    scene, result = meshes.scene, list(judged)
-    wrong = [sum(pairs_and_enclosed(scene, *both)) for both in _poses(frames, judged)]
-    dirty = np.flatnonzero(wrong).tolist()
-    begun = zip(dirty, begin([frames[k] for k in dirty]), strict=True)
-    chosen = {k: frame for k, frame in begun if frame.begun is not None}
-    own = list(chosen.values())
-    other = judge(meshes, own) if own else []
-    for k, found, both in zip(chosen, other, _poses(own, other), strict=True):
-        if sum(pairs_and_enclosed(scene, *both)) < wrong[k]:
+    """Return better poses of frames begun elsewhere that are not clean, if they leave less so."""
+    result, wrong = list(judged), _wrong(scene, frames, judged)
+    begun = [
+        frame.begun is not None and left > 0 for frame, left in zip(frames, wrong, strict=True)
+    ]
+    chosen = np.flatnonzero(begun).tolist()
+    own = [replace(frames[k], begun=None) for k in chosen]
+    other = judge(own) if own else []
+    for k, found, left in zip(chosen, other, _wrong(scene, own, other), strict=True):
+        if left < wrong[k]:
             result[k] = found
     return result
 
 
-def _poses(frames: Sequence[Pose], judged: Sequence[Judged]) -> Iterator[tuple[Pose, FloatArray]]:
-    for frame, found in zip(frames, judged, strict=True):
-        yield frame, found.points
+def _wrong(scene: Scene, frames: Sequence[Pose], judged: Sequence[Judged]) -> list[int]:
+    """Return how many pairs, and parts wholly inside others, are left in each pose."""
+    both = zip(frames, judged, strict=True)
+    return [sum(pairs_and_enclosed(scene, frame, found.points)) for frame, found in both]

@@ -260,7 +260,7 @@ def with_turns(
     if turning is None:
         return judged
     scene, result = turning.scene, list(judged)
-    known = [detected(scene, replace(frame, detected=False)) for frame in frames]
+    known = [detected(scene, replace(frame, detected=False, begun=None)) for frame in frames]
     # The others have no contact at a joint that turned.
     met = [own.wrong < frame.wrong for own, frame in zip(known, frames, strict=True)]
     chosen, before = lowered & np.array(met), _left(meshes.scene, frames, judged)

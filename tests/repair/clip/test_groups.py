@@ -16,7 +16,7 @@ from dtrepair.repair.clip import window_repairer
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene
-from dtrepair.repair.scene.sub_scene import sub_scene
+from dtrepair.repair.scene.sub_scene import SubScene, sub_scene
 from dtrepair.repair.scene.welded_mesh import PartMeshes, WeldedMeshes
 from dtrepair.repair.strain.meter import Excess
 from tests.meshes import icosphere
@@ -50,7 +50,7 @@ def noted_groups(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, ...]]:
     asked: list[tuple[int, ...]] = []
     known = WeldedMeshes.of_bodies
 
-    def of_bodies(self: WeldedMeshes, bodies: tuple[int, ...]) -> PartMeshes:
+    def of_bodies(self: WeldedMeshes, bodies: tuple[int, ...]) -> PartMeshes[SubScene]:
         asked.append(bodies)
         return known(self, bodies)
 

@@ -11,7 +11,11 @@ from dtrepair import RepairOptions, Status
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair import independent
 from dtrepair.repair.clip import window_repairer
-from dtrepair.repair.relief.inside_out import OuterSideOptions, outer_sides_first
+from dtrepair.repair.relief.inside_out import (
+    OuterSideOptions,
+    from_themselves,
+    outer_sides_first,
+)
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
@@ -106,6 +110,16 @@ def test_little_that_comes_out_among_much_else_is_left_at_that() -> None:
 
     found = outer_sides_first(own.meshes, frames, judge)
     assert all(frame.begun is not None and not frame.begun.wrong for frame in found)
+    assert outer_sides_first(own.meshes, frames, judge, lambda frame: False) is frames
+    asked = list[OpenedPose]()
+
+    def stays_dirty(frame: OpenedPose) -> bool:
+        asked.append(frame)
+        return True
+
+    outer_sides_first(own.meshes, frames, judge, stays_dirty)
+    most = [sides_of(own).pairs_through(frame.pairs) for frame in frames]
+    assert asked == [frames[int(np.argmax(most))]]
     rare = OuterSideOptions(share=1.1)
     assert outer_sides_first(own.meshes, frames, judge, options=rare) is frames
 
@@ -126,3 +140,21 @@ def test_a_single_pose_comes_clean_by_it(monkeypatch: pytest.MonkeyPatch) -> Non
     assert {result.status for result in own(pose)} == {Status.CLEAN}
     monkeypatch.setattr(independent, "outer_sides_first", as_given)
     assert {result.status for result in repairer()(pose)} != {Status.CLEAN}
+
+
+def test_frames_that_stay_dirty_are_solved_from_themselves() -> None:
+    own = repairer()
+    pose = opened(own, bent_through(1.0))
+    clean = opened(own, [sleeve(0.0)[0], limb(0.0)[0]])
+    frames = [replace(pose, begun=clean), pose, replace(pose, begun=clean)]
+    judged = [Judged(pose.centred), Judged(pose.centred), Judged(clean.centred)]
+
+    def judge(given: list[OpenedPose]) -> list[Judged]:
+        assert [frame.begun for frame in given] == [None]
+        return [Judged(clean.centred)]
+
+    found = from_themselves(own.scene, frames, judged, judge)
+    assert found[0].points is clean.centred
+    assert found[1] is judged[1] and found[2] is judged[2]
+    same = from_themselves(own.scene, frames, judged, lambda given: [judged[1]])
+    assert same[0] is judged[0]

@@ -158,7 +158,7 @@ def test_meshes_have_rows_with_v_and_a_table_of_what_met_what_at_the_end(two_cub
     assert same == both
     # Frames in a row that say the same are one row.
     (_, row, total) = lines("--mode", "self")
-    assert row == ["1", "to", "4,", "each", "0", "0", "0"]
+    assert row == ["1", "to", "4,", "each", "of", "4", "0", "0", "0"]
     assert total == "no intersections in 4 frames".split()
     assert len(lines("--mode", "self", "-v")) == 6
 

@@ -112,7 +112,7 @@ def test_poses_between_keys_have_a_table_of_their_own() -> None:
     assert "".join(f"<td>{cell}</td>" for cell in cells) in page
     assert "<th>intersect with repaired keys</th><th>in the output</th>" in page
     # Where nothing is repaired there is one number of each.
-    page = make_page(document(keyposes=section, output=None))
+    page = make_page(document(command="keyposes", keyposes=section, output=None))
     cells = ["8", "3", "20", "2.5", "1 to 5"]
     assert f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>" in page
 

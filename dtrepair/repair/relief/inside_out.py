@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.scene.bounds import Judged, pairs_and_enclosed
+from dtrepair.repair.scene.bounds import Judged, faults_left
 from dtrepair.repair.scene.holding import is_tied
 from dtrepair.repair.scene.opened_pose import Pose
 from dtrepair.repair.scene.scene import Scene
@@ -128,20 +128,14 @@ def from_themselves(
     judge: Callable[[list[Pose]], list[Judged]],
 ) -> list[Judged]:
     """Return better poses of frames begun elsewhere that are not clean, if they leave less so."""
-    result, wrong = list(judged), _wrong(scene, frames, judged)
+    result, wrong = list(judged), faults_left(scene, frames, judged)
     begun = [
         frame.begun is not None and left > 0 for frame, left in zip(frames, wrong, strict=True)
     ]
     chosen = np.flatnonzero(begun).tolist()
     own = [replace(frames[k], begun=None) for k in chosen]
     other = judge(own) if own else []
-    for k, found, left in zip(chosen, other, _wrong(scene, own, other), strict=True):
+    for k, found, left in zip(chosen, other, faults_left(scene, own, other), strict=True):
         if left < wrong[k]:
             result[k] = found
     return result
-
-
-def _wrong(scene: Scene, frames: Sequence[Pose], judged: Sequence[Judged]) -> list[int]:
-    """Return how many pairs, and parts wholly inside others, are left in each pose."""
-    both = zip(frames, judged, strict=True)
-    return [sum(pairs_and_enclosed(scene, frame, found.points)) for frame, found in both]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.temporal import runs_of
-from dtrepair.repair.scene.bounds import Judged, came_off, pairs_and_enclosed, wrong_in
+from dtrepair.repair.scene.bounds import Judged, came_off, faults_left, wrong_in
 from dtrepair.repair.scene.holding import is_tied
 from dtrepair.repair.scene.opened_pose import OpenedPose, Pose, detected
 from dtrepair.repair.scene.props import bent_bodies
@@ -188,7 +188,7 @@ def _each_on_its_way(
 ) -> list[Judged]:
     """Return poses of attached parts, each on the way that leaves least of what is wrong."""
     scene, result = meshes.scene, list(judged)
-    wrong = np.array(_wrong(scene, frames, judged))
+    wrong = np.array(faults_left(scene, frames, judged))
 
     def take(
         way: WeldedMeshes,
@@ -208,7 +208,7 @@ def _each_on_its_way(
                 break
             own, tried[run] = frames[run], True
             other = judge(way, list(own))
-            left = _wrong(scene, own, other)
+            left = faults_left(scene, own, other)
             for place, pose, less in zip(range(run.start, run.stop), other, left, strict=True):
                 frame = frames[place : place + 1]
                 moved = (farthest_move(scene, frame, [own]) for own in (pose, result[place]))
@@ -277,12 +277,6 @@ def with_turns(
             if gains and (less, found.lowered) < (more, first[index].lowered):
                 result[run.start + index] = first[index]._replace(points=found.points, turned=True)
     return result
-
-
-def _wrong(scene: Scene, frames: Sequence[OpenedPose], judged: Sequence[Judged]) -> list[int]:
-    """Return how many pairs, and parts wholly inside others, are left in each pose."""
-    both = zip(frames, judged, strict=True)
-    return [sum(pairs_and_enclosed(scene, frame, found.points)) for frame, found in both]
 
 
 def _left(scene: Scene, frames: Sequence[OpenedPose], judged: Sequence[Judged]) -> list[int]:

@@ -280,6 +280,12 @@ def _wrong(scene: Scene, pose: OpenedPose, points: FloatArray, pairs: IntArray) 
     return pose.wrong_with(pairs, len(enclosed))
 
 
+def faults_left(scene: Scene, frames: Sequence[OpenedPose], judged: Sequence[Judged]) -> list[int]:
+    """Return how many pairs, and parts wholly inside others, are left in each pose."""
+    both = zip(frames, judged, strict=True)
+    return [sum(pairs_and_enclosed(scene, frame, found.points)) for frame, found in both]
+
+
 def pairs_and_enclosed(scene: Scene, pose: OpenedPose, points: FloatArray) -> tuple[int, int]:
     """Return how many pairs a correction (V, 3) of a pose has, and parts inside others."""
     pairs = scene.pairs(points, pose.weld)

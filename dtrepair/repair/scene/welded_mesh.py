@@ -200,7 +200,7 @@ class WeldedMeshes:
         return WeldedMeshes(scene, full=self._full, surface=numbers, way=f"{self.way}/{way}")
 
     def with_options(self, way: str, **changes: Any) -> WeldedMeshes:
-        """Return the meshes with options that no attachment depends on, by the full method."""
+        """Return the meshes with options that no attachment depends on; each way has its own."""
         if way not in self._with_options:
             options = replace(self.scene.options, **changes)
             self._with_options[way] = self._of(self.scene.changed(options=options), way)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dtrepair.numerics.geometry import FloatArray
-from dtrepair.repair.relief import other_ways
 from dtrepair.repair.relief.other_ways import OtherWayOptions, on_other_ways, with_turns
+from dtrepair.repair.scene import bounds
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
@@ -58,7 +58,7 @@ class Trial:
             monkeypatch.setattr(self.meshes, "otherwise", lambda *_: iter([]))
             monkeypatch.setattr(self.meshes, "creased", ())
             monkeypatch.setattr(self.meshes, "undressed", self.ways["free"])
-        monkeypatch.setattr(other_ways, "pairs_and_enclosed", self.told)
+        monkeypatch.setattr(bounds, "pairs_and_enclosed", self.told)
         self.judged = [self.pose("first", k)._replace(lowered=lowered) for k in range(FRAMES)]
 
     def place(self, frame: OpenedPose) -> int:
